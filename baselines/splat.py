@@ -1,0 +1,86 @@
+"""Points drawn as discs: what a point-cloud viewer shows, without any reconstruction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX, project
+from data_prep.failures import StageFailure
+from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
+
+NEAR_GREY, FAR_GREY = 0.75, 0.35  # depth cue: at the nearest and farthest point of the unit sphere
+MAX_RADIUS_PX = 16.0  # a lone point must not paint the picture
+
+
+@dataclass(frozen=True)
+class Discs:
+    """Centres [N, 3] and one radius, both in unit-sphere units."""
+
+    centres: Points
+    radius: float
+
+
+@dataclass(frozen=True)
+class Splat:
+    """Depth-buffered discs that face the camera, grey by depth (nearer is lighter).
+
+    `spread` scales the radius, which is the median distance to the nearest other point: sparser
+    clouds get larger discs.
+    """
+
+    spread: float = 1.0
+
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Discs:
+        """Choose the radius; no randomness.
+
+        Raises StageFailure("input", ...) for an empty cloud or a non-finite point. A single point,
+        or points that all coincide, get the smallest disc.
+        """
+        del rng
+        points = cloud.points
+        if len(points) == 0:
+            raise StageFailure("input", "no points")
+        bad = int((~np.isfinite(points)).any(axis=1).sum())
+        if bad:
+            raise StageFailure("input", f"{bad} of {len(points)} points are not finite")
+        if len(points) == 1:
+            return Discs(points, 0.0)
+        distances, _ = cKDTree(points).query(points, k=[2])  # the first is the point itself
+        nearest = np.ravel(distances)
+        return Discs(points, self.spread * float(np.median(nearest)))
+
+    def draw(
+        self, state: Discs, views: Sequence[View], rng: np.random.Generator | None = None
+    ) -> Images:
+        """Paint the discs from far to near; no randomness."""
+        del rng
+        return np.stack([_paint(state, view) for view in views])
+
+
+def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
+    pixels, depth = project(discs.centres, view)
+    image = np.ones((IMAGE_SIZE, IMAGE_SIZE), np.float32)
+    visible = np.flatnonzero(depth > 0.05 * CAMERA_DISTANCE)
+    order = visible[np.argsort(-depth[visible], kind="stable")]
+    pixels, depth = pixels[order], depth[order]
+    # At least half a pixel's diagonal, so that every disc covers a pixel centre.
+    radius = np.clip(discs.radius * FOCAL_PX / depth, np.sqrt(0.5), MAX_RADIUS_PX)
+    share = np.clip((depth - (CAMERA_DISTANCE - 1)) / 2, 0.0, 1.0)
+    grey = (NEAR_GREY + (FAR_GREY - NEAR_GREY) * share).astype(np.float32)
+
+    reach = int(np.ceil(radius.max(initial=0.0)))
+    offsets = np.arange(-reach, reach + 1)
+    square = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
+    corner = np.floor(pixels[:, ::-1]).astype(np.int64)  # row, column of the pixel around a centre
+    cells = corner[:, None, :] + square[None]  # [N, S, 2]
+    distance = np.hypot(*np.moveaxis(cells + 0.5 - pixels[:, None, ::-1], -1, 0))
+    inside = (distance <= radius[:, None]) & ((cells >= 0) & (cells < IMAGE_SIZE)).all(axis=-1)
+    point, _ = np.nonzero(inside)  # sorted by point, that is from far to near
+    rows, columns = cells[inside].T
+    image[rows, columns] = grey[point]  # of repeated indices NumPy keeps the last: the nearest
+    return np.repeat(image[:, :, None], 3, axis=2)

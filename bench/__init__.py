@@ -1,0 +1,1 @@
+"""The harness: suites, methods, metrics, runs, records, tables, checks, command line."""

@@ -1,0 +1,156 @@
+"""A run against what is known: our golden values, and the paper's.
+
+Golden values are ours, made by one run of the default protocol; each carries a tolerance and the
+reason for it. The paper's values are never a criterion: other data, other weights. What can be
+compared is which of the two roads is ahead in each cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.published import golden, golden_path
+from bench.results import TABLES, table_files, tables
+from bench.store import read_manifest
+from bench.tables import PAPER_METHODS, Row, Table
+from bench.work import write_whole
+from data_prep.failures import BadInput
+
+CELL = ["method", "condition", "class", "metric"]
+PROTOCOL = ["dataset", "objects", "views", "seed"]
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far a metric may move on another machine: `absolute` + `relative` x the golden value."""
+
+    absolute: float
+    relative: float
+    reason: str
+
+
+ROUNDING = Tolerance(1e-6, 0.0, "exact; a CSV keeps 6 decimals")
+TOLERANCES = {
+    "ssim": Tolerance(0.004, 0.0, "RENDERER"),
+    "luminance": Tolerance(0.004, 0.0, "RENDERER"),
+    "contrast": Tolerance(0.004, 0.0, "RENDERER"),
+    "structure": Tolerance(0.004, 0.0, "RENDERER"),
+    "fd-views": Tolerance(0.1, 0.03, "RENDERER"),
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a check: how many values were compared, and a line for each regression."""
+
+    compared: int
+    regressions: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def check(directory: Path) -> Verdict:
+    """Compare a finished run with the golden values of its suite.
+
+    Raises BadInput where `directory` is not a finished run, and where the golden values belong to
+    another protocol (dataset, objects, views or seed): then there is nothing to compare with.
+    """
+    manifest = read_manifest(directory)
+    made = tables(directory)
+    expected = golden(manifest["suite"])
+    _same_protocol(directory, manifest, expected)
+    found = {_cell(row): row.value for table in made for row in table.rows}
+    compared, regressions = 0, _stale_tables(directory, made)
+    methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
+    for row in expected.to_dict("records"):
+        if row["method"] not in methods or row["condition"] not in conditions:
+            continue
+        compared += 1
+        value = found.get((row["method"], row["condition"], row["class"], row["metric"]), math.nan)
+        if not abs(value - row["value"]) <= row["tolerance"]:  # also for NaN
+            got = f"{value:.6f}" if math.isfinite(value) else "nothing"
+            regressions.append(
+                f"{row['metric']} of {row['method']} at {row['condition']}: {got}, golden "
+                f"{row['value']:.6f} +- {row['tolerance']:.6f} ({row['reason']})"
+            )
+    return Verdict(compared, tuple(regressions), tuple(_against_paper(made)))
+
+
+def bless(directory: Path) -> Path:
+    """Make this run's values the golden ones of its suite (for developers; see CONTRIBUTING)."""
+    manifest = read_manifest(directory)
+    protocol = _protocol(manifest)
+    lines = []
+    for row in (row for table in tables(directory) for row in table.rows):
+        if not math.isfinite(row.value):
+            continue
+        tolerance = ROUNDING if row.method == "true-mesh" else TOLERANCES[row.metric]
+        allowed = tolerance.absolute + tolerance.relative * row.value
+        lines.append(
+            protocol
+            | dict(zip(CELL, _cell(row), strict=True))
+            | {"value": f"{row.value:.6f}", "tolerance": f"{allowed:.6f}"}
+            | {"reason": tolerance.reason}
+        )
+    path = golden_path(manifest["suite"])
+    write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
+    return path
+
+
+def _protocol(manifest: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "dataset": manifest["dataset"],
+        "objects": len(manifest["objects"]),
+        "views": manifest["views"],
+        "seed": manifest["seed"],
+    }
+
+
+def _same_protocol(directory: Path, manifest: dict[str, Any], expected: pd.DataFrame) -> None:
+    have = _protocol(manifest)
+    want = {name: expected[name].iloc[0] for name in PROTOCOL}
+    other = [f"{n} {have[n]} (golden: {want[n]})" for n in PROTOCOL if have[n] != want[n]]
+    if other:
+        raise BadInput(
+            f"{directory}: no golden values for this protocol: {', '.join(other)}; "
+            f"check a run of 'bench run --suite {manifest['suite']}' with its defaults"
+        )
+
+
+def _stale_tables(directory: Path, made: list[Table]) -> list[str]:
+    """Table files that do not say what the records say."""
+    stale = []
+    for name, text in table_files(made).items():
+        path = directory / TABLES / name
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            stale.append(
+                f"{path}: not what the records give; 'bench table {directory}' restores it"
+            )
+    return stale
+
+
+def _cell(row: Row) -> tuple[str, str, str, str]:
+    return row.method, row.condition, row.class_name, row.metric
+
+
+def _against_paper(made: list[Table]) -> list[str]:
+    """For each metric that the paper has: in how many cells the same road is ahead."""
+    rows = {_cell(row): row for table in made for row in table.rows}
+    sr, network = PAPER_METHODS
+    same: dict[str, list[bool]] = {}
+    for (method, condition, class_name, metric), ours in rows.items():
+        other = rows.get((network, condition, class_name, metric))
+        if method != sr or other is None:
+            continue
+        ahead, ahead_in_paper = ours.value - other.value, ours.paper - other.paper
+        if math.isfinite(ahead) and math.isfinite(ahead_in_paper):
+            same.setdefault(metric, []).append(np.sign(ahead) == np.sign(ahead_in_paper))
+    return [
+        f"paper: {metric}: the same method is ahead in {sum(agree)} of {len(agree)} cells"
+        for metric, agree in same.items()
+    ]

@@ -1,0 +1,297 @@
+"""The command line. Results go to stdout, progress and errors to stderr.
+
+Exit status: 0 done, 1 a regression or a machine that cannot run, 2 something the user has to mend,
+130 interrupted. Everything but Typer is imported by the command that needs it, so that `--help` and
+`list` answer at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="Benchmark of pc2pix against surface-reconstruction rendering.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+train_app = typer.Typer(help="Train the networks.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(train_app, name="train")
+
+RunDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a finished run.")]
+
+
+class Device(StrEnum):
+    """Where networks run."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+def main() -> None:
+    """Entry point of the console script `bench`."""
+    from data_prep.failures import BadInput
+
+    try:
+        app()
+    except BadInput as error:
+        print(f"bench: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("bench: interrupted; the same command goes on from here", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()  # whoever read our output has gone; that is no error
+        sys.exit(0)
+
+
+@app.command()
+def run(
+    suite: Annotated[str, typer.Option(help="The suite, see 'bench list'.")],
+    dataset: Annotated[
+        str, typer.Option(help="procedural, or folder:PATH (sub-folders are classes).")
+    ] = "procedural",
+    methods: Annotated[
+        str | None, typer.Option(help="Comma-separated; blank is always measured.")
+    ] = None,
+    conditions: Annotated[str | None, typer.Option(help="Comma-separated.")] = None,
+    limit: Annotated[int | None, typer.Option(help="At most so many objects a class.")] = None,
+    views: Annotated[int | None, typer.Option(help="Views per object.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Worker processes, one thread each; default: all cores.")
+    ] = None,
+    device: Annotated[Device, typer.Option(help="Where networks run.")] = Device.auto,
+    seed: Annotated[int, typer.Option(help="Seed of clouds, views and noise.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="The run's folder; default: results/runs/SUITE-DATASET.")
+    ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Start over; an old run is renamed, not deleted.")
+    ] = False,
+    inception_weights: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PATH|download",
+            help="Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded "
+            "before, else fid is skipped.",
+        ),
+    ] = None,
+) -> None:
+    """Run a suite, or go on with one that was stopped; print its tables."""
+    from bench.run import Options
+    from bench.run import run as run_suite
+
+    if workers is not None and workers < 1:
+        raise _bad(f"--workers {workers}: must be at least 1")
+    finished = run_suite(
+        Options(
+            suite=suite,
+            dataset=dataset,
+            methods=_names(methods),
+            conditions=_names(conditions),
+            limit=limit,
+            views=views,
+            workers=workers,
+            device=device.value,
+            seed=seed,
+            out=out,
+            fresh=fresh,
+            inception_weights=inception_weights,
+        )
+    )
+    for table in finished.tables:
+        print(table.to_markdown())
+    print(finished.cost)
+    stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
+    print(
+        f"{finished.done} items done, {finished.reused} from before, {finished.failed} failed "
+        f"({stages})\nresults in {finished.directory}",
+        file=sys.stderr,
+    )
+
+
+@app.command("list")
+def list_all() -> None:
+    """Suites, methods, conditions, metrics and datasets."""
+    from bench.methods import METHODS
+    from bench.metric_table import IMAGE_METRICS, SET_METRICS
+    from bench.suites import SUITES
+    from data_prep.conditions import CONDITIONS
+
+    sections = {
+        "suites": [(s.id, s.about) for s in SUITES],
+        "methods": [(m.id, m.source) for m in METHODS],
+        "conditions": [(c.id, c.source) for c in CONDITIONS],
+        "metrics": [*IMAGE_METRICS.items(), *((m.id, m.about) for m in SET_METRICS)],
+        "datasets": [
+            ("procedural", "parametric shapes, nothing to download (the default)"),
+            ("folder:PATH", "your meshes; sub-folders are classes"),
+        ],
+    }
+    for title, entries in sections.items():
+        print(f"{title}:")
+        for name, about in entries:
+            print(f"  {name:<17} {about}")
+
+
+@app.command()
+def table(directory: RunDirectory) -> None:
+    """Make the tables again, from the records alone."""
+    from bench.results import write_tables
+
+    for made in write_tables(directory):
+        print(made.to_markdown())
+
+
+@app.command()
+def check(
+    directory: RunDirectory,
+    bless: Annotated[
+        bool, typer.Option("--bless", help="Make this run's values the golden ones.")
+    ] = False,
+) -> None:
+    """Compare a run with the golden values: exit 0 if all agree, 1 if one does not."""
+    from bench import check as checks
+
+    if bless:
+        print(f"golden values written to {checks.bless(directory)}")
+        return
+    verdict = checks.check(directory)
+    for line in verdict.remarks:
+        print(line)
+    for line in verdict.regressions:
+        print(f"REGRESSION {line}")
+    print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
+    if verdict.regressions:
+        raise typer.Exit(1)
+
+
+@app.command()
+def doctor() -> None:
+    """Check that everything a run needs is here: exit 0 if so, 1 if not."""
+    from bench.doctor import examine
+
+    healthy = True
+    for finding in examine():
+        healthy &= finding.ok
+        print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.subject}: {finding.text}", flush=True)
+    if not healthy:
+        raise typer.Exit(1)
+
+
+class Width(StrEnum):
+    """Width of the networks: the paper's, or a quarter of it."""
+
+    lite = "lite"
+    paper = "paper"
+
+
+class Precision(StrEnum):
+    """bfloat16 is mixed precision."""
+
+    float32 = "float32"
+    bfloat16 = "bfloat16"
+
+
+DatasetOption = Annotated[str, typer.Option(help="procedural (its train split) or folder:PATH.")]
+ClassOption = Annotated[str, typer.Option("--class", help="The class to train on.")]
+ObjectsOption = Annotated[int | None, typer.Option(help="Number of objects; default 1500 or all.")]
+StepsOption = Annotated[int, typer.Option(help="Steps in all, those before a resume included.")]
+BatchOption = Annotated[int, typer.Option(help="Pictures or clouds a step.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
+ThreadsOption = Annotated[int | None, typer.Option(help="CPU threads; default: PyTorch's choice.")]
+OutOption = Annotated[Path, typer.Option(help="Folder; a training that is there is continued.")]
+
+
+@train_app.command("autoencoder")
+def train_autoencoder(
+    out: OutOption = Path("training/autoencoder"),
+    dataset: DatasetOption = "procedural",
+    class_name: ClassOption = "chair",
+    objects: ObjectsOption = None,
+    width: Width = Width.lite,
+    steps: StepsOption = 10_000,
+    batch: BatchOption = 32,
+    precision: Precision = Precision.float32,
+    device: Device = Device.cpu,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+) -> None:
+    """The point-cloud autoencoder (paper, section 3.1)."""
+    from bench.train import TrainingOptions
+    from bench.train import train_autoencoder as train
+
+    options = TrainingOptions(
+        dataset, class_name, objects, width.value, steps, batch, precision.value, device.value,
+        seed, threads, out,
+    )  # fmt: skip
+    print(train(options))
+
+
+@train_app.command("gan")
+def train_gan(
+    autoencoder: Annotated[Path, typer.Option(help="Checkpoint of the autoencoder.")] = Path(
+        "training/autoencoder/checkpoint.safetensors"
+    ),
+    out: OutOption = Path("training/gan"),
+    dataset: DatasetOption = "procedural",
+    class_name: ClassOption = "chair",
+    objects: ObjectsOption = None,
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
+    objective: Annotated[str, typer.Option(help="acgan-code or acgan-paper.")] = "acgan-code",
+    steps: StepsOption = 20_000,
+    batch: BatchOption = 32,
+    precision: Precision = Precision.float32,
+    device: Device = Device.cpu,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+) -> None:
+    """The rendering GAN (paper, section 3.2), on a trained autoencoder."""
+    from bench.train import TrainingOptions
+    from bench.train import train_gan as train
+
+    options = TrainingOptions(
+        dataset, class_name, objects, "lite", steps, batch, precision.value, device.value, seed,
+        threads, out,
+    )  # fmt: skip
+    print(train(options, autoencoder, objective, views))
+
+
+@train_app.command("views")
+def train_views(
+    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
+    seed: SeedOption = 0,
+) -> None:
+    """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
+    from bench.train_views import train_views as train
+
+    print(train(objects, views, epochs, seed))
+
+
+def _names(text: str | None) -> tuple[str, ...] | None:
+    """The names in a comma-separated list. Raises BadInput for an empty list."""
+    if text is None:
+        return None
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not names:
+        raise _bad(f"'{text}': expected names separated by commas")
+    return names
+
+
+def _bad(message: str) -> Exception:
+    from data_prep.failures import BadInput
+
+    return BadInput(message)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""Records and features as Parquet files: what tables are made from, and what scripts may read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from bench.record import SCHEMA_VERSION, to_frame
+from bench.tables import Features
+from bench.work import Job, Result, read_artifact
+from data_prep.failures import BadInput
+
+RECORDS = "records.parquet"
+FEATURES = "features"
+_SCHEMA_KEY = b"pc2pix_bench_schema"
+
+
+def write_records(directory: Path, results: Sequence[Result]) -> pd.DataFrame:
+    """Write `records.parquet`, whole or not at all, and return its frame."""
+    frame = to_frame([record for result in results for record in result.records])
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
+    temporary = directory / f".{RECORDS}.{os.getpid()}"
+    pq.write_table(table, temporary)
+    temporary.replace(directory / RECORDS)
+    return frame
+
+
+def read_records(directory: Path) -> pd.DataFrame:
+    """The records of a run. Raises BadInput: none there, unreadable, or of a newer version."""
+    path = directory / RECORDS
+    if not path.is_file():
+        raise BadInput(f"{directory}: no {RECORDS}; the run is not finished, start it again")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise BadInput(f"{path}: not readable ({error}); start the run again") from error
+    schema = int((table.schema.metadata or {}).get(_SCHEMA_KEY, b"0"))
+    if schema > SCHEMA_VERSION:
+        raise BadInput(
+            f"{path}: schema {schema} is newer than {SCHEMA_VERSION}; update pc2pix-bench"
+        )
+    return table.to_pandas()
+
+
+def write_features(directory: Path, metric: str, jobs: Sequence[Job]) -> None:
+    """Collect one extractor's features from the artifacts of finished jobs into one file."""
+    folder = directory / FEATURES
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{metric}.parquet"
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    writer: pq.ParquetWriter | None = None
+    for start in range(0, len(jobs), 64):  # a few row groups, little memory
+        tables = [_feature_table(job, metric) for job in jobs[start : start + 64]]
+        table = pa.concat_tables(tables)
+        writer = writer or pq.ParquetWriter(temporary, table.schema)
+        writer.write_table(table)
+    if writer is not None:
+        writer.close()
+        temporary.replace(path)
+
+
+def read_features(directory: Path, metric: str) -> Features | None:
+    """Rows and features [n, d] of one extractor; None where they were not taken."""
+    path = directory / FEATURES / f"{metric}.parquet"
+    if not path.is_file():
+        return None
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise BadInput(f"{path}: not readable ({error}); start the run again") from error
+    column = table.column("features").combine_chunks()
+    values: NDArray[np.float32] = column.flatten().to_numpy().reshape(len(table), -1)
+    return Features(table.drop_columns(["features"]).to_pandas(), values)
+
+
+def _feature_table(job: Job, metric: str) -> pa.Table:
+    values = read_artifact(job.artifact)[metric]
+    count, width = values.shape
+    return pa.table(
+        {
+            "method": [job.method] * count,
+            "condition": [job.condition] * count,
+            "class": [job.object.class_name] * count,
+            "object": [job.object.object_id] * count,
+            "view": pa.array(range(count), pa.int32()),
+            "features": pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), width),
+        }
+    )

@@ -1,0 +1,106 @@
+"""Figures of a finished run, for people who would rather look than read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.metric_table import IMAGE_METRICS
+from bench.record import GROUND_TRUTH
+from bench.tables import Row, Table
+from bench.work import Job, read_artifact
+
+FIGURES = "figures"
+OBJECTS_SHOWN = 4
+METRICS_SHOWN = ("ssim", "structure", "fd-views", "fid")
+
+
+def write_figures(directory: Path, tables: Sequence[Table], jobs: Sequence[Job]) -> None:
+    """Robustness curves (after Tables 3 and 4) and picture grids (the paper's Figures 1 and 3).
+
+    `jobs` are those whose pictures are there, ground truths included.
+    """
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    folder = directory / FIGURES
+    folder.mkdir(exist_ok=True)
+    _robustness(folder / "robustness.png", tables)
+    _grid(folder / "pictures.png", jobs)
+
+
+def _robustness(path: Path, tables: Sequence[Table]) -> None:
+    from matplotlib import pyplot as plt
+
+    shown: dict[str, list[Row]] = {}
+    for row in (row for table in tables for row in table.rows):
+        if row.metric in METRICS_SHOWN and math.isfinite(row.value):
+            shown.setdefault(row.metric, []).append(row)
+    figure, axes = plt.subplots(1, len(shown), figsize=(5 * len(shown), 4), squeeze=False)
+    for axis, (metric, rows) in zip(axes[0], shown.items(), strict=True):
+        for method in dict.fromkeys(row.method for row in rows):
+            of_method = [row for row in rows if row.method == method]
+            values = np.array([row.value for row in of_method])
+            ends = np.array([(row.ci_low, row.ci_high) for row in of_method]).T
+            reach = np.nan_to_num(np.abs(ends - values))
+            axis.errorbar(
+                [row.condition for row in of_method],
+                values,
+                yerr=reach,
+                label=method,
+                capsize=3,
+                marker="o",
+            )
+        higher = metric in IMAGE_METRICS
+        axis.set_title(f"{metric} ({'higher' if higher else 'lower'} is better)")
+        axis.set_xlabel("condition")
+        axis.grid(alpha=0.3)
+        if not higher:
+            axis.set_yscale("symlog", linthresh=10)
+    axes[0][0].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _grid(path: Path, jobs: Sequence[Job]) -> None:
+    """The first view of the first objects: one row per object and condition, a column a method."""
+    from matplotlib import pyplot as plt
+
+    objects = list(dict.fromkeys(_object(job) for job in jobs))[:OBJECTS_SHOWN]
+    conditions = list(dict.fromkeys(job.condition for job in jobs if job.condition))
+    methods = list(dict.fromkeys(job.method for job in jobs if job.method != GROUND_TRUTH))
+    by_cell = {(_object(job), job.condition, job.method): job for job in jobs}
+    columns = [GROUND_TRUTH, *methods]
+    rows = [(obj, condition) for obj in objects for condition in conditions]
+    figure, axes = plt.subplots(
+        len(rows), len(columns), figsize=(1.3 * len(columns) + 1, 1.3 * len(rows)), squeeze=False
+    )
+    for axis_row, (obj, condition) in zip(axes, rows, strict=True):
+        for axis, method in zip(axis_row, columns, strict=True):
+            job = by_cell.get((obj, "" if method == GROUND_TRUTH else condition, method))
+            axis.set_xticks([])
+            axis.set_yticks([])
+            axis.spines[:].set_visible(False)
+            if job is None:
+                axis.text(0.5, 0.5, "failed", ha="center", va="center", transform=axis.transAxes)
+            else:
+                axis.imshow(_first_picture(job))
+        axis_row[0].set_ylabel(f"{obj[1][:18]}\n{condition}", fontsize=7)
+    for axis, method in zip(axes[0], columns, strict=True):
+        axis.set_title(method, fontsize=9)
+    figure.tight_layout(pad=0.3)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _object(job: Job) -> tuple[str, str]:
+    return job.object.class_name, job.object.object_id
+
+
+def _first_picture(job: Job) -> NDArray[np.uint8]:
+    return read_artifact(job.artifact)["images"][0]

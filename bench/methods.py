@@ -1,0 +1,143 @@
+"""The methods of the benchmark, as a literal table.
+
+A factory imports its heavy packages when it is called, in the worker that needs them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from bench.lookup import find
+from data_prep.failures import BadInput
+from data_prep.scene import Renderer
+
+
+@dataclass(frozen=True)
+class Method:
+    """A renderer with a name.
+
+    `load` gets the device ("auto", "cpu" or "cuda") and returns the renderer; `version` is raised
+    by hand when a change alters its pictures (finished work is then done again); `identity` gives
+    whatever else its pictures depend on: the versions of its libraries, the checksum of its
+    weights. Only the ceiling has `sees_mesh`.
+    """
+
+    id: str
+    load: Callable[[str], Renderer]
+    identity: Callable[[], str]
+    version: int
+    source: str
+    sees_mesh: bool = False
+
+
+def _pc2pix(weights: str, device: str) -> Renderer:
+    import torch
+
+    import pc2pix
+
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    return pc2pix.load(weights, device=device)
+
+
+def _pc2pix_identity(weights: str) -> str:
+    from pc2pix.weight_files import file_sha256, find_weights
+
+    return f"torch {_installed('torch')}, weights {file_sha256(find_weights(weights))}"
+
+
+def _surface_apss(device: str) -> Renderer:
+    del device
+    from baselines.surface import SurfaceApss
+
+    return SurfaceApss()
+
+
+def _splat(device: str) -> Renderer:
+    del device
+    from baselines.splat import Splat
+
+    return Splat()
+
+
+def _true_mesh(device: str) -> Renderer:
+    del device
+    from baselines.reference import TrueMesh
+
+    return TrueMesh()
+
+
+def _blank(device: str) -> Renderer:
+    del device
+    from baselines.reference import Blank
+
+    return Blank()
+
+
+def _installed(*packages: str) -> str:
+    from importlib.metadata import version
+
+    return ", ".join(version(package) for package in packages)
+
+
+METHODS = (
+    Method(
+        "pc2pix",
+        load=partial(_pc2pix, "chair"),
+        identity=partial(_pc2pix_identity, "chair"),
+        version=1,
+        source="paper, section 3; bundled weights (pc2pix/weights/chair.md)",
+    ),
+    Method(
+        "surface-apss",
+        load=_surface_apss,
+        identity=lambda: f"pymeshlab {_installed('pymeshlab')}",
+        version=1,
+        source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
+    ),
+    Method(
+        "splat",
+        load=_splat,
+        identity=lambda: f"scipy {_installed('scipy')}",
+        version=1,
+        source="depth-buffered discs: what a viewer shows",
+    ),
+    Method(
+        "true-mesh",
+        load=_true_mesh,
+        identity=lambda: "",
+        version=1,
+        source="the ceiling: the mesh behind the cloud",
+        sees_mesh=True,
+    ),
+    Method(
+        "blank",
+        load=_blank,
+        identity=lambda: "",
+        version=1,
+        source="the floor: white pictures; failures are scored as these",
+    ),
+)
+FLOOR = "blank"
+
+
+def find_method(method_id: str) -> Method:
+    """The method with this id; `pc2pix@FILE.safetensors` is pc2pix with weights of your own.
+
+    Raises BadInput for an unknown id (naming the nearest) and for a weights file that is missing.
+    """
+    name, at, weights = method_id.partition("@")
+    if name == "pc2pix" and at and weights.endswith(".safetensors"):
+        if not Path(weights).is_file():
+            raise BadInput(f"{weights}: no such weights file; train one with 'bench train gan'")
+        return Method(
+            method_id,
+            load=partial(_pc2pix, weights),
+            identity=partial(_pc2pix_identity, weights),
+            version=1,
+            source=f"pc2pix with the weights in {weights}",
+        )
+    return find(method_id, METHODS, "method")

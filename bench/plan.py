@@ -1,0 +1,140 @@
+"""From a suite and the wishes of the command line to the list of jobs. Pure: nothing is run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.lookup import find
+from bench.methods import FLOOR, find_method
+from bench.record import GROUND_TRUTH, SCHEMA_VERSION
+from bench.suites import Suite
+from bench.work import Job
+from data_prep.conditions import CONDITIONS
+from data_prep.datasets import PROCEDURAL_VERSION, SceneObject
+from data_prep.randomness import generator
+from data_prep.sampling import random_views
+from data_prep.scene import View
+
+SSIM_VERSION = 1  # raise when a change alters a score
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What a run measures. Two runs with equal protocols give equal tables on one machine.
+
+    `environment` names what pictures depend on beside our own code (GL driver, library versions);
+    `features` are the (id, weights file) of the set metrics that can be taken, `feature_identity`
+    the checksum or version behind each.
+    """
+
+    suite: Suite
+    dataset: str
+    methods: tuple[str, ...]
+    conditions: tuple[str, ...]
+    objects: tuple[SceneObject, ...]
+    views: int
+    seed: int
+    device: str
+    features: tuple[tuple[str, str], ...]
+    feature_identity: Mapping[str, str]
+    environment: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The ground truths, which everything else needs, and the items of the benchmark."""
+
+    references: tuple[Job, ...]
+    items: tuple[Job, ...]
+
+
+def plan(protocol: Protocol, directory: Path) -> Plan:
+    """All jobs of a run, in the order in which they are started: object by object.
+
+    Raises BadInput for unknown methods and conditions.
+    """
+    conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
+    identities = {m: _method_identity(m, protocol) for m in protocol.methods}
+    references, items = [], []
+    for obj in protocol.objects:
+        views = random_views(
+            protocol.views, generator(protocol.seed, "views", obj.class_name, obj.object_id)
+        )
+        common = _common_identity(protocol, obj, views)
+        truth = _job(protocol, directory, obj, views, GROUND_TRUTH, "", [common], None)
+        references.append(truth)
+        items += [
+            _job(
+                protocol,
+                directory,
+                obj,
+                views,
+                method,
+                condition.id,
+                [common, identities[method], repr(condition.perturbation), SSIM_VERSION],
+                truth.artifact,
+            )
+            for condition in conditions
+            for method in protocol.methods
+        ]
+    return Plan(tuple(references), tuple(items))
+
+
+def with_floor(methods: Sequence[str]) -> tuple[str, ...]:
+    """The methods and the floor: failures are scored as its pictures, so it is always measured."""
+    unique = tuple(dict.fromkeys(methods))
+    return unique if FLOOR in unique else (*unique, FLOOR)
+
+
+def _job(
+    protocol: Protocol,
+    directory: Path,
+    obj: SceneObject,
+    views: tuple[View, ...],
+    method: str,
+    condition: str,
+    identity: Sequence[Any],
+    reference: Path | None,
+) -> Job:
+    key = _digest([protocol.suite.id, method, condition, *identity])
+    return Job(
+        key=key,
+        suite=protocol.suite.id,
+        method=method,
+        condition=condition,
+        object=obj,
+        views=views,
+        seed=protocol.seed,
+        device=protocol.device,
+        features=protocol.features,
+        artifact=directory / "artifacts" / key[:2] / f"{key}.npz",
+        reference=reference,
+    )
+
+
+def _common_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]) -> list[Any]:
+    return [
+        SCHEMA_VERSION,
+        PROCEDURAL_VERSION,
+        obj.class_name,
+        obj.object_id,
+        obj.fingerprint(),
+        [[view.azimuth_deg, view.elevation_deg] for view in views],
+        protocol.seed,
+        sorted(protocol.feature_identity.items()),
+        sorted(protocol.environment.items()),
+    ]
+
+
+def _method_identity(method_id: str, protocol: Protocol) -> list[Any]:
+    method = find_method(method_id)
+    return [method.version, method.identity(), protocol.device]
+
+
+def _digest(identity: Sequence[Any]) -> str:
+    return hashlib.sha256(json.dumps(identity).encode()).hexdigest()

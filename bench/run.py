@@ -1,0 +1,231 @@
+"""A run from beginning to end: plan, ground truth, items, records, tables, figures."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from bench import manifest as manifests
+from bench.columns import write_features, write_records
+from bench.figures import write_figures
+from bench.lookup import find
+from bench.methods import find_method
+from bench.metric_table import WeightsUnavailable, find_extractor
+from bench.plan import Plan, Protocol, plan, with_floor
+from bench.pool import run_jobs
+from bench.probe import environment
+from bench.progress import progress
+from bench.results import write_cost, write_tables
+from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
+from bench.suites import SUITES, Suite
+from bench.tables import Table
+from bench.work import Job, Result, failed
+from data_prep.conditions import CONDITIONS
+from data_prep.datasets import open_dataset
+from data_prep.failures import BadInput, MissingDependency
+
+RUNS = Path("results/runs")
+
+
+@dataclass(frozen=True)
+class Options:
+    """The wishes of the command line; None means the suite's choice."""
+
+    suite: str
+    dataset: str = "procedural"
+    methods: tuple[str, ...] | None = None
+    conditions: tuple[str, ...] | None = None
+    limit: int | None = None
+    views: int | None = None
+    workers: int | None = None
+    device: str = "auto"
+    seed: int = 0
+    out: Path | None = None
+    fresh: bool = False
+    inception_weights: str | None = None
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A complete run: where it is, its tables, and how many items were done now and before."""
+
+    directory: Path
+    tables: tuple[Table, ...]
+    cost: str
+    done: int
+    reused: int
+    failed: int
+    seconds: dict[str, float]
+
+
+def run(options: Options) -> Finished:
+    """Carry out a run, or what is left of it.
+
+    Raises BadInput for anything the user has to mend; what was done until then is kept.
+    """
+    suite = find(options.suite, SUITES, "suite")
+    directory = options.out or RUNS / default_name(suite.id, options.dataset)
+    protocol, skipped = _protocol(suite, options)
+    workers = options.workers or len(os.sched_getaffinity(0))
+    manifest = manifests.describe(protocol, workers, skipped)
+    if options.fresh and (old := set_aside(directory)):
+        _say(f"the old run is now {old}")
+    check_directory(directory, manifest)
+    todo = plan(protocol, directory)
+    seconds: dict[str, float] = {}
+    with open_journal(directory) as journal:
+        write_manifest(directory, manifest)
+        before = set(journal.finished)
+        with _timed("ground truth", seconds):
+            truths = _do(todo.references, journal, workers, suite, "ground truth")
+            _check_any_truth(todo, truths)
+        with _timed("items", seconds):
+            drawable, hopeless = _split(todo, truths)
+            results = _do(drawable, journal, workers, suite, suite.id) | hopeless
+        with _timed("tables", seconds):
+            write_records(directory, [results[job.key] for job in todo.items])
+            with_pictures = _with_pictures(todo, truths | results)
+            for metric, _ in protocol.features:
+                write_features(directory, metric, with_pictures)
+            tables = write_tables(directory)
+            cost = write_cost(directory)
+        with _timed("figures", seconds):
+            write_figures(directory, tables, with_pictures)
+        for line in journal.damage:
+            _say(line)
+    manifest |= {"finished": manifests.now(), "stage_seconds": seconds}
+    write_manifest(directory, manifest)
+    reused = sum(job.key in before for job in todo.items)
+    return Finished(
+        directory,
+        tuple(tables),
+        cost,
+        done=len(todo.items) - reused,
+        reused=reused,
+        failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),
+        seconds=seconds,
+    )
+
+
+def default_name(suite: str, dataset: str) -> str:
+    """The folder of a run: suite and dataset, as one file name."""
+    kind, _, location = dataset.partition(":")
+    parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", "-".join(parts))
+
+
+def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]:
+    """What is to be measured, and the metrics that cannot be, with the reason."""
+    methods = with_floor(options.methods or suite.methods)
+    for method in methods:
+        find_method(method)
+    conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
+    for condition in conditions:
+        find(condition, CONDITIONS, "condition")
+    for name, value in (("limit", options.limit), ("views", options.views)):
+        if value is not None and value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
+    dataset = open_dataset(options.dataset)
+    objects = tuple(
+        obj
+        for class_name in suite.classes
+        for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
+    )
+    features: list[tuple[str, str]] = []
+    identity: dict[str, str] = {}
+    skipped: dict[str, str] = {}
+    for metric in suite.set_metrics:
+        try:
+            extractor = find_extractor(metric)
+            weights = extractor.weights(options.inception_weights)
+        except WeightsUnavailable as error:
+            skipped[metric] = f"skipped: weights; {error}"
+            continue
+        features.append((metric, str(weights)))
+        identity[metric] = f"{extractor.version} {sha256(weights.read_bytes()).hexdigest()}"
+    protocol = Protocol(
+        suite=suite,
+        dataset=dataset.id,
+        methods=methods,
+        conditions=conditions,
+        objects=objects,
+        views=options.views or suite.views,
+        seed=options.seed,
+        device=options.device,
+        features=tuple(features),
+        feature_identity=identity,
+        environment=environment(),
+    )
+    return protocol, skipped
+
+
+def _do(
+    jobs: Sequence[Job], journal: Journal, workers: int, suite: Suite, title: str
+) -> dict[str, Result]:
+    """The results of all jobs by key: those in the journal, and the rest by running them."""
+    results = {job.key: found for job in jobs if (found := journal.usable(job))}
+    missing = [job for job in jobs if job.key not in results]
+    if not missing:
+        return results
+    if results:
+        _say(f"{title}: {len(results)} of {len(jobs)} are there from before")
+    failures = 0
+    workers = min(workers, len(missing))
+    with (
+        progress(title, len(missing)) as advance,
+        closing(run_jobs(missing, workers, suite.time_limit_s)) as stream,
+    ):
+        for result in stream:
+            if result.unusable:
+                raise MissingDependency(result.unusable)
+            journal.append(result)
+            results[result.key] = result
+            failures += result.artifact_sha256 is None
+            advance(failures)
+    return results
+
+
+def _check_any_truth(todo: Plan, truths: Mapping[str, Result]) -> None:
+    """One bad object among many is a failed record; if none can be drawn, the input is wrong."""
+    if any(truth.artifact_sha256 for truth in truths.values()):
+        return
+    first = truths[todo.references[0].key].records[0].reason.removeprefix("input: ")
+    raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {first}")
+
+
+def _split(todo: Plan, truths: Mapping[str, Result]) -> tuple[list[Job], dict[str, Result]]:
+    """Items whose ground truth is there, and the results of the others: failed, same reason."""
+    reasons = {
+        job.artifact: truths[job.key].records[0].reason
+        for job in todo.references
+        if truths[job.key].artifact_sha256 is None
+    }
+    drawable = [job for job in todo.items if job.reference not in reasons]
+    hopeless = {
+        job.key: failed(job, reasons[job.reference])
+        for job in todo.items
+        if job.reference is not None and job.reference in reasons
+    }
+    return drawable, hopeless
+
+
+def _with_pictures(todo: Plan, results: Mapping[str, Result]) -> list[Job]:
+    return [j for j in (*todo.references, *todo.items) if results[j.key].artifact_sha256]
+
+
+@contextmanager
+def _timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[stage] = round(time.perf_counter() - start, 1)
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,181 @@
+"""A run's directory: what has been done, kept so that a kill at any moment loses nothing.
+
+    manifest.json        what was measured, with which versions, on which machine
+    journal/NNNN.jsonl   one checksummed line per finished job, only ever appended to
+    artifacts/           pictures and features of each job, named by the job's key
+    records.parquet      the records of the last complete run, made from the journal
+    features/*.parquet   the features behind the Fréchet distances, made from the artifacts
+    tables/              made from records and features
+
+A line counts if its checksum fits and its artifact is there with the right bytes; a job whose line
+does not count is done again. Every start writes a journal file of its own, so that a line torn by
+a kill is never glued to the next one.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, TextIO
+
+from bench.record import SCHEMA_VERSION, Record
+from bench.work import Job, Result, write_whole
+from data_prep.failures import BadInput
+
+MANIFEST = "manifest.json"
+FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
+
+
+@dataclass
+class Journal:
+    """The finished jobs of a directory, by key. `damage` lists what had to be set aside."""
+
+    directory: Path
+    finished: dict[str, Result] = field(default_factory=dict)
+    damage: list[str] = field(default_factory=list)
+    _shard: TextIO | None = None
+
+    def append(self, result: Result) -> None:
+        """Write a result down; when this returns, a power cut cannot take it back."""
+        if self._shard is None:
+            folder = self.directory / "journal"
+            folder.mkdir(exist_ok=True)
+            number = 1 + max((int(p.stem) for p in folder.glob("[0-9]*.jsonl")), default=0)
+            self._shard = (folder / f"{number:04d}.jsonl").open("x", encoding="utf-8")
+        self._shard.write(_to_line(result))
+        self._shard.flush()
+        os.fsync(self._shard.fileno())
+        self.finished[result.key] = result
+
+    def usable(self, job: Job) -> Result | None:
+        """The job's result where it counts: recorded, and its artifact unharmed."""
+        result = self.finished.get(job.key)
+        if result is None or result.artifact_sha256 is None:
+            return result
+        try:
+            intact = sha256(job.artifact.read_bytes()).hexdigest() == result.artifact_sha256
+        except OSError:
+            intact = False
+        if not intact:
+            self.damage.append(f"{job.artifact}: missing or altered; its job is done again")
+            return None
+        return result
+
+    def close(self) -> None:
+        """Close the journal file of this start."""
+        if self._shard is not None:
+            self._shard.close()
+
+
+@contextmanager
+def open_journal(directory: Path) -> Iterator[Journal]:
+    """The directory's journal, for one process at a time.
+
+    Raises BadInput where another run holds the directory.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock_file = (directory / "lock").open("w")
+    except OSError as error:
+        raise BadInput(f"{directory}: cannot be written ({error.strerror}); give --out") from error
+    with lock_file as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise BadInput(
+                f"{directory}: another run is writing here; wait, or give --out"
+            ) from error
+        journal = Journal(directory)
+        for shard in sorted((directory / "journal").glob("[0-9]*.jsonl")):
+            _read_shard(shard, journal)
+        try:
+            yield journal
+        finally:
+            journal.close()
+
+
+def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
+    """Raises BadInput where a run described by `manifest` must not be written into `directory`."""
+    if not directory.exists():
+        return
+    if not directory.is_dir():
+        raise BadInput(f"{directory}: is a file; give a folder with --out")
+    if not (directory / MANIFEST).exists():
+        if any(p.name != "lock" for p in directory.iterdir()):
+            raise BadInput(f"{directory}: not empty and not a run; give a new --out")
+        return
+    found = read_manifest(directory)
+    for name in FIXED:
+        if found.get(name) != manifest[name]:
+            raise BadInput(
+                f"{directory}: holds a run of {name} {found.get(name)!r}, not {manifest[name]!r}; "
+                "give another --out, or --fresh to start over"
+            )
+
+
+def read_manifest(directory: Path) -> dict[str, Any]:
+    """The manifest of a run. Raises BadInput: no run there, damaged, or of a newer version."""
+    path = directory / MANIFEST
+    if not path.is_file():
+        raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        schema = int(manifest["schema_version"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"{path}: not a manifest ({error}); move it away and run again") from error
+    if schema > SCHEMA_VERSION:
+        raise BadInput(
+            f"{directory}: written by a newer version (schema {schema}, this one reads up to "
+            f"{SCHEMA_VERSION}); update pc2pix-bench or give another --out"
+        )
+    return manifest
+
+
+def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
+    """Write the manifest, whole or not at all."""
+    text = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
+    write_whole(directory / MANIFEST, text.encode())
+
+
+def set_aside(directory: Path) -> Path | None:
+    """Rename an old run out of the way (`--fresh`); nothing is deleted. None if there is none."""
+    if not directory.exists():
+        return None
+    number = 1
+    while (target := directory.with_name(f"{directory.name}.old-{number}")).exists():
+        number += 1
+    return directory.rename(target)
+
+
+def _to_line(result: Result) -> str:
+    body = json.dumps(
+        {
+            "key": result.key,
+            "artifact_sha256": result.artifact_sha256,
+            "records": [asdict(record) for record in result.records],
+        },
+        ensure_ascii=False,
+    )
+    return f"{sha256(body.encode()).hexdigest()} {body}\n"
+
+
+def _read_shard(shard: Path, journal: Journal) -> None:
+    lines: Sequence[bytes] = shard.read_bytes().split(b"\n")
+    for number, line in enumerate(lines, 1):
+        if not line:
+            continue
+        checksum, _, body = line.partition(b" ")
+        if sha256(body).hexdigest().encode() != checksum:
+            torn = number == len(lines)
+            what = "was cut short by the end of its run" if torn else "is damaged"
+            journal.damage.append(f"{shard}: line {number} {what}; its job is done again")
+            continue
+        values = json.loads(body)
+        records = tuple(Record(**record) for record in values["records"])
+        journal.finished[values["key"]] = Result(values["key"], records, values["artifact_sha256"])

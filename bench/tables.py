@@ -1,0 +1,326 @@
+"""The paper's tables, as pure functions of records and features.
+
+A table is a list of tidy rows, one per method, condition, class and metric. It is written as CSV,
+and as Markdown in the paper's layout with the paper's values beside ours.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.frechet import frechet_distance, frechet_interval
+from bench.methods import FLOOR
+from bench.record import GROUND_TRUTH
+from bench.statistics import mean_interval
+from bench.suites import Suite
+
+PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX"}
+NAN = float("nan")
+
+Picture = tuple[str, int]  # object, view
+# Published values by (class, metric, condition, method).
+Published = Mapping[tuple[str, str, str, str], float]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One cell of a table. A number that does not exist is NaN.
+
+    value              over the pictures whose outcome is ok
+    ci_low, ci_high    95 % interval over objects
+    n_ok, n            pictures that are there, pictures there should be
+    paper              as published, on the paper's data
+    failures_as_blank  the value with a blank picture in place of each failed one
+    note               why there is no value, or the reasons of the failures
+    """
+
+    suite: str
+    method: str
+    condition: str
+    class_name: str
+    metric: str
+    value: float
+    ci_low: float
+    ci_high: float
+    n_ok: int
+    n: int
+    paper: float
+    failures_as_blank: float
+    note: str
+
+
+HEADER = [name if name != "class_name" else "class" for name in Row.__dataclass_fields__]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A finished table: its file name without suffix, its title, its rows, digits for people."""
+
+    name: str
+    title: str
+    rows: tuple[Row, ...]
+    decimals: int
+
+    def to_csv(self) -> str:
+        """Numbers with 6 decimals; an empty field where there is none."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(HEADER)
+        for row in self.rows:
+            writer.writerow(_csv_field(value) for value in astuple(row))
+        return buffer.getvalue()
+
+    def to_markdown(self) -> str:
+        """The paper's layout (SR beside PC2PIX), then all methods with intervals and counts."""
+        return "\n".join([f"# {self.title}", "", *_paper_layout(self), *_all_methods(self)])
+
+
+class Features:
+    """The features of one extractor by (method, condition, class), each a set of pictures."""
+
+    def __init__(self, index: pd.DataFrame, values: NDArray[np.float32]) -> None:
+        self._values = values
+        self._rows: dict[tuple[str, str, str], dict[Picture, int]] = {}
+        columns = (
+            index[name].tolist() for name in ("method", "condition", "class", "object", "view")
+        )
+        for number, (method, condition, class_name, obj, view) in enumerate(
+            zip(*columns, strict=True)
+        ):
+            self._rows.setdefault((method, condition, class_name), {})[obj, view] = number
+
+    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
+        """The pictures there are, sorted."""
+        return sorted(self._rows.get((method, condition, class_name), {}))
+
+    def of(self, method: str, condition: str, class_name: str, pictures: Iterable[Picture]) -> Any:
+        """float32 [n, d], in the order of `pictures`."""
+        rows = self._rows[method, condition, class_name]
+        return self._values[[rows[picture] for picture in pictures]]
+
+
+def image_table(
+    name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
+) -> Table:
+    """Means over pictures of the suite's image metrics, with intervals over objects."""
+    made = []
+    for cell, group in _cells(records):
+        ok = group[group["outcome"] == "ok"]
+        failed = group[group["outcome"] == "failed"]
+        # The floor's scores do not depend on the condition.
+        floor = records[
+            (records["method"] == FLOOR)
+            & (records["condition"] == cell[1])
+            & (records["outcome"] == "ok")
+            & (records["class"] == cell[2])
+        ]
+        missing = floor.merge(failed[["object", "view"]], on=["object", "view"])
+        for metric in suite.image_metrics:
+            scores = ok[metric].to_numpy()
+            per_object = ok.groupby("object", sort=True)[metric].mean().to_numpy()
+            with_blank = np.concatenate([scores, missing[metric].to_numpy()])
+            made.append(
+                _row(
+                    suite,
+                    cell,
+                    metric,
+                    _mean(scores),
+                    mean_interval(per_object),
+                    group,
+                    published,
+                    _mean(with_blank),
+                    "",
+                )
+            )
+    return Table(name, title, tuple(made), decimals=3)
+
+
+def set_table(
+    name: str,
+    title: str,
+    records: pd.DataFrame,
+    features: Mapping[str, Features],
+    skipped: Mapping[str, str],
+    suite: Suite,
+    published: Published,
+) -> Table:
+    """Fréchet distances between a method's pictures and the ground truth of the same views.
+
+    `skipped` gives the reason for each set metric that has no features.
+    """
+    made = []
+    for metric in suite.set_metrics:
+        for cell, group in _cells(records):
+            if metric in skipped:
+                value, interval, with_blank, note = NAN, (NAN, NAN), NAN, skipped[metric]
+            else:
+                value, interval, with_blank, note = _distances(cell, features[metric])
+            made.append(
+                _row(suite, cell, metric, value, interval, group, published, with_blank, note)
+            )
+    return Table(name, title, tuple(made), decimals=1)
+
+
+def _distances(
+    cell: tuple[str, str, str], features: Features
+) -> tuple[float, tuple[float, float], float, str]:
+    method, condition, class_name = cell
+    drawn = features.pictures(method, condition, class_name)
+    if len(drawn) < 2:
+        return NAN, (NAN, NAN), NAN, "fewer than two pictures"
+    truth = (GROUND_TRUTH, "", class_name)
+    x, y = features.of(*cell, drawn), features.of(*truth, drawn)
+    objects = np.array([obj for obj, _ in drawn])
+    value = frechet_distance(x, y)
+    interval = frechet_interval(x, y, objects, objects)
+    wanted = set(features.pictures(*truth)) - set(drawn)
+    floor = (FLOOR, condition, class_name)
+    missing = sorted(wanted & set(features.pictures(*floor)))
+    if not missing:
+        return value, interval, value, ""
+    with_blank = frechet_distance(
+        np.concatenate([x, features.of(*floor, missing)]),
+        np.concatenate([y, features.of(*truth, missing)]),
+    )
+    return value, interval, with_blank, ""
+
+
+def _cells(records: pd.DataFrame) -> list[tuple[tuple[str, str, str], pd.DataFrame]]:
+    groups = records.groupby(["method", "condition", "class"], sort=False)
+    return [((str(m), str(c), str(k)), group) for (m, c, k), group in groups]  # type: ignore[misc]
+
+
+def _row(
+    suite: Suite,
+    cell: tuple[str, str, str],
+    metric: str,
+    value: float,
+    interval: tuple[float, float],
+    records: pd.DataFrame,
+    published: Published,
+    failures_as_blank: float,
+    note: str,
+) -> Row:
+    method, condition, class_name = cell
+    outcomes = records["outcome"].tolist()
+    reasons = Counter(records.loc[records["outcome"] == "failed", "reason"].tolist())
+    return Row(
+        suite=suite.id,
+        method=method,
+        condition=condition,
+        class_name=class_name,
+        metric=metric,
+        value=value,
+        ci_low=interval[0],
+        ci_high=interval[1],
+        n_ok=outcomes.count("ok"),
+        n=len(outcomes),
+        paper=published.get((class_name, metric, condition, method), NAN),
+        failures_as_blank=failures_as_blank,
+        note=note or "; ".join(f"{count} x {reason}" for reason, count in reasons.most_common()),
+    )
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    return float(values.mean()) if len(values) else NAN
+
+
+def _csv_field(value: object) -> object:
+    if not isinstance(value, float):
+        return value
+    return f"{value:.6f}" if math.isfinite(value) else ""
+
+
+def _show(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
+
+
+def _ordered(values: Iterable[str]) -> list[str]:
+    return list(dict.fromkeys(values))
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    escaped = (cell.replace("|", "\\|").replace("\n", " ") for cell in cells)
+    return "| " + " | ".join(escaped) + " |"
+
+
+def _paper_layout(table: Table) -> list[str]:
+    rows = [row for row in table.rows if row.method in PAPER_METHODS]
+    if not rows:
+        return []
+    lines = [
+        "In the paper's layout: SR is `surface-apss`. Below a line of ours stands the paper's, as "
+        "published: other data (ShapeNet), other weights.",
+        "",
+    ]
+    conditions = _ordered(row.condition for row in rows)
+    columns = [(condition, method) for condition in conditions for method in PAPER_METHODS]
+    for class_name in _ordered(row.class_name for row in rows):
+        lines += [
+            _markdown_row([class_name, *(f"{c} {PAPER_METHODS[m]}" for c, m in columns)]),
+            "|---" * (len(columns) + 1) + "|",
+        ]
+        for metric in _ordered(row.metric for row in rows):
+            at = {
+                (row.condition, row.method): row
+                for row in rows
+                if row.metric == metric and row.class_name == class_name
+            }
+            ours = [_show(at[c].value, table.decimals) if c in at else "-" for c in columns]
+            if all(row.note.startswith("skipped") for row in at.values()):
+                ours = ["skipped"] * len(columns)
+            paper = [at[c].paper if c in at else NAN for c in columns]
+            lines.append(_markdown_row([metric, *ours]))
+            if any(math.isfinite(value) for value in paper):
+                shown = [f"{v:g}" if math.isfinite(v) else "-" for v in paper]
+                lines.append(_markdown_row([f"{metric}, paper", *shown]))
+        lines.append("")
+    return lines
+
+
+def _all_methods(table: Table) -> list[str]:
+    lines = [
+        "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are "
+        "missing, *b* is the value with a blank picture in place of each.",
+        "",
+    ]
+    for class_name in _ordered(row.class_name for row in table.rows):
+        for metric in _ordered(row.metric for row in table.rows):
+            rows = [r for r in table.rows if (r.class_name, r.metric) == (class_name, metric)]
+            lines += [f"## {metric}, {class_name}", ""]
+            skipped = _ordered(row.note for row in rows if row.note.startswith("skipped"))
+            if skipped:
+                lines += [*skipped, ""]
+                continue
+            conditions = _ordered(row.condition for row in rows)
+            lines += [_markdown_row(["method", *conditions]), "|---" * (len(conditions) + 1) + "|"]
+            for method in _ordered(row.method for row in rows):
+                at = {row.condition: row for row in rows if row.method == method}
+                cells = [_full_cell(at[c], table.decimals) if c in at else "-" for c in conditions]
+                lines.append(_markdown_row([method, *cells]))
+            lines.append("")
+            failures = [r for r in rows if r.n_ok < r.n]
+            lines += [f"* {r.method} at {r.condition}: {r.note}" for r in failures]
+            if failures:
+                lines.append("")
+    return lines
+
+
+def _full_cell(row: Row, decimals: int) -> str:
+    count = f"{row.n_ok}/{row.n}"
+    if not math.isfinite(row.value):
+        return f"- {count}"
+    low, high = _show(row.ci_low, decimals), _show(row.ci_high, decimals)
+    interval = f" [{low}, {high}]" if math.isfinite(row.ci_low) else ""
+    blank = f" *b* {_show(row.failures_as_blank, decimals)}" if row.n_ok < row.n else ""
+    return f"{_show(row.value, decimals)}{interval} {count}{blank}"

@@ -1,0 +1,81 @@
+"""The network behind `fd-views`: a small classifier of rendered views of the procedural set.
+
+It tells the structural family and the back of a chair and the direction of view from a 128 x 128
+picture; the 64 averages before its last layer are the features. It stands in where the published
+Inception weights are not at hand, and its distances are never called FID. Trained by
+`bench train views` on the procedural train split; the weights are bundled.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import load_file
+from torch import Tensor, nn
+
+from data_prep.chair_spec import BACKS, FAMILIES
+from data_prep.failures import BadInput
+
+FEATURES = 64
+BATCH = 20
+_CHANNELS = (24, 48, 96, 96)
+
+
+class ViewsNetwork(nn.Module):
+    """uint8 pictures [N, 3, 128, 128] -> features [N, 64]; `heads` maps features to answers."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        channels = 3
+        for width in _CHANNELS:  # each halves the side: 128 -> 64 -> 32 -> 16 -> 8
+            layers += [
+                nn.Conv2d(channels, width, 3, stride=2, padding=1, bias=False),
+                nn.BatchNorm2d(width),
+                nn.ReLU(),
+            ]
+            channels = width
+        layers += [
+            nn.Conv2d(channels, FEATURES, 3, padding=1, bias=False),
+            nn.BatchNorm2d(FEATURES),
+            nn.ReLU(),
+        ]
+        self.body = nn.Sequential(*layers)
+        self.heads = nn.ModuleDict(
+            {
+                "family": nn.Linear(FEATURES, len(FAMILIES)),
+                "back": nn.Linear(FEATURES, len(BACKS)),
+                "view": nn.Linear(FEATURES, 3),  # sine and cosine of azimuth, elevation / 40
+            }
+        )
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Features [N, 64] float32, >= 0."""
+        x = 1.0 - images.to(torch.float32) / 255.0  # the white background is nought
+        return self.body(x).mean(dim=(2, 3))
+
+
+def load_views_network(path: Path) -> ViewsNetwork:
+    """The network with weights from a safetensors file, ready for inference.
+
+    Raises BadInput where the file cannot be read or does not fit the network.
+    """
+    network = ViewsNetwork()
+    try:
+        network.load_state_dict(load_file(path))
+    except Exception as error:  # safetensors and torch raise types of their own
+        raise BadInput(f"{path}: not the weights of fd-views ({error}); reinstall") from error
+    return network.eval()
+
+
+def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Features float32 [N, 64] of pictures uint8 [N, 128, 128, 3], in batches of at most 20."""
+    features = np.empty((len(images), FEATURES), np.float32)
+    with torch.inference_mode():
+        for start in range(0, len(images), BATCH):
+            part = torch.tensor(images[start : start + BATCH]).permute(0, 3, 1, 2)
+            features[start : start + BATCH] = network(part).numpy()
+    return features

@@ -1,0 +1,230 @@
+"""What a worker does: draw the ground truth of an object, or take one method over one cloud.
+
+Jobs and their results are plain values that cross process boundaries. A job writes its pictures and
+features into an artifact (a compressed .npz, written whole or not at all) and returns the records;
+whether they count is decided by whoever keeps the journal.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.methods import find_method
+from bench.metric_table import Extractor, find_extractor
+from bench.record import Record
+from bench.ssim import ssim_per_image
+from data_prep.conditions import CONDITIONS
+from data_prep.datasets import SceneObject
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.images import to_uint8
+from data_prep.randomness import generator
+from data_prep.sampling import sample_surface
+from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, View
+
+Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH).
+
+    key        names everything that the result depends on
+    artifact   where pictures and features go
+    reference  the artifact of the ground truth; None for the ground truth itself
+    features   (id, weights file) of the extractors to run
+    """
+
+    key: str
+    suite: str
+    method: str
+    condition: str
+    object: SceneObject
+    views: tuple[View, ...]
+    seed: int
+    device: str
+    features: tuple[tuple[str, str], ...]
+    artifact: Path
+    reference: Path | None
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a job. `artifact_sha256` is None where there are no pictures.
+
+    `unusable` is set where going on with other jobs of its kind makes no sense (a library or
+    weights file is missing): the run ends with this message.
+    """
+
+    key: str
+    records: tuple[Record, ...]
+    artifact_sha256: str | None
+    unusable: str | None = None
+
+
+def do(job: Job) -> Result:
+    """Carry out a job. Whatever a method raises becomes failed records with the reason."""
+    try:
+        if job.reference is None:
+            return _draw_ground_truth(job)
+        return _run_method(job, job.reference)
+    except MissingDependency as error:
+        return replace(failed(job, str(error)), unusable=str(error))
+    except BadInput as error:
+        return failed(job, f"input: {error}")
+    except StageFailure as error:
+        return failed(job, str(error))
+    except Exception as error:
+        lines = str(error).splitlines()
+        return failed(job, f"{type(error).__name__}: {lines[0] if lines else 'no message'}")
+
+
+def failed(job: Job, reason: str) -> Result:
+    """The result of a job that gave no pictures."""
+    return Result(job.key, tuple(_records(job, "failed", reason=reason)), None)
+
+
+def read_artifact(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an artifact: `images` and one per feature extractor."""
+    with np.load(path, allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _draw_ground_truth(job: Job) -> Result:
+    from data_prep.render import render
+
+    pictures = render(job.object.load(), job.views)
+    sha = _write_artifact(job, pictures)
+    return Result(job.key, tuple(_records(job, "ok")), sha)
+
+
+def _run_method(job: Job, reference: Path) -> Result:
+    method = find_method(job.method)
+    try:
+        renderer = _renderer(job.method, job.device)
+    except BadInput as error:  # unusable weights fail every item alike
+        return replace(failed(job, str(error)), unusable=str(error))
+    truth = read_artifact(reference)["images"]
+    cloud = _cloud(job)
+    if not method.sees_mesh:
+        cloud = PointCloud(cloud.points)
+    rng = generator(job.seed, "method", job.method, job.condition, *_identity(job))
+    start = time.perf_counter()
+    state = renderer.prepare(cloud, rng)
+    prepared = time.perf_counter()
+    images = renderer.draw(state, job.views, rng)
+    drawn = time.perf_counter()
+    pictures = _checked(images, len(job.views))
+    sha = _write_artifact(job, pictures)
+    scores = ssim_per_image(truth, pictures)
+    records = _records(
+        job,
+        "ok",
+        notes="; ".join(getattr(state, "notes", ())),
+        prepare_s=prepared - start,
+        draw_s=(drawn - prepared) / len(job.views),
+    )
+    return Result(
+        job.key,
+        tuple(
+            replace(record, **{name: float(values[i]) for name, values in scores._asdict().items()})
+            for i, record in enumerate(records)
+        ),
+        sha,
+    )
+
+
+def _cloud(job: Job) -> PointCloud:
+    """The perturbed cloud. It depends on seed, object and condition, never on the method."""
+    sampled = sample_surface(job.object.load(), generator(job.seed, "cloud", *_identity(job)))
+    perturbation = next(c.perturbation for c in CONDITIONS if c.id == job.condition)
+    return perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
+
+
+def _identity(job: Job) -> tuple[str, str]:
+    return job.object.class_name, job.object.object_id
+
+
+def _checked(images: NDArray[np.float32], count: int) -> Pictures:
+    expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
+    if images.shape != expected:
+        raise StageFailure("draw", f"pictures of shape {images.shape}, expected {expected}")
+    bad = int((~np.isfinite(images)).sum())
+    if bad:
+        raise StageFailure("draw", f"{bad} pixel values are not finite")
+    return to_uint8(images)
+
+
+def _write_artifact(job: Job, pictures: Pictures) -> str:
+    arrays: dict[str, NDArray[Any]] = {"images": pictures}
+    for extractor, weights in job.features:
+        arrays[extractor] = _extractor(extractor, weights)(pictures)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    data = buffer.getvalue()
+    write_whole(job.artifact, data)
+    return sha256(data).hexdigest()
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that it is there whole or not at all, also after a power cut."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    with temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def _records(
+    job: Job,
+    outcome: Literal["ok", "failed"],
+    *,
+    reason: str = "",
+    notes: str = "",
+    prepare_s: float | None = None,
+    draw_s: float | None = None,
+) -> Sequence[Record]:
+    return [
+        Record(
+            suite=job.suite,
+            method=job.method,
+            condition=job.condition,
+            class_name=job.object.class_name,
+            object=job.object.object_id,
+            view=i,
+            azimuth_deg=view.azimuth_deg,
+            elevation_deg=view.elevation_deg,
+            outcome=outcome,
+            reason=reason,
+            notes=notes,
+            ssim=None,
+            luminance=None,
+            contrast=None,
+            structure=None,
+            prepare_s=prepare_s,
+            draw_s=draw_s,
+        )
+        for i, view in enumerate(job.views)
+    ]
+
+
+@functools.cache
+def _renderer(method: str, device: str) -> Renderer:
+    return find_method(method).load(device)
+
+
+@functools.cache
+def _extractor(name: str, weights: str) -> Extractor:
+    return find_extractor(name).load(weights)

@@ -1,0 +1,1 @@
+"""What there is to render: shapes, clouds, views, true pictures, datasets, perturbations."""

@@ -1,0 +1,56 @@
+"""The one camera of the project: from a view to a pose, from points to pixels.
+
+Source: Blender set-up of roatienza/pc2pix@23b7b46d (58 mm lens, 32 mm sensor, constant distance);
+see the conventions in `data_prep.scene`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.scene import IMAGE_SIZE, View
+
+CAMERA_DISTANCE = 4.0
+FIELD_OF_VIEW_RAD = 2.0 * math.atan(16.0 / 58.0)
+FOCAL_PX = IMAGE_SIZE / 2 / math.tan(FIELD_OF_VIEW_RAD / 2)
+
+
+def camera_to_world(view: View) -> NDArray[np.float64]:
+    """Pose [4, 4] in OpenGL's convention: the camera looks along its -Z, its +Y is up.
+
+    The axes are written out instead of taken from a cross product with "up", so that the poles
+    (elevation +-90) are ordinary values: there the picture's up is the direction of azimuth.
+    """
+    azimuth = math.radians(math.remainder(view.azimuth_deg, 360.0))
+    elevation = math.radians(view.elevation_deg)
+    sin_a, cos_a = math.sin(azimuth), math.cos(azimuth)
+    sin_e, cos_e = math.sin(elevation), math.cos(elevation)
+    backward = (cos_e * sin_a, sin_e, -cos_e * cos_a)  # from the origin to the camera
+    right = (-cos_a, 0.0, -sin_a)
+    up = (-sin_e * sin_a, cos_e, sin_e * cos_a)
+    pose = np.eye(4)
+    pose[:3, 0] = right
+    pose[:3, 1] = up
+    pose[:3, 2] = backward
+    pose[:3, 3] = np.multiply(CAMERA_DISTANCE, backward)
+    return pose
+
+
+def project(
+    points: NDArray[np.floating], view: View
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pixel coordinates [N, 2] (column, row; pixel centres at .5) and depth [N] of points [N, 3].
+
+    Depth is the distance along the viewing axis in unit-sphere units; a point behind the camera has
+    a negative depth and meaningless pixel coordinates.
+    """
+    pose = camera_to_world(view)
+    local = (np.asarray(points, dtype=np.float64) - pose[:3, 3]) @ pose[:3, :3]
+    depth = -local[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        column = IMAGE_SIZE / 2 + FOCAL_PX * local[:, 0] / depth
+        row = IMAGE_SIZE / 2 - FOCAL_PX * local[:, 1] / depth
+    return np.stack([column, row], axis=1), depth

@@ -1,0 +1,162 @@
+"""Where objects come from: the procedural set, or a folder of meshes.
+
+An object is a small value that crosses process boundaries; its mesh is made or read where it is
+needed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+from data_prep import chairs
+from data_prep.failures import BadInput
+from data_prep.mesh_files import SUFFIXES, load_mesh
+from data_prep.randomness import generator
+from data_prep.scene import Mesh
+
+Split = Literal["train", "validation", "test"]
+PROCEDURAL_CLASSES = {"chair": chairs.chair}
+PROCEDURAL_VERSION = 1  # raise when a shape changes: finished work is then done again
+
+
+class SceneObject(Protocol):
+    """One object of a dataset."""
+
+    @property
+    def class_name(self) -> str:
+        """The class it belongs to."""
+        ...
+
+    @property
+    def object_id(self) -> str:
+        """Unique within its class."""
+        ...
+
+    def fingerprint(self) -> str:
+        """Changes whenever the mesh does."""
+        ...
+
+    def load(self) -> Mesh:
+        """The normalised mesh. Raises BadInput where there is none to be had."""
+        ...
+
+
+@dataclass(frozen=True)
+class ProceduralObject:
+    """Number `index` of a split. The splits share no random numbers, hence no object."""
+
+    class_name: str
+    split: Split
+    index: int
+
+    @property
+    def object_id(self) -> str:
+        """For example "test-0007"."""
+        return f"{self.split}-{self.index:04d}"
+
+    def fingerprint(self) -> str:
+        """Class, number and version of the procedure."""
+        return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
+
+    def load(self) -> Mesh:
+        """Draw the object."""
+        rng = generator("procedural", self.class_name, self.split, self.index)
+        return PROCEDURAL_CLASSES[self.class_name](rng)
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh in a file; its id is the path below the folder of its class."""
+
+    class_name: str
+    object_id: str
+    path: Path
+
+    def fingerprint(self) -> str:
+        """sha256 of the file's bytes; an unreadable file has a fingerprint that says so."""
+        try:
+            return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        except OSError as error:
+            return f"unreadable: {error.strerror}"
+
+    def load(self) -> Mesh:
+        """Read and normalise the file."""
+        return load_mesh(self.path)
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Objects by class. `classes` is empty where the source does not tell classes apart."""
+
+    id: str
+    classes: tuple[str, ...]
+    finite: tuple[SceneObject, ...] | None  # None: as many as one asks for
+
+    def objects(
+        self,
+        class_name: str,
+        limit: int | None,
+        endless_limit: int,
+        split: Split = "test",
+    ) -> tuple[SceneObject, ...]:
+        """The first `limit` objects of a class, in a fixed order.
+
+        Without a limit: all there are, or `endless_limit` where the source has no end. A folder has
+        no splits; one without classes gives all its objects for any class. Raises BadInput for a
+        class that the source does not have.
+        """
+        if self.finite is None:
+            if class_name not in self.classes:
+                raise _unknown_class(self, class_name)
+            count = endless_limit if limit is None else limit
+            return tuple(ProceduralObject(class_name, split, i) for i in range(count))
+        if not self.classes:
+            return self.finite[:limit]
+        found = tuple(o for o in self.finite if o.class_name == class_name)
+        if not found:
+            raise _unknown_class(self, class_name)
+        return found[:limit]
+
+
+def open_dataset(spec: str) -> Dataset:
+    """The dataset named on the command line: `procedural` or `folder:PATH`.
+
+    In a folder, sub-folders that hold meshes are classes; a folder without such has no classes.
+    Raises BadInput for an unknown kind, a missing folder, or one without a mesh file.
+    """
+    if spec == "procedural":
+        return Dataset("procedural", tuple(PROCEDURAL_CLASSES), None)
+    kind, colon, location = spec.partition(":")
+    if kind != "folder" or not colon or not location:
+        raise BadInput(f"unknown dataset '{spec}': use procedural or folder:PATH")
+    root = Path(location).expanduser()
+    if not root.is_dir():
+        raise BadInput(f"{root}: no such folder; give the folder that holds your meshes")
+    files = tuple(_mesh_files(root))
+    if not files:
+        raise BadInput(f"{root}: no mesh in this folder; expected {', '.join(SUFFIXES)}")
+    nested = tuple(f for f in files if f.parent != root)
+    if not nested:
+        return Dataset(spec, (), tuple(MeshFile(root.resolve().name, f.name, f) for f in files))
+    objects = []
+    for file in nested:
+        class_name, *rest = file.relative_to(root).parts
+        objects.append(MeshFile(class_name, "/".join(rest), file))
+    return Dataset(spec, tuple(sorted({o.class_name for o in objects})), tuple(objects))
+
+
+def _mesh_files(root: Path) -> Iterator[Path]:
+    for path in sorted(root.rglob("*")):
+        if path.suffix.lower() in SUFFIXES and path.is_file():
+            yield path
+
+
+def _unknown_class(dataset: Dataset, class_name: str) -> BadInput:
+    return BadInput(
+        f"{dataset.id}: no class '{class_name}' (a sub-folder of that name); "
+        f"found {', '.join(dataset.classes)}"
+    )

@@ -1,0 +1,52 @@
+"""Points on surfaces, uniformly by area, and camera positions at random."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.failures import BadInput
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+
+AZIMUTH_RANGE_DEG = (-180.0, 180.0)
+ELEVATION_RANGE_DEG = (-40.0, 40.0)
+
+
+def face_areas(mesh: Mesh) -> NDArray[np.float64]:
+    """Area of each face [F], in squared unit-sphere units."""
+    corners = mesh.vertices.astype(np.float64)[mesh.faces]
+    edges = corners[:, 1:] - corners[:, :1]
+    return 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+
+
+def sample_surface(mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+    """`count` points drawn independently and uniformly by area, in random order (paper, section 4).
+
+    Because the draws are independent, any fixed subset of rows (each second one, say) is itself a
+    uniform sample. The cloud remembers its mesh as `source`.
+
+    Raises BadInput where the mesh has no face of positive area.
+    """
+    areas = face_areas(mesh)
+    total = areas.sum()
+    if not (np.isfinite(total) and total > 0):
+        raise BadInput(f"cannot sample a surface of area {total:g}: the mesh has no usable face")
+    face = rng.choice(len(areas), size=count, p=areas / total)
+    # A uniform point of the unit square, folded into the triangle.
+    along = rng.random((count, 2))
+    folded = along.sum(axis=1) > 1
+    along[folded] = 1 - along[folded]
+    corners = mesh.vertices.astype(np.float64)[mesh.faces[face]]
+    points = (
+        corners[:, 0]
+        + along[:, :1] * (corners[:, 1] - corners[:, 0])
+        + along[:, 1:] * (corners[:, 2] - corners[:, 0])
+    )
+    return PointCloud(points.astype(np.float32), source=mesh)
+
+
+def random_views(count: int, rng: np.random.Generator) -> tuple[View, ...]:
+    """Camera positions with uniform azimuth in +-180 and elevation in +-40 degrees (section 4)."""
+    azimuth = rng.uniform(*AZIMUTH_RANGE_DEG, size=count)
+    elevation = rng.uniform(*ELEVATION_RANGE_DEG, size=count)
+    return tuple(View(float(a), float(e)) for a, e in zip(azimuth, elevation, strict=True))

@@ -1,0 +1,129 @@
+"""The shared types of the project and the conventions that all parts obey.
+
+Conventions
+-----------
+Coordinates   Right-handed, +Y up, the front of an object towards -Z. A shape is centred (centre of
+              its bounding box at the origin) and scaled so that its farthest vertex has radius 1:
+              the *unit sphere*. Clouds and noise levels are in these units.
+Camera        Looks at the origin from distance 4 with a field of view of 30.84 degrees (58 mm lens
+              on a 32 mm sensor, roatienza/pc2pix@23b7b46d), so that the unit sphere just fits. The
+              geometry is in `data_prep.camera`.
+Azimuth       0 degrees: the camera stands on -Z and sees the front. At +90 degrees the camera
+              stands on +X (clockwise as seen from above).
+Elevation     0 degrees: the camera stands in the XZ plane. It grows upwards: +90 is the zenith.
+Images        128 x 128 x 3, row 0 on top, white background. float32 in [0, 1] in memory, uint8 on
+              disk and in metrics. The data range is never guessed from the data.
+Randomness    Always an argument (`numpy.random.Generator`), never global.
+
+This module needs NumPy only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+IMAGE_SIZE = 128
+CLOUD_SIZE = 2048
+
+Points = NDArray[np.float32]  # [N, 3]
+Images = NDArray[np.float32]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3], in [0, 1]
+
+
+def _read_only(values: ArrayLike, dtype: type, columns: int, name: str) -> NDArray[Any]:
+    array = np.array(values, dtype=dtype, order="C")
+    if array.ndim != 2 or array.shape[1] != columns:
+        raise ValueError(f"{name}: expected shape [N, {columns}], got {list(array.shape)}")
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A shape without texture: flat face colours, nothing else.
+
+    vertices     float32 [V, 3], unit-sphere coordinates (see `data_prep.normalise.normalise`)
+    faces        int32 [F, 3], indices into `vertices`, anticlockwise seen from outside
+    face_colors  uint8 [F, 3], sRGB
+
+    Raises ValueError where a shape is wrong or an index points outside `vertices`. An empty mesh
+    (no faces) is a legal value; what cannot use one says so.
+    """
+
+    vertices: Points
+    faces: NDArray[np.int32]
+    face_colors: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", _read_only(self.vertices, np.float32, 3, "vertices"))
+        object.__setattr__(self, "faces", _read_only(self.faces, np.int32, 3, "faces"))
+        colors = _read_only(self.face_colors, np.uint8, 3, "face_colors")
+        object.__setattr__(self, "face_colors", colors)
+        if len(self.face_colors) != len(self.faces):
+            raise ValueError(
+                f"face_colors: {len(self.face_colors)} rows for {len(self.faces)} faces"
+            )
+        if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
+            raise ValueError(f"faces: an index lies outside 0..{len(self.vertices) - 1}")
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points on (or near) a surface, in unit-sphere coordinates.
+
+    points  float32 [N, 3]. N may be 0 and values may be non-finite: judging a cloud is up to the
+            method that is asked to render it.
+    source  the mesh it was sampled from, where known. Only the ceiling method `true-mesh` may look
+            at it; the harness hides it from every other method.
+
+    Raises ValueError where `points` is not [N, 3].
+    """
+
+    points: Points
+    source: Mesh | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", _read_only(self.points, np.float32, 3, "points"))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera position: angles in degrees, see the conventions above.
+
+    Datasets stay within azimuth -180..180 and elevation -40..40. Any finite azimuth is accepted
+    (it is periodic); an elevation outside -90..90 or a non-finite angle raises ValueError.
+    """
+
+    azimuth_deg: float
+    elevation_deg: float
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.azimuth_deg):
+            raise ValueError(f"azimuth_deg must be finite, got {self.azimuth_deg}")
+        if not -90.0 <= self.elevation_deg <= 90.0:
+            raise ValueError(f"elevation_deg must lie in -90..90, got {self.elevation_deg}")
+
+
+class Renderer(Protocol):
+    """What every method of the benchmark is: two functions, timed apart.
+
+    `prepare` runs once per cloud, `draw` once per set of views. Both get their randomness as an
+    argument; a method that uses none ignores it. A method that cannot go on raises
+    `data_prep.failures.StageFailure`, which names the stage.
+    """
+
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
+        """Whatever `draw` needs to know about the cloud."""
+        ...
+
+    def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
+        """Pictures [V, IMAGE_SIZE, IMAGE_SIZE, 3] float32 in [0, 1]."""
+        ...

@@ -1,0 +1,275 @@
+"""Closed solids of one colour, from which the procedural shapes are put together.
+
+Every solid is a loft: polygons of equal size ("rings") joined one to the next. Lengths are in
+whatever unit the caller builds in; `data_prep.normalise` scales the finished shape.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from data_prep.scene import Mesh
+
+Color = tuple[int, int, int]  # sRGB, 0..255
+Vectors = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One watertight solid of one colour.
+
+    vertices  float64 [V, 3]
+    faces     int32 [F, 3], anticlockwise seen from outside
+    color     sRGB
+    """
+
+    vertices: Vectors
+    faces: NDArray[np.int32]
+    color: Color
+
+
+def signed_volume(vertices: Vectors, faces: NDArray[np.int32]) -> float:
+    """Volume enclosed by a closed surface; negative where its faces look inwards."""
+    a, b, c = (vertices[faces[:, i]] - vertices[0] for i in range(3))
+    return float((a * np.cross(b, c)).sum() / 6.0)
+
+
+def loft(rings: ArrayLike, color: Color, *, closed: bool = False) -> Part:
+    """Solid through rings [S, n, 3]: the sides join each ring to the next, and fans cap the ends.
+
+    The first and the last ring have to be convex. With `closed`, the last ring is joined to the
+    first and there are no caps (a torus). The rings may run either way round: the faces are turned
+    outwards at the end. Raises ValueError where nothing is enclosed (fewer than two rings, rings of
+    fewer than three points, zero volume).
+    """
+    points = np.asarray(rings, dtype=np.float64)
+    if points.ndim != 3 or points.shape[2] != 3 or points.shape[0] < 2 or points.shape[1] < 3:
+        raise ValueError(f"rings: expected [S >= 2, n >= 3, 3], got {list(points.shape)}")
+    count, sides = points.shape[:2]
+    here = np.arange(count * sides, dtype=np.int32).reshape(count, sides)
+    a, d = (here, np.roll(here, -1, axis=0)) if closed else (here[:-1], here[1:])
+    b, c = np.roll(a, -1, axis=1), np.roll(d, -1, axis=1)
+    faces = [np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    if not closed:
+        k = np.arange(1, sides - 1, dtype=np.int32)
+        fan = np.stack([np.zeros_like(k), k, k + 1], axis=1)
+        faces += [fan[:, ::-1], fan + (count - 1) * sides]
+    vertices = points.reshape(-1, 3)
+    joined = np.concatenate(faces).astype(np.int32)
+    volume = signed_volume(vertices, joined)
+    if volume == 0.0:
+        raise ValueError("rings: the solid has no volume")
+    return Part(vertices, joined if volume > 0.0 else joined[:, ::-1], color)
+
+
+def polygon(sides: int, radius: float) -> Vectors:
+    """Regular polygon [sides, 2], anticlockwise; the first edge is parallel to y."""
+    angle = (np.arange(sides) - 0.5) * (2 * math.pi / sides)
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def rectangle(width: float, height: float) -> Vectors:
+    """Rectangle [4, 2] around the origin, anticlockwise."""
+    return np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * (width / 2, height / 2)
+
+
+def rounded(corners: ArrayLike, radius: float, steps: int = 3) -> Vectors:
+    """Polygon [n, 2] with each corner replaced by a curve of `steps` + 1 points.
+
+    `radius` is the distance from the corner at which the curve begins, along both edges; it has to
+    be less than half of the shortest edge. Convex in, convex out.
+    """
+    points = np.asarray(corners, dtype=np.float64)
+    before, after = np.roll(points, 1, axis=0) - points, np.roll(points, -1, axis=0) - points
+    before /= np.linalg.norm(before, axis=1, keepdims=True)
+    after /= np.linalg.norm(after, axis=1, keepdims=True)
+    t = np.linspace(0.0, 1.0, steps + 1)[None, :, None]
+    # A quadratic Bezier curve: within 1 % of an arc at right angles, and defined at any angle.
+    curve = points[:, None] + radius * ((1 - t) ** 2 * before[:, None] + t**2 * after[:, None])
+    return curve.reshape(-1, points.shape[1])
+
+
+def fillet(path: ArrayLike, radius: float, steps: int = 4) -> Vectors:
+    """Polyline [n, 3] whose inner corners are curves that begin at `radius` from the corner."""
+    points = np.asarray(path, dtype=np.float64)
+    if len(points) < 3:
+        return points
+    curves = rounded(points, radius, steps).reshape(len(points), steps + 1, 3)[1:-1]
+    return np.concatenate([points[:1], curves.reshape(-1, 3), points[-1:]])
+
+
+def box(centre: ArrayLike, size: ArrayLike, color: Color) -> Part:
+    """Upright cuboid with the given centre [3] and edge lengths [3]."""
+    return slab(rectangle(1.0, 1.0), centre, size, color)
+
+
+def slab(
+    outline: Vectors, centre: ArrayLike, size: ArrayLike, color: Color, *, bevel: float = 0.0
+) -> Part:
+    """Upright plate: a convex outline [n, 2] in (x, z), scaled by size x and z, and size y thick.
+
+    `bevel` takes that length off all edges of the top and the bottom at 45 degrees; it has to be
+    less than half of every edge length.
+    """
+    cx, cy, cz = np.asarray(centre, dtype=np.float64)
+    sx, sy, sz = np.asarray(size, dtype=np.float64)
+    half = sy / 2
+    levels = [(-half, 0.0), (half, 0.0)]
+    if bevel > 0.0:
+        levels = [(-half, bevel), (bevel - half, 0.0), (half - bevel, 0.0), (half, bevel)]
+    rings = np.empty((len(levels), len(outline), 3))
+    for ring, (y, inset) in zip(rings, levels, strict=True):
+        ring[:, 0] = cx + outline[:, 0] * (sx - 2 * inset)
+        ring[:, 1] = cy + y
+        ring[:, 2] = cz + outline[:, 1] * (sz - 2 * inset)
+    return loft(rings, color)
+
+
+def post(
+    foot: ArrayLike, head: ArrayLike, outline_foot: Vectors, outline_head: Vectors, color: Color
+) -> Part:
+    """Leg, column or rod between two points [3], with level ends.
+
+    The outlines [n, 2] are its (x, z) sections at foot and head: equal ones make a (sheared) prism,
+    similar ones a frustum.
+    """
+    rings = np.empty((2, len(outline_foot), 3))
+    ends = zip(rings, (foot, head), (outline_foot, outline_head), strict=True)
+    for ring, end, outline in ends:
+        ring[:] = np.asarray(end, dtype=np.float64)
+        ring[:, ::2] += outline
+    return loft(rings, color)
+
+
+def lathe(profile: ArrayLike, color: Color, *, sides: int = 16) -> Part:
+    """Solid turned about the y axis; profile [k, 2] holds (radius > 0, y) from one end on."""
+    radii, heights = np.asarray(profile, dtype=np.float64).T
+    circle = polygon(sides, 1.0)
+    rings = np.empty((len(radii), sides, 3))
+    rings[:, :, ::2] = radii[:, None, None] * circle
+    rings[:, :, 1] = heights[:, None]
+    return loft(rings, color)
+
+
+def sweep(path: ArrayLike, profile: Vectors, color: Color, *, up: ArrayLike = (0, 1, 0)) -> Part:
+    """Bar of constant section along a polyline [n, 3], with mitred joints.
+
+    profile  [m, 2], convex, in (sideways, upwards) of the first segment; centred profiles make bars
+             whose volume is exactly section area x path length
+    up       [3], which way the profile's second axis points; not parallel to the first segment
+
+    Raises ValueError where `up` is parallel to the first segment or the path turns back on itself.
+    """
+    points = np.asarray(path, dtype=np.float64)
+    along = np.diff(points, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    aside = np.cross(along[0], np.asarray(up, dtype=np.float64))
+    length = np.linalg.norm(aside)
+    if length < 1e-9:
+        raise ValueError("up: parallel to the first segment of the path")
+    aside /= length
+    upward = np.cross(aside, along[0])
+    normals = np.concatenate([along[:1], along[:-1] + along[1:], along[-1:]])
+    rings = np.empty((len(points), len(profile), 3))
+    ring = points[0] + profile[:, :1] * aside + profile[:, 1:] * upward
+    rings[0] = ring
+    for i in range(1, len(points)):
+        # Slide the section along its segment until it meets the plane that halves the next angle.
+        direction, normal = along[i - 1], normals[i]
+        slope = direction @ normal
+        if slope < 1e-6:
+            raise ValueError(f"path: turns back on itself at point {i}")
+        ring = ring + ((points[i] - ring) @ normal / slope)[:, None] * direction
+        rings[i] = ring
+    return loft(rings, color)
+
+
+def tube(path: ArrayLike, radius: float, color: Color, *, sides: int = 8) -> Part:
+    """Round bar (`sides` faces) along a polyline [n, 3]; see `sweep`."""
+    points = np.asarray(path, dtype=np.float64)
+    along = points[1] - points[0]
+    up = (0.0, 0.0, 1.0) if abs(along[1]) > 0.9 * np.linalg.norm(along) else (0.0, 1.0, 0.0)
+    return sweep(points, polygon(sides, radius), color, up=up)
+
+
+def hoop(
+    centre: ArrayLike, radius: float, tube_radius: float, color: Color, *, steps: int = 16
+) -> Part:
+    """Level torus of round section (6 faces around the tube)."""
+    section = polygon(6, tube_radius)
+    angle = np.arange(steps) * (2 * math.pi / steps)
+    reach = radius + section[None, :, 0]
+    rings = np.empty((steps, len(section), 3))
+    rings[..., 0] = reach * np.cos(angle)[:, None]
+    rings[..., 1] = section[None, :, 1]
+    rings[..., 2] = reach * np.sin(angle)[:, None]
+    return loft(rings + np.asarray(centre, dtype=np.float64), color, closed=True)
+
+
+def rim(outline: Vectors, y_low: float, y_high: float, thickness: float, color: Color) -> Part:
+    """Upright wall of a convex outline [n, 2] in (x, z), open inside (a seat frame).
+
+    `thickness` is measured inwards along x and z; it has to be less than half of either extent.
+    """
+    extent = np.ptp(outline, axis=0)
+    centre = (outline.min(axis=0) + outline.max(axis=0)) / 2
+    inner = centre + (outline - centre) * (1 - 2 * thickness / extent)
+    rings = np.empty((len(outline), 4, 3))
+    for k, (border, y) in enumerate(
+        ((outline, y_low), (outline, y_high), (inner, y_high), (inner, y_low))
+    ):
+        rings[:, k, ::2] = border
+        rings[:, k, 1] = y
+    return loft(rings, color, closed=True)
+
+
+def curved_panel(
+    half_width: float,
+    half_angle_rad: float,
+    thickness: float,
+    y_low: ArrayLike,
+    y_high: ArrayLike,
+    color: Color,
+    *,
+    steps: int = 10,
+) -> Part:
+    """Upright panel bent about a vertical axis in front of it (towards -z), like a chair's back.
+
+    half_width       half of its extent in x, measured in the middle of the thickness
+    half_angle_rad   half of the arc, in (0, pi)
+    y_low, y_high    a height, or `steps` + 1 of them from the -x end to the +x end
+
+    The middle of the arc passes through x = 0, z = 0.
+    """
+    radius = half_width / math.sin(min(half_angle_rad, math.pi / 2))
+    angle = np.linspace(-half_angle_rad, half_angle_rad, steps + 1)
+    rings = np.empty((steps + 1, 4, 3))
+    for k, (depth, y) in enumerate(((0.5, y_low), (0.5, y_high), (-0.5, y_high), (-0.5, y_low))):
+        r = radius + depth * thickness
+        rings[:, k, 0] = r * np.sin(angle)
+        rings[:, k, 1] = y
+        rings[:, k, 2] = r * np.cos(angle) - radius
+    return loft(rings, color)
+
+
+def moved(part: Part, offset: ArrayLike, *, tilt_rad: float = 0.0) -> Part:
+    """The part leaned by `tilt_rad` about the x axis (its +y towards +z), then shifted by [3]."""
+    cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
+    return Part(part.vertices @ turn + np.asarray(offset, dtype=np.float64), part.faces, part.color)
+
+
+def join(parts: Sequence[Part]) -> Mesh:
+    """One mesh of all parts (at least one), in order; nothing is merged."""
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    counts = [len(part.faces) for part in parts]
+    return Mesh(
+        np.concatenate([part.vertices for part in parts]).astype(np.float32),
+        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
+        np.repeat(np.array([part.color for part in parts], dtype=np.uint8), counts, axis=0),
+    )

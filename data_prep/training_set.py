@@ -1,0 +1,58 @@
+"""Clouds and true pictures of many objects, in memory, for training."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.datasets import SceneObject
+from data_prep.randomness import generator
+from data_prep.render import render
+from data_prep.sampling import random_views, sample_surface
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """N objects from V random views each.
+
+    images         uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE, 3], white background
+    azimuth_deg    float64 [N, V], -180..180
+    elevation_deg  float64 [N, V], -40..40
+    clouds         float32 [N, CLOUD_SIZE, 3], unit-sphere coordinates
+    """
+
+    images: NDArray[np.uint8]
+    azimuth_deg: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64]
+    clouds: NDArray[np.float32]
+
+
+def make_training_set(
+    objects: Sequence[SceneObject],
+    views: int,
+    seed: int,
+    on_progress: Callable[[], object] = lambda: None,
+) -> TrainingSet:
+    """Sample and render `objects`; `on_progress` is called after each.
+
+    The same arguments give the same arrays on the same driver, so nothing needs to be kept between
+    runs: 1,500 chairs of 8 views take about half a minute and 0.6 GB. Raises BadInput for an object
+    that cannot be loaded.
+    """
+    count = len(objects)
+    images = np.empty((count, views, IMAGE_SIZE, IMAGE_SIZE, 3), np.uint8)
+    angles = np.empty((2, count, views))
+    clouds = np.empty((count, CLOUD_SIZE, 3), np.float32)
+    for i, obj in enumerate(objects):
+        mesh = obj.load()
+        key = (seed, obj.class_name, obj.object_id)
+        clouds[i] = sample_surface(mesh, generator("training cloud", *key)).points
+        cameras = random_views(views, generator("training views", *key))
+        images[i] = render(mesh, cameras)
+        angles[:, i] = np.transpose([(v.azimuth_deg, v.elevation_deg) for v in cameras])
+        on_progress()
+    return TrainingSet(images, angles[0], angles[1], clouds)

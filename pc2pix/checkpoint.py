@@ -1,0 +1,129 @@
+"""Checkpoints of a training run: one safetensors file, replaced atomically.
+
+The tensors hold networks, optimiser state and the state of the random generator; everything else is
+JSON in the file's header. A process killed at any moment leaves the previous checkpoint whole.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from data_prep.failures import BadInput
+
+FORMAT = "pc2pix-checkpoint-1"
+FILE_NAME = "checkpoint.safetensors"
+
+
+def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, str]) -> None:
+    """Write a safetensors file under a temporary name, force it to disk, and rename it.
+
+    The temporary name is always the same, so that killed writers leave one file behind at most.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.new")
+    try:
+        plain = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
+        save_file(plain, temporary, metadata=dict(header))
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors (on the CPU) and header of a safetensors file.
+
+    Raises BadInput where the file is missing, cut short or of another kind.
+    """
+    if not path.is_file():
+        raise BadInput(f"{path}: no such file; give the path of a safetensors file")
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = dict(file.metadata() or {})
+            return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise BadInput(
+            f"{path}: not a whole safetensors file ({error}); fetch or write it again"
+        ) from None
+
+
+def save(
+    path: Path, kind: str, step: int, config: Mapping[str, Any], state: Mapping[str, Tensor]
+) -> None:
+    """Write the checkpoint of a run of `kind` after `step` steps."""
+    header = {"format": FORMAT, "kind": kind, "step": str(step), "config": json.dumps(config)}
+    write_atomically(path, state, header)
+
+
+def load(path: Path, kind: str) -> tuple[dict[str, Tensor], int, dict[str, Any]]:
+    """State, number of steps done and configuration. Raises BadInput for anything else."""
+    state, header = read_safetensors(path)
+    found = (header.get("format"), header.get("kind"))
+    if found != (FORMAT, kind):
+        raise BadInput(
+            f"{path}: expected a checkpoint ({FORMAT}, {kind}), found {found}; "
+            "choose another output directory"
+        )
+    return state, int(header["step"]), json.loads(header["config"])
+
+
+def pack(**parts: nn.Module | torch.optim.Optimizer | torch.Generator) -> dict[str, Tensor]:
+    """All state of the named parts as one flat table of tensors."""
+    state: dict[str, Tensor] = {}
+    for name, part in parts.items():
+        if isinstance(part, nn.Module):
+            state |= {f"{name}.{key}": value for key, value in part.state_dict().items()}
+        elif isinstance(part, torch.Generator):
+            state[name] = part.get_state()
+        else:
+            for index, entry in part.state_dict()["state"].items():
+                state |= {f"{name}.{index}.{key}": value for key, value in entry.items()}
+    return state
+
+
+def unpack(
+    state: Mapping[str, Tensor], **parts: nn.Module | torch.optim.Optimizer | torch.Generator
+) -> None:
+    """Put back what `pack` took out, in place."""
+    for name, part in parts.items():
+        if isinstance(part, torch.Generator):
+            part.set_state(state[name])
+        elif isinstance(part, nn.Module):
+            part.load_state_dict(sub_state(state, name))
+        else:
+            _unpack_optimizer(sub_state(state, name), part)
+
+
+def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
+    """The entries below `name.`, without that prefix."""
+    prefix = f"{name}."
+    return {key.removeprefix(prefix): v for key, v in state.items() if key.startswith(prefix)}
+
+
+def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimizer) -> None:
+    parameters = [p for group in optimizer.param_groups for p in group["params"]]
+    entries: dict[int, dict[str, Tensor]] = {}
+    for key, value in state.items():
+        index, _, field = key.partition(".")
+        parameter = parameters[int(index)]
+        if value.shape == parameter.shape and value.dim() > 0:
+            # the parameter's memory layout, so that the arithmetic takes the same path as before
+            value = torch.empty_like(parameter, requires_grad=False).copy_(value)
+        entries.setdefault(int(index), {})[field] = value
+    whole = {"state": entries, "param_groups": optimizer.state_dict()["param_groups"]}
+    optimizer.load_state_dict(whole)
+
+
+def all_finite(tensors: Iterable[Tensor]) -> bool:
+    """Whether no floating-point tensor holds NaN or infinity."""
+    return all(bool(t.isfinite().all()) for t in tensors if t.is_floating_point())

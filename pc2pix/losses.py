@@ -1,0 +1,153 @@
+"""The loss functions: Chamfer distance, angular error, and the paper's Eq. 6 and 7.
+
+Pure functions of tensors. `Objective` holds what the paper and the code weigh differently.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import torch
+from scipy.spatial import KDTree
+from torch import Tensor
+from torch.nn import functional
+
+from pc2pix.model import DiscriminatorOutput
+
+AZIMUTH_RANGE_RAD = 2 * math.pi  # normalised azimuth 0..1 is -180..180 degrees
+ELEVATION_RANGE_RAD = 0.4444 * math.pi  # 0..1 is -40..40 degrees; the code rounds 4/9
+
+
+def chamfer(a: Tensor, b: Tensor) -> Tensor:
+    """Mean squared distance to the nearest neighbour, from a to b plus from b to a; a scalar.
+
+    a [B, N, 3] and b [B, M, 3], neither empty; means run over batch and points (the original's
+    loss; no square root). Zero for equal sets, NaN where a coordinate is. Neighbours are found
+    without a gradient; the distances are differences of the pairs found, so that no cancellation
+    can make them inexact or negative.
+    """
+    with torch.no_grad():
+        nearest_b, nearest_a = _nearest(a, b), _nearest(b, a)
+    return (a - _rows(b, nearest_b)).square().sum(-1).mean() + (
+        b - _rows(a, nearest_a)
+    ).square().sum(-1).mean()
+
+
+def _nearest(a: Tensor, b: Tensor) -> Tensor:
+    """Index [B, N] of the point of b [B, M, 3] nearest to each of a [B, N, 3].
+
+    Search trees on a CPU, where the [B, N, M] table of distances costs ten times as much; one
+    batched matrix product elsewhere.
+    """
+    if a.device.type != "cpu":
+        with torch.autocast(a.device.type, enabled=False):
+            # |a - b|^2 less |a|^2, which is constant over the row searched
+            return torch.baddbmm(b.square().sum(-1)[:, None], a, b.mT, alpha=-2).argmin(dim=2)
+    if not (a.isfinite().all() and b.isfinite().all()):
+        return torch.zeros(a.shape[:2], dtype=torch.int64)  # the result is NaN or infinite anyway
+    threads = torch.get_num_threads()
+    pairs = zip(a.numpy(), b.numpy(), strict=True)
+    found = [KDTree(to).query(of, workers=threads)[1] for of, to in pairs]
+    return torch.from_numpy(np.stack(found))
+
+
+def _rows(points: Tensor, index: Tensor) -> Tensor:
+    return points.gather(1, index[:, :, None].expand(-1, -1, 3))
+
+
+def angular_error(predicted01: Tensor, target01: Tensor, range_rad: float) -> Tensor:
+    """Mean absolute angle in radians, 0..pi, between normalised angles of the same shape.
+
+    L_theta = atan2(sin d / cos d) of the paper's section 3.2, with d = range_rad * difference:
+    a whole turn counts as none, so azimuth 0.99 and 0.01 are 0.02 turns apart.
+    """
+    delta = range_rad * (target01 - predicted01)
+    return torch.atan2(torch.sin(delta), torch.cos(delta)).abs().mean()
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Weights of the terms of Eq. 6 and 7, and the error measured on the code."""
+
+    code_error: Literal["mse", "mae"]
+    code_weight: float
+    elevation_weight: float
+    azimuth_weight: float
+    source: str
+
+
+OBJECTIVES = {
+    "acgan-paper": Objective(
+        "mse", 1.0, 1.0, 1.0, source="paper, Eq. 6, Eq. 7 and section 3.2 (unweighted sums, MSE)"
+    ),
+    "acgan-code": Objective(
+        "mae", 10.0, 10.0, 10.0, source="roatienza/pc2pix@23b7b46d (weights 1, 10, 10, 10; MAE)"
+    ),
+}
+
+
+class Condition(NamedTuple):
+    """What a picture was, or should be, made from: c_1, c_2, c_3 of Eq. 6."""
+
+    code: Tensor  # [B, latent_dim]
+    elevation01: Tensor  # [B, 1]
+    azimuth01: Tensor  # [B, 1]
+
+
+class LossTerms(NamedTuple):
+    """Scalars. `total` is weighted and is what gets minimised; the others are unweighted."""
+
+    total: Tensor
+    real: Tensor
+    code: Tensor
+    elevation: Tensor
+    azimuth: Tensor
+
+
+def _terms(
+    judged: DiscriminatorOutput, condition: Condition, real: bool, objective: Objective
+) -> LossTerms:
+    logit = judged.real_logit
+    label = torch.ones_like(logit) if real else torch.zeros_like(logit)
+    cross_entropy = functional.binary_cross_entropy_with_logits(logit, label)
+    code_error = functional.mse_loss if objective.code_error == "mse" else functional.l1_loss
+    code = code_error(judged.code, condition.code)
+    elevation = angular_error(judged.elevation, condition.elevation01, ELEVATION_RANGE_RAD)
+    azimuth = angular_error(judged.azimuth, condition.azimuth01, AZIMUTH_RANGE_RAD)
+    total = (
+        cross_entropy
+        + objective.code_weight * code
+        + objective.elevation_weight * elevation
+        + objective.azimuth_weight * azimuth
+    )
+    return LossTerms(total, cross_entropy, code, elevation, azimuth)
+
+
+def discriminator_loss(
+    on_real: DiscriminatorOutput,
+    on_fake: DiscriminatorOutput,
+    real: Condition,
+    fake: Condition,
+    objective: Objective,
+) -> LossTerms:
+    """Eq. 6: cross entropy on both halves, reconstruction of the conditions on both halves.
+
+    The halves are added, as in Eq. 6; the original averages them, a factor of one half on
+    everything, to which Adam is indifferent.
+    """
+    pairs = zip(
+        _terms(on_real, real, True, objective),
+        _terms(on_fake, fake, False, objective),
+        strict=True,
+    )
+    return LossTerms(*(a + b for a, b in pairs))
+
+
+def generator_loss(
+    on_fake: DiscriminatorOutput, fake: Condition, objective: Objective
+) -> LossTerms:
+    """Eq. 7: be taken for real, and let the conditions be read off the picture."""
+    return _terms(on_fake, fake, True, objective)

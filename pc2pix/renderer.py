@@ -1,0 +1,102 @@
+"""pc2pix as a method of the benchmark: encode once per cloud, draw all views in one batch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from data_prep.failures import StageFailure
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Images, PointCloud, View
+from pc2pix.model import NOISE_DIM, channels_last
+from pc2pix.weights import Weights
+
+NoisePolicy = Literal["zero", "uniform"]
+
+
+class Pc2pixRenderer:
+    """`data_prep.scene.Renderer` by encoder and generator, in float32.
+
+    z  "zero" (default): the centre of the noise distribution, one picture per cloud and view
+       whatever the seed, so that a score carries no sampling noise. "uniform": z ~ U(-1, 1) from
+       the `rng` given to `draw`, a fresh one per view, as in the original's evaluation.
+
+    Results do not depend on the number of threads, or on the other views of a call, beyond the
+    rounding of float32 (some 1e-6). Angles outside the trained -40..40 degrees of elevation are
+    passed on as they are: the network extrapolates.
+    """
+
+    def __init__(self, weights: Weights, *, z: NoisePolicy = "zero", device: str = "cpu") -> None:
+        self.weights = weights
+        self.z: NoisePolicy = z
+        self.device = torch.device(device)
+        self.encoder = weights.encoder.to(self.device)
+        self.generator = weights.generator.to(self.device)
+        channels_last(self.generator)
+        self.code_mean = weights.code_mean.to(self.device)
+        self.code_std = weights.code_std.to(self.device)
+
+    @torch.inference_mode()
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Tensor:
+        """Whitened code [1, latent_dim] of a cloud in unit-sphere coordinates; `rng` is not used.
+
+        Any number of points is brought to 2,048 by `pick_points`. Raises StageFailure("encode")
+        for an empty or non-finite cloud and for a code that is not finite.
+        """
+        if not len(cloud):
+            raise StageFailure("encode", "the cloud is empty")
+        if not np.isfinite(cloud.points).all():
+            raise StageFailure("encode", "the cloud has non-finite points")
+        points = torch.from_numpy(pick_points(cloud.points))[None].to(self.device)
+        code = (self.encoder(points) - self.code_mean) / self.code_std
+        if not code.isfinite().all():
+            raise StageFailure("encode", "the code is not finite")
+        return code
+
+    @torch.inference_mode()
+    def draw(
+        self, state: Tensor, views: Sequence[View], rng: np.random.Generator | None = None
+    ) -> Images:
+        """Pictures float32 [V, 128, 128, 3] in [0, 1]: one batch of exactly these views.
+
+        No views give an empty array. Raises ValueError where z is "uniform" and `rng` is missing,
+        StageFailure("generate") where the network gives NaN or infinity.
+        """
+        if not views:
+            return np.empty((0, IMAGE_SIZE, IMAGE_SIZE, 3), dtype=np.float32)
+        angles = [(v.elevation_deg / 80 + 0.5, _turns(v.azimuth_deg) + 0.5) for v in views]
+        elevation01, azimuth01 = torch.tensor(angles, device=self.device).split(1, dim=1)
+        noise = torch.from_numpy(self._noise(len(views), rng)).to(self.device)
+        images = self.generator(noise, state.expand(len(views), -1), elevation01, azimuth01)
+        if not images.isfinite().all():
+            raise StageFailure("generate", "the picture is not finite")
+        images = (images + 1) / 2
+        return np.ascontiguousarray(images.permute(0, 2, 3, 1).cpu().numpy())
+
+    def _noise(self, count: int, rng: np.random.Generator | None) -> NDArray[np.float32]:
+        if self.z == "zero":
+            return np.zeros((count, NOISE_DIM), dtype=np.float32)
+        if rng is None:
+            raise ValueError('draw: z="uniform" needs an rng')
+        return rng.uniform(-1, 1, (count, NOISE_DIM)).astype(np.float32)
+
+
+def pick_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Exactly 2,048 rows [2048, 3] of a cloud [N, 3], N > 0, in the cloud's order.
+
+    Output row i is input row floor(i N / 2048). So 2,048 points stay as they are; where N divides
+    2,048 every row is repeated the same number of times consecutively, as the original does; where
+    N is a multiple k of it, every k-th row is taken; other numbers come as close to that as they
+    can.
+    """
+    return points[np.arange(CLOUD_SIZE) * len(points) // CLOUD_SIZE]
+
+
+def _turns(azimuth_deg: float) -> float:
+    """An azimuth as a fraction of a turn in [-0.5, 0.5]; -180 and 180 stay as they are."""
+    return math.remainder(azimuth_deg, 360.0) / 360

@@ -1,0 +1,305 @@
+"""Training of the rendering GAN (paper section 3.2): alternating steps of Eq. 6 and Eq. 7.
+
+Departures from roatienza/pc2pix@23b7b46d, each for a reason:
+- Codes are whitened per dimension over the training set. Raw codes have a standard deviation of
+  about 0.1 beside z ~ U(-1, 1); mean and deviation travel with the weights.
+- Fake conditions use codes of training clouds only. The script that wrote the original's code file
+  ran over train and test shapes, so test codes conditioned its training.
+- Fake pictures of the discriminator's step are made with BatchNorm's batch statistics, as in the
+  generator's own step, so that both steps see one distribution; the original used the moving
+  statistics there.
+- An exponential moving average of the generator (weights and BN statistics; decay `ema_decay`,
+  shorter at the start) makes the sample sheets and is what gets exported.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from data_prep.failures import BadInput
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
+from pc2pix import checkpoint, training_loop
+from pc2pix.losses import OBJECTIVES, Condition, discriminator_loss, generator_loss
+from pc2pix.model import (
+    LITE,
+    NOISE_DIM,
+    Discriminator,
+    DiscriminatorOutput,
+    Encoder,
+    Generator,
+    ModelConfig,
+    channels_last,
+)
+from pc2pix.train_autoencoder import check_clouds
+
+KIND = "gan"
+SHEET_PICTURES = 8
+ENCODE_BATCH = 32
+MIN_CODE_STD = 1e-6  # a dimension that never varies is centred, not blown up
+
+
+@dataclass(frozen=True)
+class GanConfig:
+    """Defaults are the paper's, but for the width and the number of steps.
+
+    objective  a key of `pc2pix.losses.OBJECTIVES`
+    steps      pairs of one discriminator and one generator step (chair: 406,560 in the original)
+    precision  bfloat16 is mixed precision: weights, spectral norms, BN statistics and losses stay
+               float32
+    """
+
+    model: ModelConfig = LITE
+    objective: str = "acgan-code"
+    steps: int = 20_000
+    batch: int = 32
+    generator_lr: float = 1e-4
+    discriminator_lr: float = 2e-4
+    ema_decay: float = 0.999
+    precision: training_loop.Precision = "float32"
+    seed: int = 0
+    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
+
+    def __post_init__(self) -> None:
+        if self.objective not in OBJECTIVES:
+            raise BadInput(
+                f"objective: unknown {self.objective!r}; choose one of {', '.join(OBJECTIVES)}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class GanData:
+    """Training pictures of N objects from V views each; BadInput where a shape is wrong.
+
+    images         uint8 [N, V, 128, 128, 3], white background
+    azimuth_deg    float [N, V], -180..180
+    elevation_deg  float [N, V], -40..40
+    clouds         float32 [N, 2048, 3], unit-sphere coordinates
+    """
+
+    images: NDArray[np.uint8]
+    azimuth_deg: NDArray[np.floating]
+    elevation_deg: NDArray[np.floating]
+    clouds: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        check_clouds(self.clouds)
+        shape = self.images.shape
+        n, v = self.azimuth_deg.shape
+        if self.images.dtype != np.uint8 or shape != (n, v, IMAGE_SIZE, IMAGE_SIZE, 3):
+            raise BadInput(
+                f"images: expected uint8 [{n}, {v}, {IMAGE_SIZE}, {IMAGE_SIZE}, 3] to go with the "
+                f"angles, got {self.images.dtype} {list(shape)}; stack pictures by object and view"
+            )
+        if self.elevation_deg.shape != (n, v) or self.clouds.shape != (n, CLOUD_SIZE, 3):
+            raise BadInput(
+                f"elevation_deg {list(self.elevation_deg.shape)} or clouds "
+                f"{list(self.clouds.shape)} do not go with {n} objects of {v} views; "
+                f"expected [{n}, {v}] and [{n}, {CLOUD_SIZE}, 3]"
+            )
+        for name, angle, limit in (
+            ("azimuth_deg", self.azimuth_deg, 180.0),
+            ("elevation_deg", self.elevation_deg, 40.0),
+        ):
+            if not (np.abs(angle) <= limit).all():
+                raise BadInput(
+                    f"{name}: values {angle.min()}..{angle.max()} leave -{limit:g}..{limit:g}; "
+                    "wrap or drop those views"
+                )
+
+
+def train_gan(
+    data: GanData,
+    encoder: Encoder,
+    config: GanConfig,
+    out_dir: Path,
+    *,
+    device: str = "cpu",
+    on_progress: training_loop.OnProgress = lambda report: None,
+) -> Path:
+    """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+
+    `encoder` is frozen; it is stored in the checkpoint, which is all that export needs. Raises
+    BadInput where `out_dir` holds a run of another configuration, encoder or data, and
+    TrainingDiverged where a loss stops being finite.
+    """
+    if encoder.config != config.model:
+        raise BadInput(
+            f"encoder: its configuration is {encoder.config}, the GAN's {config.model}; "
+            "train both with the same width and latent_dim"
+        )
+    trainer = _GanTrainer(data, encoder, config, training_loop.prepare_device(device))
+    data_hash = training_loop.hash_arrays(
+        data.images,
+        data.azimuth_deg,
+        data.elevation_deg,
+        data.clouds,
+        *(tensor.cpu().numpy() for tensor in encoder.state_dict().values()),
+    )
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress)
+
+
+@torch.no_grad()
+def encode_clouds(encoder: Encoder, clouds: NDArray[np.float32], device: torch.device) -> Tensor:
+    """Codes float32 [N, latent_dim], on the CPU, of clouds [N, 2048, 3]."""
+    encoder.to(device).eval()
+    batches = torch.from_numpy(clouds).split(ENCODE_BATCH)
+    return torch.cat([encoder(batch.to(device)).cpu() for batch in batches])
+
+
+class _GanTrainer:
+    kind = KIND
+
+    def __init__(
+        self, data: GanData, encoder: Encoder, config: GanConfig, device: torch.device
+    ) -> None:
+        self.config, self.device, self.batch = config, device, config.batch
+        self.objective = OBJECTIVES[config.objective]
+        self.images = torch.from_numpy(data.images).to(device)
+        angles = np.stack([data.elevation_deg / 80 + 0.5, data.azimuth_deg / 360 + 0.5])
+        self.elevation01, self.azimuth01 = torch.from_numpy(angles.astype(np.float32))  # [N, V]
+        self.encoder = encoder
+        codes = encode_clouds(encoder, data.clouds, device)
+        self.code_mean = codes.mean(dim=0)
+        self.code_std = codes.std(dim=0, correction=0).clamp(min=MIN_CODE_STD)
+        self.codes = (codes - self.code_mean) / self.code_std  # [N, d]
+        generator, discriminator = training_loop.seeded(
+            config.seed, lambda: (Generator(config.model), Discriminator(config.model))
+        )
+        self.generator, self.discriminator = generator.to(device), discriminator.to(device)
+        channels_last(self.generator)
+        channels_last(self.discriminator)
+        self.average = copy.deepcopy(self.generator).eval().requires_grad_(False)
+        betas = (0.5, 0.999)
+        self.generator_adam = torch.optim.Adam(
+            self.generator.parameters(), lr=config.generator_lr, betas=betas, fused=True
+        )
+        self.discriminator_adam = torch.optim.Adam(
+            self.discriminator.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
+        )
+        self.random = torch.Generator().manual_seed(config.seed)
+        self.steps_done = torch.zeros((), dtype=torch.int64)
+
+    def _parts(self) -> dict[str, torch.nn.Module | torch.optim.Optimizer | torch.Generator]:
+        return {
+            "generator": self.generator,
+            "discriminator": self.discriminator,
+            "average": self.average,
+            "encoder": self.encoder,
+            "generator_adam": self.generator_adam,
+            "discriminator_adam": self.discriminator_adam,
+            "random": self.random,
+        }
+
+    def state(self) -> dict[str, Tensor]:
+        return checkpoint.pack(**self._parts()) | {
+            "code_mean": self.code_mean,
+            "code_std": self.code_std,
+            "steps_done": self.steps_done,
+        }
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        checkpoint.unpack(state, **self._parts())
+        self.steps_done = state["steps_done"].clone()
+
+    def _pictures(self, objects: Tensor, views: Tensor) -> Tensor:
+        """Real pictures [B, 3, 128, 128] in [-1, 1], channels last."""
+        device = self.images.device
+        nhwc = self.images[objects.to(device), views.to(device)]
+        return nhwc.permute(0, 3, 1, 2).float() / 127.5 - 1
+
+    def _draw_real(self) -> tuple[Tensor, Condition]:
+        n, v = self.azimuth01.shape
+        objects = torch.randint(n, (self.batch,), generator=self.random)
+        views = torch.randint(v, (self.batch,), generator=self.random)
+        return self._pictures(objects, views), self._condition_of(objects, views)
+
+    def _condition_of(self, objects: Tensor, views: Tensor) -> Condition:
+        elevation = self.elevation01[objects, views, None]
+        azimuth = self.azimuth01[objects, views, None]
+        parts = (self.codes[objects], elevation, azimuth)
+        return Condition(*(part.to(self.device) for part in parts))
+
+    def _draw_fake(self) -> tuple[Tensor, Condition]:
+        """Noise [B, 128], and a training cloud's code seen from anywhere."""
+        noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
+        objects = torch.randint(len(self.codes), (self.batch,), generator=self.random)
+        elevation, azimuth = torch.rand(2, self.batch, 1, generator=self.random)
+        parts = (self.codes[objects], elevation, azimuth)
+        return noise.to(self.device), Condition(*(part.to(self.device) for part in parts))
+
+    def _autocast(self) -> torch.autocast:
+        enabled = self.config.precision == "bfloat16"
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
+
+    def take_step(self) -> dict[str, float]:
+        self.generator.train()
+        self.discriminator.train()
+        on_discriminator = self._discriminator_step()
+        on_generator = self._generator_step()
+        self._update_average()
+        return {
+            **{f"d_{name}": value for name, value in on_discriminator.items()},
+            **{f"g_{name}": value for name, value in on_generator.items()},
+        }
+
+    def _discriminator_step(self) -> dict[str, float]:
+        real_images, real = self._draw_real()
+        noise, fake = self._draw_fake()
+        with self._autocast():
+            with torch.no_grad():
+                fake_images = self.generator(noise, *fake)
+            # one batch of both halves, as in the original: u moves once
+            judged = self.discriminator(torch.cat([real_images, fake_images.float()]))
+        halves = zip(*(t.float().chunk(2) for t in judged), strict=True)
+        on_real, on_fake = (DiscriminatorOutput(*half) for half in halves)
+        terms = discriminator_loss(on_real, on_fake, real, fake, self.objective)
+        self.discriminator_adam.zero_grad()
+        terms.total.backward()
+        self.discriminator_adam.step()
+        return {name: value.item() for name, value in terms._asdict().items()}
+
+    def _generator_step(self) -> dict[str, float]:
+        noise, fake = self._draw_fake()
+        # gradients pass through the discriminator, but its own would be thrown away
+        self.discriminator.requires_grad_(False)
+        with self._autocast():
+            judged = self.discriminator(self.generator(noise, *fake))
+        judged = DiscriminatorOutput(*(t.float() for t in judged))
+        terms = generator_loss(judged, fake, self.objective)
+        self.generator_adam.zero_grad()
+        terms.total.backward()
+        self.generator_adam.step()
+        self.discriminator.requires_grad_(True)
+        return {name: value.item() for name, value in terms._asdict().items()}
+
+    @torch.no_grad()
+    def _update_average(self) -> None:
+        self.steps_done += 1
+        t = self.steps_done.item()
+        decay = min(self.config.ema_decay, (1 + t) / (10 + t))
+        current = self.generator.state_dict()
+        for name, value in self.average.state_dict().items():
+            if value.is_floating_point():
+                value.lerp_(current[name], 1 - decay)
+            else:
+                value.copy_(current[name])
+
+    @torch.no_grad()
+    def sheet(self) -> NDArray[np.uint8]:
+        """Two rows: real pictures, and what the averaged generator draws for the same (z = 0)."""
+        count = min(SHEET_PICTURES, len(self.codes))
+        objects = torch.arange(count) * len(self.codes) // count
+        views = torch.arange(count) % self.azimuth01.shape[1]
+        noise = torch.zeros(count, NOISE_DIM, device=self.device)
+        fake = self.average(noise, *self._condition_of(objects, views))
+        rows = torch.stack([self._pictures(objects, views), fake])  # [2, B, 3, H, W]
+        rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)  # [2 H, B W, 3]
+        return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()

@@ -1,0 +1,141 @@
+"""Trained weights as files: what is bundled, how a file is written, and how it is checked.
+
+A file holds what drawing needs and nothing else: the encoder, the averaged generator, and mean and
+standard deviation of the code. Kernels are float16, everything of one dimension (biases, BatchNorm,
+code statistics) is float32. The safetensors header says how it was made.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor, nn
+
+from data_prep.failures import BadInput
+from pc2pix import checkpoint
+from pc2pix.model import Encoder, Generator, ModelConfig
+from pc2pix.train_gan import KIND as GAN
+from pc2pix.weight_files import file_sha256, find_weights
+
+FORMAT = "pc2pix-weights-1"
+ENCODER_NAME = "dilated-conv-k5"  # `pc2pix.model.Encoder`
+EXPORT = "pc2pix.weights.export"
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Networks in float32 and evaluation mode, on the CPU.
+
+    code_mean, code_std  float32 [latent_dim]: the generator's input is (code - mean) / std
+    card                 how they were trained: objective, steps, seed, ...
+    sha256               of the file
+    """
+
+    encoder: Encoder
+    generator: Generator
+    code_mean: Tensor
+    code_std: Tensor
+    card: Mapping[str, Any]
+    sha256: str
+
+
+def export(checkpoint_path: Path, path: Path) -> str:
+    """Write the weights of a GAN checkpoint to `path`, atomically; the file's sha256.
+
+    Raises BadInput where the checkpoint is not one of a GAN, or a weight does not fit float16.
+    """
+    state, step, config = checkpoint.load(checkpoint_path, GAN)
+    tensors = {"code_mean": state["code_mean"], "code_std": state["code_std"]}
+    for ours, theirs in (("encoder", "encoder"), ("generator", "average")):
+        part = checkpoint.sub_state(state, theirs)
+        tensors |= {f"{ours}.{k}": v for k, v in part.items() if not _is_counter(k)}
+    stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
+    for key, value in stored.items():
+        if not value.isfinite().all():
+            raise BadInput(
+                f"{checkpoint_path}: {key} reaches {tensors[key].abs().max():g}, beyond float16; "
+                "export an earlier checkpoint"
+            )
+    header = {
+        "format": FORMAT,
+        "encoder": ENCODER_NAME,
+        "model": json.dumps(config["model"]),
+        "training": json.dumps(
+            {key: value for key, value in config.items() if key not in ("model", "cadence")}
+            | {"steps": step}
+        ),
+    }
+    checkpoint.write_atomically(path, stored, header)
+    return file_sha256(path)
+
+
+def load_weights(name_or_path: str | Path = "chair") -> Weights:
+    """Weights by bundled name or by path.
+
+    Raises BadInput, naming file, value and remedy, where a name is unknown, a bundled file differs
+    from its checksum, the file is no safetensors file or of another format, or tensors are missing,
+    superfluous, of the wrong shape or not finite.
+    """
+    path = find_weights(name_or_path)
+    tensors, header = checkpoint.read_safetensors(path)
+    found = (header.get("format"), header.get("encoder"))
+    if found != (FORMAT, ENCODER_NAME):
+        raise BadInput(
+            f"{path}: expected {(FORMAT, ENCODER_NAME)} in the header, found {found}; "
+            f"write the file with {EXPORT}"
+        )
+    try:
+        model, training = json.loads(header["model"]), json.loads(header["training"])
+        config = ModelConfig(**model)
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(
+            f"{path}: its header cannot be read ({error!r}); write it again with {EXPORT}"
+        ) from None
+    encoder, generator = Encoder(config), Generator(config)
+    expected = {"code_mean": (config.latent_dim,), "code_std": (config.latent_dim,)}
+    for prefix, network in (("encoder", encoder), ("generator", generator)):
+        state = network.state_dict()
+        expected |= {
+            f"{prefix}.{k}": tuple(v.shape) for k, v in state.items() if not _is_counter(k)
+        }
+    _check(path, tensors, expected)
+    _fill(encoder, "encoder", tensors)
+    _fill(generator, "generator", tensors)
+    card = {"model": model, **training}
+    return Weights(
+        encoder=encoder,
+        generator=generator,
+        code_mean=tensors["code_mean"].float(),
+        code_std=tensors["code_std"].float(),
+        card=card,
+        sha256=file_sha256(path),
+    )
+
+
+def _is_counter(key: str) -> bool:
+    return key.endswith("num_batches_tracked")
+
+
+def _check(
+    path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]]
+) -> None:
+    remedy = f"write the file again with {EXPORT}"
+    for key in expected.keys() ^ tensors.keys():
+        problem = "is missing" if key in expected else "is unknown"
+        raise BadInput(f"{path}: tensor {key} {problem}; {remedy}")
+    for key, shape in expected.items():
+        if tuple(tensors[key].shape) != shape:
+            found = list(tensors[key].shape)
+            raise BadInput(f"{path}: {key} has shape {found}, expected {list(shape)}; {remedy}")
+        if not tensors[key].isfinite().all():
+            raise BadInput(f"{path}: {key} is not finite; {remedy}")
+
+
+def _fill(network: nn.Module, prefix: str, tensors: Mapping[str, Tensor]) -> None:
+    state = {key: value.float() for key, value in checkpoint.sub_state(tensors, prefix).items()}
+    network.load_state_dict(state, strict=False)  # all but the counters; `_check` has been strict
+    network.eval().requires_grad_(False)

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from pc2pix.losses import (
+    AZIMUTH_RANGE_RAD,
+    ELEVATION_RANGE_RAD,
+    OBJECTIVES,
+    Condition,
+    angular_error,
+    chamfer,
+    discriminator_loss,
+    generator_loss,
+)
+from pc2pix.model import DiscriminatorOutput
+
+
+def points(*rows):
+    return torch.tensor([rows], dtype=torch.float64)
+
+
+def test_chamfer_of_two_single_points_is_twice_the_squared_distance():
+    assert chamfer(points([0.0, 0.0, 0.0]), points([1.0, 2.0, 2.0])).item() == 18.0
+
+
+def test_chamfer_is_not_symmetric_in_the_number_of_points():
+    a, b = points([0.0, 0.0, 0.0]), points([0.0, 0.0, 0.0], [2.0, 0.0, 0.0])
+    assert chamfer(a, b).item() == 0 + (0 + 4) / 2
+
+
+def test_chamfer_of_equal_sets_is_exactly_zero_far_from_the_origin():
+    a = torch.rand(2, 50, 3) + 1000
+    assert chamfer(a, a.flip(1)).item() == 0
+
+
+def test_chamfer_agrees_with_all_pairs():
+    rng = torch.Generator().manual_seed(0)
+    a = torch.rand(3, 40, 3, generator=rng, dtype=torch.float64).requires_grad_()
+    b = torch.rand(3, 60, 3, generator=rng, dtype=torch.float64)
+    table = (a[:, :, None] - b[:, None]).square().sum(-1)
+    expected = table.amin(2).mean() + table.amin(1).mean()
+    (expected_grad,) = torch.autograd.grad(expected, a)
+    found = chamfer(a, b)
+    (found_grad,) = torch.autograd.grad(found, a)
+    assert abs(found.item() - expected.item()) < 1e-14
+    assert (found_grad - expected_grad).abs().max() < 1e-14
+
+
+def test_chamfer_hands_nan_on():
+    a = torch.rand(1, 4, 3)
+    assert chamfer(a.clone().fill_(math.nan), a).isnan()
+
+
+@pytest.mark.parametrize(
+    ("predicted", "target", "range_rad", "expected"),
+    [
+        (0.99, 0.01, AZIMUTH_RANGE_RAD, 0.02 * 2 * math.pi),
+        (0.01, 0.99, AZIMUTH_RANGE_RAD, 0.02 * 2 * math.pi),
+        (0.25, 0.75, AZIMUTH_RANGE_RAD, math.pi),
+        (0.0, 1.0, AZIMUTH_RANGE_RAD, 0.0),
+        (0.5, 0.5, AZIMUTH_RANGE_RAD, 0.0),
+        (0.0, 1.0, ELEVATION_RANGE_RAD, 0.4444 * math.pi),
+        (0.99, 0.01, ELEVATION_RANGE_RAD, 0.98 * 0.4444 * math.pi),
+    ],
+)
+def test_angular_error(predicted, target, range_rad, expected):
+    values = (torch.tensor([[v]], dtype=torch.float64) for v in (predicted, target))
+    assert abs(angular_error(*values, range_rad).item() - expected) < 1e-14
+
+
+def judgement(logit, code, angle):
+    return DiscriminatorOutput(
+        torch.full((2, 1), float(logit)),
+        torch.full((2, 3), float(code)),
+        torch.full((2, 1), float(angle)),
+        torch.full((2, 1), float(angle)),
+    )
+
+
+CONDITION = Condition(torch.zeros(2, 3), torch.full((2, 1), 0.5), torch.full((2, 1), 0.5))
+
+
+def test_cross_entropy_at_logit_zero_is_ln_2():
+    undecided = judgement(0, 0, 0.5)
+    for objective in OBJECTIVES.values():
+        on_g = generator_loss(undecided, CONDITION, objective)
+        on_d = discriminator_loss(undecided, undecided, CONDITION, CONDITION, objective)
+        assert on_g.total.item() == pytest.approx(math.log(2), rel=1e-6)  # float32
+        assert on_d.total.item() == pytest.approx(2 * math.log(2), rel=1e-6)
+
+
+def test_losses_stay_finite_for_certain_judgements():
+    sure = judgement(200, 0, 0.5)
+    objective = OBJECTIVES["acgan-paper"]
+    assert generator_loss(sure, CONDITION, objective).total.item() == 0
+    wrong = discriminator_loss(sure, sure, CONDITION, CONDITION, objective)
+    assert wrong.total.item() == 200
+
+
+@pytest.mark.parametrize(
+    ("name", "code_term", "weight"), [("acgan-paper", 4.0, 1), ("acgan-code", 2.0, 10)]
+)
+def test_objectives_weigh_as_their_source_says(name, code_term, weight):
+    terms = generator_loss(judgement(0, 2, 0.6), CONDITION, OBJECTIVES[name])
+    azimuth, elevation = 0.1 * AZIMUTH_RANGE_RAD, 0.1 * ELEVATION_RANGE_RAD
+    expected = math.log(2) + weight * (code_term + azimuth + elevation)
+    assert terms.total.item() == pytest.approx(expected, rel=1e-6)  # float32
+    np.testing.assert_allclose(
+        [t.item() for t in terms[1:]], [math.log(2), code_term, elevation, azimuth], rtol=1e-6
+    )

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from data_prep.failures import StageFailure
+from data_prep.scene import PointCloud, View
+from pc2pix import load
+from pc2pix.renderer import pick_points
+
+from .conftest import make_clouds
+
+VIEWS = [View(0, 0), View(90, 20), View(-180, -40)]
+
+
+@pytest.fixture(scope="module")
+def renderer(weights_file):
+    return load(weights_file)
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    return PointCloud(make_clouds(1)[0])
+
+
+def test_pictures(renderer, cloud):
+    images = renderer.draw(renderer.prepare(cloud), VIEWS)
+    assert images.shape == (3, 128, 128, 3)
+    assert images.dtype == np.float32
+    assert images.flags.c_contiguous
+    assert images.min() >= 0
+    assert images.max() <= 1
+    assert not np.array_equal(images[0], images[1])
+
+
+def test_networks_get_whitened_codes_and_normalised_angles(renderer, cloud):
+    weights = renderer.weights
+    with torch.no_grad():
+        code = weights.encoder(torch.from_numpy(cloud.points.copy())[None])
+        code = (code - weights.code_mean) / weights.code_std
+        expected = weights.generator(
+            noise=torch.zeros(1, 128),
+            code=code,
+            elevation01=torch.tensor([[0.75]]),  # 20 / 80 + 0.5
+            azimuth01=torch.tensor([[0.25]]),  # -90 / 360 + 0.5
+        )
+    (found,) = renderer.draw(renderer.prepare(cloud), [View(-90, 20)])
+    expected = expected[0].permute(1, 2, 0).numpy() / 2 + 0.5
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+def test_drawing_is_deterministic_and_ignores_the_rng(renderer, cloud):
+    first = renderer.draw(renderer.prepare(cloud), VIEWS)
+    rng = np.random.default_rng(5)
+    assert np.array_equal(first, renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng))
+
+
+def test_neighbours_and_threads_do_not_matter(renderer, cloud):
+    state = renderer.prepare(cloud)
+    together = renderer.draw(state, VIEWS)
+    torch.set_num_threads(2)
+    # sums of up to 600 float32 products per layer in another order: some 1e-6
+    np.testing.assert_allclose(renderer.draw(state, VIEWS[1:2])[0], together[1], rtol=0, atol=1e-5)
+
+
+def test_uniform_noise_comes_from_the_rng(weights_file, cloud):
+    renderer = load(weights_file, z="uniform")
+    state = renderer.prepare(cloud)
+    one, same, other = (
+        renderer.draw(state, VIEWS, np.random.default_rng(seed)) for seed in (0, 0, 1)
+    )
+    assert np.array_equal(one, same)
+    assert not np.array_equal(one, other)
+    with pytest.raises(ValueError, match="rng"):
+        renderer.draw(state, VIEWS)
+
+
+def test_azimuth_is_periodic(renderer, cloud):
+    images = renderer.draw(renderer.prepare(cloud), [View(90, 0), View(450, 0), View(-270, 0)])
+    np.testing.assert_allclose(images[1:], images[[0, 0]], rtol=0, atol=1e-6)
+
+
+def test_no_views(renderer, cloud):
+    assert renderer.draw(renderer.prepare(cloud), []).shape == (0, 128, 128, 3)
+
+
+@pytest.mark.parametrize("elevation", [-90, 90])
+def test_poles_are_drawn(renderer, cloud, elevation):
+    assert np.isfinite(renderer.draw(renderer.prepare(cloud), [View(0, elevation)])).all()
+
+
+@pytest.mark.parametrize(
+    ("points", "problem"),
+    [
+        (np.empty((0, 3)), "empty"),
+        (np.array([[0, 0, np.nan]]), "non-finite points"),
+        (np.array([[0, 0, np.inf], [0, 0, 0]]), "non-finite points"),
+        (np.full((4, 3), 3e38), "code is not finite"),
+    ],
+)
+def test_impossible_clouds_fail_by_name(renderer, points, problem):
+    with pytest.raises(StageFailure, match=problem) as failure:
+        renderer.prepare(PointCloud(points))
+    assert failure.value.stage == "encode"
+
+
+@pytest.mark.parametrize("count", [1, 3, 512, 1024, 1500, 2048, 3000, 4096])
+def test_any_number_of_points_becomes_2048(count):
+    points = np.arange(count * 3, dtype=np.float32).reshape(count, 3)
+    picked = pick_points(points)
+    assert picked.shape == (2048, 3)
+    if 2048 % count == 0:
+        assert np.array_equal(picked, np.repeat(points, 2048 // count, axis=0))
+    elif count % 2048 == 0:
+        assert np.array_equal(picked, points[:: count // 2048])
+    rows = picked[:, 0] / 3
+    assert (np.diff(rows) >= 0).all()
+    repeats = np.bincount(rows.astype(int), minlength=count)
+    assert repeats.max() - repeats.min() <= 1

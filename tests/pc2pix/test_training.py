@@ -1,0 +1,204 @@
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from data_prep.failures import BadInput
+from pc2pix import checkpoint, train_autoencoder, train_gan
+from pc2pix.model import Encoder
+from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
+from pc2pix.train_gan import GanConfig, GanData
+from pc2pix.training_loop import Cadence, TrainingDiverged, seeded
+
+from .conftest import TINY, make_clouds
+
+CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
+
+
+class Killed(Exception):
+    pass
+
+
+def kill_at(step):
+    def on_progress(report):
+        if report.step == step:
+            raise Killed
+
+    return on_progress
+
+
+def ignore(report):
+    pass
+
+
+@pytest.fixture(params=["autoencoder", "gan"])
+def start(request, gan_data):
+    """Start, or go on with, a small training run of either kind."""
+
+    def start_autoencoder(out_dir, on_progress=ignore, **changes):
+        data = AutoencoderData(changes.pop("clouds", make_clouds(3, points=2100)))
+        config = AutoencoderConfig(model=TINY, batch=2, cadence=CADENCE, **changes)
+        return train_autoencoder.train_autoencoder(data, config, out_dir, on_progress=on_progress)
+
+    def start_gan(out_dir, on_progress=ignore, **changes):
+        config = GanConfig(model=TINY, batch=2, cadence=CADENCE, **changes)
+        encoder = seeded(0, lambda: Encoder(TINY))
+        return train_gan.train_gan(gan_data, encoder, config, out_dir, on_progress=on_progress)
+
+    start = start_autoencoder if request.param == "autoencoder" else start_gan
+    start.kind = request.param
+    return start
+
+
+def read_log(out_dir):
+    with (out_dir / "losses.csv").open(newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_a_killed_run_resumes_bit_for_bit(start, tmp_path):
+    whole = start(tmp_path / "whole", steps=5)
+    # killed after step 3 is logged: the checkpoint is that of step 2, the row of step 3 must go
+    with pytest.raises(Killed):
+        start(tmp_path / "cut", steps=5, on_progress=kill_at(3))
+    assert checkpoint.load(tmp_path / "cut" / checkpoint.FILE_NAME, start.kind)[1] == 2
+    cut = start(tmp_path / "cut", steps=5)
+    (state, step, _), (other, other_step, _) = (
+        checkpoint.load(path, start.kind) for path in (whole, cut)
+    )
+    assert step == other_step == 5
+    assert state.keys() == other.keys()
+    assert all(torch.equal(state[key], other[key]) for key in state)
+    log = read_log(tmp_path / "whole")
+    assert [row[0] for row in log] == ["step", "1", "2", "3", "4", "5"]
+    assert log == read_log(tmp_path / "cut")
+
+
+def test_reports_and_sheets(start, tmp_path):
+    reports = []
+    start(tmp_path, steps=4, on_progress=reports.append)
+    assert [r.step for r in reports] == [1, 2, 3, 4]
+    assert reports[0].images_per_s is None
+    assert reports[-1].images_per_s > 0
+    assert reports[-1].seconds_left == 0
+    with Image.open(tmp_path / "sheets" / "step-000004.png") as sheet:
+        assert sheet.size == (3 * 128, 2 * 128)
+
+
+def test_a_finished_run_is_not_trained_again(start, tmp_path):
+    path = start(tmp_path, steps=2)
+    before = path.read_bytes()
+    assert start(tmp_path, steps=2, on_progress=kill_at(1)) == path
+    assert path.read_bytes() == before
+
+
+def test_a_run_can_be_lengthened_but_not_changed(start, tmp_path):
+    start(tmp_path, steps=2)
+    with pytest.raises(BadInput, match=r"seed = 0, asked for 1; use"):
+        start(tmp_path, steps=4, seed=1)
+    start(tmp_path, steps=4)
+    assert checkpoint.load(tmp_path / checkpoint.FILE_NAME, start.kind)[1] == 4
+
+
+def test_bfloat16_trains(start, tmp_path):
+    start(tmp_path, steps=2, precision="bfloat16")
+    assert all(math.isfinite(float(value)) for value in read_log(tmp_path)[-1])
+
+
+def test_other_data_is_refused(tmp_path):
+    config = AutoencoderConfig(model=TINY, steps=1, batch=2)
+    train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
+    with pytest.raises(BadInput, match="data ="):
+        train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(3)), config, tmp_path)
+
+
+def test_nan_stops_with_step_and_checkpoint(tmp_path, monkeypatch):
+    calls = []
+
+    def chamfer(a, b):
+        calls.append(None)
+        return (a - b).square().mean() * (math.nan if len(calls) == 4 else 1)
+
+    monkeypatch.setattr(train_autoencoder, "chamfer", chamfer)
+    config = AutoencoderConfig(model=TINY, steps=9, batch=2, cadence=CADENCE)
+    with pytest.raises(TrainingDiverged, match=r"step 4: chamfer is nan; .*: step 2, .*safetens"):
+        train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
+
+
+def test_non_finite_weights_are_never_saved(tmp_path):
+    config = AutoencoderConfig(model=TINY, steps=1, batch=2, learning_rate=math.inf)
+    with pytest.raises(TrainingDiverged, match=r"step 1: a weight is NaN.*no checkpoint yet"):
+        train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
+    assert not (tmp_path / checkpoint.FILE_NAME).exists()
+
+
+def test_a_failed_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
+    path = tmp_path / "c.safetensors"
+    checkpoint.save(path, "gan", 1, {}, {"x": torch.zeros(3)})
+
+    def half_written(tensors, name, metadata):
+        name.write_bytes(b"half")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(checkpoint, "save_file", half_written)
+    with pytest.raises(OSError, match="no space"):
+        checkpoint.save(path, "gan", 2, {}, {"x": torch.ones(3)})
+    assert checkpoint.load(path, "gan")[1] == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["c.safetensors"]
+
+
+def test_checkpoints_of_another_kind_are_refused(gan_checkpoint):
+    with pytest.raises(BadInput, match="autoencoder"):
+        train_autoencoder.load_encoder(gan_checkpoint)
+
+
+def test_load_encoder(tmp_path):
+    config = AutoencoderConfig(model=TINY, steps=1, batch=2)
+    path = train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
+    encoder = train_autoencoder.load_encoder(path)
+    assert not encoder.training
+    assert encoder.config == TINY
+
+
+def test_codes_are_whitened(gan_data, gan_checkpoint):
+    state, _, _ = checkpoint.load(gan_checkpoint, "gan")
+    encoder = seeded(0, lambda: Encoder(TINY))
+    codes = train_gan.encode_clouds(encoder, gan_data.clouds, torch.device("cpu"))
+    whitened = (codes - state["code_mean"]) / state["code_std"]
+    assert whitened.mean(0).abs().max() < 1e-4  # float32, 1e-7 over a spread of 1e-2
+    assert (whitened.std(0, correction=0) - 1).abs().max() < 1e-4
+
+
+def replaced(data, **changes):
+    fields = ("images", "azimuth_deg", "elevation_deg", "clouds")
+    return GanData(**{name: getattr(data, name) for name in fields} | changes)
+
+
+def test_bad_data_is_refused(gan_data):
+    with pytest.raises(BadInput, match="images: expected uint8"):
+        replaced(gan_data, images=gan_data.images.astype(np.float32))
+    with pytest.raises(BadInput, match="clouds"):
+        replaced(gan_data, clouds=make_clouds(3, points=1024))
+    with pytest.raises(BadInput, match="azimuth_deg"):
+        replaced(gan_data, azimuth_deg=gan_data.azimuth_deg + 360)
+    with pytest.raises(BadInput, match="elevation_deg"):
+        replaced(gan_data, elevation_deg=gan_data.elevation_deg * math.nan)
+    clouds = make_clouds(3)
+    clouds[1, 5, 0] = math.inf
+    with pytest.raises(BadInput, match="cloud 1 is not finite"):
+        AutoencoderData(clouds)
+    with pytest.raises(BadInput, match="sample more points"):
+        AutoencoderData(make_clouds(2, points=100))
+    with pytest.raises(BadInput, match="expected float32"):
+        AutoencoderData(make_clouds(2).astype(np.float64))
+
+
+def test_bad_configurations_are_refused(gan_data, tmp_path):
+    with pytest.raises(BadInput, match="acgan-paper, acgan-code"):
+        GanConfig(objective="wgan")
+    with pytest.raises(BadInput, match="same width and latent_dim"):
+        train_gan.train_gan(gan_data, Encoder(TINY), GanConfig(), tmp_path)
