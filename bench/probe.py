@@ -10,7 +10,7 @@ import subprocess
 import sys
 from importlib.metadata import version
 
-from bench.pool import SINGLE_THREAD
+from bench.pool import WORKER_ENVIRONMENT
 from data_prep.failures import MissingDependency
 
 TIMEOUT_S = 120
@@ -29,7 +29,7 @@ def environment() -> dict[str, str]:
     try:
         done = subprocess.run(
             [sys.executable, "-m", "bench.probe"],
-            env=os.environ | SINGLE_THREAD,
+            env=os.environ | WORKER_ENVIRONMENT,
             capture_output=True,
             text=True,
             timeout=TIMEOUT_S,

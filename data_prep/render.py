@@ -95,7 +95,8 @@ def _primitive(pyrender: Any, mesh: Mesh) -> Any:
 
 @functools.cache
 def _context() -> tuple[Any, Any]:  # pyrender has no types
-    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    # Not a default that the environment may change: pyrender draws without anti-aliasing on OSMesa.
+    os.environ["PYOPENGL_PLATFORM"] = "egl"
     np.infty = np.inf  # type: ignore[attr-defined]  # noqa: NPY201
     try:
         import pyrender

@@ -1,0 +1,40 @@
+# Two commands: `make bench` measures, `make test` tests. Everything is kept inside this folder.
+#
+#   make bench ARGS="--limit 8"        further options for `bench run`
+#   make bench PIP_ARGS="..."          further options for pip, an index of CPU-only torch say
+
+PYTHON ?= python3
+VENV := .venv
+PIP := $(VENV)/bin/python -m pip --disable-pip-version-check
+ARGS ?=
+PIP_ARGS ?=
+
+.PHONY: bench test install libraries clean
+
+bench: install
+	$(VENV)/bin/bench run --suite chair-robustness $(ARGS)
+
+test: libraries $(VENV)/bin/tox
+	$(VENV)/bin/tox run
+
+install: libraries $(VENV)/installed
+
+# What pyrender declares as dependencies cannot be installed together with a current PyOpenGL; ours
+# are in pyproject.toml.
+$(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) install $(PIP_ARGS) -c constraints.txt -e .
+	$(PIP) install $(PIP_ARGS) -c constraints.txt --no-deps pyrender
+	touch $@
+
+$(VENV)/bin/tox: constraints.txt | $(VENV)/bin/python
+	$(PIP) install $(PIP_ARGS) -c constraints.txt tox
+	touch $@
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+
+libraries:
+	@sh .ci/libraries
+
+clean:
+	rm -rf $(VENV) .tox build *.egg-info
