@@ -56,7 +56,7 @@ class MeshLab:
         )
 
     def close_holes(self, max_edges: int) -> None:
-        """Fill holes of at most `max_edges` edges without letting faces intersect."""
+        """Fill holes of fewer than `max_edges` edges without letting faces intersect."""
         self._apply(
             "meshing_close_holes",
             maxholesize=max_edges,

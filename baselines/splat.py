@@ -65,7 +65,8 @@ class Splat:
 def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
     pixels, depth = project(discs.centres, view)
     image = np.ones((IMAGE_SIZE, IMAGE_SIZE), np.float32)
-    visible = np.flatnonzero(depth > 0.05 * CAMERA_DISTANCE)
+    reaches = ((pixels > -MAX_RADIUS_PX) & (pixels < IMAGE_SIZE + MAX_RADIUS_PX)).all(axis=1)
+    visible = np.flatnonzero((depth > 0.05 * CAMERA_DISTANCE) & reaches)
     order = visible[np.argsort(-depth[visible], kind="stable")]
     pixels, depth = pixels[order], depth[order]
     # At least half a pixel's diagonal, so that every disc covers a pixel centre.

@@ -98,10 +98,9 @@ def _finite_part(mesh: Mesh) -> Reconstruction:
     keep = np.all(finite[mesh.faces], axis=1)
     if not keep.any():
         raise StageFailure("apss", "no face with finite vertices")
-    dropped = len(keep) - int(keep.sum())
     kept = Mesh(
         np.where(finite[:, None], mesh.vertices, 0.0), mesh.faces[keep], mesh.face_colors[keep]
     )
-    return Reconstruction(
-        kept, (f"apss: {dropped} of {len(keep)} faces dropped, a vertex is not finite",)
-    )
+    dropped = len(keep) - int(keep.sum())
+    note = f"apss: {dropped} of {len(keep)} faces dropped, a vertex is not finite"
+    return Reconstruction(kept, (note,) if dropped else ())

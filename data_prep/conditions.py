@@ -15,11 +15,13 @@ Noise          The paper adds N(0, sigma) to a cloud in a sphere of radius 1. Th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:  # `bench list` answers at once
+    import numpy as np
 
-from data_prep.scene import PointCloud
+    from data_prep.scene import PointCloud
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Stride:
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         """Each `step`-th row. No randomness."""
         del rng
-        return PointCloud(cloud.points[:: self.step], source=cloud.source)
+        return replace(cloud, points=cloud.points[:: self.step])
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,9 @@ class RandomSubset:
         """A subset of the rows."""
         if len(cloud) <= self.count:
             return cloud
-        rows = np.sort(rng.choice(len(cloud), size=self.count, replace=False))
-        return PointCloud(cloud.points[rows], source=cloud.source)
+        rows = rng.choice(len(cloud), size=self.count, replace=False)
+        rows.sort()
+        return replace(cloud, points=cloud.points[rows])
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class GaussianNoise:
     def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         """All points, moved."""
         noise = rng.normal(scale=self.sigma, size=cloud.points.shape)
-        return PointCloud(cloud.points + noise.astype(np.float32), source=cloud.source)
+        return replace(cloud, points=cloud.points + noise.astype(cloud.points.dtype))
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ needed.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import Literal, Protocol
 
 from data_prep import chairs
 from data_prep.failures import BadInput
-from data_prep.mesh_files import SUFFIXES, load_mesh
+from data_prep.mesh_files import LOADER_VERSION, SUFFIXES, load_mesh
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
 
@@ -77,11 +78,17 @@ class MeshFile:
     path: Path
 
     def fingerprint(self) -> str:
-        """sha256 of the file's bytes; an unreadable file has a fingerprint that says so."""
+        """Checksum of the file, of its companions (same name, other suffix: .mtl, .bin, textures)
+        and of the version of the loader; an unreadable file has a fingerprint that says so."""
+        digest = hashlib.sha256(f"loader {LOADER_VERSION}".encode())
         try:
-            return hashlib.sha256(self.path.read_bytes()).hexdigest()
+            digest.update(self.path.read_bytes())
+            for path in sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*")):
+                if path.suffix.lower() not in SUFFIXES:
+                    digest.update(path.name.encode() + path.read_bytes())
         except OSError as error:
             return f"unreadable: {error.strerror}"
+        return digest.hexdigest()
 
     def load(self) -> Mesh:
         """Read and normalise the file."""
@@ -125,7 +132,8 @@ class Dataset:
 def open_dataset(spec: str) -> Dataset:
     """The dataset named on the command line: `procedural` or `folder:PATH`.
 
-    In a folder, sub-folders that hold meshes are classes; a folder without such has no classes.
+    In a folder, sub-folders that hold meshes are classes (and meshes beside them are left alone); a
+    folder without such has no classes.
     Raises BadInput for an unknown kind, a missing folder, or one without a mesh file.
     """
     if spec == "procedural":

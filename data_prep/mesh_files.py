@@ -7,6 +7,7 @@ dropped, and several parts in one file become one mesh.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,12 @@ from data_prep.failures import BadInput
 from data_prep.normalise import normalise
 from data_prep.scene import Mesh
 
+LOADER_VERSION = 1  # raise when a change here changes a mesh: finished work is then done again
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 NEUTRAL_GREY = (180, 180, 180)  # for files without colours, and for reconstructions
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what float32 cannot hold is refused as not finite
 def load_mesh(path: Path) -> Mesh:
     """The file's mesh, normalised to the unit sphere.
 
@@ -53,17 +56,38 @@ def load_mesh(path: Path) -> Mesh:
         raise BadInput(f"{path}: {error}") from error
 
 
-def _face_colors(part: object) -> NDArray[np.uint8]:
-    """uint8 [F, 3] of one trimesh part; neutral grey where the file gives none."""
-    count = len(part.faces)  # type: ignore[attr-defined]
+def _face_colors(part: Any) -> NDArray[np.uint8]:
+    """uint8 [F, 3] of a trimesh part (it has no types); neutral grey where the file gives none."""
+    count = len(part.faces)
     grey = np.broadcast_to(np.array(NEUTRAL_GREY, np.uint8), (count, 3))
-    visual = part.visual  # type: ignore[attr-defined]
+    visual = part.visual
     if visual.kind is None:
         return grey
     try:
         if visual.kind == "texture":
-            visual = visual.to_color()
-        colors = np.asarray(visual.face_colors)
+            colors = _texture_colors(visual, part.faces)
+            if any((colors == stand_in).all() for stand_in in _stand_ins()):
+                return grey
+        else:
+            colors = np.asarray(visual.face_colors)
     except Exception:  # a broken texture costs the colours, not the object
         return grey
     return colors[:, :3].astype(np.uint8) if colors.shape[:1] == (count,) else grey
+
+
+def _texture_colors(visual: Any, faces: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """RGBA [F, 4]: the texture in the middle of each face, else the material's one colour."""
+    colors = None
+    if visual.uv is not None:
+        colors = visual.material.to_color(visual.uv[faces].mean(axis=1))
+    if colors is None:
+        colors = visual.material.main_color
+    return np.broadcast_to(colors, (len(faces), 4))
+
+
+def _stand_ins() -> tuple[NDArray[np.uint8], ...]:
+    """RGBA [4] that trimesh makes up for a material without a colour, and for one it lacks."""
+    from trimesh.visual.color import DEFAULT_COLOR
+    from trimesh.visual.material import empty_material
+
+    return DEFAULT_COLOR, empty_material().to_color(np.zeros((1, 2)))[0]

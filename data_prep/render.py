@@ -1,8 +1,9 @@
 """Pictures of meshes: pyrender on EGL, with one shader that does what the scene requires.
 
-pyrender 0.1.45 is the last release; three of its quirks are dealt with here and nowhere else: it
-reads `np.infty` (gone in NumPy 2), it takes an integer background for black, and its stock shader
-neither shades the back of a face nor omits the specular term. One GL context is made per process
+pyrender 0.1.45 is the last release; four of its quirks are dealt with here and nowhere else: it
+reads `np.infty` (gone in NumPy 2), it takes an integer background for black, its stock shader
+neither shades the back of a face nor omits the specular term, and it imports an interactive viewer
+that nobody here uses but which needs pyglet and libGLU. One GL context is made per process
 and reused. OpenGL keeps global state: one thread only.
 """
 
@@ -10,6 +11,8 @@ from __future__ import annotations
 
 import functools
 import os
+import sys
+import types
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -98,6 +101,9 @@ def _context() -> tuple[Any, Any]:  # pyrender has no types
     # Not a default that the environment may change: pyrender draws without anti-aliasing on OSMesa.
     os.environ["PYOPENGL_PLATFORM"] = "egl"
     np.infty = np.inf  # type: ignore[attr-defined]  # noqa: NPY201
+    viewer = types.ModuleType("pyrender.viewer")
+    viewer.Viewer = None  # type: ignore[attr-defined]
+    sys.modules.setdefault(viewer.__name__, viewer)
     try:
         import pyrender
         from pyrender.shader_program import ShaderProgramCache

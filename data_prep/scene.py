@@ -36,7 +36,12 @@ Images = NDArray[np.float32]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3], in [0, 1]
 
 
 def _read_only(values: ArrayLike, dtype: type, columns: int, name: str) -> NDArray[Any]:
-    array = np.array(values, dtype=dtype, order="C")
+    given = np.asarray(values)
+    with np.errstate(invalid="ignore"):
+        array = np.array(given, dtype=dtype, order="C")
+    if np.issubdtype(dtype, np.integer) and not np.array_equal(array, given):
+        limits = np.iinfo(dtype)  # a silent cast would wrap or cut
+        raise ValueError(f"{name}: expected whole numbers in {limits.min}..{limits.max}")
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"{name}: expected shape [N, {columns}], got {list(array.shape)}")
     array.flags.writeable = False

@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pymeshlab
+import pytest
+
+from baselines.meshlab import MeshLab
+from data_prep.failures import BadInput, MissingDependency
+
+# ball-pivoting-close-holes-mc-rotate.mlx of roatienza/pc2pix@23b7b46d, without its rotations.
+ORIGINAL = [
+    ("Compute normals for point sets", {"K": 10, "flipFlag": False, "smoothIter": 0}),
+    (
+        "Surface Reconstruction: Ball Pivoting",
+        {"BallRadius": 0, "Clustering": 20, "CreaseThr": 90, "DeleteFaces": False},
+    ),
+    (
+        "Close Holes",
+        {"MaxHoleSize": 30, "Selected": False, "NewFaceSelected": True, "SelfIntersection": True},
+    ),
+    (
+        "Marching Cubes (APSS)",
+        {
+            "FilterScale": 2,
+            "ProjectionAccuracy": 1e-4,
+            "MaxProjectionIters": 15,
+            "SphericalParameter": 1,
+            "AccurateNormal": True,
+            "Resolution": 40,  # 200 there: an argument here
+        },
+    ),
+]
+FILTERS = {
+    "compute_normal_for_point_clouds": {"k", "flipflag"},
+    "generate_surface_reconstruction_ball_pivoting": {
+        "ballradius",
+        "clustering",
+        "creasethr",
+        "deletefaces",
+    },
+    "meshing_close_holes": {"maxholesize", "selected", "newfaceselected", "selfintersection"},
+    "generate_marching_cubes_apss": {
+        "filterscale",
+        "projectionaccuracy",
+        "maxprojectioniters",
+        "sphericalparameter",
+        "accuratenormal",
+        "resolution",
+    },
+}
+
+
+def sphere(count: int = 400) -> np.ndarray:
+    points = np.random.default_rng(0).normal(size=(count, 3))
+    return (points / np.linalg.norm(points, axis=1, keepdims=True)).astype(np.float32)
+
+
+def value_of(text: str) -> float | bool:
+    return {"true": True, "false": False}[text] if text in ("true", "false") else float(text)
+
+
+def test_meshlab_confirms_the_originals_parameters(tmp_path: Path) -> None:
+    """MeshLab keeps a script of what it was asked to do: that, not our call, is compared."""
+    meshlab = MeshLab(sphere())
+    meshlab.estimate_normals(10)
+    meshlab.ball_pivoting()
+    meshlab.close_holes(30)
+    meshlab.marching_cubes_apss(40)
+    script = tmp_path / "script.mlx"
+    meshlab._meshes.save_filter_script(str(script))
+    steps = ElementTree.parse(script).getroot().findall("filter")
+    assert [step.get("name") for step in steps] == [name for name, _ in ORIGINAL]
+    for step, (_, expected) in zip(steps, ORIGINAL, strict=True):
+        recorded = {param.get("name"): param.get("value") for param in step.findall("Param")}
+        found = {name: value_of(recorded[name]) for name in expected}
+        assert found == expected
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_ball_radius_suits_the_cloud(scale: float) -> None:
+    index = np.arange(400) + 0.5  # Fibonacci's lattice
+    y, angle = 1 - index / 200, np.pi * (1 + 5**0.5) * index
+    ring = np.sqrt(1 - y * y)
+    points = np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+    meshlab = MeshLab((scale * points).astype(np.float32))
+    meshlab.estimate_normals(10)
+    meshlab.ball_pivoting()
+    # A triangulation of a sphere has 2 V - 4 faces. A radius of twice the best one would skip
+    # points, half of it would leave gaps everywhere.
+    assert 0.98 * (2 * 400 - 4) < meshlab.face_count <= 2 * 400 - 4
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_filters_and_parameters_exist_by_these_names(name: str) -> None:
+    assert name in pymeshlab.filter_list()
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(sphere().astype(np.float64)))
+    assert FILTERS[name] <= set(meshes.filter_parameter_values(name))
+
+
+def test_estimated_normals_are_the_spheres() -> None:
+    points = sphere(2048)
+    meshlab = MeshLab(points)
+    meshlab.estimate_normals(10)
+    normals = meshlab.normals()
+    assert normals.shape == (2048, 3)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=0, atol=1e-6)
+    # Ten neighbours lie within 2 sqrt(10 / 2048) = 0.14 of a point: no plane through them tilts
+    # more than that on the whole, whichever side it faces.
+    cosine = np.abs((normals * points).sum(axis=1))
+    assert np.median(np.degrees(np.arccos(np.minimum(cosine, 1)))) < np.degrees(0.14)
+
+
+def test_more_neighbours_are_smoother() -> None:
+    rng = np.random.default_rng(1)
+    points = np.append(rng.uniform(-1, 1, (2000, 2)), rng.normal(0, 0.02, (2000, 1)), axis=1)
+    tilt = []
+    for neighbours in (6, 10, 60):
+        meshlab = MeshLab(points.astype(np.float32))
+        meshlab.estimate_normals(neighbours)
+        tilt.append(1 - np.abs(meshlab.normals()[:, 2]).mean())
+    assert tilt[0] > tilt[1] > tilt[2]
+
+
+def test_points_go_in_and_a_mesh_comes_out() -> None:
+    points = sphere(30)
+    meshlab = MeshLab(points)
+    assert meshlab.face_count == 0
+    mesh = meshlab.mesh((1, 2, 3))
+    np.testing.assert_array_equal(mesh.vertices, points)  # float32 to float64 and back
+    assert mesh.faces.shape == mesh.face_colors.shape == (0, 3)
+    meshlab.estimate_normals(10)
+    meshlab.ball_pivoting()
+    mesh = meshlab.mesh((1, 2, 3))
+    assert len(mesh.faces) == meshlab.face_count > 0
+    assert (mesh.face_colors == (1, 2, 3)).all()
+
+
+def test_documents_do_not_mix() -> None:
+    one, other = MeshLab(sphere(30)), MeshLab(sphere(40))
+    one.estimate_normals(10)
+    one.ball_pivoting()
+    assert (len(one.normals()), len(other.normals())) == (30, 40)
+    assert other.face_count == 0
+
+
+def tube(sides: int) -> tuple[np.ndarray, np.ndarray]:
+    """Wall of a prism, open at both ends: two holes of `sides` edges."""
+    angle = np.arange(sides) * 2 * np.pi / sides
+    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1)
+    here, there = np.arange(sides), np.roll(np.arange(sides), -1)
+    one = np.stack([here, there, there + sides], axis=1)
+    other = np.stack([here, there + sides, here + sides], axis=1)
+    return np.concatenate([ring, ring + np.array([0, 0, 1])]), np.concatenate([one, other])
+
+
+@pytest.mark.parametrize(("sides", "closed"), [(12, True), (29, True), (31, False), (40, False)])
+def test_holes_are_closed_up_to_the_stated_size(sides: int, closed: bool) -> None:
+    vertices, faces = tube(sides)
+    meshlab = MeshLab(sphere(30))
+    meshlab._meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+    meshlab.close_holes(30)
+    # A polygon of n sides takes n - 2 triangles, and no new vertex.
+    assert meshlab.face_count == 2 * sides + (2 * (sides - 2) if closed else 0)
+    assert len(meshlab.mesh((0, 0, 0)).vertices) == 2 * sides
+    assert border_edges(meshlab) == (0 if closed else 2 * sides)
+
+
+def border_edges(meshlab: MeshLab) -> int:
+    faces = meshlab.mesh((0, 0, 0)).faces
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return int((np.unique(edges, axis=0, return_counts=True)[1] == 1).sum())
+
+
+def test_what_meshlab_refuses_is_one_line() -> None:
+    with pytest.raises(RuntimeError, match="Failed to apply filter") as failure:
+        MeshLab(sphere(30)).close_holes(30)  # there are no faces
+    assert "\n" not in str(failure.value)
+    with pytest.raises(RuntimeError, match="does not exist") as failure:  # renamed once more
+        MeshLab(sphere(30))._apply("compute_no_such_thing")
+    assert "\n" not in str(failure.value)
+
+
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    with pytest.raises(MissingDependency, match=r"pymeshlab does not load .*libopengl0") as failure:
+        MeshLab(sphere(30))
+    assert isinstance(failure.value, BadInput)

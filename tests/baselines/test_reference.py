@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.reference import Blank, TrueMesh
+from data_prep.chairs import chair
+from data_prep.conditions import CONDITIONS
+from data_prep.failures import StageFailure
+from data_prep.images import blank, to_uint8
+from data_prep.render import render
+from data_prep.sampling import sample_surface
+from data_prep.scene import PointCloud, View
+
+VIEWS = [View(0, 0), View(100, -40), View(-180, 90)]
+
+
+@pytest.fixture(scope="module")
+def cloud() -> PointCloud:
+    rng = np.random.default_rng(0)
+    return sample_surface(chair(rng), rng)
+
+
+def test_the_ceiling_is_the_ground_truth_bit_for_bit(cloud: PointCloud) -> None:
+    images = TrueMesh().draw(TrueMesh().prepare(cloud), VIEWS)
+    assert images.dtype == np.float32
+    truth = render(cloud.source, VIEWS)
+    assert (truth < 255).any(axis=(1, 2, 3)).all()
+    np.testing.assert_array_equal(to_uint8(images), truth)
+
+
+@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda c: c.id)
+def test_the_ceiling_sees_through_every_condition(cloud: PointCloud, condition) -> None:
+    perturbed = condition.perturbation.apply(cloud, np.random.default_rng(1))
+    assert TrueMesh().prepare(perturbed) is cloud.source
+
+
+def test_the_ceiling_needs_the_mesh(cloud: PointCloud) -> None:
+    with pytest.raises(StageFailure, match="mesh is not known") as failure:
+        TrueMesh().prepare(PointCloud(cloud.points))
+    assert failure.value.stage == "input"
+
+
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((5, 3), np.nan), np.zeros((9, 3))])
+def test_the_floor_is_white_whatever_the_cloud(points: np.ndarray) -> None:
+    state = Blank().prepare(PointCloud(points))
+    images = Blank().draw(state, VIEWS)
+    assert images.shape == (3, 128, 128, 3)
+    assert images.dtype == np.float32
+    assert (images == 1.0).all()
+    np.testing.assert_array_equal(to_uint8(images), blank(3))
+
+
+@pytest.mark.parametrize("method", [TrueMesh(), Blank()], ids=["true-mesh", "blank"])
+def test_neither_uses_randomness(method: TrueMesh | Blank, cloud: PointCloud) -> None:
+    rng = np.random.default_rng(2)
+    state = rng.bit_generator.state
+    expected = method.draw(method.prepare(cloud), VIEWS)
+    np.testing.assert_array_equal(method.draw(method.prepare(cloud, rng), VIEWS, rng), expected)
+    assert rng.bit_generator.state == state
+    assert method.draw(method.prepare(cloud), []).shape == (0, 128, 128, 3)

@@ -1,0 +1,243 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from baselines.splat import Discs, Splat
+from data_prep.camera import project
+from data_prep.failures import StageFailure
+from data_prep.images import to_uint8
+from data_prep.scene import Mesh, PointCloud, View
+
+FRONT = View(0, 0)
+VIEWS = [FRONT, View(40, 25), View(-160, -40), View(7, 90)]
+ROW, COLUMN = np.mgrid[:128, :128] + 0.5
+
+
+def draw(discs: Discs, view: View = FRONT) -> np.ndarray:
+    """One channel of a picture, and assert that it is grey."""
+    (image,) = Splat().draw(discs, [view])
+    assert image.shape == (128, 128, 3)
+    assert (image == image[..., :1]).all()
+    return image[..., 0]
+
+
+def discs(points: object, radius: float = 0.0) -> Discs:
+    return Discs(np.asarray(points, np.float32).reshape(-1, 3), radius)
+
+
+def grey_at(depth: float) -> float:
+    """0.75 at the nearest point of the unit sphere (depth 3), 0.35 at the farthest (5)."""
+    return float(np.interp(depth, [3, 5], [0.75, 0.35]))
+
+
+def brute_force(points: np.ndarray, radius: float, view: View) -> np.ndarray:
+    """Pixel by pixel: the nearest disc that covers the centre decides."""
+    pixels, depth = project(points, view)
+    image = np.ones((128, 128))
+    nearest = np.full((128, 128), np.inf)
+    for (column, row), d in zip(pixels, depth, strict=True):
+        if d <= 0.2:
+            continue
+        reach = min(max(radius * 232 / d, math.sqrt(0.5)), 16)
+        hit = ((COLUMN - column) ** 2 + (ROW - row) ** 2 <= reach**2) & (d < nearest)
+        nearest[hit] = d
+        image[hit] = grey_at(d)
+    return image
+
+
+# --- one disc -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.05, 0.1, 0.2])
+def test_disc_at_the_origin(radius: float) -> None:
+    image = draw(discs([0, 0, 0], radius))
+    reach = radius * 232 / 4
+    distance = np.hypot(ROW - 64, COLUMN - 64)
+    # Distances of pixel centres are half-integer hypotenuses: none within 1e-3 of these radii.
+    assert np.abs(distance - reach).min() > 1e-3
+    np.testing.assert_array_equal(image < 1, distance < reach)
+    assert set(image[image < 1]) == {np.float32(0.55)}
+
+
+def test_a_lone_point_lights_the_four_pixels_around_it() -> None:
+    cloud = PointCloud([[0, 0, 0]])
+    state = Splat().prepare(cloud)
+    assert state.radius == 0.0
+    image = draw(state)
+    lit = np.argwhere(image < 1).tolist()
+    assert lit == [[63, 63], [63, 64], [64, 63], [64, 64]]
+
+
+def test_no_disc_falls_between_pixels() -> None:
+    rng = np.random.default_rng(0)
+    for point in rng.uniform(-0.5, 0.5, (50, 3)):
+        image = draw(discs(point))
+        (column, row), _ = (x[0] for x in project(np.float32([point]), FRONT))
+        assert 1 <= (image < 1).sum() <= 4
+        assert image[math.floor(row), math.floor(column)] < 1
+
+
+def test_discs_are_no_larger_than_sixteen_pixels() -> None:
+    image = draw(discs([0, 0, 0], 5.0))
+    np.testing.assert_array_equal(image < 1, np.hypot(ROW - 64, COLUMN - 64) <= 16)
+
+
+def test_nearer_discs_are_larger() -> None:
+    for z, depth in ((-0.9, 3.1), (0.9, 4.9)):
+        image = draw(discs([0, 0, z], 0.1))
+        reach = 0.1 * 232 / depth
+        np.testing.assert_array_equal(image < 1, np.hypot(ROW - 64, COLUMN - 64) <= reach)
+
+
+@pytest.mark.parametrize("z", [-2, -1, -0.5, 0, 0.25, 1, 3])
+def test_nearer_is_lighter(z: float) -> None:
+    image = draw(discs([0, 0, z], 0.1))
+    # One float32 rounding of a number below 1.
+    assert image[64, 64] == pytest.approx(grey_at(4 + z), abs=2.0**-24)
+
+
+def test_rows_and_columns() -> None:
+    image = draw(discs([[0.5, 0.25, 0]], 0.02))  # +X is on the left at azimuth 0, +Y above
+    row, column = np.argwhere(image < 1).mean(axis=0) + 0.5
+    assert (column, row) == pytest.approx((64 - 29, 64 - 14.5), abs=0.5)
+
+
+# --- many discs -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("view", VIEWS, ids=str)
+@pytest.mark.parametrize("radius", [0.0, 0.04, 0.3])
+def test_agrees_with_brute_force(view: View, radius: float) -> None:
+    points = np.random.default_rng(5).uniform(-0.8, 0.8, (300, 3)).astype(np.float32)
+    image = draw(discs(points, radius), view)
+    np.testing.assert_allclose(image, brute_force(points, radius, view), rtol=0, atol=2.0**-24)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_nearer_hides_farther(order: int) -> None:
+    image = draw(discs([[0, 0, -0.5], [0, 0, 0.5]][::order], 0.1))
+    assert image[64, 64] == pytest.approx(grey_at(3.5), abs=2.0**-24)
+    behind = draw(discs([[0, 0, -0.5], [0, 0, 0.5]][::order], 0.1), View(180, 0))
+    np.testing.assert_array_equal(behind[::-1], image)
+
+
+def test_order_of_points_does_not_matter() -> None:
+    rng = np.random.default_rng(6)
+    points = rng.normal(size=(2048, 3)).astype(np.float32) / 3
+    cloud, shuffled = PointCloud(points), PointCloud(rng.permutation(points))
+    one, other = (Splat().prepare(c) for c in (cloud, shuffled))
+    assert one.radius == other.radius
+    for view in VIEWS:
+        np.testing.assert_array_equal(draw(one, view), draw(other, view))
+
+
+def test_what_is_behind_the_camera_or_outside_is_not_drawn() -> None:
+    outside = [[0, 0, -5], [0, 0, -4], [0, 0, -3.81], [3, 0, 0], [0, -3, 0], [0, 0, -1e6]]
+    assert (draw(discs(outside, 0.1)) == 1).all()
+    both = draw(discs([*outside, [0.1, 0.2, 0]], 0.1))
+    np.testing.assert_array_equal(both, draw(discs([0.1, 0.2, 0], 0.1)))
+    assert (draw(discs([0, 0, -3.79], 0.1)) < 1).any()
+
+
+def test_discs_are_cut_at_the_border() -> None:
+    edge = 64 / 232 * 4
+    image = draw(discs([[edge, 0, 0], [-edge, 0, 0], [0, edge, 0], [0, -edge, 0]], 0.1))
+    reach = 0.1 * 232 / 4
+    near = np.min(
+        [np.hypot(ROW - r, COLUMN - c) for r, c in ((64, 0), (64, 128), (0, 64), (128, 64))], axis=0
+    )
+    np.testing.assert_array_equal(image < 1, near <= reach)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_extreme_scales(scale: float) -> None:
+    points = scale * np.random.default_rng(7).normal(size=(200, 3)).astype(np.float32)
+    state = Splat().prepare(PointCloud(points))
+    for view in VIEWS:
+        image = draw(state, view)
+        np.testing.assert_allclose(
+            image, brute_force(state.centres, state.radius, view), rtol=0, atol=2.0**-24
+        )
+    if scale < 1:
+        assert np.argwhere(draw(state) < 1).min() == 63
+
+
+# --- the radius -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("far", [1e3, 1e18, 1e30])
+def test_an_outlier_changes_nothing_else(far: float) -> None:
+    cloud = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 3)).astype(np.float32)
+    outlier = np.array([[far, far, -far]], np.float32)
+    with_it = np.concatenate([cloud, outlier])
+    view = [View(20, 10)]
+    alone = Splat().draw(Discs(cloud, 0.05), view)
+    assert np.array_equal(Splat().draw(Discs(with_it, 0.05), view), alone)
+
+
+def test_radius_is_the_median_distance_to_the_nearest_other_point() -> None:
+    points = np.random.default_rng(8).normal(size=(301, 3)).astype(np.float32)
+    distances = np.linalg.norm(points[:, None].astype(np.float64) - points[None], axis=2)
+    np.fill_diagonal(distances, np.inf)
+    expected = np.median(distances.min(axis=1))
+    assert Splat().prepare(PointCloud(points)).radius == pytest.approx(expected, rel=1e-12)
+    assert Splat(spread=2.5).prepare(PointCloud(points)).radius == pytest.approx(
+        2.5 * expected, rel=1e-12
+    )
+
+
+def test_radius_of_a_grid() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(5) / 8] * 3), axis=-1).reshape(-1, 3)
+    assert Splat().prepare(PointCloud(grid)).radius == 0.125
+    # Three distances 1, 1 and 3 of collinear points: the median, not the mean.
+    assert Splat().prepare(PointCloud([[0, 0, 0], [1, 0, 0], [4, 0, 0]])).radius == 1.0
+    assert Splat().prepare(PointCloud([[0, 0, 0], [2, 0, 0]])).radius == 2.0
+
+
+def test_coinciding_points_are_one_point() -> None:
+    state = Splat().prepare(PointCloud(np.zeros((50, 3))))
+    assert state.radius == 0.0
+    np.testing.assert_array_equal(draw(state), draw(discs([0, 0, 0])))
+
+
+# --- inputs and outputs ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("points", "problem"),
+    [
+        (np.zeros((0, 3)), "no points"),
+        ([[0, 0, 0], [np.nan, 0, np.nan]], "1 of 2 points are not finite"),
+        ([[np.inf, 0, 0]], "1 of 1 points are not finite"),
+        ([[0, 0, 0], [0, -np.inf, 0], [0, np.nan, 0]], "2 of 3 points are not finite"),
+    ],
+)
+def test_impossible_clouds_fail_by_name(points: object, problem: str) -> None:
+    with pytest.raises(StageFailure) as failure:
+        Splat().prepare(PointCloud(points))
+    assert (failure.value.stage, failure.value.problem) == ("input", problem)
+
+
+def test_pictures() -> None:
+    cloud = PointCloud(np.random.default_rng(9).normal(size=(512, 3)) / 3)
+    state = Splat().prepare(cloud)
+    images = Splat().draw(state, VIEWS)
+    assert images.shape == (4, 128, 128, 3)
+    assert images.dtype == np.float32
+    assert images.min() >= 0.35
+    assert images.max() == 1
+    assert (to_uint8(images)[:, 0, 0] == 255).all()
+
+
+def test_neither_randomness_nor_the_source_is_used() -> None:
+    points = np.random.default_rng(10).normal(size=(100, 3)) / 3
+    mesh = Mesh(np.eye(3), [[0, 1, 2]], [[0, 0, 0]])
+    expected = Splat().draw(Splat().prepare(PointCloud(points)), VIEWS)
+    rng = np.random.default_rng(11)
+    state = rng.bit_generator.state
+    found = Splat().draw(Splat().prepare(PointCloud(points, source=mesh), rng), VIEWS, rng)
+    np.testing.assert_array_equal(found, expected)
+    assert rng.bit_generator.state == state

@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+
+
+def test_a_stage_failure_names_its_stage() -> None:
+    failure = StageFailure("ball-pivoting", "no faces")
+    assert (failure.stage, failure.problem) == ("ball-pivoting", "no faces")
+    assert str(failure) == "ball-pivoting: no faces"
+
+
+@pytest.mark.parametrize(
+    "failure", [StageFailure("apss", "no faces"), BadInput("x: bad"), MissingDependency("no GL")]
+)
+def test_failures_cross_process_boundaries(failure: Exception) -> None:
+    found = pickle.loads(pickle.dumps(failure))
+    assert type(found) is type(failure)
+    assert str(found) == str(failure)
+    assert vars(found) == vars(failure)
+
+
+def test_the_users_to_mend_and_results_are_told_apart() -> None:
+    assert issubclass(MissingDependency, BadInput)
+    assert issubclass(BadInput, ValueError)
+    assert not issubclass(StageFailure, ValueError)

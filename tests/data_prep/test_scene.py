@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, Mesh, PointCloud, View
+
+VERTICES = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+FACES = [[0, 1, 2], [0, 2, 3]]
+COLORS = [[255, 0, 7], [1, 2, 3]]
+
+
+def test_sizes_of_the_paper() -> None:
+    assert (IMAGE_SIZE, CLOUD_SIZE) == (128, 2048)
+
+
+def test_mesh_from_lists() -> None:
+    mesh = Mesh(VERTICES, FACES, COLORS)
+    assert (mesh.vertices.dtype, mesh.vertices.shape) == (np.float32, (4, 3))
+    assert (mesh.faces.dtype, mesh.faces.shape) == (np.int32, (2, 3))
+    assert (mesh.face_colors.dtype, mesh.face_colors.shape) == (np.uint8, (2, 3))
+    assert mesh.vertices.tolist() == VERTICES
+    assert mesh.faces.tolist() == FACES
+    assert mesh.face_colors.tolist() == COLORS
+
+
+def test_float64_is_rounded_to_nearest() -> None:
+    # One third of an ulp (2**-23 above 1) goes down, two thirds go up.
+    ulp = 2.0**-23
+    cloud = PointCloud(np.array([[1 + ulp / 3, 1 + 2 * ulp / 3, -1 - ulp / 3]]))
+    assert cloud.points.tolist() == [[1.0, 1 + ulp, -1.0]]
+
+
+def test_arrays_are_contiguous_copies_that_cannot_be_written() -> None:
+    source = np.asfortranarray(VERTICES, dtype=np.float32)
+    faces, colors = np.array(FACES, np.int32), np.array(COLORS, np.uint8)
+    mesh, cloud = Mesh(source, faces, colors), PointCloud(source)
+    source[:], faces[:], colors[:] = 9, 0, 9
+    assert mesh.vertices.tolist() == cloud.points.tolist() == VERTICES
+    assert mesh.faces.tolist() == FACES
+    assert mesh.face_colors.tolist() == COLORS
+    for array in (mesh.vertices, mesh.faces, mesh.face_colors, cloud.points):
+        assert array.flags.c_contiguous
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
+
+
+def test_fields_cannot_be_replaced() -> None:
+    for value, field in (
+        (Mesh(VERTICES, FACES, COLORS), "faces"),
+        (PointCloud(VERTICES), "points"),
+        (View(0, 0), "azimuth_deg"),
+    ):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(value, field, None)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"vertices": [0, 0, 0]}, r"vertices: expected shape \[N, 3\], got \[3\]"),
+        ({"vertices": np.zeros((4, 2))}, r"vertices: .* got \[4, 2\]"),
+        ({"vertices": np.zeros((1, 4, 3))}, r"vertices: .* got \[1, 4, 3\]"),
+        ({"faces": [[0, 1, 2, 3]]}, r"faces: .* got \[1, 4\]"),
+        ({"face_colors": [[1, 2, 3, 255]] * 2}, r"face_colors: .* got \[2, 4\]"),
+        ({"face_colors": COLORS[:1]}, "1 rows for 2 faces"),
+        ({"face_colors": np.zeros((3, 3))}, "3 rows for 2 faces"),
+        ({"faces": [[0, 1, 2], [0, 1, 4]]}, r"outside 0\.\.3"),
+        ({"faces": [[0, 1, 2], [0, 1, -1]]}, r"outside 0\.\.3"),
+        ({"vertices": np.zeros((0, 3))}, "outside"),
+        ({"face_colors": np.full((2, 3), 300)}, r"whole numbers in 0\.\.255"),
+        ({"face_colors": np.full((2, 3), 0.5)}, "face_colors: expected whole numbers"),
+        ({"faces": np.array([[0, 1, 2**32 + 2]] * 2)}, "faces: expected whole numbers"),
+    ],
+)
+def test_impossible_meshes(change: dict[str, object], problem: str) -> None:
+    parts = {"vertices": VERTICES, "faces": FACES, "face_colors": COLORS} | change
+    with pytest.raises(ValueError, match=problem):
+        Mesh(**parts)
+
+
+def test_last_vertex_may_be_used_and_others_need_not_be() -> None:
+    assert Mesh(VERTICES, [[3, 3, 3]], COLORS[:1]).faces.max() == 3
+
+
+@pytest.mark.parametrize("vertices", [VERTICES, np.zeros((0, 3))])
+def test_mesh_without_faces(vertices: object) -> None:
+    empty = np.zeros((0, 3))
+    mesh = Mesh(vertices, empty, empty)
+    assert mesh.faces.shape == mesh.face_colors.shape == (0, 3)
+
+
+def test_cloud() -> None:
+    mesh = Mesh(VERTICES, FACES, COLORS)
+    cloud = PointCloud(VERTICES, source=mesh)
+    assert len(cloud) == 4
+    assert cloud.points.dtype == np.float32
+    assert cloud.source is mesh
+    assert PointCloud(VERTICES).source is None
+
+
+def test_judging_a_cloud_is_up_to_the_method() -> None:
+    assert len(PointCloud(np.zeros((0, 3)))) == 0
+    points = [[np.nan, np.inf, -np.inf], [0, 0, 0]]
+    np.testing.assert_array_equal(PointCloud(points).points, points)
+
+
+@pytest.mark.parametrize("shape", [(3,), (4, 2), (4, 4), (0,), (2, 4, 3)])
+def test_impossible_clouds(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="points: expected shape"):
+        PointCloud(np.zeros(shape))
+
+
+@pytest.mark.parametrize("elevation", [-90, -40, 0.0, 40, 90])
+@pytest.mark.parametrize("azimuth", [-180, 0, 180, 540.5, -1e6])
+def test_views_within_the_limits(azimuth: float, elevation: float) -> None:
+    view = View(azimuth, elevation)
+    assert (view.azimuth_deg, view.elevation_deg) == (azimuth, elevation)
+    assert view == View(azimuth, elevation)
+    assert hash(view) == hash(View(azimuth, elevation))
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "what"),
+    [
+        (math.nan, 0, "azimuth_deg"),
+        (math.inf, 0, "azimuth_deg"),
+        (-math.inf, 0, "azimuth_deg"),
+        (0, math.nan, "elevation_deg"),
+        (0, math.inf, "elevation_deg"),
+        (0, math.nextafter(90, 91), "elevation_deg"),
+        (0, math.nextafter(-90, -91), "elevation_deg"),
+    ],
+)
+def test_impossible_views(azimuth: float, elevation: float, what: str) -> None:
+    with pytest.raises(ValueError, match=what):
+        View(azimuth, elevation)
+
+
+def test_needs_numpy_only() -> None:
+    code = (
+        "import sys, data_prep.scene\n"
+        "tops = {name.partition('.')[0] for name in sys.modules}\n"
+        "print(sorted(tops & {'numpy', 'scipy', 'trimesh', 'pyrender', 'OpenGL', 'torch', 'PIL'}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "['numpy']"
