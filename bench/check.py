@@ -17,32 +17,14 @@ import pandas as pd
 
 from bench.published import golden, golden_path
 from bench.results import TABLES, table_files, tables
-from bench.store import read_manifest
+from bench.store import read_finished
 from bench.tables import PAPER_METHODS, Row, Table
+from bench.tolerances import tolerance
 from bench.work import write_whole
 from data_prep.failures import BadInput
 
 CELL = ["method", "condition", "class", "metric"]
 PROTOCOL = ["dataset", "objects", "views", "seed"]
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """How far a metric may move on another machine: `absolute` + `relative` x the golden value."""
-
-    absolute: float
-    relative: float
-    reason: str
-
-
-ROUNDING = Tolerance(1e-6, 0.0, "exact; a CSV keeps 6 decimals")
-TOLERANCES = {
-    "ssim": Tolerance(0.004, 0.0, "RENDERER"),
-    "luminance": Tolerance(0.004, 0.0, "RENDERER"),
-    "contrast": Tolerance(0.004, 0.0, "RENDERER"),
-    "structure": Tolerance(0.004, 0.0, "RENDERER"),
-    "fd-views": Tolerance(0.1, 0.03, "RENDERER"),
-}
 
 
 @dataclass(frozen=True)
@@ -60,7 +42,7 @@ def check(directory: Path) -> Verdict:
     Raises BadInput where `directory` is not a finished run, and where the golden values belong to
     another protocol (dataset, objects, views or seed): then there is nothing to compare with.
     """
-    manifest = read_manifest(directory)
+    manifest = read_finished(directory)
     made = tables(directory)
     expected = golden(manifest["suite"])
     _same_protocol(directory, manifest, expected)
@@ -82,20 +64,23 @@ def check(directory: Path) -> Verdict:
 
 
 def bless(directory: Path) -> Path:
-    """Make this run's values the golden ones of its suite (for developers; see CONTRIBUTING)."""
-    manifest = read_manifest(directory)
+    """Make this run's values the golden ones of its suite (for developers; see CONTRIBUTING).
+
+    Metrics without a tolerance have none: fid, whose weights the default protocol does not need.
+    """
+    manifest = read_finished(directory)
     protocol = _protocol(manifest)
     lines = []
     for row in (row for table in tables(directory) for row in table.rows):
-        if not math.isfinite(row.value):
+        rule = tolerance(row.method, row.metric)
+        if not math.isfinite(row.value) or rule is None:
             continue
-        tolerance = ROUNDING if row.method == "true-mesh" else TOLERANCES[row.metric]
-        allowed = tolerance.absolute + tolerance.relative * row.value
+        allowed = rule.absolute + rule.relative * row.value
         lines.append(
             protocol
             | dict(zip(CELL, _cell(row), strict=True))
             | {"value": f"{row.value:.6f}", "tolerance": f"{allowed:.6f}"}
-            | {"reason": tolerance.reason}
+            | {"reason": rule.reason}
         )
     path = golden_path(manifest["suite"])
     write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())

@@ -1,20 +1,55 @@
 """The command line. Results go to stdout, progress and errors to stderr.
 
 Exit status: 0 done, 1 a regression or a machine that cannot run, 2 something the user has to mend,
-130 interrupted. Everything but Typer is imported by the command that needs it, so that `--help` and
-`list` answer at once.
+130 interrupted, 141 nobody reads the output any more. Everything but Typer is imported by the
+command that needs it, so that `--help` and `list` answer at once.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+
+
+class Commands(TyperGroup):
+    """All commands; whatever ends one early becomes one line and an exit status.
+
+    Here and not around `app()`, because Typer itself catches interrupts and broken pipes there.
+    """
+
+    def invoke(self, ctx: Any) -> Any:  # click's Context, which some versions of Typer contain
+        """Run the command."""
+        from data_prep.failures import BadInput
+
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
+        except BadInput as error:
+            print(f"bench: {error}", file=sys.stderr)
+            raise typer.Exit(2) from error
+        except typer.BadParameter as error:  # a value that its option does not take
+            command = error.ctx.command_path if error.ctx else "bench"
+            told = error.format_message().rstrip(".")
+            print(f"bench: {told}; see '{command} --help'", file=sys.stderr)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt as error:
+            print("bench: interrupted; the same command goes on from here", file=sys.stderr)
+            raise typer.Exit(130) from error
+        except BrokenPipeError as error:
+            for stream in (sys.stdout, sys.stderr):  # Python flushes them when it ends
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            raise typer.Exit(141) from error  # what other programs end with, killed by SIGPIPE
+
 
 app = typer.Typer(
+    cls=Commands,
     help="Benchmark of pc2pix against surface-reconstruction rendering.",
     no_args_is_help=True,
     add_completion=False,
@@ -37,19 +72,7 @@ class Device(StrEnum):
 
 def main() -> None:
     """Entry point of the console script `bench`."""
-    from data_prep.failures import BadInput
-
-    try:
-        app()
-    except BadInput as error:
-        print(f"bench: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("bench: interrupted; the same command goes on from here", file=sys.stderr)
-        sys.exit(130)
-    except BrokenPipeError:
-        sys.stderr.close()  # whoever read our output has gone; that is no error
-        sys.exit(0)
+    app(prog_name="bench")
 
 
 @app.command()
@@ -145,7 +168,9 @@ def list_all() -> None:
 def table(directory: RunDirectory) -> None:
     """Make the tables again, from the records alone."""
     from bench.results import write_tables
+    from bench.store import read_finished
 
+    read_finished(directory)
     for made in write_tables(directory):
         print(made.to_markdown())
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.methods import FLOOR, find_method
 from bench.metric_table import IMAGE_METRICS
 from bench.record import GROUND_TRUTH
 from bench.tables import Row, Table
@@ -22,8 +23,11 @@ METRICS_SHOWN = ("ssim", "structure", "fd-views", "fid")
 def write_figures(directory: Path, tables: Sequence[Table], jobs: Sequence[Job]) -> None:
     """Robustness curves (after Tables 3 and 4) and picture grids (the paper's Figures 1 and 3).
 
-    `jobs` are those whose pictures are there, ground truths included.
+    `jobs` are those whose pictures are there, ground truths included. Where all others have failed,
+    there is nothing to draw.
     """
+    if all(job.method == GROUND_TRUTH for job in jobs):
+        return
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -40,7 +44,9 @@ def _robustness(path: Path, tables: Sequence[Table]) -> None:
     for row in (row for table in tables for row in table.rows):
         if row.metric in METRICS_SHOWN and math.isfinite(row.value):
             shown.setdefault(row.metric, []).append(row)
-    figure, axes = plt.subplots(1, len(shown), figsize=(5 * len(shown), 4), squeeze=False)
+    figure, axes = plt.subplots(
+        1, len(shown), figsize=(5 * len(shown), 4), squeeze=False, layout="constrained"
+    )
     for axis, (metric, rows) in zip(axes[0], shown.items(), strict=True):
         for method in dict.fromkeys(row.method for row in rows):
             of_method = [row for row in rows if row.method == method]
@@ -61,28 +67,33 @@ def _robustness(path: Path, tables: Sequence[Table]) -> None:
         axis.grid(alpha=0.3)
         if not higher:
             axis.set_yscale("symlog", linthresh=10)
-    axes[0][0].legend(fontsize=8)
-    figure.tight_layout()
+    figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
 def _grid(path: Path, jobs: Sequence[Job]) -> None:
-    """The first view of the first objects: one row per object and condition, a column a method."""
+    """The first view of the first objects: a row per object and method, a column per condition.
+
+    Ceiling and floor are left out: the first column shows the truth, and white needs no picture.
+    """
     from matplotlib import pyplot as plt
 
     objects = list(dict.fromkeys(_object(job) for job in jobs))[:OBJECTS_SHOWN]
     conditions = list(dict.fromkeys(job.condition for job in jobs if job.condition))
-    methods = list(dict.fromkeys(job.method for job in jobs if job.method != GROUND_TRUTH))
-    by_cell = {(_object(job), job.condition, job.method): job for job in jobs}
-    columns = [GROUND_TRUTH, *methods]
-    rows = [(obj, condition) for obj in objects for condition in conditions]
+    methods = [m for m in dict.fromkeys(j.method for j in jobs if j.condition) if _is_rival(m)]
+    by_cell = {(_object(job), job.method, job.condition): job for job in jobs}
+    rows = [(obj, method) for obj in objects for method in methods]
+    columns = [GROUND_TRUTH, *conditions]
+    if not rows:
+        return
     figure, axes = plt.subplots(
         len(rows), len(columns), figsize=(1.3 * len(columns) + 1, 1.3 * len(rows)), squeeze=False
     )
-    for axis_row, (obj, condition) in zip(axes, rows, strict=True):
-        for axis, method in zip(axis_row, columns, strict=True):
-            job = by_cell.get((obj, "" if method == GROUND_TRUTH else condition, method))
+    for axis_row, (obj, method) in zip(axes, rows, strict=True):
+        for axis, column in zip(axis_row, columns, strict=True):
+            key = (GROUND_TRUTH, "") if column == GROUND_TRUTH else (method, column)
+            job = by_cell.get((obj, *key))
             axis.set_xticks([])
             axis.set_yticks([])
             axis.spines[:].set_visible(False)
@@ -90,12 +101,16 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
                 axis.text(0.5, 0.5, "failed", ha="center", va="center", transform=axis.transAxes)
             else:
                 axis.imshow(_first_picture(job))
-        axis_row[0].set_ylabel(f"{obj[1][:18]}\n{condition}", fontsize=7)
-    for axis, method in zip(axes[0], columns, strict=True):
-        axis.set_title(method, fontsize=9)
+        axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
+    for axis, column in zip(axes[0], columns, strict=True):
+        axis.set_title(column, fontsize=9)
     figure.tight_layout(pad=0.3)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _is_rival(method: str) -> bool:
+    return method != FLOOR and not find_method(method).sees_mesh
 
 
 def _object(job: Job) -> tuple[str, str]:

@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from bench.inception_weights import WeightsUnavailable, find_weights
 from bench.lookup import find
+
+if TYPE_CHECKING:  # `bench list` answers at once
+    import numpy as np
+    from numpy.typing import NDArray
 
 __all__ = [
     "IMAGE_METRICS",
@@ -34,7 +36,7 @@ IMAGE_METRICS = {
     "structure": "its component: correlation, what the paper argues for",
 }
 VIEWS_WEIGHTS = Path(__file__).with_name("views_network.safetensors")  # no torch to find it
-Extractor = Callable[[NDArray[np.uint8]], NDArray[np.float32]]
+Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,11 @@ neighbours an item had: sums are taken in the same order.
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
+import signal
+import sys
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 
@@ -44,6 +47,7 @@ def run_jobs(
     pool = ProcessPool(
         max_workers=workers,
         max_tasks=JOBS_PER_WORKER,
+        initializer=_die_with_parent,
         context=multiprocessing.get_context("spawn"),
     )
     try:
@@ -71,3 +75,10 @@ def run_jobs(
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+def _die_with_parent() -> None:
+    """In a worker: SIGKILL to the run ends it too, even where native code hangs (Linux)."""
+    if sys.platform == "linux":
+        pr_set_pdeathsig = 1  # linux/prctl.h
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)

@@ -56,6 +56,8 @@ def _plain(title: str, total: int) -> Callable[[int], None]:
         now = time.monotonic()
         if done < total and now - last < PLAIN_EVERY_S:
             return
+        if failed == done == total:  # no progress; why not, the caller will say in one line
+            return
         last = now
         left = (now - start) / done * (total - done)
         print(

@@ -75,14 +75,13 @@ def run(options: Options) -> Finished:
     protocol, skipped = _protocol(suite, options)
     workers = options.workers or len(os.sched_getaffinity(0))
     manifest = manifests.describe(protocol, workers, skipped)
+    todo = plan(protocol, directory)
     if options.fresh and (old := set_aside(directory)):
         _say(f"the old run is now {old}")
     check_directory(directory, manifest)
-    todo = plan(protocol, directory)
     seconds: dict[str, float] = {}
     with open_journal(directory) as journal:
         write_manifest(directory, manifest)
-        before = set(journal.finished)
         with _timed("ground truth", seconds):
             truths = _do(todo.references, journal, workers, suite, "ground truth")
             _check_any_truth(todo, truths)
@@ -100,15 +99,15 @@ def run(options: Options) -> Finished:
             write_figures(directory, tables, with_pictures)
         for line in journal.damage:
             _say(line)
-    manifest |= {"finished": manifests.now(), "stage_seconds": seconds}
-    write_manifest(directory, manifest)
-    reused = sum(job.key in before for job in todo.items)
+        manifest |= {"finished": manifests.now(), "stage_seconds": seconds}
+        write_manifest(directory, manifest)
+    done = _count_new(todo, hopeless, journal)
     return Finished(
         directory,
         tuple(tables),
         cost,
-        done=len(todo.items) - reused,
-        reused=reused,
+        done=done,
+        reused=len(todo.items) - done,
         failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),
         seconds=seconds,
     )
@@ -214,6 +213,13 @@ def _split(todo: Plan, truths: Mapping[str, Result]) -> tuple[list[Job], dict[st
         if job.reference is not None and job.reference in reasons
     }
     return drawable, hopeless
+
+
+def _count_new(todo: Plan, hopeless: Mapping[str, Result], journal: Journal) -> int:
+    """Items that this start has settled; one without a ground truth was settled with that."""
+    truths: dict[Path | None, str] = {job.artifact: job.key for job in todo.references}
+    settled_by = (truths[j.reference] if j.key in hopeless else j.key for j in todo.items)
+    return sum(key in journal.added for key in settled_by)
 
 
 def _with_pictures(todo: Plan, results: Mapping[str, Result]) -> list[Job]:

@@ -13,9 +13,10 @@ def mean_interval(per_object: NDArray[np.float64]) -> tuple[float, float]:
     """95 % percentile-bootstrap interval (low, high) of the mean of one value per object [G].
 
     The resamples depend on G alone, so that methods measured on the same objects are resampled
-    alike and their intervals are paired. (nan, nan) for fewer than 2 objects.
+    alike and their intervals are paired. (nan, nan) for fewer than 2 objects and where a value is
+    not finite.
     """
-    if len(per_object) < 2:
+    if len(per_object) < 2 or not np.isfinite(per_object).all():
         return float("nan"), float("nan")
     if np.ptp(per_object) == 0:  # exact, where resampled sums would round
         return float(per_object[0]), float(per_object[0])

@@ -34,11 +34,15 @@ FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one va
 
 @dataclass
 class Journal:
-    """The finished jobs of a directory, by key. `damage` lists what had to be set aside."""
+    """The finished jobs of a directory, by key.
+
+    `damage` lists what had to be set aside, `added` the keys that this start has appended.
+    """
 
     directory: Path
     finished: dict[str, Result] = field(default_factory=dict)
     damage: list[str] = field(default_factory=list)
+    added: set[str] = field(default_factory=set)
     _shard: TextIO | None = None
 
     def append(self, result: Result) -> None:
@@ -52,6 +56,7 @@ class Journal:
         self._shard.flush()
         os.fsync(self._shard.fileno())
         self.finished[result.key] = result
+        self.added.add(result.key)
 
     def usable(self, job: Job) -> Result | None:
         """The job's result where it counts: recorded, and its artifact unharmed."""
@@ -81,16 +86,9 @@ def open_journal(directory: Path) -> Iterator[Journal]:
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        lock_file = (directory / "lock").open("w")
     except OSError as error:
-        raise BadInput(f"{directory}: cannot be written ({error.strerror}); give --out") from error
-    with lock_file as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise BadInput(
-                f"{directory}: another run is writing here; wait, or give --out"
-            ) from error
+        raise _not_writable(directory, error) from error
+    with _locked(directory):
         journal = Journal(directory)
         for shard in sorted((directory / "journal").glob("[0-9]*.jsonl")):
             _read_shard(shard, journal)
@@ -100,15 +98,29 @@ def open_journal(directory: Path) -> Iterator[Journal]:
             journal.close()
 
 
+@contextmanager
+def _locked(directory: Path) -> Iterator[None]:
+    try:
+        lock_file = (directory / "lock").open("w")
+    except OSError as error:
+        raise _not_writable(directory, error) from error
+    with lock_file as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise BadInput(
+                f"{directory}: another run is writing here; wait, or give --out"
+            ) from error
+        yield
+
+
+def _not_writable(directory: Path, error: OSError) -> BadInput:
+    return BadInput(f"{directory}: cannot be written ({error.strerror}); give --out")
+
+
 def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
     """Raises BadInput where a run described by `manifest` must not be written into `directory`."""
-    if not directory.exists():
-        return
-    if not directory.is_dir():
-        raise BadInput(f"{directory}: is a file; give a folder with --out")
-    if not (directory / MANIFEST).exists():
-        if any(p.name != "lock" for p in directory.iterdir()):
-            raise BadInput(f"{directory}: not empty and not a run; give a new --out")
+    if not _holds_run(directory):
         return
     found = read_manifest(directory)
     for name in FIXED:
@@ -117,6 +129,30 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
                 f"{directory}: holds a run of {name} {found.get(name)!r}, not {manifest[name]!r}; "
                 "give another --out, or --fresh to start over"
             )
+
+
+def _holds_run(directory: Path) -> bool:
+    """False where nothing is there yet. Raises BadInput where it is something else than a run."""
+    if not directory.exists():
+        return False
+    if not directory.is_dir():
+        raise BadInput(f"{directory}: is a file; give a folder with --out")
+    if (directory / MANIFEST).exists():
+        return True
+    if any(path.name != "lock" for path in directory.iterdir()):
+        raise BadInput(f"{directory}: not empty and not a run; give a new --out")
+    return False
+
+
+def read_finished(directory: Path) -> dict[str, Any]:
+    """The manifest of a run that has come to its end; while it goes on, records are of another.
+
+    Raises BadInput as `read_manifest`, and where the run was stopped.
+    """
+    manifest = read_manifest(directory)
+    if manifest.get("finished") is None:
+        raise BadInput(f"{directory}: the run is not finished; start it again with its command")
+    return manifest
 
 
 def read_manifest(directory: Path) -> dict[str, Any]:
@@ -144,13 +180,20 @@ def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def set_aside(directory: Path) -> Path | None:
-    """Rename an old run out of the way (`--fresh`); nothing is deleted. None if there is none."""
-    if not directory.exists():
+    """Rename an old run out of the way (`--fresh`); nothing is deleted. None if there is none.
+
+    Raises BadInput where the directory is no run, and where another process is writing the run.
+    """
+    if not _holds_run(directory):
         return None
     number = 1
     while (target := directory.with_name(f"{directory.name}.old-{number}")).exists():
         number += 1
-    return directory.rename(target)
+    with _locked(directory):
+        try:
+            return directory.rename(target)
+        except OSError as error:
+            raise _not_writable(directory.parent, error) from error
 
 
 def _to_line(result: Result) -> str:

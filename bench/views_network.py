@@ -67,7 +67,8 @@ def load_views_network(path: Path) -> ViewsNetwork:
     try:
         network.load_state_dict(load_file(path))
     except Exception as error:  # safetensors and torch raise types of their own
-        raise BadInput(f"{path}: not the weights of fd-views ({error}); reinstall") from error
+        reason = " ".join(str(error).split())
+        raise BadInput(f"{path}: not the weights of fd-views ({reason}); reinstall") from error
     return network.eval()
 
 

@@ -84,7 +84,7 @@ def do(job: Job) -> Result:
         return failed(job, f"input: {error}")
     except StageFailure as error:
         return failed(job, str(error))
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a method may call exit(); the run goes on
         lines = str(error).splitlines()
         return failed(job, f"{type(error).__name__}: {lines[0] if lines else 'no message'}")
 
