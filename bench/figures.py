@@ -92,8 +92,8 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
     )
     for axis_row, (obj, method) in zip(axes, rows, strict=True):
         for axis, column in zip(axis_row, columns, strict=True):
-            key = (GROUND_TRUTH, "") if column == GROUND_TRUTH else (method, column)
-            job = by_cell.get((obj, *key))
+            of_method = (method, column) if column != GROUND_TRUTH else (GROUND_TRUTH, "")
+            job = by_cell.get((obj, of_method[0], of_method[1]))
             axis.set_xticks([])
             axis.set_yticks([])
             axis.spines[:].set_visible(False)

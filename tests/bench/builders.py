@@ -1,0 +1,142 @@
+"""Small values that the tests of the harness are made of, and a finished run of them."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from harness_objects import Tetrahedron
+
+from bench.columns import write_features, write_records
+from bench.record import GROUND_TRUTH, SCHEMA_VERSION, Record
+from bench.results import write_cost, write_tables
+from bench.store import write_manifest
+from bench.work import Job, Result, write_whole
+from data_prep.scene import View
+
+SUITE = "chair-robustness"
+VIEWS = (View(10.0, 5.0), View(-120.0, -30.0))
+SKIPPED_FID = "skipped: weights; not here"
+
+
+def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:
+    record = Record(
+        suite=SUITE,
+        method=method,
+        condition=condition,
+        class_name="chair",
+        object=obj,
+        view=view,
+        azimuth_deg=VIEWS[view % 2].azimuth_deg,
+        elevation_deg=VIEWS[view % 2].elevation_deg,
+        outcome="ok",
+        reason="",
+        notes="",
+        ssim=0.5,
+        luminance=0.9,
+        contrast=0.8,
+        structure=0.7,
+        prepare_s=0.25,
+        draw_s=0.125,
+    )
+    return replace(record, **changes)
+
+
+def make_failed(
+    method="splat", condition="2048", obj="a", view=0, reason="timeout: 3 s", **changes
+):
+    nothing = dict.fromkeys(("ssim", "luminance", "contrast", "structure", "prepare_s", "draw_s"))
+    changes = {"outcome": "failed", "reason": reason} | nothing | changes
+    return make_record(method, condition, obj, view, **changes)
+
+
+def make_job(directory: Path, obj=None, method="splat", condition="2048", **changes) -> Job:
+    """A job whose artifact and reference lie in `directory`, named by method and object."""
+    obj = obj or Tetrahedron()
+    key = f"{method} {condition} {obj.object_id}".replace("/", "-")
+    job = Job(
+        key=key,
+        suite=SUITE,
+        method=method,
+        condition=condition,
+        object=obj,
+        views=VIEWS,
+        seed=0,
+        device="cpu",
+        features=(),
+        artifact=directory / f"{key}.npz",
+        reference=directory / f"{GROUND_TRUTH}  {obj.object_id}.npz",
+    )
+    return replace(job, **changes)
+
+
+def make_truth(directory: Path, obj=None, **changes) -> Job:
+    return make_job(directory, obj, GROUND_TRUTH, "", reference=None, **changes)
+
+
+def write_artifact(job: Job, seed=0, **arrays) -> str:
+    """Random pictures, and further arrays, as the job's artifact; its checksum."""
+    rng = np.random.default_rng(seed)
+    arrays = {"images": rng.integers(0, 256, (len(job.views), 128, 128, 3), np.uint8)} | arrays
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    write_whole(job.artifact, buffer.getvalue())
+    return sha256(buffer.getvalue()).hexdigest()
+
+
+def make_manifest(**changes):
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "suite": SUITE,
+        "dataset": "procedural",
+        "views": 2,
+        "seed": 0,
+        "device": "cpu",
+        "methods": ["splat", "true-mesh", "blank"],
+        "conditions": ["2048", "512"],
+        "objects": ["chair/a", "chair/b", "chair/c"],
+        "skipped_metrics": {"fid": SKIPPED_FID},
+        "finished": "2026-01-01T00:00:00+00:00",
+    } | changes
+
+
+def write_run(directory: Path, **changes) -> Path:
+    """A finished run without running anything: random scores and features, nothing failed."""
+    manifest = make_manifest(**changes)
+    write_manifest(directory, manifest)
+    rng = np.random.default_rng(0)
+    jobs, results = [], []
+    for name in manifest["objects"]:
+        obj = Tetrahedron(name.partition("/")[2])
+        truth = rng.random((2, 4), np.float32)
+        jobs.append(make_truth(directory / "artifacts", obj))
+        write_artifact(jobs[-1], **{"fd-views": truth})
+        for method in manifest["methods"]:
+            for condition in manifest["conditions"]:
+                ideal = method == "true-mesh"
+                job = make_job(directory / "artifacts", obj, method, condition)
+                features = truth if ideal else rng.random((2, 4), np.float32)
+                write_artifact(job, **{"fd-views": features})
+                records = tuple(
+                    make_record(
+                        method,
+                        condition,
+                        obj.object_id,
+                        view,
+                        **{
+                            metric: 1.0 if ideal else rng.random()
+                            for metric in ("ssim", "luminance", "contrast", "structure")
+                        },
+                    )
+                    for view in range(2)
+                )
+                jobs.append(job)
+                results.append(Result(job.key, records, "0" * 64))
+    write_records(directory, results)
+    write_features(directory, "fd-views", jobs)
+    write_tables(directory)
+    write_cost(directory)
+    return directory

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# For `harness_objects`: spawned workers get this path, and import the objects of the tests by name.
+sys.path.append(str(Path(__file__).parent))
+
+BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """Runs the command line in this process; gives exit status, stdout and stderr."""
+    from bench.cli import main
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return ended.value.code or 0, out, err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def tiny_weights(tmp_path_factory):
+    """Weights of pc2pix as they are before any training, in a file."""
+    import torch
+
+    from pc2pix import checkpoint
+    from pc2pix.model import Encoder, Generator, ModelConfig
+    from pc2pix.weights import ENCODER_NAME, FORMAT
+
+    model = {"width": 0.0625, "latent_dim": 4}
+    torch.manual_seed(0)
+    tensors = {"code_mean": torch.zeros(4), "code_std": torch.ones(4)}
+    for network in (Encoder(ModelConfig(**model)), Generator(ModelConfig(**model))):
+        for key, value in network.state_dict().items():
+            if not key.endswith("num_batches_tracked"):
+                tensors[f"{type(network).__name__.lower()}.{key}"] = value
+    header = {"format": FORMAT, "encoder": ENCODER_NAME, "model": json.dumps(model)}
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    checkpoint.write_atomically(path, tensors, header | {"training": "{}"})
+    return path
+
+
+@pytest.fixture(scope="session")
+def arguments(tiny_weights):
+    """A run of 24 items that takes seconds: 3 objects x 4 methods x 2 conditions, 2 views."""
+    methods = f"splat,pc2pix@{tiny_weights},true-mesh,blank"
+    return (
+        *("run", "--suite", "chair-robustness", "--methods", methods),
+        *("--conditions", "2048,noise-0.10", "--limit", "3", "--views", "2"),
+    )
+
+
+@pytest.fixture(scope="session")
+def finished(arguments, tmp_path_factory):
+    """That run, by the command line with two workers: its folder and what it printed."""
+    directory = tmp_path_factory.mktemp("finished") / "run"
+    done = subprocess.run(
+        [*BENCH, *arguments, "--workers", "2", "--out", str(directory)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)},  # no weights for fid
+    )
+    assert done.returncode == 0, done.stderr
+    return directory, done
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    """A copy of that run, to be altered."""
+    return Path(shutil.copytree(finished[0], tmp_path / "run"))

@@ -1,0 +1,325 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import bench.published
+from bench.check import bless, check
+from bench.metric_table import IMAGE_METRICS
+from bench.published import golden, published
+from bench.results import write_tables
+from bench.store import read_manifest, write_manifest
+from bench.suites import SUITES
+from bench.tolerances import RECONSTRUCTION, RENDERING, tolerance
+from data_prep.failures import BadInput
+
+from .builders import SUITE, write_run
+
+
+@pytest.fixture
+def results(tmp_path, monkeypatch):
+    folder = tmp_path / "results"
+    monkeypatch.setattr(bench.published, "RESULTS", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def blessed(tmp_path_factory):
+    """A folder with a finished run, and results whose golden values are its own."""
+    folder = tmp_path_factory.mktemp("blessed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.published, "RESULTS", folder / "results")
+        bless(write_run(folder / "run"))
+    return folder
+
+
+@pytest.fixture
+def run(blessed, tmp_path, results):
+    """Copies of both, to be altered."""
+    shutil.copytree(blessed / "results", results)
+    return Path(shutil.copytree(blessed / "run", tmp_path / "run"))
+
+
+def alter_records(run, column, change, method="splat", condition="512"):
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    chosen = (frame["method"] == method) & (frame["condition"] == condition)
+    frame.loc[chosen, column] = change(frame.loc[chosen, column])
+    frame.to_parquet(path)
+
+
+def alter_golden(results, metric, change, method="splat", condition="512"):
+    path = results / "golden" / f"{SUITE}.csv"
+    frame = pd.read_csv(path, dtype={"condition": str})
+    chosen = (frame["method"] == method) & (frame["condition"] == condition)
+    chosen &= frame["metric"] == metric
+    assert chosen.sum() == 1
+    frame.loc[chosen, "value"] = change(frame.loc[chosen, "value"])
+    frame.to_csv(path, index=False)
+
+
+def test_a_run_agrees_with_itself(run, command):
+    verdict = check(run)
+    assert verdict.regressions == ()
+    assert verdict.compared == 3 * 2 * 5  # methods x conditions x metrics; fid was skipped
+    status, out, err = command("check", run)
+    assert (status, err) == (0, "")
+    assert out == "30 golden values compared, 0 regressions\n"
+
+
+def test_golden_values_are_the_tables_with_tolerances(run, results):
+    frame = golden(SUITE)
+    assert list(frame.columns) == [
+        *("dataset", "objects", "views", "seed"),
+        *("method", "condition", "class", "metric", "value", "tolerance", "reason"),
+    ]
+    tables = pd.concat(pd.read_csv(path) for path in sorted((run / "tables").glob("*.csv")))
+    tables = tables[tables["metric"] != "fid"]
+    assert frame["value"].tolist() == tables["value"].tolist()
+    for row in frame.to_dict("records"):
+        assert (row["dataset"], row["objects"], row["views"], row["seed"]) == (
+            "procedural",
+            3,
+            2,
+            0,
+        )
+        rule = tolerance(row["method"], row["metric"])
+        # both columns have six decimals
+        expected = rule.absolute + rule.relative * row["value"]
+        assert row["tolerance"] == pytest.approx(expected, abs=6e-7)
+        assert row["reason"] == rule.reason
+
+
+def test_the_ceiling_has_no_leeway(run):
+    frame = golden(SUITE).set_index("method").loc["true-mesh"]
+    assert frame["tolerance"].max() <= 1e-6
+    assert set(frame.loc[frame["metric"] == "fd-views", "value"]) == {0.0}
+    assert set(frame.loc[frame["metric"] != "fd-views", "value"]) == {1.0}
+
+
+def test_the_golden_values_of_this_project():
+    """Every cell of the default run; the ceiling exact, the floor the same whatever the cloud."""
+    suite = SUITES[0]
+    frame = golden(suite.id)
+    protocol = frame[["dataset", "objects", "views", "seed"]].drop_duplicates()
+    assert protocol.to_numpy().tolist() == [["procedural", suite.endless_limit, suite.views, 0]]
+    metrics = (*IMAGE_METRICS, "fd-views")
+    cells = frame[["method", "condition", "class", "metric"]].apply(tuple, axis=1)
+    assert sorted(cells) == sorted(
+        (method, condition, "chair", metric)
+        for method in suite.methods
+        for condition in suite.conditions
+        for metric in metrics
+    )
+    for row in frame.to_dict("records"):
+        rule = tolerance(row["method"], row["metric"])
+        allowed = rule.absolute + rule.relative * row["value"]
+        assert row["tolerance"] == pytest.approx(allowed, abs=6e-7)
+        assert row["reason"] == rule.reason
+    for metric in metrics:
+        values = frame[frame["metric"] == metric].set_index("method")["value"]
+        assert set(values["true-mesh"]) == {0.0 if metric == "fd-views" else 1.0}
+        assert len(set(values["blank"])) == 1
+
+
+def test_every_default_metric_has_a_tolerance():
+    for table in (RENDERING, RECONSTRUCTION):
+        assert set(table) == {*IMAGE_METRICS, "fd-views"}
+    assert tolerance("splat", "fid") is None
+    assert tolerance("surface-apss", "ssim") == RECONSTRUCTION["ssim"]
+    assert tolerance("pc2pix", "ssim") == RENDERING["ssim"]
+
+
+@pytest.mark.parametrize("metric", ["ssim", "luminance", "contrast", "structure", "fd-views"])
+def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, metric):
+    rows = golden(SUITE)
+    row = rows[
+        (rows["method"] == "splat") & (rows["condition"] == "512") & (rows["metric"] == metric)
+    ].iloc[0]
+    alter_golden(results, metric, lambda value: value + 0.98 * row["tolerance"])
+    assert check(run).regressions == ()
+    alter_golden(results, metric, lambda value: value + 0.04 * row["tolerance"])
+    status, out, err = command("check", run)
+    assert (status, err) == (1, "")
+    verdict, total = out.splitlines()
+    moved = row["value"] + 1.02 * row["tolerance"]
+    assert verdict.startswith(f"REGRESSION {metric} of splat at 512: {row['value']:.6f}, golden ")
+    assert float(verdict.split("golden ")[1].split()[0]) == pytest.approx(moved, abs=2e-6)
+    assert verdict.endswith(f"+- {row['tolerance']:.6f} ({row['reason']})")
+    assert total == "30 golden values compared, 1 regressions"
+
+
+def test_an_altered_record_is_a_regression(run, command):
+    alter_records(run, "ssim", lambda values: values + 0.01)
+    status, out, _ = command("check", run)
+    assert status == 1
+    assert "REGRESSION ssim of splat at 512: " in out
+    # and the tables no longer say what the records say
+    assert f"REGRESSION {run}/tables/table3_ssim.csv: not what the records give" in out
+    write_tables(run)
+    assert len(check(run).regressions) == 1
+
+
+def test_a_metric_that_has_become_nan_is_a_regression(run):
+    alter_records(run, "structure", lambda values: float("nan"))
+    write_tables(run)
+    (line,) = check(run).regressions
+    assert line.startswith("structure of splat at 512: nothing, golden 0.")
+
+
+def test_pictures_that_have_gone_missing_are_a_regression(run):
+    alter_records(run, "outcome", lambda values: "failed")
+    write_tables(run)
+    assert [line.split(",")[0] for line in check(run).regressions] == [
+        f"{metric} of splat at 512: nothing" for metric in IMAGE_METRICS
+    ]
+
+
+def test_a_cell_that_is_not_there_is_a_regression(run, results):
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    frame[~((frame["method"] == "splat") & (frame["condition"] == "512"))].to_parquet(path)
+    write_tables(run)
+    lines = check(run).regressions
+    assert [line.split(",")[0] for line in lines] == [
+        f"{metric} of splat at 512: nothing" for metric in (*IMAGE_METRICS, "fd-views")
+    ]
+
+
+@pytest.mark.parametrize("name", ["table3_ssim.csv", "table4_fid.md"])
+@pytest.mark.parametrize("harm", ["altered", "missing"])
+def test_table_files_have_to_say_what_the_records_say(run, command, name, harm):
+    path = run / "tables" / name
+    if harm == "missing":
+        path.unlink()
+    else:
+        path.write_text(path.read_text().replace("0.", "0.9", 1))
+    status, out, _ = command("check", run)
+    assert status == 1
+    assert out.splitlines()[0] == (
+        f"REGRESSION {path}: not what the records give; 'bench table {run}' restores it"
+    )
+    assert command("table", run)[0] == 0
+    assert command("check", run)[0] == 0
+
+
+def test_a_part_of_the_methods_can_be_checked(tmp_path, run):
+    part = write_run(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
+    verdict = check(part)
+    assert (verdict.compared, verdict.regressions) == (5, ())
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"dataset": "folder:x"}, "dataset folder:x (golden: procedural)"),
+        ({"views": 3}, "views 3 (golden: 2)"),
+        ({"seed": 1}, "seed 1 (golden: 0)"),
+        ({"objects": ["chair/a", "chair/b"]}, "objects 2 (golden: 3)"),
+        ({"seed": 1, "views": 3}, "views 3 (golden: 2), seed 1 (golden: 0)"),
+    ],
+)
+def test_another_protocol_cannot_be_compared(tmp_path, run, command, change, told):
+    other = write_run(tmp_path / "other", **change)
+    status, out, err = command("check", other)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {other}: no golden values for this protocol: {told}; "
+        f"check a run of 'bench run --suite {SUITE}' with its defaults\n"
+    )
+
+
+def test_no_golden_values(tmp_path, results, command):
+    directory = write_run(tmp_path / "run")
+    status, out, err = command("check", directory)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {results}/golden/{SUITE}.csv: no golden values for '{SUITE}'; "
+        "run from a checkout that has them\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["nowhere", "results", "file"])
+def test_a_wrong_path(tmp_path, run, command, name):
+    (tmp_path / "file").touch()
+    status, out, err = command("check", tmp_path / name)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {tmp_path / name}: no run here (manifest.json is missing); give a run's folder\n"
+    )
+
+
+@pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"]])
+def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
+    write_manifest(run, read_manifest(run) | {"finished": None})
+    status, out, err = command(*arguments, run)
+    assert (status, out) == (2, "")
+    assert err == f"bench: {run}: the run is not finished; start it again with its command\n"
+
+
+def test_bless_says_where(tmp_path, results, command):
+    directory = write_run(tmp_path / "run")
+    status, out, err = command("check", "--bless", directory)
+    assert (status, err) == (0, "")
+    assert out == f"golden values written to {results}/golden/{SUITE}.csv\n"
+    assert command("check", directory)[0] == 0
+
+
+def test_bless_replaces_what_was_golden(tmp_path, run):
+    other = write_run(tmp_path / "other", seed=5)
+    with pytest.raises(BadInput, match="seed 5"):
+        check(other)
+    bless(other)
+    assert check(other).regressions == ()
+    with pytest.raises(BadInput, match="seed 0"):
+        check(run)
+
+
+def test_fid_is_never_golden(tmp_path, results):
+    directory = write_run(tmp_path / "run", skipped_metrics={})
+    (directory / "features" / "fid.parquet").write_bytes(
+        (directory / "features" / "fd-views.parquet").read_bytes()
+    )
+    write_tables(directory)
+    bless(directory)
+    assert "fid" not in set(golden(SUITE)["metric"])
+    assert check(directory).regressions == ()
+
+
+# --- the paper ------------------------------------------------------------------------------------
+
+
+def test_published_values_are_those_of_the_paper():
+    values = published(SUITE)
+    assert len(values) == 5 * 5 * 2  # metrics x conditions x roads
+    assert values["chair", "ssim", "noise-0.10", "surface-apss"] == 0.30
+    assert values["chair", "fid", "2048", "pc2pix"] == 31.5
+    assert published("another-suite") == {}
+
+
+def test_remarks_say_which_road_is_ahead(tmp_path, results, command):
+    paper = results / "paper" / f"{SUITE}.csv"
+    paper.parent.mkdir(parents=True)
+    paper.write_text(
+        "table,class,metric,condition,method,value\n"
+        "3,chair,ssim,2048,surface-apss,0.9\n"
+        "3,chair,ssim,2048,pc2pix,0.1\n"
+        "3,chair,ssim,512,surface-apss,0.1\n"
+        "3,chair,ssim,512,pc2pix,0.9\n"
+        "3,chair,contrast,512,pc2pix,0.9\n"
+    )
+    directory = write_run(tmp_path / "run", methods=["surface-apss", "pc2pix", "blank"])
+    alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", "2048")
+    alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", "2048")
+    alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", "512")
+    alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", "512")
+    write_tables(directory)
+    bless(directory)
+    status, out, _ = command("check", directory)
+    assert status == 0  # the paper is no criterion
+    assert out.splitlines()[0] == "paper: ssim: the same method is ahead in 1 of 2 cells"
+    assert json.loads((directory / "manifest.json").read_text())["methods"][0] == "surface-apss"

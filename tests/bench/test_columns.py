@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from bench.columns import read_features, read_records, write_features, write_records
+from bench.record import SCHEMA_VERSION, to_frame
+from bench.work import Result
+from data_prep.failures import BadInput
+
+from .builders import make_failed, make_job, make_record, write_artifact
+
+CONTRACT = [
+    "suite",
+    "method",
+    "condition",
+    "class",
+    "object",
+    "view",
+    "outcome",
+    "reason",
+    "ssim",
+    "luminance",
+    "contrast",
+    "structure",
+    "prepare_s",
+    "draw_s",
+]
+
+
+def results(*records):
+    return [Result(str(i), (record,), None) for i, record in enumerate(records)]
+
+
+def test_contract_columns(tmp_path):
+    write_records(tmp_path, results(make_record()))
+    frame = pd.read_parquet(tmp_path / "records.parquet")  # as other people's scripts read it
+    assert set(CONTRACT) <= set(frame.columns)
+    assert frame.iloc[0][CONTRACT].to_dict() == {
+        "suite": "chair-robustness",
+        "method": "splat",
+        "condition": "2048",
+        "class": "chair",
+        "object": "a",
+        "view": 0,
+        "outcome": "ok",
+        "reason": "",
+        "ssim": 0.5,
+        "luminance": 0.9,
+        "contrast": 0.8,
+        "structure": 0.7,
+        "prepare_s": 0.25,
+        "draw_s": 0.125,
+    }
+
+
+def test_failures_have_no_scores_and_are_not_dropped(tmp_path):
+    write_records(tmp_path, results(make_failed(reason="apss: no faces"), make_record(obj="b")))
+    frame = read_records(tmp_path)
+    assert frame["outcome"].tolist() == ["failed", "ok"]
+    assert frame["reason"].tolist() == ["apss: no faces", ""]
+    assert frame["ssim"].dtype == np.float64
+    assert frame["ssim"].isna().tolist() == [True, False]
+    assert frame["prepare_s"].isna().tolist() == [True, False]
+
+
+def test_the_order_of_the_work_does_not_matter(tmp_path):
+    records = [
+        make_record(method, condition, obj, view)
+        for method in ("splat", "blank")
+        for condition in ("2048", "1024")
+        for obj in ("b", "a")
+        for view in (1, 0)
+    ]
+    one, two = write_records(tmp_path, results(*records)), to_frame(records[::-1])
+    pd.testing.assert_frame_equal(one, two)
+    first = one.iloc[0][["method", "condition", "object", "view"]].tolist()
+    assert first == ["blank", "1024", "a", 0]
+
+
+def test_what_is_written_is_what_is_read(tmp_path):
+    records = [make_record(ssim=1 / 3, notes="3 faces"), make_failed(obj="b")]
+    written = write_records(tmp_path, results(*records))
+    pd.testing.assert_frame_equal(read_records(tmp_path), written)
+    assert [path.name for path in tmp_path.iterdir()] == ["records.parquet"]
+
+
+def test_no_records(tmp_path):
+    with pytest.raises(BadInput, match=r"no records\.parquet; the run is not finished"):
+        read_records(tmp_path)
+
+
+@pytest.mark.parametrize("harm", [lambda data: data[:-10], lambda data: b"", lambda data: b"PAR1"])
+def test_damaged_records(tmp_path, harm):
+    write_records(tmp_path, results(make_record()))
+    path = tmp_path / "records.parquet"
+    path.write_bytes(harm(path.read_bytes()))
+    with pytest.raises(BadInput) as error:
+        read_records(tmp_path)
+    assert str(error.value).startswith(f"{path}: not readable (")
+    assert "\n" not in str(error.value)
+
+
+def test_newer_records_are_refused(tmp_path):
+    path = tmp_path / "records.parquet"
+    table = pa.table({"ssim": [1.0]})
+    for schema, refused in ((SCHEMA_VERSION + 1, True), (SCHEMA_VERSION, False)):
+        pq.write_table(
+            table.replace_schema_metadata({b"pc2pix_bench_schema": str(schema).encode()}), path
+        )
+        if refused:
+            with pytest.raises(BadInput, match=f"schema {schema} is newer than {SCHEMA_VERSION}"):
+                read_records(tmp_path)
+        else:
+            assert len(read_records(tmp_path)) == 1
+
+
+def test_written_records_carry_the_schema(tmp_path):
+    write_records(tmp_path, results(make_record()))
+    metadata = pq.read_schema(tmp_path / "records.parquet").metadata
+    assert metadata[b"pc2pix_bench_schema"] == str(SCHEMA_VERSION).encode()
+
+
+def test_features_go_and_come_back(tmp_path):
+    rng = np.random.default_rng(0)
+    jobs, expected = [], {}
+    for i in range(70):  # more than one row group
+        job = make_job(tmp_path / "artifacts", method=f"m{i % 2}")
+        job = replace(job, artifact=job.artifact.with_name(f"{i}.npz"))
+        job = replace(job, object=replace(job.object, object_id=f"o{i:02d}"))
+        values = rng.random((2, 5), np.float32)
+        write_artifact(job, images=np.zeros(1), metric=values)
+        jobs.append(job)
+        expected |= {(job.method, job.object.object_id, v): values[v] for v in range(2)}
+    write_features(tmp_path, "metric", jobs)
+    found = read_features(tmp_path, "metric")
+    for method in ("m0", "m1"):
+        pictures = found.pictures(method, "2048", "chair")
+        assert len(pictures) == 70
+        assert pictures == sorted(pictures)
+        values = found.of(method, "2048", "chair", pictures)
+        assert values.dtype == np.float32
+        assert np.array_equal(values, [expected[method, *picture] for picture in pictures])
+        backwards = found.of(method, "2048", "chair", pictures[::-1])
+        assert np.array_equal(backwards, values[::-1])
+    assert found.pictures("m0", "512", "chair") == []
+
+
+def test_features_that_were_not_taken(tmp_path):
+    assert read_features(tmp_path, "fid") is None
+
+
+def test_damaged_features(tmp_path):
+    path = tmp_path / "features" / "fid.parquet"
+    path.parent.mkdir()
+    path.write_bytes(b"PAR1")
+    with pytest.raises(BadInput, match="not readable"):
+        read_features(tmp_path, "fid")

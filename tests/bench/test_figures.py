@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from harness_objects import Tetrahedron
+
+from bench.figures import write_figures
+from bench.tables import Row, Table
+from bench.work import read_artifact
+
+from .builders import make_job, make_truth, write_artifact
+
+NAN = float("nan")
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Writes figures and keeps them: the curves and the grid."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    kept = []
+    monkeypatch.setattr(plt, "close", kept.append)
+
+    def draw(tables, jobs):
+        write_figures(tmp_path, tables, jobs)
+        for name in ("robustness.png", "pictures.png"):
+            assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
+        return kept
+
+    yield draw
+    monkeypatch.undo()
+    plt.close("all")
+
+
+def make_row(metric, method, condition, value, low=NAN, high=NAN):
+    return Row("s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, "")
+
+
+CURVES = [
+    Table(
+        "table3_ssim",
+        "",
+        (
+            make_row("ssim", "splat", "2048", 0.8, 0.7, 0.95),
+            make_row("ssim", "splat", "512", 0.6, 0.5, 0.65),
+            make_row("ssim", "blank", "2048", 0.4),
+            make_row("luminance", "splat", "2048", 0.9),
+        ),
+        3,
+    ),
+    Table(
+        "table4_fid",
+        "",
+        (
+            make_row("fid", "splat", "2048", NAN),
+            make_row("fd-views", "splat", "2048", 12.5),
+        ),
+        1,
+    ),
+]
+
+
+@pytest.fixture
+def jobs(tmp_path):
+    made = []
+    for number, obj in enumerate((Tetrahedron("a"), Tetrahedron("b"))):
+        made.append(make_truth(tmp_path, obj))
+        for method in ("splat", "blank"):
+            if (method, obj.object_id) != ("splat", "b"):  # that one failed
+                made.append(make_job(tmp_path, obj, method))
+        for job in made:
+            write_artifact(job, seed=number + len(made))
+    return made
+
+
+def test_curves_show_the_tables(drawn, jobs):
+    curves, _ = drawn(CURVES, jobs)
+    ssim, views = curves.axes  # fid has no value, luminance no curve
+    assert ssim.get_title() == "ssim (higher is better)"
+    assert views.get_title() == "fd-views (lower is better)"
+    assert [text.get_text() for text in curves.legends[0].get_texts()] == ["splat", "blank"]
+    splat, blank = ssim.containers
+    np.testing.assert_array_equal(splat.lines[0].get_ydata(), [0.8, 0.6])
+    ends = np.array([segment[:, 1] for segment in splat.lines[2][0].get_segments()])
+    np.testing.assert_allclose(ends, [[0.7, 0.95], [0.5, 0.65]])
+    np.testing.assert_array_equal(blank.lines[0].get_ydata(), [0.4])
+    assert ssim.get_xticklabels()[0].get_text() == "2048"
+
+
+def test_the_grid_shows_first_pictures_and_failures(drawn, jobs):
+    _, grid = drawn(CURVES, jobs)
+    cells = np.array(grid.axes).reshape(2, 2)  # objects x (truth, condition); the floor is left out
+    assert [axis.get_title() for axis in cells[0]] == ["ground-truth", "2048"]
+    assert [axis.get_ylabel() for axis in cells[:, 0]] == ["a\nsplat", "b\nsplat"]
+    assert [text.get_text() for text in cells[1, 1].texts] == ["failed"]
+    assert not cells[1, 1].images
+    by_cell = {(job.object.object_id, job.method): job for job in jobs}
+    for row, obj in zip(cells, "ab", strict=True):
+        for axis, method in zip(row, ("ground-truth", "splat"), strict=True):
+            if axis.images:
+                shown = np.asarray(axis.images[0].get_array())
+                expected = read_artifact(by_cell[obj, method].artifact)["images"][0]
+                assert np.array_equal(shown, expected)
+    assert sum(len(axis.images) for axis in cells.flat) == 3
+
+
+def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
+    jobs = []
+    for name in "abcdef":
+        jobs += [make_truth(tmp_path, Tetrahedron(name)), make_job(tmp_path, Tetrahedron(name))]
+    for job in jobs:
+        write_artifact(job)
+    _, grid = drawn(CURVES, jobs)
+    labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
+    assert labels == [f"{name}\nsplat" for name in "abcd"]
+
+
+def test_nothing_is_drawn_where_all_items_failed(tmp_path):
+    job = make_truth(tmp_path)
+    write_artifact(job)
+    write_figures(tmp_path, [], [job])
+    assert not (tmp_path / "figures").exists()

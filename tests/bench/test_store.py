@@ -1,0 +1,316 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from bench.record import SCHEMA_VERSION
+from bench.store import (
+    FIXED,
+    check_directory,
+    open_journal,
+    read_finished,
+    read_manifest,
+    set_aside,
+    write_manifest,
+)
+from bench.work import Result, failed
+from data_prep.failures import BadInput
+
+from .builders import make_job, make_manifest, make_record, write_artifact
+
+
+def one_line(error):
+    message = str(error.value)
+    assert "\n" not in message
+    return message
+
+
+def finish(job, seed=0):
+    """The result of a job whose artifact has been written."""
+    return Result(job.key, (make_record(ssim=1 / 3),), write_artifact(job, seed))
+
+
+def shards(directory):
+    return sorted((directory / "journal").iterdir())
+
+
+# --- journal --------------------------------------------------------------------------------------
+
+
+def test_what_was_appended_is_there_again(tmp_path):
+    job, broken = make_job(tmp_path), make_job(tmp_path, method="blank")
+    done, reason = finish(job), failed(broken, 'crash: "ä" \u2028 died')
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is None
+        journal.append(done)
+        journal.append(reason)
+        assert journal.usable(job) == done
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) == done  # 1/3 to the last bit
+        assert journal.usable(broken) == reason
+        assert journal.damage == []
+        assert journal.added == set()
+
+
+def test_every_start_that_writes_has_a_file_of_its_own(tmp_path):
+    for method in ("splat", "blank"):
+        with open_journal(tmp_path) as journal:
+            journal.append(finish(make_job(tmp_path, method=method)))
+            assert journal.added == {make_job(tmp_path, method=method).key}
+        with open_journal(tmp_path):
+            pass  # reads only
+    assert [path.name for path in shards(tmp_path)] == ["0001.jsonl", "0002.jsonl"]
+
+
+def test_a_result_is_on_disk_before_append_returns(tmp_path, monkeypatch):
+    job = make_job(tmp_path)
+    done, synced = finish(job), []
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle).st_size))
+    with open_journal(tmp_path) as journal:
+        journal.append(done)
+        assert synced == [shards(tmp_path)[0].stat().st_size]
+        (line,) = shards(tmp_path)[0].read_bytes().splitlines()
+    checksum, _, body = line.partition(b" ")
+    assert sha256(body).hexdigest() == checksum.decode()
+    assert json.loads(body)["key"] == job.key
+
+
+def test_later_results_replace_earlier_ones(tmp_path):
+    job = make_job(tmp_path)
+    for seed in (0, 1):
+        with open_journal(tmp_path) as journal:
+            journal.append(finish(job, seed))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) == finish(job, seed=1)
+
+
+@pytest.mark.parametrize("length", [1, 64, 65, 200, -2])
+def test_a_torn_line_is_done_again(tmp_path, length):
+    whole, torn = make_job(tmp_path), make_job(tmp_path, method="blank")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(whole))
+        journal.append(finish(torn))
+    (shard,) = shards(tmp_path)
+    first, second = shard.read_bytes().splitlines(keepends=True)
+    shard.write_bytes(first + second[:length])
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(whole) is not None
+        assert journal.usable(torn) is None
+        (damage,) = journal.damage
+        assert damage.startswith(f"{shard}: line 2 was cut short by the end of its run")
+        journal.append(finish(torn))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(torn) is not None
+
+
+def test_a_whole_line_without_its_newline_counts(tmp_path):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    (shard,) = shards(tmp_path)
+    shard.write_bytes(shard.read_bytes().rstrip(b"\n"))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is not None
+        assert journal.damage == []
+
+
+@pytest.mark.parametrize("change", [(b'"ssim": 0.33', b'"ssim": 0.34'), (b" ", b""), (b"{", b"\n")])
+def test_a_damaged_line_is_done_again_and_the_others_stay(tmp_path, change):
+    jobs = [make_job(tmp_path, method=method) for method in ("splat", "blank", "true-mesh")]
+    with open_journal(tmp_path) as journal:
+        for job in jobs:
+            journal.append(finish(job))
+    (shard,) = shards(tmp_path)
+    lines = shard.read_bytes().splitlines(keepends=True)
+    lines[1] = lines[1].replace(*change, 1)
+    shard.write_bytes(b"".join(lines))
+    with open_journal(tmp_path) as journal:
+        assert [journal.usable(job) is not None for job in jobs] == [True, False, True]
+        assert journal.damage[0].startswith(f"{shard}: line 2 is damaged")
+
+
+@pytest.mark.parametrize("harm", ["missing", "altered", "cut"])
+def test_a_harmed_artifact_is_made_again(tmp_path, harm):
+    job, other = make_job(tmp_path), make_job(tmp_path, method="blank")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+        journal.append(finish(other))
+    data = bytearray(job.artifact.read_bytes())
+    data[100] ^= 1
+    if harm == "missing":
+        job.artifact.unlink()
+    else:
+        job.artifact.write_bytes(data if harm == "altered" else data[:-1])
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is None
+        assert journal.usable(other) is not None
+        assert journal.damage == [f"{job.artifact}: missing or altered; its job is done again"]
+
+
+def test_a_failed_job_needs_no_artifact(tmp_path):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(failed(job, "timeout"))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) == failed(job, "timeout")
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from bench.store import open_journal
+with open_journal(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_process_is_refused(tmp_path):
+    write_manifest(tmp_path, make_manifest())
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with holder:
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(BadInput) as error, open_journal(tmp_path):
+            pass
+        assert one_line(error) == (f"{tmp_path}: another run is writing here; wait, or give --out")
+        with pytest.raises(BadInput, match="another run is writing here"):
+            set_aside(tmp_path)
+        holder.kill()
+    with open_journal(tmp_path):  # the lock has died with its process
+        pass
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(BadInput) as error, open_journal(tmp_path / "file" / "run"):
+        pass
+    assert "file/run: cannot be written (Not a directory); give --out" in one_line(error)
+
+
+# --- directories ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [lambda path: None, Path.mkdir])
+def test_new_and_empty_directories_are_welcome(tmp_path, make):
+    make(tmp_path / "run")
+    check_directory(tmp_path / "run", make_manifest())
+    assert set_aside(tmp_path / "run") is None
+
+
+def test_a_lock_alone_is_no_stranger(tmp_path):
+    with open_journal(tmp_path):
+        check_directory(tmp_path, make_manifest())
+
+
+def test_the_same_run_is_welcome_whatever_grows(tmp_path):
+    write_manifest(tmp_path, make_manifest())
+    more = make_manifest(methods=["splat"], conditions=["noise-0.05"], objects=["chair/z"])
+    check_directory(tmp_path, more)
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_another_run_is_refused(tmp_path, name):
+    write_manifest(tmp_path, make_manifest())
+    other = make_manifest(**{name: "another"})
+    with pytest.raises(BadInput) as error:
+        check_directory(tmp_path, other)
+    assert one_line(error) == (
+        f"{tmp_path}: holds a run of {name} {make_manifest()[name]!r}, not 'another'; "
+        "give another --out, or --fresh to start over"
+    )
+
+
+def test_what_is_fixed():
+    assert set(FIXED) == {"suite", "dataset", "views", "seed", "device"}
+
+
+def test_a_newer_run_is_refused_everywhere(tmp_path):
+    write_manifest(tmp_path, make_manifest(schema_version=SCHEMA_VERSION + 1))
+    for read in (read_manifest, read_finished, lambda path: check_directory(path, make_manifest())):
+        with pytest.raises(BadInput) as error:
+            read(tmp_path)
+        assert one_line(error).startswith(
+            f"{tmp_path}: written by a newer version (schema {SCHEMA_VERSION + 1}, this one reads "
+            f"up to {SCHEMA_VERSION}); update"
+        )
+
+
+@pytest.mark.parametrize("refuse", [lambda p: check_directory(p, make_manifest()), set_aside])
+def test_other_peoples_directories_are_left_alone(tmp_path, refuse):
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(BadInput) as error:
+        refuse(tmp_path)
+    assert one_line(error) == f"{tmp_path}: not empty and not a run; give a new --out"
+    with pytest.raises(BadInput) as error:
+        refuse(tmp_path / "thesis.tex")
+    assert one_line(error).endswith("thesis.tex: is a file; give a folder with --out")
+    assert (tmp_path / "thesis.tex").exists()
+
+
+@pytest.mark.parametrize("read", [read_manifest, read_finished])
+def test_no_manifest(tmp_path, read):
+    for place in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(BadInput) as error:
+            read(place)
+        assert one_line(error) == (
+            f"{place}: no run here (manifest.json is missing); give a run's folder"
+        )
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"schema_version": "new"}', "\xff"])
+def test_a_damaged_manifest(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text, encoding="latin-1")
+    with pytest.raises(BadInput) as error:
+        read_manifest(tmp_path)
+    assert one_line(error).startswith(f"{tmp_path / 'manifest.json'}: not a manifest (")
+
+
+@pytest.mark.parametrize("manifest", [{"finished": None}, {}])
+def test_a_run_that_was_stopped_is_not_finished(tmp_path, manifest):
+    write_manifest(tmp_path, {"schema_version": SCHEMA_VERSION} | manifest)
+    with pytest.raises(BadInput) as error:
+        read_finished(tmp_path)
+    assert one_line(error) == (
+        f"{tmp_path}: the run is not finished; start it again with its command"
+    )
+
+
+def test_manifests_are_kept_to_the_letter(tmp_path):
+    manifest = make_manifest(note="Fréchet", seed=2**40)
+    write_manifest(tmp_path, manifest)
+    assert read_manifest(tmp_path) == read_finished(tmp_path) == manifest
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]  # nothing temporary
+
+
+def test_old_runs_are_renamed_not_deleted(tmp_path):
+    run = tmp_path / "run"
+    for number in (1, 2):
+        run.mkdir()
+        write_manifest(run, make_manifest(seed=number))
+        assert set_aside(run) == tmp_path / f"run.old-{number}"
+        assert not run.exists()
+    assert read_manifest(tmp_path / "run.old-1")["seed"] == 1
+    assert read_manifest(tmp_path / "run.old-2")["seed"] == 2
+
+
+def test_killed_writers_leave_the_old_file_whole(tmp_path, monkeypatch):
+    write_manifest(tmp_path, make_manifest(seed=1))
+
+    def killed(handle):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", killed)
+    with pytest.raises(KeyboardInterrupt):
+        write_manifest(tmp_path, make_manifest(seed=2))
+    assert read_manifest(tmp_path)["seed"] == 1

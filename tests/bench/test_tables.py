@@ -1,0 +1,422 @@
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import bench.results
+from bench.frechet import frechet_interval
+from bench.metrics import frechet_distance
+from bench.record import GROUND_TRUTH, to_frame
+from bench.results import cost_table, tables, write_tables
+from bench.statistics import mean_interval
+from bench.suites import SUITES
+from bench.tables import Features, Table, image_table, set_table
+from data_prep.failures import BadInput
+
+from .builders import SKIPPED_FID, make_failed, make_manifest, make_record, write_run
+
+SUITE = SUITES[0]
+EXACT = 1e-12  # a handful of float64 additions
+
+
+def cell(table, **chosen):
+    """The one row with these values."""
+    (row,) = [r for r in table.rows if chosen.items() <= asdict(r).items()]
+    return row
+
+
+# --- means ----------------------------------------------------------------------------------------
+
+# splat: a 0.2 0.4, b 0.6 0.8, c failed; d is there for one view of two.
+WORKED = [
+    make_record(obj="a", view=0, ssim=0.2),
+    make_record(obj="a", view=1, ssim=0.4),
+    make_record(obj="b", view=0, ssim=0.6),
+    make_record(obj="b", view=1, ssim=0.8),
+    make_failed(obj="c", view=0, reason="apss: no faces"),
+    make_failed(obj="c", view=1, reason="apss: no faces"),
+    make_record(obj="d", view=0, ssim=0.1),
+    make_failed(obj="d", view=1, reason="timeout: 120 s"),
+    # what a blank picture would have scored
+    *(make_record("blank", obj=obj, view=v, ssim=0.05) for obj in "ab" for v in (0, 1)),
+    make_record("blank", obj="c", view=0, ssim=0.01),
+    make_record("blank", obj="c", view=1, ssim=0.02),
+    make_record("blank", obj="d", view=0, ssim=0.05),
+    make_record("blank", obj="d", view=1, ssim=0.03),
+    # and what must not be mistaken for it
+    make_record("blank", "512", obj="c", view=0, ssim=0.99),
+    make_record("blank", obj="c", view=0, ssim=0.99, class_name="sofa"),
+    make_failed("blank", "512", obj="c", view=1),
+]
+
+
+def worked_table(records=WORKED, published=None):
+    return image_table("table3_ssim", "Table 3", to_frame(records), SUITE, published or {})
+
+
+def test_a_table_worked_by_hand():
+    published = {
+        ("chair", "ssim", "2048", "splat"): 0.7,
+        ("chair", "ssim", "512", "splat"): 0.1,
+        ("chair", "contrast", "2048", "splat"): 0.2,
+        ("sofa", "ssim", "2048", "splat"): 0.3,
+    }
+    table = worked_table(published=published)
+    row = cell(table, method="splat", condition="2048", metric="ssim")
+    assert row.value == pytest.approx((0.2 + 0.4 + 0.6 + 0.8 + 0.1) / 5, abs=EXACT)
+    # per object: 0.3, 0.7 and 0.1
+    interval = mean_interval(np.array([0.3, 0.7, 0.1]))
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
+    assert (row.n_ok, row.n) == (5, 8)
+    assert row.failures_as_blank == pytest.approx((2.1 + 0.01 + 0.02 + 0.03) / 8, abs=EXACT)
+    assert row.note == "2 x apss: no faces; 1 x timeout: 120 s"
+    assert (row.suite, row.class_name, row.paper) == ("chair-robustness", "chair", 0.7)
+
+
+def test_what_a_whole_cell_looks_like():
+    row = cell(worked_table(), method="blank", condition="2048", metric="ssim", class_name="chair")
+    assert row.value == row.failures_as_blank == pytest.approx(0.03875, abs=EXACT)  # 0.31 / 8
+    assert (row.n_ok, row.n, row.note) == (8, 8, "")
+    assert np.isnan(row.paper)
+
+
+def test_all_metrics_and_cells_are_there():
+    table = worked_table()
+    cells = {(row.method, row.condition, row.class_name, row.metric) for row in table.rows}
+    assert cells == {
+        (*cell, metric)
+        for cell in [
+            ("splat", "2048", "chair"),
+            ("blank", "2048", "chair"),
+            ("blank", "512", "chair"),
+            ("blank", "2048", "sofa"),
+        ]
+        for metric in ("ssim", "luminance", "contrast", "structure")
+    }
+    assert cell(table, method="splat", metric="structure").value == pytest.approx(0.7, abs=EXACT)
+    assert len(table.rows) == 16
+
+
+def test_a_cell_without_any_picture():
+    records = [make_failed(obj=o, view=v) for o in "ab" for v in (0, 1)]
+    floor = [make_record("blank", obj=o, view=v, ssim=0.25) for o in "ab" for v in (0, 1)]
+    row = cell(worked_table(records + floor), method="splat", metric="ssim")
+    assert np.isnan([row.value, row.ci_low, row.ci_high]).all()
+    assert (row.n_ok, row.n, row.failures_as_blank) == (0, 4, 0.25)
+    assert row.note == "4 x timeout: 3 s"
+
+
+def test_a_failure_that_not_even_the_floor_survived():
+    records = [make_record(obj="a", ssim=0.5), make_failed(obj="b", reason="input: no faces")]
+    floor = [make_record("blank", obj="a"), make_failed("blank", obj="b", reason="input: no faces")]
+    row = cell(worked_table(records + floor), method="splat", metric="ssim")
+    assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0.5, 0.5, 1, 2)
+
+
+def test_skipped_pictures_count_as_missing_but_not_as_failures():
+    skipped = make_failed(obj="b", outcome="skipped", reason="weights")
+    floor = [make_record("blank", obj=obj, ssim=0.1) for obj in "ab"]
+    row = cell(worked_table([make_record(), skipped, *floor]), method="splat", metric="ssim")
+    assert (row.value, row.failures_as_blank, row.n_ok, row.n, row.note) == (0.5, 0.5, 1, 2, "")
+
+
+# --- Fréchet distances ----------------------------------------------------------------------------
+
+PICTURES = [(obj, view) for obj in "abcd" for view in (0, 1)]
+RNG = np.random.default_rng(3)
+FEATURES = {
+    method: RNG.normal(i, 1 + i, (len(PICTURES), 3)).astype(np.float32)
+    for i, method in enumerate((GROUND_TRUTH, "splat", "blank"))
+}
+
+
+def features(without=()):
+    """Features of ground truth, splat and blank; those of splat `without` some pictures."""
+    rows, values = [], []
+    for method, of_method in FEATURES.items():
+        for picture, value in zip(PICTURES, of_method, strict=True):
+            if method == "splat" and picture in without:
+                continue
+            condition = "" if method == GROUND_TRUTH else "2048"
+            rows.append((method, condition, "chair", *picture))
+            values.append(value)
+    shuffled = np.random.default_rng(4).permutation(len(rows))
+    index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
+    return Features(index.iloc[shuffled], np.array(values)[shuffled])
+
+
+def distances(without=(), skipped=None):
+    records = [
+        make_failed(method, obj=obj, view=view, reason="crash")
+        if method == "splat" and (obj, view) in without
+        else make_record(method, obj=obj, view=view)
+        for method in ("splat", "blank")
+        for obj, view in PICTURES
+    ]
+    taken = {"fd-views": features(without)}
+    skipped = {"fid": "skipped: weights"} if skipped is None else skipped
+    return set_table("table4_fid", "Table 4", to_frame(records), taken, skipped, SUITE, {})
+
+
+def test_distances_are_those_of_the_features():
+    row = cell(distances(), method="splat", metric="fd-views")
+    x, y = FEATURES["splat"], FEATURES[GROUND_TRUTH]
+    assert row.value == pytest.approx(frechet_distance(x, y), rel=EXACT)
+    objects = np.repeat(list("abcd"), 2)
+    interval = frechet_interval(x, y, objects, objects)
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval, rel=EXACT)
+    assert (row.n_ok, row.n, row.note) == (8, 8, "")
+    assert row.failures_as_blank == row.value
+
+
+def test_missing_pictures_are_left_out_of_both_sets_or_blank():
+    without = [("b", 0), ("b", 1), ("d", 1)]
+    row = cell(distances(without), method="splat", metric="fd-views")
+    kept = [i for i, picture in enumerate(PICTURES) if picture not in without]
+    x, y = FEATURES["splat"], FEATURES[GROUND_TRUTH]
+    assert row.value == pytest.approx(frechet_distance(x[kept], y[kept]), rel=EXACT)
+    filled = x.copy()
+    for i in set(range(len(PICTURES))) - set(kept):
+        filled[i] = FEATURES["blank"][i]
+    assert row.failures_as_blank == pytest.approx(frechet_distance(filled, y), rel=EXACT)
+    assert (row.n_ok, row.n, row.note) == (5, 8, "3 x crash")
+    assert row.value != pytest.approx(row.failures_as_blank, rel=0.01)
+
+
+@pytest.mark.parametrize("there", [0, 1])
+def test_fewer_than_two_pictures_have_no_distance(there):
+    row = cell(distances(PICTURES[there:]), method="splat", metric="fd-views")
+    assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
+    assert (row.n_ok, row.n, row.note) == (there, 8, "fewer than two pictures")
+
+
+def test_skipped_metrics_say_why():
+    table = distances()
+    for method in ("splat", "blank"):
+        row = cell(table, method=method, metric="fid")
+        assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
+        assert (row.n_ok, row.n, row.note) == (8, 8, "skipped: weights")
+
+
+# --- text -----------------------------------------------------------------------------------------
+
+
+def test_csv_to_the_letter():
+    rows = worked_table(published={("chair", "ssim", "2048", "splat"): 0.7}).rows
+    row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")
+    low, high = mean_interval(np.array([0.3, 0.7, 0.1]))
+    assert Table("t", "T", (row, replace(row, value=np.inf, note='a, "b"')), 3).to_csv() == (
+        "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
+        "note\n"
+        f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
+        "0.270000,2 x apss: no faces; 1 x timeout: 120 s\n"
+        f"chair-robustness,splat,2048,chair,ssim,,{low:.6f},{high:.6f},5,8,0.700000,"
+        '0.270000,"a, ""b"""\n'
+    )
+
+
+def test_contract_columns_come_first():
+    header = worked_table().to_csv().partition("\n")[0].split(",")
+    assert header[:11] == (
+        [
+            "suite",
+            "method",
+            "condition",
+            "class",
+            "metric",
+            "value",
+            "ci_low",
+            "ci_high",
+            "n_ok",
+            "n",
+            "paper",
+        ]
+    )
+
+
+def markdown_records():
+    return [
+        make_record(method, condition, obj, ssim=value)
+        for method, condition, values in [
+            ("surface-apss", "2048", (0.25, 0.75)),
+            ("surface-apss", "512", (0.5, 0.5)),
+            ("pc2pix", "2048", (0.125, 0.125)),
+            ("blank", "2048", (0.0, 0.0)),
+            ("blank", "512", (0.0, 0.0)),
+        ]
+        for obj, value in zip("ab", values, strict=True)
+    ] + [make_failed("pc2pix", "512", obj, reason="a|b") for obj in "ab"]
+
+
+def test_markdown_to_the_letter():
+    published = {
+        ("chair", "ssim", "2048", "surface-apss"): 0.70,
+        ("chair", "ssim", "2048", "pc2pix"): 0.64,
+    }
+    frame = to_frame(markdown_records()).iloc[::-1]  # surface-apss first, 512 before 2048
+    suite = replace(SUITE, image_metrics=("ssim",))
+    table = image_table("t", "Table 3", frame, suite, published)
+    assert table.to_markdown() == "\n".join(
+        [
+            "# Table 3",
+            "",
+            "In the paper's layout: SR is `surface-apss`. Below a line of ours stands the paper's, "
+            "as published: other data (ShapeNet), other weights.",
+            "",
+            "| chair | 512 SR | 512 PC2PIX | 2048 SR | 2048 PC2PIX |",
+            "|---|---|---|---|---|",
+            "| ssim | 0.500 | - | 0.500 | 0.125 |",
+            "| ssim, paper | - | - | 0.7 | 0.64 |",
+            "",
+            "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are "
+            "missing, *b* is the value with a blank picture in place of each.",
+            "",
+            "## ssim, chair",
+            "",
+            "| method | 512 | 2048 |",
+            "|---|---|---|",
+            "| surface-apss | 0.500 [0.500, 0.500] 2/2 | 0.500 [0.250, 0.750] 2/2 |",
+            "| pc2pix | - 0/2 | 0.125 [0.125, 0.125] 2/2 |",
+            "| blank | 0.000 [0.000, 0.000] 2/2 | 0.000 [0.000, 0.000] 2/2 |",
+            "",
+            "* pc2pix at 512: 2 x a|b",
+            "",
+        ]
+    )
+
+
+def test_markdown_shows_failures_beside_the_value():
+    chosen = [r for r in WORKED if r.condition == "2048" and r.class_name == "chair"]
+    lines = worked_table(chosen).to_markdown().splitlines()
+    assert "| splat | 0.420 [0.100, 0.700] 5/8 *b* 0.270 |" in lines
+    assert "* splat at 2048: 2 x apss: no faces; 1 x timeout: 120 s" in lines
+    assert not any(line.startswith("* blank") for line in lines)
+
+
+def test_markdown_cells_stay_in_their_columns():
+    text = worked_table([make_record(method="pc2pix@a|b.safetensors")]).to_markdown()
+    assert "| pc2pix@a\\|b.safetensors | 0.500 1/1 |" in text.splitlines()
+
+
+def test_markdown_of_a_skipped_metric_is_one_line():
+    text = distances().to_markdown()
+    assert text.count("skipped: weights") == 1
+    assert "## fid, chair\n\nskipped: weights\n\n## fd-views, chair\n" in text
+    assert "In the paper's layout" not in text  # neither of the paper's methods is there
+
+
+# --- from a directory -----------------------------------------------------------------------------
+
+
+def test_tables_come_from_records_and_features(tmp_path):
+    run = write_run(tmp_path)
+    records = pd.read_parquet(run / "records.parquet")
+    images, sets = tables(run)
+    assert (images.name, sets.name) == ("table3_ssim", "table4_fid")
+    for method in ("splat", "blank"):
+        chosen = records[(records["method"] == method) & (records["condition"] == "512")]
+        row = cell(images, method=method, condition="512", metric="contrast")
+        assert row.value == pytest.approx(chosen["contrast"].mean(), abs=EXACT)
+    for row in (*images.rows, *sets.rows):
+        if row.metric == "fid":
+            assert row.note == SKIPPED_FID
+        elif row.method == "true-mesh":
+            assert row.value == (0.0 if row.metric == "fd-views" else 1.0)
+        else:
+            assert row.value > 0
+
+
+def test_rows_have_the_order_of_the_manifest(tmp_path):
+    run = write_run(tmp_path, methods=["true-mesh", "blank", "splat"], conditions=["512", "2048"])
+    for table in tables(run):
+        assert list(dict.fromkeys(row.method for row in table.rows)) == [
+            "true-mesh",
+            "blank",
+            "splat",
+        ]
+        assert list(dict.fromkeys(row.condition for row in table.rows)) == ["512", "2048"]
+
+
+def test_tables_are_reproduced_to_the_byte(tmp_path):
+    run = write_run(tmp_path)
+    files = sorted((run / "tables").iterdir())
+    assert [file.name for file in files] == [
+        "table3_ssim.csv",
+        "table3_ssim.md",
+        "table4_fid.csv",
+        "table4_fid.md",
+    ]
+    before = [file.read_bytes() for file in files]
+    for file in files:
+        file.unlink()
+    write_tables(run)
+    assert [file.read_bytes() for file in files] == before
+
+
+def test_tables_are_made_with_one_thread(tmp_path, monkeypatch):
+    run = write_run(tmp_path)
+    seen = []
+
+    def table(*arguments):
+        seen.extend(library["num_threads"] for library in threadpool_info())
+        return image_table(*arguments)
+
+    monkeypatch.setattr(bench.results, "image_table", table)
+    with threadpool_limits(2):
+        tables(run)
+    assert set(seen) == {1}
+
+
+def test_a_metric_without_features_says_so(tmp_path):
+    run = write_run(tmp_path)
+    (run / "features" / "fd-views.parquet").unlink()
+    _, sets = tables(run)
+    row = cell(sets, method="splat", condition="512", metric="fd-views")
+    assert row.note == "skipped: no features in this run"
+
+
+def test_a_run_of_an_unknown_suite(tmp_path):
+    run = write_run(tmp_path)
+    (run / "manifest.json").write_text(
+        (run / "manifest.json").read_text().replace('"chair-robustness"', '"chairs"')
+    )
+    assert make_manifest()["suite"] == "chair-robustness"
+    with pytest.raises(BadInput, match="unknown suite 'chairs': did you mean 'chair-robustness'"):
+        tables(run)
+
+
+def test_the_published_values_are_quoted(tmp_path):
+    run = write_run(tmp_path, methods=["surface-apss", "pc2pix", "blank"])
+    images, sets = tables(run)
+    # Table 3 and Table 4 of the paper, column 512
+    assert cell(images, method="surface-apss", condition="512", metric="ssim").paper == 0.63
+    assert cell(images, method="pc2pix", condition="512", metric="structure").paper == 0.78
+    assert cell(sets, method="surface-apss", condition="512", metric="fid").paper == 183.8
+    assert np.isnan(cell(sets, method="pc2pix", condition="512", metric="fd-views").paper)
+
+
+# --- cost -----------------------------------------------------------------------------------------
+
+
+def test_cost_is_the_median_over_clouds():
+    records = [
+        make_record(obj=obj, view=view, prepare_s=prepare_s, draw_s=draw_s)
+        for obj, views, prepare_s, draw_s in [
+            ("a", 7, 0.001, 0.25),
+            ("b", 1, 0.002, 0.5),
+            ("c", 1, 0.009, 0.75),
+        ]
+        for view in range(views)
+    ]
+    records += [make_failed(obj="d"), make_failed("blank", "512")]
+    lines = cost_table(to_frame(records)).splitlines()
+    assert lines[4:] == [
+        "| method | 512 | 2048 |",
+        "|---|---|---|",
+        "| blank | - | - |",
+        "| splat | - | 2.0 + 500.0 |",
+    ]

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from bench.metric_table import VIEWS_WEIGHTS, find_extractor
+from bench.metrics import frechet_distance
+from bench.views_network import FEATURES, load_views_network, view_features
+from data_prep.datasets import ProceduralObject
+from data_prep.failures import BadInput
+from data_prep.images import blank
+from data_prep.randomness import generator
+from data_prep.render import render
+from data_prep.sampling import random_views
+
+
+@pytest.fixture(scope="module")
+def network():
+    return load_views_network(VIEWS_WEIGHTS)
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    """Of 8 chairs that the network has not seen, 4 views each, with the views."""
+    images, views = [], []
+    for index in range(8):
+        chosen = random_views(4, generator("test views", index))
+        images.append(render(ProceduralObject("chair", "test", index).load(), chosen))
+        views += chosen
+    return np.concatenate(images), views
+
+
+def test_features(network, pictures):
+    features = view_features(network, pictures[0])
+    assert features.shape == (32, FEATURES)
+    assert features.dtype == np.float32
+    assert np.isfinite(features).all()
+    assert features.min() >= 0
+    assert np.array_equal(features, view_features(network, pictures[0]))
+
+
+def test_neighbours_do_not_matter(network, pictures):
+    together = view_features(network, pictures[0])
+    alone = np.concatenate([view_features(network, image[None]) for image in pictures[0][:5]])
+    # sums of up to 864 float32 products a layer in another order, of features up to some 10
+    np.testing.assert_allclose(alone, together[:5], rtol=1e-4, atol=1e-4)
+
+
+def test_no_pictures(network):
+    assert view_features(network, blank(0)).shape == (0, FEATURES)
+
+
+def test_it_has_learned_what_chairs_look_like(network, pictures):
+    """The features tell the direction of view on chairs that were not trained on."""
+    images, views = pictures
+    with torch.inference_mode():
+        answer = network.heads["view"](torch.from_numpy(view_features(network, images))).numpy()
+    azimuth = np.degrees(np.arctan2(answer[:, 0], answer[:, 1]))
+    turn = (azimuth - [view.azimuth_deg for view in views] + 180) % 360 - 180
+    assert np.median(np.abs(turn)) < 20  # by chance: 90
+    tilt = 40 * answer[:, 2] - [view.elevation_deg for view in views]
+    assert np.median(np.abs(tilt)) < 8  # always answering 0: 20
+
+
+def test_distances_order_pictures_as_people_do(network, pictures):
+    images, _ = pictures
+    truth = view_features(network, images)
+    other_chairs = frechet_distance(truth[:16], truth[16:])
+    nothing = frechet_distance(truth, view_features(network, blank(32)))
+    assert frechet_distance(truth, truth) < 1e-9 * other_chairs
+    assert 0 < other_chairs < nothing
+
+
+def test_the_metric_table_leads_here(pictures):
+    metric = find_extractor("fd-views")
+    weights = metric.weights(None)
+    assert weights == VIEWS_WEIGHTS
+    features = metric.load(str(weights))(pictures[0][:3])
+    expected = view_features(load_views_network(weights), pictures[0][:3])
+    assert np.array_equal(features, expected)
+
+
+def test_files_that_do_not_fit(tmp_path):
+    state = load_file(VIEWS_WEIGHTS)
+    short = tmp_path / "short.safetensors"
+    short.write_bytes(VIEWS_WEIGHTS.read_bytes()[:1000])
+    lacking = tmp_path / "lacking.safetensors"
+    save_file({k: v for k, v in state.items() if k != "body.0.weight"}, lacking)
+    reshaped = tmp_path / "reshaped.safetensors"
+    save_file(state | {"heads.view.bias": torch.zeros(4)}, reshaped)
+    for path in (short, lacking, reshaped, tmp_path / "missing.safetensors"):
+        with pytest.raises(BadInput) as error:
+            load_views_network(path)
+        assert str(error.value).startswith(f"{path}: not the weights of fd-views (")
+        assert "\n" not in str(error.value), "one line"

@@ -1,0 +1,327 @@
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from hashlib import sha256
+
+import numpy as np
+import pytest
+from harness_objects import Calling, Refusing, Tetrahedron
+
+import bench.work
+from baselines.surface import SurfaceApss
+from bench.methods import METHODS, Method
+from bench.metric_table import VIEWS_WEIGHTS
+from bench.metrics import ssim
+from bench.views_network import load_views_network, view_features
+from bench.work import _cloud, do, read_artifact
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.images import to_float
+from data_prep.randomness import generator
+from data_prep.render import render
+from data_prep.sampling import sample_surface
+from data_prep.scene import View
+
+from .builders import VIEWS, make_job, make_truth, write_artifact
+
+SCORES = ("ssim", "luminance", "contrast", "structure")
+
+
+class Fake:
+    """A method that draws `pictures` and remembers what it was given."""
+
+    def __init__(self, pictures=None, notes=()):
+        self.pictures = np.zeros((2, 128, 128, 3), np.float32) if pictures is None else pictures
+        self.notes = notes
+        self.clouds, self.draws = [], []
+
+    def prepare(self, cloud, rng):
+        self.clouds.append(cloud)
+        self.draws.append(rng.random())
+        return self
+
+    def draw(self, state, views, rng):
+        assert state is self
+        self.draws.append(rng.random())
+        return self.pictures
+
+
+class Failing(Fake):
+    def __init__(self, error):
+        super().__init__()
+        self.error = error
+
+    def prepare(self, cloud, rng):
+        raise self.error
+
+
+@pytest.fixture
+def measure(tmp_path, monkeypatch):
+    """Does one job with a renderer of the test's own, on a random ground truth."""
+
+    def run(renderer, load=None, **changes):
+        bench.work._renderer.cache_clear()
+        sees_mesh = changes.pop("sees_mesh", False)
+        method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
+        monkeypatch.setattr(bench.work, "find_method", lambda method_id: method)
+        job = make_job(tmp_path, method="fake", **changes)
+        write_artifact(make_truth(tmp_path), seed=1)
+        return job, do(job)
+
+    yield run
+    bench.work._renderer.cache_clear()
+
+
+def outcomes(result):
+    return {(record.outcome, record.reason) for record in result.records}
+
+
+# --- what is right --------------------------------------------------------------------------------
+
+
+def test_scores_pictures_and_checksum(measure, tmp_path):
+    rng = np.random.default_rng(2)
+    pictures = rng.integers(0, 256, (2, 128, 128, 3), np.uint8)
+    job, result = measure(Fake(to_float(pictures)))
+    assert result.key == job.key
+    assert result.artifact_sha256 == sha256(job.artifact.read_bytes()).hexdigest()
+    assert result.unusable is None
+    assert np.array_equal(read_artifact(job.artifact)["images"], pictures)
+    truth = read_artifact(job.reference)["images"]
+    for i, record in enumerate(result.records):
+        expected = ssim(truth[i : i + 1], pictures[i : i + 1])
+        assert [getattr(record, name) for name in SCORES] == list(expected)
+        assert (record.view, record.azimuth_deg, record.elevation_deg) == (
+            i,
+            VIEWS[i].azimuth_deg,
+            VIEWS[i].elevation_deg,
+        )
+        assert (record.suite, record.method, record.condition) == (job.suite, "fake", "2048")
+        assert (record.class_name, record.object) == ("chair", "a")
+        assert (record.outcome, record.reason, record.notes) == ("ok", "", "")
+    assert result.records[0].ssim != result.records[1].ssim
+
+
+def test_the_truth_itself_scores_exactly_one(measure, tmp_path):
+    write_artifact(make_truth(tmp_path), seed=1)
+    truth = read_artifact(make_truth(tmp_path).artifact)["images"]
+    _, result = measure(Fake(to_float(truth)))
+    assert all(getattr(record, name) == 1.0 for record in result.records for name in SCORES)
+
+
+def test_values_outside_0_1_are_clipped(measure):
+    pictures = np.zeros((2, 128, 128, 3), np.float32)
+    pictures[0], pictures[1] = -0.5, 1.5
+    job, _ = measure(Fake(pictures))
+    drawn = read_artifact(job.artifact)["images"]
+    assert (drawn[0] == 0).all()
+    assert (drawn[1] == 255).all()
+
+
+def test_notes_are_kept(measure):
+    _, result = measure(Fake(notes=("3 faces dropped", "1 hole")))
+    assert [record.notes for record in result.records] == ["3 faces dropped; 1 hole"] * 2
+
+
+def test_times_are_taken_apart(measure, monkeypatch):
+    clock = iter([10.0, 10.25, 11.25])  # start, prepared, drawn
+    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
+    _, result = measure(Fake())
+    assert [(record.prepare_s, record.draw_s) for record in result.records] == [(0.25, 0.5)] * 2
+
+
+@pytest.mark.parametrize("sees_mesh", [False, True])
+def test_only_the_ceiling_sees_the_mesh(measure, sees_mesh):
+    fake = Fake()
+    measure(fake, sees_mesh=sees_mesh)
+    (cloud,) = fake.clouds
+    assert (cloud.source is not None) == sees_mesh
+    assert cloud.points.shape == (2048, 3)
+
+
+def test_which_methods_see_the_mesh():
+    assert [method.id for method in METHODS if method.sees_mesh] == ["true-mesh"]
+
+
+@pytest.mark.parametrize("condition", ["2048", "512", "noise-0.05", "512-random"])
+def test_clouds_are_paired_between_methods(tmp_path, condition):
+    clouds = [
+        _cloud(make_job(tmp_path, method=method, condition=condition)).points
+        for method in ("splat", "blank")
+    ]
+    assert np.array_equal(*clouds)
+
+
+def test_clouds_come_from_seed_object_and_condition(tmp_path):
+    def points(condition="2048", **changes):
+        return _cloud(make_job(tmp_path, condition=condition, **changes)).points
+
+    plain, noisy = points(), points("noise-0.05")
+    expected = sample_surface(Tetrahedron().load(), generator(0, "cloud", "chair", "a"))
+    assert np.array_equal(plain, expected.points)
+    assert np.array_equal(points("512"), plain[::4])
+    # 6,144 normal deviates of 0.05: their standard deviation errs by 0.05 / sqrt(12288), 1 %
+    assert 0.0475 < (noisy - plain).std() < 0.0525
+    assert not np.array_equal(plain, points(seed=1))
+    assert not np.array_equal(plain, points(obj=Tetrahedron("b")))
+    assert not np.array_equal(plain, points(obj=Tetrahedron("a", "sofa")))
+    other = points("noise-0.05", seed=1) - points(seed=1)
+    assert not np.allclose(other, noisy - plain, atol=1e-3)
+
+
+def test_randomness_comes_from_the_job_alone(measure):
+    def draws(**changes):
+        fake = Fake()
+        measure(fake, **changes)
+        return fake.draws
+
+    assert draws() == draws()
+    for change in ({"seed": 1}, {"condition": "512"}):
+        assert not set(draws(**change)) & set(draws())
+
+
+def test_the_ground_truth_is_the_mesh(tmp_path):
+    job = make_truth(tmp_path)
+    result = do(job)
+    expected = render(Tetrahedron().load(), VIEWS)
+    assert np.array_equal(read_artifact(job.artifact)["images"], expected)
+    assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 3
+    assert outcomes(result) == {("ok", "")}
+    assert {record.ssim for record in result.records} == {None}
+
+
+def test_features_are_those_of_the_pictures(tmp_path):
+    job = make_truth(tmp_path, features=(("fd-views", str(VIEWS_WEIGHTS)),))
+    do(job)
+    arrays = read_artifact(job.artifact)
+    assert set(arrays) == {"images", "fd-views"}
+    expected = view_features(load_views_network(VIEWS_WEIGHTS), arrays["images"])
+    assert np.array_equal(arrays["fd-views"], expected)
+
+
+def test_ceiling_floor_and_splat_end_to_end(tmp_path):
+    do(make_truth(tmp_path))
+    found = {m: do(make_job(tmp_path, method=m)) for m in ("true-mesh", "splat", "blank")}
+    truth, splat, white = (
+        read_artifact(make_job(tmp_path, method=m).artifact)["images"]
+        for m in ("true-mesh", "splat", "blank")
+    )
+    assert np.array_equal(truth, read_artifact(make_truth(tmp_path).artifact)["images"])
+    assert (white == 255).all()
+    for method, pictures in (("true-mesh", truth), ("splat", splat), ("blank", white)):
+        assert outcomes(found[method]) == {("ok", "")}
+        mean = np.mean([record.ssim for record in found[method].records])
+        assert mean == pytest.approx(ssim(truth, pictures).ssim, rel=1e-12)
+    covered, painted = ((pictures < 255).any(axis=3) for pictures in (truth, splat))
+    assert 0.2 < covered.mean() < 0.8
+    assert (painted & ~covered).mean() < 0.02  # discs overlap the outline
+    assert (covered & ~painted).mean() < 0.05  # and leave some holes
+
+
+def test_surface_reconstruction_end_to_end(tmp_path, monkeypatch):
+    coarse = replace(METHODS[1], load=lambda device: SurfaceApss(resolution=40))
+    assert coarse.id == "surface-apss"
+    monkeypatch.setattr(bench.work, "find_method", lambda method_id: coarse)
+    bench.work._renderer.cache_clear()
+    do(make_truth(tmp_path))
+    result = do(make_job(tmp_path, method="surface-apss"))
+    bench.work._renderer.cache_clear()
+    assert outcomes(result) == {("ok", "")}
+    assert all(0.5 < record.structure < 1 for record in result.records)
+
+
+def test_the_same_job_gives_the_same_bytes(tmp_path):
+    found = set()
+    for place in ("one", "two"):
+        do(make_truth(tmp_path / place))
+        found.add(do(make_job(tmp_path / place)).artifact_sha256)
+    assert len(found) == 1
+
+
+# --- what fails, fails by name --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (StageFailure("ball-pivoting", "no faces"), "ball-pivoting: no faces"),
+        (BadInput("an empty cloud; give points"), "input: an empty cloud; give points"),
+        (RuntimeError("first line\nsecond line"), "RuntimeError: first line"),
+        (IndexError(), "IndexError: no message"),
+        (MemoryError(), "MemoryError: no message"),
+        (SystemExit("enough"), "SystemExit: enough"),
+        (TimeoutError("slow"), "TimeoutError: slow"),
+    ],
+)
+def test_what_a_method_raises_is_a_record(measure, error, reason):
+    job, result = measure(Failing(error))
+    assert outcomes(result) == {("failed", reason)}
+    assert result.artifact_sha256 is None
+    assert result.unusable is None
+    assert not job.artifact.exists()
+    for record in result.records:
+        assert {getattr(record, name) for name in (*SCORES, "prepare_s", "draw_s")} == {None}
+    assert [record.view for record in result.records] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("shape", "told"),
+    [
+        ((1, 128, 128, 3), "(1, 128, 128, 3)"),
+        ((2, 128, 128), "(2, 128, 128)"),
+        ((2, 128, 128, 4), "(2, 128, 128, 4)"),
+        ((2, 3, 128, 128), "(2, 3, 128, 128)"),
+    ],
+)
+def test_pictures_of_another_shape(measure, shape, told):
+    _, result = measure(Fake(np.zeros(shape, np.float32)))
+    reason = f"draw: pictures of shape {told}, expected (2, 128, 128, 3)"
+    assert outcomes(result) == {("failed", reason)}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_pictures_that_are_not_finite(measure, value):
+    pictures = np.zeros((2, 128, 128, 3), np.float32)
+    pictures[1, 5, 7] = value
+    job, result = measure(Fake(pictures))
+    assert outcomes(result) == {("failed", "draw: 3 pixel values are not finite")}
+    assert not job.artifact.exists()
+
+
+@pytest.mark.parametrize("make", [make_job, make_truth])
+@pytest.mark.parametrize(
+    ("obj", "reason"),
+    [(Refusing(), "input: no such shape; draw one"), (Calling(), "SystemExit: enough")],
+)
+def test_objects_that_cannot_be_loaded(tmp_path, make, obj, reason):
+    write_artifact(make_truth(tmp_path))
+    assert outcomes(do(make(tmp_path, obj))) == {("failed", reason)}
+
+
+def test_a_missing_library_ends_the_run(measure):
+    _, result = measure(Failing(MissingDependency("no libGL: install libgl1")))
+    assert result.unusable == "no libGL: install libgl1"
+    assert outcomes(result) == {("failed", "no libGL: install libgl1")}
+
+
+def test_unusable_weights_end_the_run(measure):
+    def load(device):
+        raise BadInput("w.safetensors: cut short; fetch it again")
+
+    _, result = measure(None, load)
+    assert result.unusable == "w.safetensors: cut short; fetch it again"
+
+
+def test_a_missing_ground_truth_is_a_record(tmp_path):
+    ((outcome, reason),) = outcomes(do(make_job(tmp_path, method="blank")))
+    assert outcome == "failed"
+    assert reason.startswith("FileNotFoundError: ")
+
+
+def test_one_view_is_enough(measure, tmp_path):
+    pictures = np.zeros((1, 128, 128, 3), np.float32)
+    write_artifact(make_truth(tmp_path))
+    job = make_job(tmp_path, method="blank", views=(View(0, 0),))
+    write_artifact(replace(job, artifact=job.reference))
+    assert len(do(job).records) == 1
+    assert read_artifact(job.artifact)["images"].shape == pictures.shape
