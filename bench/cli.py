@@ -46,6 +46,9 @@ class Commands(TyperGroup):
             for stream in (sys.stdout, sys.stderr):  # Python flushes them when it ends
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
             raise typer.Exit(141) from error  # what other programs end with, killed by SIGPIPE
+        except OSError as error:  # a full disk, a folder that may not be written
+            print(f"bench: {error}; mend it, and the same command goes on", file=sys.stderr)
+            raise typer.Exit(2) from error
 
 
 app = typer.Typer(

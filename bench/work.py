@@ -26,7 +26,7 @@ from bench.record import Record
 from bench.ssim import ssim_per_image
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject
-from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.sampling import sample_surface
@@ -78,7 +78,7 @@ def do(job: Job) -> Result:
         if job.reference is None:
             return _draw_ground_truth(job)
         return _run_method(job, job.reference)
-    except MissingDependency as error:
+    except (MissingDependency, CannotWrite) as error:
         return replace(failed(job, str(error)), unusable=str(error))
     except BadInput as error:
         return failed(job, f"input: {error}")
@@ -172,7 +172,12 @@ def _write_artifact(job: Job, pictures: Pictures) -> str:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
-    write_whole(job.artifact, data)
+    try:
+        write_whole(job.artifact, data)
+    except OSError as error:  # no fault of the method: the run has to stop, and can go on later
+        raise CannotWrite(
+            f"{job.artifact}: cannot be written ({error.strerror}); make room and run again"
+        ) from error
     return sha256(data).hexdigest()
 
 

@@ -15,6 +15,10 @@ class MissingDependency(BadInput):
     """A library or package that the work needs is not on this machine; the message says which."""
 
 
+class CannotWrite(BadInput):
+    """A file cannot be written: the disk is full, say, or the folder read-only."""
+
+
 class StageFailure(RuntimeError):
     """A stage of a method handed on nothing usable.
 

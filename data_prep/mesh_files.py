@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
 from data_prep.normalise import normalise
+from data_prep.sampling import face_areas
 from data_prep.scene import Mesh
 
 LOADER_VERSION = 1  # raise when a change here changes a mesh: finished work is then done again
@@ -28,7 +29,8 @@ def load_mesh(path: Path) -> Mesh:
     The file's axes are kept: +Y has to be up and the front has to look towards -Z already. Vertices
     are not merged (trimesh would, and change the surface).
 
-    Raises BadInput, naming the file: missing, not a mesh, no faces, non-finite vertices, no extent.
+    Raises BadInput, naming the file: missing, not a mesh, no faces, non-finite vertices, no extent,
+    no area.
     """
     import trimesh
 
@@ -51,9 +53,12 @@ def load_mesh(path: Path) -> Mesh:
             np.concatenate([part.faces + o for part, o in zip(parts, offsets, strict=True)]),
             np.concatenate([_face_colors(part) for part in parts]),
         )
-        return normalise(mesh)
+        mesh = normalise(mesh)
     except ValueError as error:
         raise BadInput(f"{path}: {error}") from error
+    if not face_areas(mesh).any():
+        raise BadInput(f"{path}: all {len(mesh.faces)} faces have no area; a shape needs a surface")
+    return mesh
 
 
 def _face_colors(part: Any) -> NDArray[np.uint8]:

@@ -122,3 +122,11 @@ def test_nothing_is_drawn_where_all_items_failed(tmp_path):
     write_artifact(job)
     write_figures(tmp_path, [], [job])
     assert not (tmp_path / "figures").exists()
+
+
+def test_ceiling_and_floor_alone_have_curves_but_no_grid(tmp_path):
+    jobs = [make_truth(tmp_path), *(make_job(tmp_path, method=m) for m in ("true-mesh", "blank"))]
+    for job in jobs:
+        write_artifact(job)
+    write_figures(tmp_path, CURVES, jobs)
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["robustness.png"]

@@ -325,3 +325,14 @@ def test_one_view_is_enough(measure, tmp_path):
     write_artifact(replace(job, artifact=job.reference))
     assert len(do(job).records) == 1
     assert read_artifact(job.artifact)["images"].shape == pictures.shape
+
+
+def test_a_disk_that_cannot_be_written_ends_the_run(measure, monkeypatch):
+    def full(path, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(bench.work, "write_whole", full)
+    job, result = measure(Fake())
+    assert result.unusable == (
+        f"{job.artifact}: cannot be written (No space left on device); make room and run again"
+    )

@@ -325,6 +325,7 @@ BROKEN = {
     "range.off": ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "not a readable mesh"),
     "range.glb": (glb(faces=[*FACES, (0, 1, 77)]), r"outside 0\.\.3"),
     "flat.obj": ("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", r"expected shape \[N, 3\]"),
+    "line.ply": (ply([(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0)]), "faces have no area"),
     "one-place.ply": (ply([(1, 1, 1)] * 4), "all 4 vertices"),
     "squashed.glb": (glb(nodes=[{"mesh": 0, "scale": [0, 0, 0]}]), "all 4 vertices"),
     "no-buffer.gltf": (
