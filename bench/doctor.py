@@ -13,15 +13,8 @@ from bench.methods import METHODS
 from bench.metric_table import SET_METRICS, WeightsUnavailable
 from bench.probe import environment
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.render import DEBIAN_PACKAGES
 
-# The library each Debian package is installed for.
-LIBRARIES = {
-    "libegl1": "libEGL.so.1",
-    "libgl1": "libGL.so.1",
-    "libopengl0": "libOpenGL.so.0",
-    "libgomp1": "libgomp.so.1",
-    "libusb-1.0-0": "libusb-1.0.so.0",
-}
 OPTIONAL = ("libusb-1.0-0",)  # Open3D only
 
 
@@ -41,7 +34,7 @@ def examine() -> Iterator[Finding]:
             yield Finding(True, package, version(package))
         except PackageNotFoundError:
             yield Finding(False, package, "not installed: run 'make install'")
-    for debian, library in LIBRARIES.items():
+    for debian, library in DEBIAN_PACKAGES.items():
         try:
             ctypes.CDLL(library)
             yield Finding(True, library, "found")

@@ -26,7 +26,13 @@ from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
 SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag, by pyrender's names
-DEBIAN_PACKAGES = ("libegl1", "libgl1", "libopengl0", "libgomp1", "libusb-1.0-0")
+DEBIAN_PACKAGES = {  # and the library each is installed for; `.ci/libraries` installs the same
+    "libegl1": "libEGL.so.1",
+    "libgl1": "libGL.so.1",
+    "libopengl0": "libOpenGL.so.0",
+    "libgomp1": "libgomp.so.1",
+    "libusb-1.0-0": "libusb-1.0.so.0",
+}
 REMEDY = "install the Debian packages " + " ".join(DEBIAN_PACKAGES) + " (bench doctor checks them)"
 
 

@@ -11,6 +11,7 @@ from bench.doctor import examine
 from bench.manifest import PACKAGES
 from bench.methods import METHODS, Method
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.render import DEBIAN_PACKAGES
 
 
 @pytest.fixture(autouse=True)
@@ -104,3 +105,11 @@ def test_a_method_without_its_weights(monkeypatch):
     broken = Method("broken", load=lambda device: None, identity=identity, version=1, source="")
     monkeypatch.setattr(bench.doctor, "METHODS", [broken])
     assert found()["method broken"] == (False, "chair.safetensors: missing; reinstall")
+
+
+def test_set_up_installs_what_the_doctor_looks_for():
+    script = (Path(__file__).parents[2] / ".ci" / "libraries").read_text(encoding="utf-8")
+    listed = dict(
+        pair.split("=") for pair in script.split('wanted="')[1].split('"')[0].split() if "=" in pair
+    )
+    assert {debian: library for library, debian in listed.items()} == DEBIAN_PACKAGES
