@@ -26,7 +26,7 @@ from typing import Any, TextIO
 
 from bench.record import SCHEMA_VERSION, Record
 from bench.work import Job, Result, write_whole
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, CannotWrite
 
 MANIFEST = "manifest.json"
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
@@ -114,8 +114,8 @@ def _locked(directory: Path) -> Iterator[None]:
         yield
 
 
-def _not_writable(directory: Path, error: OSError) -> BadInput:
-    return BadInput(f"{directory}: cannot be written ({error.strerror}); give --out")
+def _not_writable(directory: Path, error: OSError) -> CannotWrite:
+    return CannotWrite(f"{directory}: cannot be written ({error.strerror}); give --out")
 
 
 def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
