@@ -1,8 +1,8 @@
 """The command line. Results go to stdout, progress and errors to stderr.
 
-Exit status: 0 done, 1 a regression or a machine that cannot run, 2 something the user has to mend,
-130 interrupted, 141 nobody reads the output any more. Everything but Typer is imported by the
-command that needs it, so that `--help` and `list` answer at once.
+Exit status: 0 done, 1 a regression, a machine that cannot run or a training that diverged, 2
+something the user has to mend, 130 interrupted, 141 nobody reads the output any more. Everything
+but Typer is imported by the command that needs it, so that `--help` and `list` answer at once.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:  # click's Context, which some versions of Typer contain
         """Run the command."""
         from data_prep.failures import BadInput
+        from pc2pix.divergence import TrainingDiverged
 
         try:
             result = super().invoke(ctx)
@@ -34,6 +35,9 @@ class Commands(TyperGroup):
         except BadInput as error:
             print(f"bench: {error}", file=sys.stderr)
             raise typer.Exit(2) from error
+        except TrainingDiverged as error:
+            print(f"bench: {error}; a lower learning rate may help", file=sys.stderr)
+            raise typer.Exit(1) from error
         except typer.BadParameter as error:  # a value that its option does not take
             command = error.ctx.command_path if error.ctx else "bench"
             told = error.format_message().rstrip(".")
@@ -111,27 +115,31 @@ def run(
     ] = None,
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its tables."""
+    from bench.lookup import find
     from bench.run import Options
     from bench.run import run as run_suite
+    from bench.suites import LATENT, SUITES
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
-    finished = run_suite(
-        Options(
-            suite=suite,
-            dataset=dataset,
-            methods=_names(methods),
-            conditions=_names(conditions),
-            limit=limit,
-            views=views,
-            workers=workers,
-            device=device.value,
-            seed=seed,
-            out=out,
-            fresh=fresh,
-            inception_weights=inception_weights,
-        )
+    options = Options(
+        suite=suite,
+        dataset=dataset,
+        methods=_names(methods),
+        conditions=_names(conditions),
+        limit=limit,
+        views=views,
+        workers=workers,
+        device=device.value,
+        seed=seed,
+        out=out,
+        fresh=fresh,
+        inception_weights=inception_weights,
     )
+    if find(suite, (*SUITES, LATENT), "suite") is LATENT:
+        _run_latent(options)
+        return
+    finished = run_suite(options)
     for table in finished.tables:
         print(table.to_markdown())
     print(finished.cost)
@@ -143,16 +151,25 @@ def run(
     )
 
 
+def _run_latent(options: Any) -> None:
+    from bench.latent import run as run_latent
+
+    finished = run_latent(options)
+    for table in finished.tables:
+        print(table.to_markdown())
+    print(f"{finished.seconds:.0f} s\nresults in {finished.directory}", file=sys.stderr)
+
+
 @app.command("list")
 def list_all() -> None:
     """Suites, methods, conditions, metrics and datasets."""
     from bench.methods import METHODS
     from bench.metric_table import IMAGE_METRICS, SET_METRICS
-    from bench.suites import SUITES
+    from bench.suites import LATENT, SUITES
     from data_prep.conditions import CONDITIONS
 
     sections = {
-        "suites": [(s.id, s.about) for s in SUITES],
+        "suites": [(s.id, s.about) for s in (*SUITES, LATENT)],
         "methods": [(m.id, m.source) for m in METHODS],
         "conditions": [(c.id, c.source) for c in CONDITIONS],
         "metrics": [*IMAGE_METRICS.items(), *((m.id, m.about) for m in SET_METRICS)],
@@ -228,10 +245,27 @@ class Precision(StrEnum):
     bfloat16 = "bfloat16"
 
 
+class Encoder(StrEnum):
+    """Dilated convolutions along the order of the points, or PointNet."""
+
+    paper = "paper"
+    pointnet = "pointnet"
+
+
+class Azimuth(StrEnum):
+    """How the networks are told the azimuth."""
+
+    scalar = "scalar"
+    sine_cosine = "sine-cosine"
+
+
 DatasetOption = Annotated[str, typer.Option(help="procedural (its train split) or folder:PATH.")]
 ClassOption = Annotated[str, typer.Option("--class", help="The class to train on.")]
 ObjectsOption = Annotated[int | None, typer.Option(help="Number of objects; default 1500 or all.")]
 StepsOption = Annotated[int, typer.Option(help="Steps in all, those before a resume included.")]
+AugmentOption = Annotated[
+    bool, typer.Option("--augment", help="Show the encoder noise and fewer points.")
+]
 BatchOption = Annotated[int, typer.Option(help="Pictures or clouds a step.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
 ThreadsOption = Annotated[int | None, typer.Option(help="CPU threads; default: PyTorch's choice.")]
@@ -245,22 +279,28 @@ def train_autoencoder(
     class_name: ClassOption = "chair",
     objects: ObjectsOption = None,
     width: Width = Width.lite,
+    encoder: Annotated[
+        Encoder, typer.Option(help="The paper's, or one that heeds no order of points.")
+    ] = Encoder.paper,
+    latent: Annotated[int, typer.Option(help="Length of the code.")] = 32,
+    augment: AugmentOption = False,
     steps: StepsOption = 10_000,
     batch: BatchOption = 32,
+    learning_rate: Annotated[float, typer.Option(help="Of RMSprop.")] = 1e-4,
     precision: Precision = Precision.float32,
     device: Device = Device.cpu,
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
 ) -> None:
     """The point-cloud autoencoder (paper, section 3.1)."""
-    from bench.train import TrainingOptions
+    from bench.train import NetworkOptions, TrainingOptions
     from bench.train import train_autoencoder as train
 
     options = TrainingOptions(
-        dataset, class_name, objects, width.value, steps, batch, precision.value, device.value,
-        seed, threads, out,
+        dataset, class_name, objects, steps, batch, augment, precision.value, device.value, seed,
+        threads, out,
     )  # fmt: skip
-    print(train(options))
+    _print_once(train(options, NetworkOptions(width.value, encoder.value, latent), learning_rate))
 
 
 @train_app.command("gan")
@@ -273,23 +313,34 @@ def train_gan(
     class_name: ClassOption = "chair",
     objects: ObjectsOption = None,
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
-    objective: Annotated[str, typer.Option(help="acgan-code or acgan-paper.")] = "acgan-code",
+    objective: Annotated[
+        str, typer.Option(help="acgan-code, acgan-paper or paired.")
+    ] = "acgan-code",
+    azimuth: Annotated[
+        Azimuth, typer.Option(help="One number as in the paper, or two without a jump.")
+    ] = Azimuth.scalar,
+    augment: AugmentOption = False,
     steps: StepsOption = 20_000,
+    warm_up: Annotated[
+        int, typer.Option(help="First steps without the discriminator (paired only).")
+    ] = 0,
     batch: BatchOption = 32,
+    generator_lr: Annotated[float, typer.Option(help="Adam's learning rate.")] = 1e-4,
     precision: Precision = Precision.float32,
     device: Device = Device.cpu,
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
 ) -> None:
     """The rendering GAN (paper, section 3.2), on a trained autoencoder."""
-    from bench.train import TrainingOptions
+    from bench.train import GanOptions, TrainingOptions
     from bench.train import train_gan as train
 
     options = TrainingOptions(
-        dataset, class_name, objects, "lite", steps, batch, precision.value, device.value, seed,
+        dataset, class_name, objects, steps, batch, augment, precision.value, device.value, seed,
         threads, out,
     )  # fmt: skip
-    print(train(options, autoencoder, objective, views))
+    gan = GanOptions(autoencoder, views, objective, azimuth.value, warm_up, generator_lr)
+    _print_once(train(options, gan))
 
 
 @train_app.command("views")
@@ -303,6 +354,65 @@ def train_views(
     from bench.train_views import train_views as train
 
     print(train(objects, views, epochs, seed))
+
+
+@train_app.command("constant")
+def train_constant(
+    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
+    steps: Annotated[int, typer.Option(help="Steps of 64 pictures.")] = 400,
+    seed: SeedOption = 0,
+) -> None:
+    """The best constant picture: replaces the bundled one, hence its golden values."""
+    from bench.train_constant import train_constant as train
+
+    print(train(objects, views, steps, seed))
+
+
+@train_app.command("judge")
+def train_judge(
+    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 16,
+    steps: Annotated[int, typer.Option(help="Steps of 96 pictures.")] = 3000,
+    seed: SeedOption = 0,
+) -> None:
+    """The judge of view and shape: replaces the bundled weights, hence what it measures."""
+    from bench.train_judge import train_judge as train
+
+    for name, scores in train(objects, views, steps, seed).items():
+        print(f"{name}: {scores}")
+
+
+@train_app.command("decoder")
+def train_decoder(
+    weights: Annotated[
+        str, typer.Option(help="A bundled name or a file; the decoder is put beside it.")
+    ] = "chair",
+    out: OutOption = Path("training/decoder"),
+    objects: ObjectsOption = None,
+    steps: StepsOption = 3000,
+    batch: BatchOption = 32,
+    precision: Precision = Precision.float32,
+    device: Device = Device.cpu,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+) -> None:
+    """A decoder from codes to clouds for trained weights, for the suite latent."""
+    from bench.train_decoder import DecoderOptions
+    from bench.train_decoder import train_decoder as train
+
+    options = DecoderOptions(
+        weights, objects, steps, batch, precision.value, device.value, seed, threads, out
+    )
+    print(train(options))
+
+
+def _print_once(path: Path) -> None:
+    """Print what a training made, not by every process that took part."""
+    from pc2pix.processes import is_first
+
+    if is_first():
+        print(path)
 
 
 def _names(text: str | None) -> tuple[str, ...] | None:

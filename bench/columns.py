@@ -34,7 +34,7 @@ def write_records(directory: Path, results: Sequence[Result]) -> pd.DataFrame:
 
 
 def read_records(directory: Path) -> pd.DataFrame:
-    """The records of a run. Raises BadInput: none there, unreadable, or of a newer version."""
+    """The records of a run. Raises BadInput: none there, unreadable, or of another version."""
     path = directory / RECORDS
     if not path.is_file():
         raise BadInput(f"{directory}: no {RECORDS}; the run is not finished, start it again")
@@ -46,6 +46,11 @@ def read_records(directory: Path) -> pd.DataFrame:
     if schema > SCHEMA_VERSION:
         raise BadInput(
             f"{path}: schema {schema} is newer than {SCHEMA_VERSION}; update pc2pix-bench"
+        )
+    if 0 < schema < SCHEMA_VERSION:  # scores are missing that only the pictures could give
+        raise BadInput(
+            f"{path}: schema {schema} is older than {SCHEMA_VERSION}; start the run again with its "
+            "command, to measure what is new"
         )
     return table.to_pandas()
 

@@ -5,23 +5,30 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.methods import FLOOR, find_method
+from bench.foreground import object_boxes
+from bench.methods import FLOORS, find_method
 from bench.metric_table import IMAGE_METRICS
 from bench.record import GROUND_TRUTH
 from bench.tables import Row, Table
+from bench.thin_parts import evaluated
 from bench.work import Job, read_artifact
 
 FIGURES = "figures"
 OBJECTS_SHOWN = 4
+THIN_OF = 8  # the first objects of a run, of which those with most thin parts are shown
+THIN_CONDITIONS = ("2048", "noise-0.05")
+THIN_TINT = (225, 0, 75)
 METRICS_SHOWN = ("ssim", "structure", "fd-views", "fid")
 
 
 def write_figures(directory: Path, tables: Sequence[Table], jobs: Sequence[Job]) -> None:
-    """Robustness curves (after Tables 3 and 4) and picture grids (the paper's Figures 1 and 3).
+    """Robustness curves (after Tables 3 and 4), picture grids (the paper's Figures 1 and 3) and a
+    sheet of thin parts.
 
     `jobs` are those whose pictures are there, ground truths included. Where all others have failed,
     there is nothing to draw.
@@ -35,6 +42,7 @@ def write_figures(directory: Path, tables: Sequence[Table], jobs: Sequence[Job])
     folder.mkdir(exist_ok=True)
     _robustness(folder / "robustness.png", tables)
     _grid(folder / "pictures.png", jobs)
+    _thin_parts(folder / "thin-parts.png", jobs)
 
 
 def _robustness(path: Path, tables: Sequence[Table]) -> None:
@@ -75,13 +83,14 @@ def _robustness(path: Path, tables: Sequence[Table]) -> None:
 def _grid(path: Path, jobs: Sequence[Job]) -> None:
     """The first view of the first objects: a row per object and method, a column per condition.
 
-    Ceiling and floor are left out: the first column shows the truth, and white needs no picture.
+    Ceiling and floors are left out: the first column shows the truth, and what looks at no cloud
+    needs no picture.
     """
     from matplotlib import pyplot as plt
 
     objects = list(dict.fromkeys(_object(job) for job in jobs))[:OBJECTS_SHOWN]
     conditions = list(dict.fromkeys(job.condition for job in jobs if job.condition))
-    methods = [m for m in dict.fromkeys(j.method for j in jobs if j.condition) if _is_rival(m)]
+    methods = _rivals(jobs)
     by_cell = {(_object(job), job.method, job.condition): job for job in jobs}
     rows = [(obj, method) for obj in objects for method in methods]
     columns = [GROUND_TRUTH, *conditions]
@@ -94,13 +103,7 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
         for axis, column in zip(axis_row, columns, strict=True):
             of_method = (method, column) if column != GROUND_TRUTH else (GROUND_TRUTH, "")
             job = by_cell.get((obj, of_method[0], of_method[1]))
-            axis.set_xticks([])
-            axis.set_yticks([])
-            axis.spines[:].set_visible(False)
-            if job is None:
-                axis.text(0.5, 0.5, "failed", ha="center", va="center", transform=axis.transAxes)
-            else:
-                axis.imshow(_first_picture(job))
+            _show(axis, None if job is None else _pictures(job)[0])
         axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
     for axis, column in zip(axes[0], columns, strict=True):
         axis.set_title(column, fontsize=9)
@@ -109,13 +112,76 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
     plt.close(figure)
 
 
-def _is_rival(method: str) -> bool:
-    return method != FLOOR and not find_method(method).sees_mesh
+def _thin_parts(path: Path, jobs: Sequence[Job]) -> None:
+    """Objects with the most thin parts, each in the view that shows most of them, cut out.
+
+    Columns: the truth, the truth with the evaluated pixels tinted, then method by method the
+    pictures at a clean and at a noisy condition.
+    """
+    from matplotlib import pyplot as plt
+
+    truths = [job for job in jobs if job.method == GROUND_TRUTH][:THIN_OF]
+    parts = {_object(job): evaluated(_pictures(job)) for job in truths}
+    counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
+    by_count = sorted(truths, key=lambda job: -int(counts[_object(job)].sum()))
+    chosen = [job for job in by_count if counts[_object(job)].any()][:OBJECTS_SHOWN]
+    there = {job.condition for job in jobs}
+    columns = [
+        (method, condition)
+        for method in _rivals(jobs)
+        for condition in THIN_CONDITIONS
+        if condition in there
+    ]
+    if not chosen or not columns:
+        return
+    by_cell = {(_object(job), job.method, job.condition): job for job in jobs}
+    figure, axes = plt.subplots(
+        len(chosen),
+        2 + len(columns),
+        figsize=(2.2 * (2 + len(columns)), 2.3 * len(chosen)),
+        squeeze=False,
+    )
+    for axis_row, truth in zip(axes, chosen, strict=True):
+        obj = _object(truth)
+        view = int(counts[obj].argmax())
+        true = _pictures(truth)[view]
+        top, bottom, left, right = object_boxes(true[None])[0].tolist()
+        cut = slice(max(top - 3, 0), bottom + 3), slice(max(left - 3, 0), right + 3)
+        tinted = np.where(parts[obj][view][..., None], np.array(THIN_TINT, np.uint8), true)
+        _show(axis_row[0], true[cut], "nearest")
+        _show(axis_row[1], tinted[cut], "nearest")
+        for axis, cell in zip(axis_row[2:], columns, strict=True):
+            job = by_cell.get((obj, *cell))
+            _show(axis, None if job is None else _pictures(job)[view][cut], "nearest")
+        axis_row[0].set_ylabel(f"{obj[1][:18]}\nview {view}", fontsize=7)
+    titles = [GROUND_TRUTH, "its thin parts", *(f"{m}\n{c}" for m, c in columns)]
+    for axis, title in zip(axes[0], titles, strict=True):
+        axis.set_title(title, fontsize=9)
+    figure.tight_layout(pad=0.3)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _show(axis: Any, picture: NDArray[np.uint8] | None, interpolation: str | None = None) -> None:
+    """A picture without a frame, or the word that there is none."""
+    axis.set_xticks([])
+    axis.set_yticks([])
+    axis.spines[:].set_visible(False)
+    if picture is None:
+        axis.text(0.5, 0.5, "failed", ha="center", va="center", transform=axis.transAxes)
+    else:
+        axis.imshow(picture, interpolation=interpolation)
+
+
+def _rivals(jobs: Sequence[Job]) -> list[str]:
+    """The methods that are compared, in order: without ceiling and floors."""
+    methods = dict.fromkeys(job.method for job in jobs if job.condition)
+    return [m for m in methods if m not in FLOORS and not find_method(m).sees_mesh]
 
 
 def _object(job: Job) -> tuple[str, str]:
     return job.object.class_name, job.object.object_id
 
 
-def _first_picture(job: Job) -> NDArray[np.uint8]:
-    return read_artifact(job.artifact)["images"][0]
+def _pictures(job: Job) -> NDArray[np.uint8]:
+    return read_artifact(job.artifact)["images"]

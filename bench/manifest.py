@@ -47,6 +47,12 @@ def describe(
         "feature_identity": dict(protocol.feature_identity),
         "environment": dict(protocol.environment),
         "workers": workers,
+    } | circumstances()
+
+
+def circumstances() -> dict[str, Any]:
+    """Command, time, versions, machine and checkout: what is the same for all kinds of runs."""
+    return {
         "command": sys.argv,
         "started": now(),
         "finished": None,

@@ -81,6 +81,22 @@ def _true_mesh(device: str) -> Renderer:
     return TrueMesh()
 
 
+def _constant(device: str) -> Renderer:
+    del device
+    from baselines.constant import Constant, read_picture
+
+    return Constant(read_picture())
+
+
+def _constant_identity() -> str:
+    """The pixels, not the file: another PNG writer may pack them differently."""
+    from hashlib import sha256
+
+    from baselines.constant import read_picture
+
+    return f"picture {sha256(read_picture().tobytes()).hexdigest()}"
+
+
 def _blank(device: str) -> Renderer:
     del device
     from baselines.reference import Blank
@@ -100,7 +116,14 @@ METHODS = (
         load=partial(_pc2pix, "chair"),
         identity=partial(_pc2pix_identity, "chair"),
         version=1,
-        source="paper, section 3; bundled weights (pc2pix/weights/chair.md)",
+        source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
+    ),
+    Method(
+        "pc2pix@acgan",
+        load=partial(_pc2pix, "chair-acgan"),
+        identity=partial(_pc2pix_identity, "chair-acgan"),
+        version=1,
+        source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
     ),
     Method(
         "surface-apss",
@@ -125,6 +148,13 @@ METHODS = (
         sees_mesh=True,
     ),
     Method(
+        "constant",
+        load=_constant,
+        identity=_constant_identity,
+        version=1,
+        source="a second floor: the one picture that SSIM likes best on the training set",
+    ),
+    Method(
         "blank",
         load=_blank,
         identity=lambda: "",
@@ -133,6 +163,7 @@ METHODS = (
     ),
 )
 FLOOR = "blank"
+FLOORS = ("constant", FLOOR)  # what looks at no cloud
 
 
 def find_method(method_id: str) -> Method:

@@ -2,7 +2,9 @@
 
 Image metrics score a picture against the true one. Set metrics are Fréchet distances between sets
 of pictures, on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d].
-Nothing but the distance on the published Inception features is called `fid`.
+Nothing but the distance on the published Inception features is called `fid`. Control metrics ask
+whether a picture shows the view and the object that it should; a judge tells them from the picture
+alone, and its answers are features too, which no distance is taken of.
 """
 
 from __future__ import annotations
@@ -20,31 +22,53 @@ if TYPE_CHECKING:  # `bench list` answers at once
     from numpy.typing import NDArray
 
 __all__ = [
+    "CONTROL_METRICS",
+    "EXTRACTORS",
     "IMAGE_METRICS",
+    "JUDGE",
     "SET_METRICS",
+    "UNDEFINED",
     "Extractor",
-    "SetMetric",
+    "FeatureSource",
     "WeightsUnavailable",
+    "column",
     "find_extractor",
 ]
 
-# By the names of `bench.ssim.SsimPerImage`, which computes all four.
+# `bench.scores` computes them all; `column` gives their names in the records.
 IMAGE_METRICS = {
     "ssim": "structural similarity, mean of the product of the next three; 1 is identical",
     "luminance": "its component: mean brightness",
     "contrast": "its component: variance around the mean",
     "structure": "its component: correlation, what the paper argues for",
+    "ssim-object": "ssim of the windows centred in the box of the true object; 1 is identical",
+    "thin-recall": "share of the thin parts of the true object that is drawn",
+    "thin-precision": "share of true object in what is drawn beside thin parts",
+}
+# Why an image metric may have no value for a picture that is there; the others always have one.
+UNDEFINED = {
+    "ssim-object": "no window is centred in the box of the true object",
+    "thin-recall": "the true object shows no part thinner than 4 px",
+    "thin-precision": "no part thinner than 4 px, or nothing drawn beside one",
+}
+CONTROL_METRICS = {
+    "azimuth-error-deg": "median error of the azimuth that the judge sees; lower is better",
+    "elevation-error-deg": "median error of the elevation that the judge sees; lower is better",
+    "retrieval": "share of pictures by which the judge finds the object among those of the run",
 }
 VIEWS_WEIGHTS = Path(__file__).with_name("views_network.safetensors")  # no torch to find it
+JUDGE_WEIGHTS = Path(__file__).with_name("judge_network.safetensors")
+JUDGE = "judge"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 
 @dataclass(frozen=True)
-class SetMetric:
-    """A Fréchet distance by the features it is taken of.
+class FeatureSource:
+    """What takes features of pictures; a set metric is named after the one that it is taken of.
 
     `weights` finds the file to load, given the wish of the command line; it raises
-    WeightsUnavailable where there is none, and then the metric is skipped. `load` takes that path.
+    WeightsUnavailable where there is none, and then its metrics are skipped. `load` takes that
+    path.
     `version` is raised by hand when a change alters the features.
     """
 
@@ -69,29 +93,78 @@ def _views(weights: str) -> Extractor:
     return lambda images: view_features(model, images)
 
 
+def _views_grey(weights: str) -> Extractor:
+    import numpy as np
+
+    from bench.judge_network import greyscale
+
+    features = _views(weights)
+    return lambda images: features(np.repeat(greyscale(images)[..., None], 3, axis=-1))
+
+
+def _judge(weights: str) -> Extractor:
+    from bench.judge_network import judge, load_judge_network
+
+    network = load_judge_network(Path(weights))
+    return lambda images: judge(network, images)
+
+
+def _bundled_judge(wish: str | None) -> Path:
+    del wish
+    if not JUDGE_WEIGHTS.is_file():
+        raise WeightsUnavailable(
+            f"{JUDGE_WEIGHTS.name} is not bundled; 'bench train judge' makes it"
+        )
+    return JUDGE_WEIGHTS
+
+
 def _bundled_views(wish: str | None) -> Path:
     del wish
     return VIEWS_WEIGHTS
 
 
 SET_METRICS = (
-    SetMetric(
+    FeatureSource(
         "fid",
         find_weights,
         _fid,
         1,
         "Inception features of 2015-12-05, as in TTUR and torch-fidelity",
     ),
-    SetMetric(
+    FeatureSource(
         "fd-views",
         _bundled_views,
         _views,
         1,
         "features of the bundled classifier of rendered views",
     ),
+    FeatureSource(
+        "fd-views-grey",
+        _bundled_views,
+        _views_grey,
+        1,
+        "the same on greyscaled pictures: colour does not count",
+    ),
 )
 
 
-def find_extractor(metric_id: str) -> SetMetric:
-    """The set metric with this id. Raises BadInput for an unknown one."""
-    return find(metric_id, SET_METRICS, "metric")
+EXTRACTORS = (
+    *SET_METRICS,
+    FeatureSource(
+        JUDGE,
+        _bundled_judge,
+        _judge,
+        1,
+        "direction of view and shape code, as the bundled judge sees them",
+    ),
+)
+
+
+def find_extractor(extractor_id: str) -> FeatureSource:
+    """The extractor with this id. Raises BadInput for an unknown one."""
+    return find(extractor_id, EXTRACTORS, "metric")
+
+
+def column(metric: str) -> str:
+    """The name of an image metric in the records."""
+    return metric.replace("-", "_")

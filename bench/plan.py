@@ -20,7 +20,7 @@ from data_prep.randomness import generator
 from data_prep.sampling import random_views
 from data_prep.scene import View
 
-SSIM_VERSION = 1  # raise when a change alters a score
+SCORES_VERSION = 1  # raise when a change alters a score
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
                 views,
                 method,
                 condition.id,
-                [common, identities[method], repr(condition.perturbation), SSIM_VERSION],
+                [common, identities[method], repr(condition.perturbation), SCORES_VERSION],
                 truth.artifact,
             )
             for condition in conditions

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-SCHEMA_VERSION = 1  # of records, journal and manifest; newer ones are refused, never guessed at
+SCHEMA_VERSION = 2  # of records, journal and manifest; newer ones are refused, never guessed at
 
 Outcome = Literal["ok", "failed", "skipped"]
 GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts
@@ -22,9 +22,11 @@ class Record:
     """One picture, or the reason why there is none.
 
     `reason` is empty where the outcome is ok. `notes` tells what a method mended on its way. Scores
-    are None unless the outcome is ok. `prepare_s` is the object's, repeated for each view;
-    `draw_s` is this view's share of drawing all views at once. Times are wall time in seconds,
-    taken while other workers ran: compare them within a run only.
+    are None unless the outcome is ok; `ssim_object` and the thin scores also where the picture has
+    nothing that they could be taken of (`bench.metric_table.UNDEFINED` says when). `prepare_s` is
+    the object's, repeated for each view; `draw_s` is this view's share of drawing all views at
+    once. Times are wall time in seconds, taken while other workers ran: compare them within a run
+    only.
     """
 
     suite: str
@@ -42,6 +44,9 @@ class Record:
     luminance: float | None
     contrast: float | None
     structure: float | None
+    ssim_object: float | None
+    thin_recall: float | None
+    thin_precision: float | None
     prepare_s: float | None
     draw_s: float | None
 
@@ -50,6 +55,7 @@ _TYPES = {
     "view": "int32",
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
     **dict.fromkeys(("ssim", "luminance", "contrast", "structure"), "float64"),
+    **dict.fromkeys(("ssim_object", "thin_recall", "thin_precision"), "float64"),
     **dict.fromkeys(("prepare_s", "draw_s"), "float64"),
 }
 

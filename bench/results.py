@@ -10,10 +10,11 @@ from threadpoolctl import threadpool_limits
 
 from bench.columns import read_features, read_records
 from bench.lookup import find
+from bench.metric_table import JUDGE
 from bench.published import published
 from bench.store import read_manifest
 from bench.suites import SUITES
-from bench.tables import Features, Table, image_table, set_table
+from bench.tables import Features, Table, control_table, detail_table, image_table, set_table
 from bench.work import write_whole
 
 TABLES = "tables"
@@ -32,14 +33,14 @@ def tables(directory: Path) -> list[Table]:
     paper = published(suite.id)
     features: dict[str, Features] = {}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
-    for metric in suite.set_metrics:
+    for metric in suite.extractors:
         found = read_features(directory, metric)
         if metric not in skipped and found is None:
             skipped[metric] = "skipped: no features in this run"
         elif found is not None:
             features[metric] = found
     with threadpool_limits(1):
-        return [
+        made = [
             image_table(
                 "table3_ssim",
                 "Table 3: SSIM and its components against the true mesh (higher is better)",
@@ -56,7 +57,25 @@ def tables(directory: Path) -> list[Table]:
                 suite,
                 paper,
             ),
+            detail_table(
+                "table_detail",
+                "Detail: the object alone, and its thin parts (higher is better)",
+                records,
+                suite,
+            ),
         ]
+        if suite.control_metrics:
+            made.append(
+                control_table(
+                    "table_control",
+                    "Control: does the picture show the view and the object it should?",
+                    records,
+                    features.get(JUDGE),
+                    skipped.get(JUDGE, ""),
+                    suite,
+                )
+            )
+        return made
 
 
 def table_files(made: list[Table]) -> dict[str, str]:

@@ -140,7 +140,7 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
     skipped: dict[str, str] = {}
-    for metric in suite.set_metrics:
+    for metric in suite.extractors:
         try:
             extractor = find_extractor(metric)
             weights = extractor.weights(options.inception_weights)

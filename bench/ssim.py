@@ -84,6 +84,31 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
 def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
     """`ssim` of every pair of images by itself. An image's value does not depend on the others."""
     _require_images(a, b)
+    per_image, _ = _score(a, b, None)
+    return per_image
+
+
+def ssim_per_image_and_box(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], boxes: NDArray[np.intp]
+) -> tuple[SsimPerImage, Floats]:
+    """`ssim_per_image`, and from the same map the mean `ssim` [N] of the windows within a box.
+
+    boxes  int [N, (top, bottom, left, right)] in pixels, bottom and right exclusive; one per pair,
+           see `bench.foreground.object_boxes`
+
+    A window is within if its centre is: the middle pixel of 11, 5 px from the window's corner, so
+    that no window is centred within 5 px of the frame. NaN where a box leaves no window. Raises as
+    `ssim`, and ValueError where there is not one box per pair.
+    """
+    _require_images(a, b)
+    if boxes.shape != (len(a), 4):
+        raise ValueError(f"{len(a)} pairs need boxes of shape [{len(a)}, 4], got {boxes.shape}")
+    return _score(a, b, boxes)
+
+
+def _score(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], boxes: NDArray[np.intp] | None
+) -> tuple[SsimPerImage, Floats]:
     n, height, width, channels = a.shape
     size = min(height, width, WINDOW)
     weights = _window(size)
@@ -93,22 +118,38 @@ def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
     blur = _TileBlur(weights, rows, columns, channels, flat_below=corner * (1 - corner) / 2)
 
     n_tiles = len(rows.starts) * len(columns.starts)
-    # [tile, window row, window column]: 1, or 0 where a tile repeats windows of its neighbour
-    counted = np.einsum("ir,jc->ijrc", rows.counted, columns.counted)
-    counted = counted.reshape(n_tiles, rows.length, columns.length)
+
+    def per_tile(by_row: Floats, by_column: Floats) -> Floats:
+        """[tile, window row, window column], from [row of tiles, ...] and [column of tiles, ...]"""
+        product = np.einsum("ir,jc->ijrc", by_row, by_column)
+        return product.reshape(n_tiles, rows.length, columns.length)
+
+    # 1, or 0 where a tile repeats windows of its neighbour
+    counted = per_tile(rows.counted, columns.counted)
     windows_per_tile = counted.sum(axis=(1, 2)) * channels
 
     tiles = np.empty((2, n_tiles, rows.extent, channels, columns.extent), dtype=np.uint8)
     means = np.empty((n, 4))
+    in_boxes = np.full(n, np.nan)
     for i in range(n):
         _cut_tiles(a[i], rows, columns, out=tiles[0])
         _cut_tiles(b[i], rows, columns, out=tiles[1])
         differs = (tiles[0] != tiles[1]).reshape(n_tiles, -1).any(axis=1)
         sums = np.repeat(windows_per_tile[:, None], 4, axis=1)  # identical: every component is 1
+        inside = counted[:, :0]
+        if boxes is not None:
+            top, bottom, left, right = boxes[i].tolist()
+            inside = per_tile(rows.within(top, bottom), columns.within(left, right))
+        box_sums = inside.sum(axis=(1, 2)) * channels
+        n_inside = box_sums.sum()
         for chunk in _chunks(np.flatnonzero(differs)):
             sums[chunk] = blur.component_sums(tiles[:, chunk], counted[chunk])
+            if n_inside:
+                box_sums[chunk] = blur.sums_of_last(inside[chunk])
         means[i] = sums.sum(axis=0) / windows_per_tile.sum()
-    return SsimPerImage(*np.ascontiguousarray(means.T))
+        if n_inside:
+            in_boxes[i] = box_sums.sum() / n_inside
+    return SsimPerImage(*np.ascontiguousarray(means.T)), in_boxes
 
 
 def _require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
@@ -147,6 +188,11 @@ class _Cut:
         self.starts = [min(i * self.length, n_windows - self.length) for i in range(n_tiles)]
         self.counted = np.ones((n_tiles, self.length))
         self.counted[-1, : n_tiles * self.length - n_windows] = 0.0
+        self._centres = np.add.outer(self.starts, np.arange(self.length)) + (size - 1) / 2
+
+    def within(self, first: int, end: int) -> Floats:
+        """`counted` of the windows whose centre is a pixel of first..end - 1; 0 for the others."""
+        return self.counted * ((self._centres >= first) & (self._centres <= end - 1))
 
 
 def _cut_tiles(image: NDArray[np.uint8], rows: _Cut, columns: _Cut, out: NDArray[np.uint8]) -> None:
@@ -227,6 +273,10 @@ class _TileBlur:
         np.multiply(luminance, contrast, out=total)
         total *= structure
         return np.einsum("ktrcx,trx->tk", self._components[:, :n], counted)
+
+    def sums_of_last(self, counted: Floats) -> Floats:
+        """Sums of ssim over other windows of the tiles that `component_sums` had last, [tile]."""
+        return np.einsum("trcx,trx->t", self._components[0, : len(counted)], counted)
 
     def _moments(self, tiles: NDArray[np.uint8]) -> Floats:
         """Means, variances and covariance [5, tile, window row, channel, window column]."""

@@ -29,6 +29,7 @@ from bench.work import Job, Result, write_whole
 from data_prep.failures import BadInput, CannotWrite
 
 MANIFEST = "manifest.json"
+_FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 
 
@@ -220,5 +221,7 @@ def _read_shard(shard: Path, journal: Journal) -> None:
             journal.damage.append(f"{shard}: line {number} {what}; its job is done again")
             continue
         values = json.loads(body)
+        if any(record.keys() != _FIELDS for record in values["records"]):
+            continue  # of another schema: its key, which names the schema, is no job's any more
         records = tuple(Record(**record) for record in values["records"])
         journal.finished[values["key"]] = Result(values["key"], records, values["artifact_sha256"])

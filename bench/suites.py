@@ -8,15 +8,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bench.metric_table import JUDGE
+
 
 @dataclass(frozen=True)
 class Suite:
     """Methods x conditions x objects x views, and the metrics taken of them.
 
-    classes       the classes of the dataset that take part
-    views         random views per object
-    endless_limit objects taken from a dataset without end (the procedural one)
-    time_limit_s  for one method on one cloud with all its views; what takes longer has failed
+    classes          the classes of the dataset that take part
+    image_metrics    of the paper's table of SSIM
+    detail_metrics   further image metrics, in a table of their own
+    set_metrics      Fréchet distances
+    control_metrics  what the judge is asked
+    views            random views per object
+    endless_limit    objects taken from a dataset without end (the procedural one)
+    time_limit_s     for one method on one cloud with all its views; what takes longer has failed
     """
 
     id: str
@@ -25,23 +31,82 @@ class Suite:
     conditions: tuple[str, ...]
     classes: tuple[str, ...]
     image_metrics: tuple[str, ...]
+    detail_metrics: tuple[str, ...]
     set_metrics: tuple[str, ...]
+    control_metrics: tuple[str, ...]
     views: int
     endless_limit: int
     time_limit_s: float
+
+    @property
+    def extractors(self) -> tuple[str, ...]:
+        """Whose features the metrics are made from."""
+        return (*self.set_metrics, *((JUDGE,) if self.control_metrics else ()))
 
 
 SUITES = (
     Suite(
         id="chair-robustness",
         about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
-        methods=("surface-apss", "pc2pix", "splat", "true-mesh", "blank"),
+        methods=(
+            "surface-apss",
+            "pc2pix",
+            "pc2pix@acgan",
+            "splat",
+            "true-mesh",
+            "constant",
+            "blank",
+        ),
         conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
         classes=("chair",),
         image_metrics=("ssim", "luminance", "contrast", "structure"),
-        set_metrics=("fid", "fd-views"),
+        detail_metrics=("ssim-object", "thin-recall", "thin-precision"),
+        set_metrics=("fid", "fd-views", "fd-views-grey"),
+        control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
         views=20,
         endless_limit=24,
         time_limit_s=120.0,
     ),
+)
+
+
+@dataclass(frozen=True)
+class LatentSuite:
+    """What lies between codes, and what their differences mean: `bench.latent` runs it.
+
+    methods        networks with a code: pc2pix with any weights
+    pairs          of test chairs of different structural families, joined by a path
+    positions      on a path, its two ends included
+    triples        A - B + C, where A is B with one change
+    pool           test chairs that triples are looked for among
+    neighbours     train chairs among which the nearest to a sum is looked for
+    azimuth_deg, elevation_deg  of the one view that all pictures show
+    shown          pairs and triples in the figures
+    """
+
+    id: str
+    about: str
+    methods: tuple[str, ...]
+    pairs: int
+    positions: int
+    triples: int
+    pool: int
+    neighbours: int
+    azimuth_deg: float
+    elevation_deg: float
+    shown: int
+
+
+LATENT = LatentSuite(
+    id="latent",
+    about="the paper's Figures 5 and 6: paths between codes, and A - B + C",
+    methods=("pc2pix",),
+    pairs=50,
+    positions=8,
+    triples=60,
+    pool=800,
+    neighbours=500,
+    azimuth_deg=30.0,
+    elevation_deg=20.0,
+    shown=5,
 )

@@ -18,16 +18,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench import control
 from bench.frechet import frechet_distance, frechet_interval
 from bench.methods import FLOOR
+from bench.metric_table import UNDEFINED, column
 from bench.record import GROUND_TRUTH
-from bench.statistics import mean_interval
+from bench.statistics import mean_interval, median_interval
 from bench.suites import Suite
 
 PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX"}
 NAN = float("nan")
+NO_VALUE = "no value"
 
-Picture = tuple[str, int]  # object, view
+Picture = control.Picture
 # Published values by (class, metric, condition, method).
 Published = Mapping[tuple[str, str, str, str], float]
 
@@ -38,10 +41,11 @@ class Row:
 
     value              over the pictures whose outcome is ok
     ci_low, ci_high    95 % interval over objects
-    n_ok, n            pictures that are there, pictures there should be
+    n_ok, n            pictures that are there and have a value, pictures there should be
     paper              as published, on the paper's data
     failures_as_blank  the value with a blank picture in place of each failed one
-    note               why there is no value, or the reasons of the failures
+    note               why there is no value, or the reasons of the failures and how many pictures
+                       have no value though they are there
     """
 
     suite: str
@@ -64,12 +68,20 @@ HEADER = [name if name != "class_name" else "class" for name in Row.__dataclass_
 
 @dataclass(frozen=True)
 class Table:
-    """A finished table: its file name without suffix, its title, its rows, digits for people."""
+    """A finished table.
+
+    name          of its files, without suffix
+    decimals      digits for people
+    remark        what people have to know to read it
+    paper_layout  whether Markdown begins with the paper's layout
+    """
 
     name: str
     title: str
     rows: tuple[Row, ...]
     decimals: int
+    remark: str = ""
+    paper_layout: bool = True
 
     def to_csv(self) -> str:
         """Numbers with 6 decimals; an empty field where there is none."""
@@ -82,7 +94,12 @@ class Table:
 
     def to_markdown(self) -> str:
         """The paper's layout (SR beside PC2PIX), then all methods with intervals and counts."""
-        return "\n".join([f"# {self.title}", "", *_paper_layout(self), *_all_methods(self)])
+        lines = [f"# {self.title}", ""]
+        if self.remark:
+            lines += [self.remark, ""]
+        if self.paper_layout:
+            lines += _paper_layout(self)
+        return "\n".join([*lines, *_all_methods(self)])
 
 
 class Features:
@@ -113,22 +130,37 @@ def image_table(
     name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
 ) -> Table:
     """Means over pictures of the suite's image metrics, with intervals over objects."""
+    rows = _image_rows(suite.image_metrics, records, suite, published)
+    return Table(name, title, rows, decimals=3)
+
+
+def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> Table:
+    """As `image_table`, of the suite's detail metrics, which the paper has not."""
+    rows = _image_rows(suite.detail_metrics, records, suite, {})
+    return Table(name, title, rows, decimals=3, remark=_DETAIL_REMARK, paper_layout=False)
+
+
+_DETAIL_REMARK = (
+    "Means are over the pictures that have a value; where some have none, a line below says why."
+)
+
+
+def _image_rows(
+    metrics: Sequence[str], records: pd.DataFrame, suite: Suite, published: Published
+) -> tuple[Row, ...]:
     made = []
     for cell, group in _cells(records):
         ok = group[group["outcome"] == "ok"]
-        failed = group[group["outcome"] == "failed"]
         # The floor's scores do not depend on the condition.
-        floor = records[
-            (records["method"] == FLOOR)
-            & (records["condition"] == cell[1])
-            & (records["outcome"] == "ok")
-            & (records["class"] == cell[2])
-        ]
-        missing = floor.merge(failed[["object", "view"]], on=["object", "view"])
-        for metric in suite.image_metrics:
-            scores = ok[metric].to_numpy()
-            per_object = ok.groupby("object", sort=True)[metric].mean().to_numpy()
-            with_blank = np.concatenate([scores, missing[metric].to_numpy()])
+        missing = _floor_of_failed(cell, group, records)
+        for metric in metrics:
+            name = column(metric)
+            valued, floor = ok, missing
+            if metric in UNDEFINED:  # of any other metric, no value is an error and shows as such
+                valued, floor = ok.dropna(subset=[name]), missing.dropna(subset=[name])
+            scores = valued[name].to_numpy()
+            per_object = valued.groupby("object", sort=True)[name].mean().to_numpy()
+            with_blank = np.concatenate([scores, floor[name].to_numpy()])
             made.append(
                 _row(
                     suite,
@@ -140,9 +172,116 @@ def image_table(
                     published,
                     _mean(with_blank),
                     "",
+                    undefined=len(ok) - len(valued),
                 )
             )
-    return Table(name, title, tuple(made), decimals=3)
+    return tuple(made)
+
+
+def _floor_of_failed(
+    cell: tuple[str, str, str], group: pd.DataFrame, records: pd.DataFrame
+) -> pd.DataFrame:
+    """The floor's records of the pictures that failed in a cell, where it has them."""
+    floor = records[
+        (records["method"] == FLOOR)
+        & (records["condition"] == cell[1])
+        & (records["outcome"] == "ok")
+        & (records["class"] == cell[2])
+    ]
+    failed = group[group["outcome"] == "failed"]
+    return floor.merge(failed[["object", "view"]], on=["object", "view"])
+
+
+def control_table(
+    name: str,
+    title: str,
+    records: pd.DataFrame,
+    judged: Features | None,
+    skipped: str,
+    suite: Suite,
+) -> Table:
+    """What the judge makes of each method's pictures: the view, and which object it is.
+
+    Angles: medians over pictures of the error in degrees, intervals by a bootstrap over objects.
+    Retrieval: a share of pictures. `judged` are the judge's answers; where there are none,
+    `skipped` says why.
+    """
+    galleries = {
+        str(class_name): control.gallery(judged, str(class_name))
+        for class_name in records["class"].unique()
+        if judged is not None
+    }
+    made = []
+    for cell, group in _cells(records):
+        if judged is None:
+            cells = [(NAN, (NAN, NAN), NAN, skipped)] * len(suite.control_metrics)
+        else:
+            ok = group[group["outcome"] == "ok"]
+            missing = _floor_of_failed(cell, group, records)
+            among = galleries[cell[2]]
+            cells = [
+                _controlled(metric, cell, ok, missing, judged, among)
+                for metric in suite.control_metrics
+            ]
+        made += [
+            _row(suite, cell, metric, value, interval, group, {}, with_blank, note)
+            for metric, (value, interval, with_blank, note) in zip(
+                suite.control_metrics, cells, strict=True
+            )
+        ]
+    sizes = ", ".join(f"{len(g.objects)} of class {name}" for name, g in galleries.items())
+    remark = (
+        "A judge tells view and shape from the picture alone; `true-mesh` shows how far the judge "
+        "itself errs. Errors are medians in degrees: by chance 90 (azimuth)."
+    )
+    if sizes:
+        remark += f" Retrieval is among all objects of the run ({sizes}): by chance 1 in as many."
+    return Table(name, title, tuple(made), decimals=2, remark=remark, paper_layout=False)
+
+
+def _controlled(
+    metric: str,
+    cell: tuple[str, str, str],
+    ok: pd.DataFrame,
+    missing: pd.DataFrame,
+    judged: Features,
+    among: control.Gallery,
+) -> tuple[float, tuple[float, float], float, str]:
+    """Value, interval, value with the floor's pictures (`missing`), reason why there is none."""
+    note = control.why_no_retrieval(among) if metric == "retrieval" else ""
+    if not note and ok.empty:
+        note = "no pictures"
+    if note:
+        return NAN, (NAN, NAN), NAN, note
+    values = _per_picture(metric, cell, ok, judged, among)
+    floor = _per_picture(metric, (FLOOR, cell[1], cell[2]), missing, judged, among)
+    with_blank = np.concatenate([values, floor])
+    objects = ok["object"].to_numpy()
+    if metric == "retrieval":
+        per_object = pd.Series(values).groupby(objects, sort=True).mean().to_numpy()
+        return _mean(values), mean_interval(per_object), _mean(with_blank), ""
+    interval = median_interval(values, objects)
+    return float(np.median(values)), interval, float(np.median(with_blank)), ""
+
+
+def _per_picture(
+    metric: str,
+    cell: tuple[str, str, str],
+    records: pd.DataFrame,
+    judged: Features,
+    among: control.Gallery,
+) -> NDArray[np.float64]:
+    """The error or the hit of each record's picture, in their order."""
+    if records.empty:
+        return np.empty(0)
+    names, views = records["object"].tolist(), records["view"].tolist()
+    pictures: list[Picture] = list(zip(names, views, strict=True))
+    answers = judged.of(*cell, pictures)
+    if metric == "azimuth-error-deg":
+        return control.azimuth_error_deg(answers, records["azimuth_deg"].to_numpy())
+    if metric == "elevation-error-deg":
+        return control.elevation_error_deg(answers, records["elevation_deg"].to_numpy())
+    return control.found(among, answers, pictures)
 
 
 def set_table(
@@ -210,10 +349,15 @@ def _row(
     published: Published,
     failures_as_blank: float,
     note: str,
+    undefined: int = 0,
 ) -> Row:
+    """`undefined` is the number of pictures that are there and have no value of this metric."""
     method, condition, class_name = cell
     outcomes = records["outcome"].tolist()
     reasons = Counter(records.loc[records["outcome"] == "failed", "reason"].tolist())
+    told = [f"{count} x {reason}" for reason, count in reasons.most_common()]
+    if undefined:
+        told.append(f"{undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
     return Row(
         suite=suite.id,
         method=method,
@@ -223,11 +367,11 @@ def _row(
         value=value,
         ci_low=interval[0],
         ci_high=interval[1],
-        n_ok=outcomes.count("ok"),
+        n_ok=outcomes.count("ok") - undefined,
         n=len(outcomes),
         paper=published.get((class_name, metric, condition, method), NAN),
         failures_as_blank=failures_as_blank,
-        note=note or "; ".join(f"{count} x {reason}" for reason, count in reasons.most_common()),
+        note=note or "; ".join(told),
     )
 
 
@@ -309,11 +453,33 @@ def _all_methods(table: Table) -> list[str]:
                 cells = [_full_cell(at[c], table.decimals) if c in at else "-" for c in conditions]
                 lines.append(_markdown_row([method, *cells]))
             lines.append("")
-            failures = [r for r in rows if r.n_ok < r.n]
-            lines += [f"* {r.method} at {r.condition}: {r.note}" for r in failures]
-            if failures:
+            told = _gaps(rows)
+            lines += told
+            if told:
                 lines.append("")
     return lines
+
+
+def _gaps(rows: Sequence[Row]) -> list[str]:
+    """A line for each cell with failures; of cells that only have no value, those alike share."""
+    lines: list[str] = []
+    alike: dict[str, list[Row]] = {}
+    for row in rows:
+        if _nothing_failed(row):
+            alike.setdefault(row.note, []).append(row)
+        elif row.n_ok < row.n:
+            lines.append(f"* {row.method} at {row.condition}: {row.note}")
+    for note, of_note in alike.items():
+        methods = ", ".join(_ordered(row.method for row in of_note))
+        lines.append(f"* {methods}: {note}")
+    return lines
+
+
+def _nothing_failed(row: Row) -> bool:
+    """Whether the note is about missing values alone."""
+    if row.n_ok == row.n:
+        return bool(row.note)
+    return f" x {NO_VALUE}: " in row.note and "; " not in row.note
 
 
 def _full_cell(row: Row, decimals: int) -> str:
@@ -322,5 +488,6 @@ def _full_cell(row: Row, decimals: int) -> str:
         return f"- {count}"
     low, high = _show(row.ci_low, decimals), _show(row.ci_high, decimals)
     interval = f" [{low}, {high}]" if math.isfinite(row.ci_low) else ""
-    blank = f" *b* {_show(row.failures_as_blank, decimals)}" if row.n_ok < row.n else ""
+    missing = row.n_ok < row.n and not _nothing_failed(row)
+    blank = f" *b* {_show(row.failures_as_blank, decimals)}" if missing else ""
     return f"{_show(row.value, decimals)}{interval} {count}{blank}"

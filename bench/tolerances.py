@@ -11,6 +11,15 @@ drivers and processors. How they were measured, at 128 px:
   (see `bench.pool`) differed per chair by a standard deviation of 0.0156 (ssim), 0.0146 (contrast),
   0.0043 (structure) and 0.0017 (luminance), hence by 3 standard errors over 24 chairs of 0.010,
   0.009, 0.003 and 0.001; and in fd-views by up to 40 % in a cell of 12 chairs, the largest of five.
+* The same two for what came later. The turn by 0.1 degree moved the cells of `splat`, `blank` and
+  `constant` by at most 0.0003 (ssim-object), 0.0053 (thin-recall), 0.0004 (thin-precision; 0.025
+  for `constant`, which draws enough beside thin parts in few pictures only) and 1 %
+  (fd-views-grey). For APSS, one point in fifty was moved by one rounding error, on 12 chairs
+  clean and noisy: per chair, ssim-object moved by 1.8 times as much as ssim, thin-precision by 0.4
+  and thin-recall by 0.1 times. With the 0.0156 of ssim, 3 standard errors over 24 chairs are 0.017,
+  0.004 and 0.001; less is never allowed than for a driver.
+* The judge, asked the same: its medians moved by up to 2 % of themselves (azimuth: and by the 0.1
+  degree of the turn), and one picture in 40 to another object; by APSS no more than by the turn.
 """
 
 from __future__ import annotations
@@ -29,6 +38,7 @@ class Tolerance:
 
 
 _DRIVER = "other drivers sample edges elsewhere: 3 x the effect of a shift by 0.1 px"
+_SPIKES_SEEN = "APSS turns a rounding error into a spike: as measured"
 _SPIKES = "APSS turns a rounding error into a spike: 3 standard errors over 24 chairs"
 
 EXACT = Tolerance(1e-6, 0.0, "exact by construction; files keep 6 decimals")
@@ -38,22 +48,43 @@ RENDERING: Mapping[str, Tolerance] = {
         for metric in ("ssim", "luminance", "contrast", "structure")
     },
     "fd-views": Tolerance(0.2, 0.03, _DRIVER),
+    "fd-views-grey": Tolerance(0.2, 0.03, _DRIVER),
+    "ssim-object": Tolerance(0.001, 0.0, _DRIVER),
+    "thin-recall": Tolerance(0.016, 0.0, _DRIVER),
+    "thin-precision": Tolerance(0.002, 0.0, _DRIVER),
 }
 RECONSTRUCTION: Mapping[str, Tolerance] = {
     "ssim": Tolerance(0.010, 0.0, _SPIKES),
     "luminance": Tolerance(0.001, 0.0, _SPIKES),
     "contrast": Tolerance(0.009, 0.0, _SPIKES),
     "structure": Tolerance(0.003, 0.0, _SPIKES),
-    "fd-views": Tolerance(0.2, 0.40, "APSS turns a rounding error into a spike: as measured"),
+    "fd-views": Tolerance(0.2, 0.40, _SPIKES_SEEN),
+    "fd-views-grey": Tolerance(0.2, 0.40, _SPIKES_SEEN),  # the same network
+    "ssim-object": Tolerance(0.017, 0.0, _SPIKES),
+    "thin-recall": Tolerance(0.016, 0.0, _DRIVER),
+    "thin-precision": Tolerance(0.004, 0.0, _SPIKES),
+}
+JUDGED: Mapping[str, Tolerance] = {
+    "azimuth-error-deg": Tolerance(0.3, 0.06, _DRIVER),
+    "elevation-error-deg": Tolerance(0.0, 0.06, _DRIVER),
+    "retrieval": Tolerance(0.075, 0.0, _DRIVER),
+}
+_OF_FEW = {  # (method, metric) whose value is a mean over few pictures
+    ("constant", "thin-precision"): Tolerance(0.08, 0.0, f"{_DRIVER}, in few pictures"),
 }
 
 
 def tolerance(method: str, metric: str) -> Tolerance | None:
     """The tolerance of a cell; None where there is no golden value.
 
-    `fid` has none: its weights are not part of the default protocol.
+    `fid` has none: its weights are not part of the default protocol. The judge errs on true
+    pictures too, so that its answers are never exact.
     """
+    if metric in JUDGED:
+        return JUDGED[metric]
     if method == "true-mesh" and metric in RENDERING:
         return EXACT
+    if (method, metric) in _OF_FEW:
+        return _OF_FEW[method, metric]
     table = RECONSTRUCTION if method.startswith("surface-") else RENDERING
     return table.get(metric)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -28,9 +29,9 @@ class TrainingOptions:
     dataset: str
     class_name: str
     objects: int | None
-    width: Literal["lite", "paper"]
     steps: int
     batch: int
+    augment: bool
     precision: Literal["float32", "bfloat16"]
     device: str
     seed: int
@@ -38,9 +39,33 @@ class TrainingOptions:
     out: Path
 
 
-def train_autoencoder(options: TrainingOptions) -> Path:
+@dataclass(frozen=True)
+class NetworkOptions:
+    """What the networks look like; a GAN takes its own from its autoencoder, but for `azimuth`."""
+
+    width: Literal["lite", "paper"]
+    encoder: Literal["paper", "pointnet"]
+    latent_dim: int
+
+
+@dataclass(frozen=True)
+class GanOptions:
+    """What is particular to the GAN; see `pc2pix.train_gan.GanConfig`."""
+
+    autoencoder: Path
+    views: int
+    objective: str
+    azimuth: Literal["scalar", "sine-cosine"]
+    warm_up: int
+    generator_lr: float
+
+
+def train_autoencoder(
+    options: TrainingOptions, networks: NetworkOptions, learning_rate: float
+) -> Path:
     """Train the point-cloud autoencoder; returns its checkpoint. Resumes what is in `out`."""
     from pc2pix.model import LITE, PAPER
+    from pc2pix.processes import is_first
     from pc2pix.progress import ConsoleProgress
     from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
     from pc2pix.train_autoencoder import train_autoencoder as train
@@ -48,26 +73,33 @@ def train_autoencoder(options: TrainingOptions) -> Path:
     _set_threads(options.threads)
     objects = _objects(options)
     clouds = np.empty((len(objects), CLOUD_POINTS, 3), np.float32)
-    with progress("sampling", len(objects)) as advance:
+    with _progress("sampling", len(objects)) as advance:
         for i, obj in enumerate(objects):
             rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
             clouds[i] = sample_surface(obj.load(), rng, CLOUD_POINTS).points
             advance(0)
     config = AutoencoderConfig(
-        model={"lite": LITE, "paper": PAPER}[options.width],
+        model=replace(
+            {"lite": LITE, "paper": PAPER}[networks.width],
+            encoder=networks.encoder,
+            latent_dim=networks.latent_dim,
+        ),
         steps=options.steps,
         batch=options.batch,
+        learning_rate=learning_rate,
+        augment=options.augment,
         precision=options.precision,
         seed=options.seed,
     )
-    with ConsoleProgress("autoencoder") as show:
+    with ConsoleProgress("autoencoder", quiet=not is_first()) as show:
         return train(
             AutoencoderData(clouds), config, options.out, device=options.device, on_progress=show
         )
 
 
-def train_gan(options: TrainingOptions, autoencoder: Path, objective: str, views: int) -> Path:
+def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
     """Train the rendering GAN on a trained autoencoder; returns the exported weights file."""
+    from pc2pix.processes import is_first
     from pc2pix.progress import ConsoleProgress
     from pc2pix.train_autoencoder import load_encoder
     from pc2pix.train_gan import GanConfig, GanData
@@ -75,31 +107,42 @@ def train_gan(options: TrainingOptions, autoencoder: Path, objective: str, views
     from pc2pix.weights import export
 
     _set_threads(options.threads)
-    encoder = load_encoder(autoencoder)
-    made = training_set(_objects(options), views)
+    encoder = load_encoder(gan.autoencoder)
+    made = training_set(_objects(options), gan.views)
     config = GanConfig(
-        model=encoder.config,
-        objective=objective,
+        model=replace(encoder.config, azimuth=gan.azimuth),
+        objective=gan.objective,
         steps=options.steps,
+        warm_up=gan.warm_up,
         batch=options.batch,
+        augment=options.augment,
+        generator_lr=gan.generator_lr,
         precision=options.precision,
         seed=options.seed,
     )
     data = GanData(made.images, made.azimuth_deg, made.elevation_deg, made.clouds)
-    with ConsoleProgress("gan") as show:
+    with ConsoleProgress("gan", quiet=not is_first()) as show:
         checkpoint = train(
             data, encoder, config, options.out, device=options.device, on_progress=show
         )
     weights = options.out / "weights.safetensors"
-    export(checkpoint, weights)
+    if is_first():
+        export(checkpoint, weights)
     return weights
 
 
 def training_set(objects: tuple[SceneObject, ...], views: int) -> TrainingSet:
     """Sample and render, with progress. The same arguments give the same set."""
-    with progress("rendering", len(objects)) as advance:
+    with _progress("rendering", len(objects)) as advance:
         step: Callable[[], None] = lambda: advance(0)  # noqa: E731
         return make_training_set(objects, views, DATA_SEED, step)
+
+
+def _progress(title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
+    """On standard error, but for one process only."""
+    from pc2pix.processes import is_first
+
+    return progress(title, total) if is_first() else nullcontext(lambda failed: None)
 
 
 def _objects(options: TrainingOptions) -> tuple[SceneObject, ...]:

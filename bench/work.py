@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from bench.methods import find_method
 from bench.metric_table import Extractor, find_extractor
 from bench.record import Record
-from bench.ssim import ssim_per_image
+from bench.scores import scores
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
@@ -126,7 +126,7 @@ def _run_method(job: Job, reference: Path) -> Result:
     drawn = time.perf_counter()
     pictures = _checked(images, len(job.views))
     sha = _write_artifact(job, pictures)
-    scores = ssim_per_image(truth, pictures)
+    scored = scores(truth, pictures)
     records = _records(
         job,
         "ok",
@@ -137,11 +137,15 @@ def _run_method(job: Job, reference: Path) -> Result:
     return Result(
         job.key,
         tuple(
-            replace(record, **{name: float(values[i]) for name, values in scores._asdict().items()})
+            replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
             for i, record in enumerate(records)
         ),
         sha,
     )
+
+
+def _or_none(score: np.float64) -> float | None:
+    return float(score) if np.isfinite(score) else None
 
 
 def _cloud(job: Job) -> PointCloud:
@@ -218,6 +222,9 @@ def _records(
             luminance=None,
             contrast=None,
             structure=None,
+            ssim_object=None,
+            thin_recall=None,
+            thin_precision=None,
             prepare_s=prepare_s,
             draw_s=draw_s,
         )

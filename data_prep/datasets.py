@@ -97,18 +97,22 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Objects by class. `classes` is empty where the source does not tell classes apart."""
+    """Objects by class. `classes` is empty where the source does not tell classes apart.
+
+    `measured` is the split that is taken where none is asked for; a folder has no splits.
+    """
 
     id: str
     classes: tuple[str, ...]
     finite: tuple[SceneObject, ...] | None  # None: as many as one asks for
+    measured: Split = "test"
 
     def objects(
         self,
         class_name: str,
         limit: int | None,
         endless_limit: int,
-        split: Split = "test",
+        split: Split | None = None,
     ) -> tuple[SceneObject, ...]:
         """The first `limit` objects of a class, in a fixed order.
 
@@ -120,6 +124,7 @@ class Dataset:
             if class_name not in self.classes:
                 raise _unknown_class(self, class_name)
             count = endless_limit if limit is None else limit
+            split = split or self.measured
             return tuple(ProceduralObject(class_name, split, i) for i in range(count))
         if not self.classes:
             return self.finite[:limit]
@@ -132,15 +137,19 @@ class Dataset:
 def open_dataset(spec: str) -> Dataset:
     """The dataset named on the command line: `procedural` or `folder:PATH`.
 
+    `procedural:validation` measures the split on which choices are made, so that the test split
+    stays unseen until the end.
     In a folder, sub-folders that hold meshes are classes (and meshes beside them are left alone); a
     folder without such has no classes.
     Raises BadInput for an unknown kind, a missing folder, or one without a mesh file.
     """
     if spec == "procedural":
         return Dataset("procedural", tuple(PROCEDURAL_CLASSES), None)
+    if spec == "procedural:validation":
+        return Dataset(spec, tuple(PROCEDURAL_CLASSES), None, measured="validation")
     kind, colon, location = spec.partition(":")
     if kind != "folder" or not colon or not location:
-        raise BadInput(f"unknown dataset '{spec}': use procedural or folder:PATH")
+        raise BadInput(f"unknown dataset '{spec}': use procedural, procedural:validation or folder:PATH")
     root = Path(location).expanduser()
     if not root.is_dir():
         raise BadInput(f"{root}: no such folder; give the folder that holds your meshes")

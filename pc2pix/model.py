@@ -1,4 +1,4 @@
-"""The four networks of pc2pix in one file: encoder, decoder, generator, discriminator.
+"""The networks of pc2pix in one file: encoders, decoder, generator, discriminator.
 
 Sources: the paper's sections 3.1 and 3.2 (Tables 1 and 2) and roatienza/pc2pix@23b7b46d; where the
 two differ, the code is followed and the place says so. One number scales every width. PyTorch
@@ -14,9 +14,10 @@ Two identities save 40 % of the arithmetic without changing a result beyond roun
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -34,34 +35,59 @@ DOWN_CHANNELS = 128
 ENCODER_STAGES = 4  # 2048, 1024, 512, 256 positions
 LAST_CHANNELS = 32
 DECODER_CHANNELS = 1024
+POINT_CHANNELS = (64, 128, 256)  # PointNet, at every width
+
+EncoderKind = Literal["paper", "pointnet"]
+AzimuthKind = Literal["scalar", "sine-cosine"]
 
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """Widths of all four networks.
+    """Widths and variants of all networks.
 
-    width       factor on every hidden width; 1.0 is the paper's
+    width       factor on every hidden width but PointNet's; 1.0 is the paper's
     latent_dim  length of the code rho: 32 for chairs, 512 for all classes in the paper
+    encoder     "paper": dilated convolutions along the order of 2,048 points. "pointnet": ours,
+                heedless of order, any number of points.
+    azimuth     how networks give and take it. "scalar": as in the paper, one number that jumps at
+                the back of the object. "sine-cosine": ours, two numbers without a jump.
 
-    Raises ValueError where either is not positive.
+    Raises ValueError where a number is not positive or a kind is unknown.
     """
 
     width: float = 1.0
     latent_dim: int = 32
+    encoder: EncoderKind = "paper"
+    azimuth: AzimuthKind = "scalar"
 
     def __post_init__(self) -> None:
         if not self.width > 0:
             raise ValueError(f"width must be positive, got {self.width}")
         if self.latent_dim < 1:
             raise ValueError(f"latent_dim must be at least 1, got {self.latent_dim}")
+        if self.encoder not in ("paper", "pointnet"):
+            raise ValueError(f"encoder must be paper or pointnet, got {self.encoder!r}")
+        if self.azimuth not in ("scalar", "sine-cosine"):
+            raise ValueError(f"azimuth must be scalar or sine-cosine, got {self.azimuth!r}")
 
     def scaled(self, channels: int) -> int:
         """A width of the paper scaled to this configuration, at least 1."""
         return max(1, round(channels * self.width))
 
+    @property
+    def azimuth_numbers(self) -> int:
+        """How many numbers stand for an azimuth: 1 or 2."""
+        return 1 if self.azimuth == "scalar" else 2
+
 
 PAPER = ModelConfig()
 LITE = ModelConfig(width=0.25)
+
+
+def sine_cosine(azimuth01: Tensor) -> Tensor:
+    """[B, 1] normalised azimuth -> [B, 2], its sine and cosine; 0.5 (the front) is (0, 1)."""
+    angle = 2 * math.pi * (azimuth01 - 0.5)
+    return torch.cat([torch.sin(angle), torch.cos(angle)], dim=1)
 
 
 class DiscriminatorOutput(NamedTuple):
@@ -70,7 +96,8 @@ class DiscriminatorOutput(NamedTuple):
     real_logit  [B, 1], before the sigmoid, so that the cross entropy is stable; see `real`
     code        [B, latent_dim], the reconstructed code rho
     elevation   [B, 1] in (0, 1), normalised as the generator's input
-    azimuth     [B, 1] in (0, 1), normalised as the generator's input
+    azimuth     [B, 1] in (0, 1), normalised as the generator's input; or [B, 2], sine and cosine,
+                unbounded
     """
 
     real_logit: Tensor
@@ -139,7 +166,8 @@ class Generator(nn.Module):
         super().__init__()
         self.config = config
         c = [config.scaled(channels) for channels in GENERATOR_CHANNELS]
-        self.dense = nn.Linear(NOISE_DIM + config.latent_dim + 2, 4 * 4 * c[0])
+        angles = 1 + config.azimuth_numbers
+        self.dense = nn.Linear(NOISE_DIM + config.latent_dim + angles, 4 * 4 * c[0])
         self.blocks = nn.ModuleList(UpBlock(cin, cout) for cin, cout in pairwise(c))
         self.bn = nn.BatchNorm2d(c[-1], eps=2e-5, momentum=0.1)
         self.conv = nn.Conv2d(c[-1], 3, 3, padding=1)
@@ -155,7 +183,8 @@ class Generator(nn.Module):
         elevation01  [B, 1], elevation_deg / 80 + 0.5
         azimuth01    [B, 1], azimuth_deg / 360 + 0.5
         """
-        x = torch.cat([noise, code, elevation01, azimuth01], dim=1)  # [B, 128 + d + 2]
+        azimuth = azimuth01 if self.config.azimuth == "scalar" else sine_cosine(azimuth01)
+        x = torch.cat([noise, code, elevation01, azimuth], dim=1)  # [B, 128 + d + 2 or 3]
         x = self.dense(x)  # [B, 16 c0]
         x = x.unflatten(1, (4, 4, -1)).permute(0, 3, 1, 2)  # [B, c0, 4, 4]
         for block in self.blocks:
@@ -265,7 +294,7 @@ class Discriminator(nn.Module):
         self.code = SpectralLinear(h[-1], config.latent_dim)
         self.real = SpectralLinear(c[-1], 1)
         self.elevation = SpectralLinear(c[-1], 1)
-        self.azimuth = SpectralLinear(c[-1], 1)
+        self.azimuth = SpectralLinear(c[-1], config.azimuth_numbers)
         initialise(self)
 
     def forward(self, images: Tensor) -> DiscriminatorOutput:
@@ -282,8 +311,12 @@ class Discriminator(nn.Module):
             real_logit=self.real(x),
             code=self.code(code),
             elevation=torch.sigmoid(self.elevation(x)),
-            azimuth=torch.sigmoid(self.azimuth(x)),
+            azimuth=self._azimuth(x),
         )
+
+    def _azimuth(self, x: Tensor) -> Tensor:
+        found = self.azimuth(x)
+        return torch.sigmoid(found) if self.config.azimuth == "scalar" else found
 
 
 # Point-cloud autoencoder: paper section 3.1; its details are in the code only
@@ -310,6 +343,8 @@ class Encoder(nn.Module):
     The convolutions run along the *order* of the points: shuffling the rows of a cloud changes its
     code, as in the original.
     """
+
+    cloud_size: int | None = CLOUD_SIZE
 
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
@@ -348,6 +383,39 @@ class Encoder(nn.Module):
             else:
                 x = self.last(wide)  # [B, last, 256]
         return self.dense(x.transpose(1, 2).flatten(1))  # [B, latent_dim]
+
+
+class PointNet(nn.Module):
+    """PointNet (Qi et al. 2017): a small network on every point, then maximum and mean over them.
+
+    The code does not depend on the order of the points, and any number of points will do. No
+    BatchNorm: it costs more than the layers it would serve, and ties a cloud's code to its batch.
+    Its width is the same in all profiles.
+    """
+
+    cloud_size: int | None = None  # any
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.config = config
+        c = POINT_CHANNELS
+        self.points = nn.ModuleList(nn.Linear(cin, cout) for cin, cout in pairwise((3, *c)))
+        self.hidden = nn.Linear(2 * c[-1], c[-1])
+        self.code = nn.Linear(c[-1], config.latent_dim)
+        initialise(self)
+
+    def forward(self, points: Tensor) -> Tensor:
+        """Code [B, latent_dim] of clouds [B, N, 3], N > 0, in unit-sphere coordinates."""
+        x = points
+        for layer in self.points:
+            x = functional.relu(layer(x))  # [B, N, c]
+        pooled = torch.cat([x.amax(dim=1), x.mean(dim=1)], dim=1)  # [B, 2 c]
+        return self.code(functional.relu(self.hidden(pooled)))  # [B, latent_dim]
+
+
+def build_encoder(config: ModelConfig) -> Encoder | PointNet:
+    """The encoder that a configuration asks for, freshly initialised."""
+    return Encoder(config) if config.encoder == "paper" else PointNet(config)
 
 
 class Decoder(nn.Module):

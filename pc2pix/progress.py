@@ -20,13 +20,15 @@ class ConsoleProgress:
     """A context manager to be handed to a training function as `on_progress`.
 
     Where standard error is not a terminal: one line at the first report, then at most one every 30
-    seconds, and one at the last step.
+    seconds, and one at the last step. `quiet` shows nothing.
     """
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, *, quiet: bool = False) -> None:
         self.title = title
+        self.quiet = quiet
         self.console = Console(stderr=True)
-        self.live = Live(console=self.console, transient=False) if sys.stderr.isatty() else None
+        shown = sys.stderr.isatty() and not quiet
+        self.live = Live(console=self.console, transient=False) if shown else None
         self.last_plain_s = float("-inf")
 
     def __enter__(self) -> ConsoleProgress:
@@ -45,6 +47,8 @@ class ConsoleProgress:
 
     def __call__(self, report: StepReport) -> None:
         """Show a report."""
+        if self.quiet:
+            return
         if self.live:
             self.live.update(self._table(report))
             return

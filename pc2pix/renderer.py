@@ -45,14 +45,16 @@ class Pc2pixRenderer:
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Tensor:
         """Whitened code [1, latent_dim] of a cloud in unit-sphere coordinates; `rng` is not used.
 
-        Any number of points is brought to 2,048 by `pick_points`. Raises StageFailure("encode")
-        for an empty or non-finite cloud and for a code that is not finite.
+        For the paper's encoder, any number of points is brought to 2,048 by `pick_points`; PointNet
+        takes all there are. Raises StageFailure("encode") for an empty or non-finite cloud and for
+        a code that is not finite.
         """
         if not len(cloud):
             raise StageFailure("encode", "the cloud is empty")
         if not np.isfinite(cloud.points).all():
             raise StageFailure("encode", "the cloud has non-finite points")
-        points = torch.from_numpy(pick_points(cloud.points))[None].to(self.device)
+        rows = pick_points(cloud.points) if self.encoder.cloud_size else cloud.points
+        points = torch.tensor(rows, dtype=torch.float32, device=self.device)[None]
         code = (self.encoder(points) - self.code_mean) / self.code_std
         if not code.isfinite().all():
             raise StageFailure("encode", "the code is not finite")

@@ -1,9 +1,10 @@
 """Training of the point-cloud autoencoder (paper section 3.1 and 4.1).
 
-Chamfer loss, RMSprop 1e-4 as in roatienza/pc2pix@23b7b46d with `--chamfer`. One departure: every
+Chamfer loss, RMSprop 1e-4 as in roatienza/pc2pix@23b7b46d with `--chamfer`. Departures: every
 step feeds the points of a cloud in a fresh random order (and, where a cloud has more than 2,048, a
-fresh selection), because the encoder reads the points as a sequence and would otherwise learn the
-one order it has seen.
+fresh selection), because the paper's encoder reads the points as a sequence and would otherwise
+learn the one order it has seen. PointNet, which is ours, is fed fewer points, for speed. With
+`augment` the encoder is fed degraded clouds and the decoder held to the whole ones.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from data_prep.camera import project
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from pc2pix import checkpoint, training_loop
+from pc2pix.augment import PLAIN_POINTS, degrade, draw_points, take_evenly
 from pc2pix.losses import chamfer
-from pc2pix.model import LITE, Decoder, Encoder, ModelConfig
+from pc2pix.model import LITE, Decoder, Encoder, ModelConfig, PointNet, build_encoder
+from pc2pix.processes import ONE, Processes, connect
 
 KIND = "autoencoder"
 SHEET_CLOUDS = 8
@@ -41,6 +44,7 @@ class AutoencoderConfig:
     steps: int = 10_000
     batch: int = 32
     learning_rate: float = 1e-4
+    augment: bool = False
     precision: training_loop.Precision = "float32"
     seed: int = 0
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
@@ -83,18 +87,21 @@ def train_autoencoder(
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
 
-    Raises BadInput where `out_dir` holds a run of another configuration or other data, and
-    TrainingDiverged where a loss stops being finite.
+    Under `torchrun` all processes train together, each with `config.batch` clouds a step. Raises
+    BadInput where `out_dir` holds a run of another configuration or other data, and
+    TrainingDiverged where a loss stops being finite or explodes.
     """
-    trainer = _AutoencoderTrainer(data, config, training_loop.prepare_device(device))
+    found = training_loop.prepare_device(device)
+    team = connect(found)
+    trainer = _AutoencoderTrainer(data, config, found, team)
     data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
-def load_encoder(path: Path) -> Encoder:
+def load_encoder(path: Path) -> Encoder | PointNet:
     """The encoder of an autoencoder checkpoint, in evaluation mode."""
     state, _, config = checkpoint.load(path, KIND)
-    encoder = Encoder(ModelConfig(**config["model"]))
+    encoder = build_encoder(ModelConfig(**config["model"]))
     encoder.load_state_dict(checkpoint.sub_state(state, "encoder"))
     return encoder.eval()
 
@@ -103,12 +110,16 @@ class _AutoencoderTrainer:
     kind = KIND
 
     def __init__(
-        self, data: AutoencoderData, config: AutoencoderConfig, device: torch.device
+        self,
+        data: AutoencoderData,
+        config: AutoencoderConfig,
+        device: torch.device,
+        team: Processes = ONE,
     ) -> None:
-        self.config, self.device, self.batch = config, device, config.batch
+        self.config, self.device, self.batch, self.team = config, device, config.batch, team
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder, self.decoder = training_loop.seeded(
-            config.seed, lambda: (Encoder(config.model), Decoder(config.model))
+            config.seed, lambda: (build_encoder(config.model), Decoder(config.model))
         )
         self.encoder.to(device)
         self.decoder.to(device)
@@ -119,25 +130,32 @@ class _AutoencoderTrainer:
             alpha=0.9,
             eps=1e-7,
         )
-        self.random = torch.Generator().manual_seed(config.seed)
+        self.random = team.random(config.seed)
 
-    def _draw_batch(self) -> Tensor:
+    def _draw_batch(self) -> tuple[Tensor, Tensor]:
+        """What the encoder is fed [B, n, 3], and what the decoder has to return [B, 2048, 3]."""
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
-        available = self.clouds.shape[1]
-        # the largest of random numbers: a random order without repetition, per cloud
-        order = torch.rand(self.batch, available, generator=self.random).argsort(dim=1)
-        return self.clouds[which[:, None], order[:, :CLOUD_SIZE]].to(self.device)
+        whole = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
+        size = self.encoder.cloud_size
+        # the order is random already: the first rows are a random selection
+        fed = (
+            degrade(whole, self.random) if self.config.augment else whole[:, : size or PLAIN_POINTS]
+        )
+        if size is not None:
+            fed = take_evenly(fed, size)
+        return fed.to(self.device), whole.to(self.device)
 
     def take_step(self) -> dict[str, float]:
-        clouds = self._draw_batch()
+        fed, whole = self._draw_batch()
         self.encoder.train()
         self.decoder.train()
         enabled = self.config.precision == "bfloat16"
         with torch.autocast(self.device.type, torch.bfloat16, enabled=enabled):
-            decoded = self.decoder(self.encoder(clouds))
-        loss = chamfer(decoded.float(), clouds)
+            decoded = self.decoder(self.encoder(fed))
+        loss = chamfer(decoded.float(), whole)
         self.optimizer.zero_grad()
         loss.backward()
+        self.team.average_gradients([*self.encoder.parameters(), *self.decoder.parameters()])
         self.optimizer.step()
         return {"chamfer": loss.item()}
 

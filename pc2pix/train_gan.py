@@ -1,5 +1,10 @@
 """Training of the rendering GAN (paper section 3.2): alternating steps of Eq. 6 and Eq. 7.
 
+Two ways, by objective. The paper's: codes of a frozen encoder, and nothing ties a drawn picture to
+the real one of the same cloud and view but the heads of the discriminator. Ours (`paired`): every
+step draws the clouds and views of its real pictures, mirrored at random, with a reconstruction
+term; the encoder is trained with the rest; the first `warm_up` steps leave the discriminator out.
+
 Departures from roatienza/pc2pix@23b7b46d, each for a reason:
 - Codes are whitened per dimension over the training set. Raw codes have a standard deviation of
   about 0.1 beside z ~ U(-1, 1); mean and deviation travel with the weights.
@@ -8,15 +13,15 @@ Departures from roatienza/pc2pix@23b7b46d, each for a reason:
 - Fake pictures of the discriminator's step are made with BatchNorm's batch statistics, as in the
   generator's own step, so that both steps see one distribution; the original used the moving
   statistics there.
-- An exponential moving average of the generator (weights and BN statistics; decay `ema_decay`,
-  shorter at the start) makes the sample sheets and is what gets exported.
+- An exponential moving average of generator and encoder (weights and BN statistics; decay
+  `ema_decay`, shorter at the start) makes the sample sheets and is what gets exported.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +32,15 @@ from torch import Tensor
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
 from pc2pix import checkpoint, training_loop
-from pc2pix.losses import OBJECTIVES, Condition, discriminator_loss, generator_loss
+from pc2pix.augment import PLAIN_POINTS, Scene, degrade, draw_points, mirror, take_evenly
+from pc2pix.losses import (
+    OBJECTIVES,
+    Condition,
+    LossTerms,
+    discriminator_loss,
+    generator_loss,
+    reconstruction_error,
+)
 from pc2pix.model import (
     LITE,
     NOISE_DIM,
@@ -36,13 +49,16 @@ from pc2pix.model import (
     Encoder,
     Generator,
     ModelConfig,
+    PointNet,
     channels_last,
 )
+from pc2pix.processes import ONE, Processes, connect
 from pc2pix.train_autoencoder import check_clouds
 
 KIND = "gan"
 SHEET_PICTURES = 8
 ENCODE_BATCH = 32
+WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
 MIN_CODE_STD = 1e-6  # a dimension that never varies is centred, not blown up
 
 
@@ -52,6 +68,8 @@ class GanConfig:
 
     objective  a key of `pc2pix.losses.OBJECTIVES`
     steps      pairs of one discriminator and one generator step (chair: 406,560 in the original)
+    warm_up    steps of these without the discriminator, by reconstruction alone (`paired` only)
+    augment    encode clouds with fewer points and noise (`pc2pix.augment.degrade`)
     precision  bfloat16 is mixed precision: weights, spectral norms, BN statistics and losses stay
                float32
     """
@@ -59,7 +77,9 @@ class GanConfig:
     model: ModelConfig = LITE
     objective: str = "acgan-code"
     steps: int = 20_000
+    warm_up: int = 0
     batch: int = 32
+    augment: bool = False
     generator_lr: float = 1e-4
     discriminator_lr: float = 2e-4
     ema_decay: float = 0.999
@@ -71,6 +91,11 @@ class GanConfig:
         if self.objective not in OBJECTIVES:
             raise BadInput(
                 f"objective: unknown {self.objective!r}; choose one of {', '.join(OBJECTIVES)}"
+            )
+        if self.warm_up and not OBJECTIVES[self.objective].reconstruction_weight:
+            raise BadInput(
+                f"warm_up {self.warm_up}: objective {self.objective} has no reconstruction term to "
+                "warm up with; use 0, or the objective paired"
             )
 
 
@@ -117,7 +142,7 @@ class GanData:
 
 def train_gan(
     data: GanData,
-    encoder: Encoder,
+    encoder: Encoder | PointNet,
     config: GanConfig,
     out_dir: Path,
     *,
@@ -126,16 +151,20 @@ def train_gan(
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
 
-    `encoder` is frozen; it is stored in the checkpoint, which is all that export needs. Raises
-    BadInput where `out_dir` holds a run of another configuration, encoder or data, and
-    TrainingDiverged where a loss stops being finite.
+    `encoder` is frozen, or with `paired` where training starts; it is stored in the checkpoint,
+    which is all that export needs. Under `torchrun` all processes train together, each with
+    `config.batch` pictures a step (`pc2pix.processes`). Raises BadInput where `out_dir` holds a run
+    of another configuration, encoder or data, and TrainingDiverged where a loss stops being finite
+    or explodes.
     """
-    if encoder.config != config.model:
+    if replace(encoder.config, azimuth=config.model.azimuth) != config.model:
         raise BadInput(
             f"encoder: its configuration is {encoder.config}, the GAN's {config.model}; "
             "train both with the same width and latent_dim"
         )
-    trainer = _GanTrainer(data, encoder, config, training_loop.prepare_device(device))
+    found = training_loop.prepare_device(device)
+    team = connect(found)
+    trainer = _GanTrainer(data, encoder, config, found, team)
     data_hash = training_loop.hash_arrays(
         data.images,
         data.azimuth_deg,
@@ -143,11 +172,13 @@ def train_gan(
         data.clouds,
         *(tensor.cpu().numpy() for tensor in encoder.state_dict().values()),
     )
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
 @torch.no_grad()
-def encode_clouds(encoder: Encoder, clouds: NDArray[np.float32], device: torch.device) -> Tensor:
+def encode_clouds(
+    encoder: Encoder | PointNet, clouds: NDArray[np.float32], device: torch.device
+) -> Tensor:
     """Codes float32 [N, latent_dim], on the CPU, of clouds [N, 2048, 3]."""
     encoder.to(device).eval()
     batches = torch.from_numpy(clouds).split(ENCODE_BATCH)
@@ -158,41 +189,55 @@ class _GanTrainer:
     kind = KIND
 
     def __init__(
-        self, data: GanData, encoder: Encoder, config: GanConfig, device: torch.device
+        self,
+        data: GanData,
+        encoder: Encoder | PointNet,
+        config: GanConfig,
+        device: torch.device,
+        team: Processes = ONE,
     ) -> None:
-        self.config, self.device, self.batch = config, device, config.batch
+        self.config, self.device, self.batch, self.team = config, device, config.batch, team
         self.objective = OBJECTIVES[config.objective]
+        self.paired = self.objective.reconstruction_weight > 0
+        self.clouds = torch.from_numpy(data.clouds)
         self.images = torch.from_numpy(data.images).to(device)
         angles = np.stack([data.elevation_deg / 80 + 0.5, data.azimuth_deg / 360 + 0.5])
         self.elevation01, self.azimuth01 = torch.from_numpy(angles.astype(np.float32))  # [N, V]
-        self.encoder = encoder
+        self.encoder = encoder.to(device)
         codes = encode_clouds(encoder, data.clouds, device)
         self.code_mean = codes.mean(dim=0)
         self.code_std = codes.std(dim=0, correction=0).clamp(min=MIN_CODE_STD)
-        self.codes = (codes - self.code_mean) / self.code_std  # [N, d]
+        self.codes = (codes - self.code_mean) / self.code_std  # [N, d], of the encoder as given
         generator, discriminator = training_loop.seeded(
             config.seed, lambda: (Generator(config.model), Discriminator(config.model))
         )
         self.generator, self.discriminator = generator.to(device), discriminator.to(device)
         channels_last(self.generator)
         channels_last(self.discriminator)
-        self.average = copy.deepcopy(self.generator).eval().requires_grad_(False)
+        if self.paired:
+            # z starts unheard: reconstruction would have to unlearn it, number by number
+            torch.nn.init.zeros_(self.generator.dense.weight[:, :NOISE_DIM])
+        self.encoder.requires_grad_(self.paired)
+        self.drawing = torch.nn.ModuleDict({"generator": self.generator, "encoder": self.encoder})
+        self.average = copy.deepcopy(self.drawing).eval().requires_grad_(False)
         betas = (0.5, 0.999)
         self.generator_adam = torch.optim.Adam(
-            self.generator.parameters(), lr=config.generator_lr, betas=betas, fused=True
+            [p for p in self.drawing.parameters() if p.requires_grad],
+            lr=config.generator_lr,
+            betas=betas,
+            fused=True,
         )
         self.discriminator_adam = torch.optim.Adam(
             self.discriminator.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
         )
-        self.random = torch.Generator().manual_seed(config.seed)
+        self.random = team.random(config.seed)
         self.steps_done = torch.zeros((), dtype=torch.int64)
 
     def _parts(self) -> dict[str, torch.nn.Module | torch.optim.Optimizer | torch.Generator]:
         return {
-            "generator": self.generator,
+            "drawing": self.drawing,
             "discriminator": self.discriminator,
             "average": self.average,
-            "encoder": self.encoder,
             "generator_adam": self.generator_adam,
             "discriminator_adam": self.discriminator_adam,
             "random": self.random,
@@ -224,15 +269,22 @@ class _GanTrainer:
     def _condition_of(self, objects: Tensor, views: Tensor) -> Condition:
         elevation = self.elevation01[objects, views, None]
         azimuth = self.azimuth01[objects, views, None]
-        parts = (self.codes[objects], elevation, azimuth)
+        parts = (self._codes(objects), elevation, azimuth)
         return Condition(*(part.to(self.device) for part in parts))
+
+    @torch.no_grad()
+    def _codes(self, objects: Tensor) -> Tensor:
+        """Codes [B, d] of the frozen encoder."""
+        if not self.config.augment:
+            return self.codes[objects]
+        return self._whiten(self.encoder(self._points(objects).to(self.device)))
 
     def _draw_fake(self) -> tuple[Tensor, Condition]:
         """Noise [B, 128], and a training cloud's code seen from anywhere."""
         noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
         objects = torch.randint(len(self.codes), (self.batch,), generator=self.random)
         elevation, azimuth = torch.rand(2, self.batch, 1, generator=self.random)
-        parts = (self.codes[objects], elevation, azimuth)
+        parts = (self._codes(objects), elevation, azimuth)
         return noise.to(self.device), Condition(*(part.to(self.device) for part in parts))
 
     def _autocast(self) -> torch.autocast:
@@ -242,20 +294,76 @@ class _GanTrainer:
     def take_step(self) -> dict[str, float]:
         self.generator.train()
         self.discriminator.train()
-        on_discriminator = self._discriminator_step()
-        on_generator = self._generator_step()
+        losses = self._take_paired_step() if self.paired else self._take_papers_step()
         self._update_average()
-        return {
-            **{f"d_{name}": value for name, value in on_discriminator.items()},
-            **{f"g_{name}": value for name, value in on_generator.items()},
-        }
+        return losses
 
-    def _discriminator_step(self) -> dict[str, float]:
+    def _take_papers_step(self) -> dict[str, float]:
         real_images, real = self._draw_real()
         noise, fake = self._draw_fake()
+        with self._autocast(), torch.no_grad():
+            fake_images = self.generator(noise, *fake)
+        on_discriminator = self._train_discriminator(real_images, real, fake_images, fake)
+        noise, fake = self._draw_fake()
         with self._autocast():
-            with torch.no_grad():
-                fake_images = self.generator(noise, *fake)
+            fake_images = self.generator(noise, *fake)
+        terms = self._judge_drawn(fake_images, fake)
+        self._train_generator(terms["g_total"])
+        return on_discriminator | {name: value.item() for name, value in terms.items()}
+
+    def _take_paired_step(self) -> dict[str, float]:
+        scene = self._draw_scene()
+        self.encoder.train()
+        noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
+        angles = scene.elevation01.to(self.device), scene.azimuth01.to(self.device)
+        with self._autocast():
+            code = self._whiten(self.encoder(scene.points.to(self.device)).float())
+            drawn = self.generator(noise.to(self.device), code, *angles)
+        error = reconstruction_error(drawn, scene.images)
+        total = self.objective.reconstruction_weight * error
+        if self.steps_done < self.config.warm_up:
+            self._train_generator(total)
+            # the same columns in losses.csv from the first step to the last
+            absent = [f"{who}_{term}" for who in "dg" for term in LossTerms._fields]
+            return {"reconstruction": error.item(), **dict.fromkeys(absent, 0.0)}
+        condition = Condition(code.detach(), *angles)
+        on_discriminator = self._train_discriminator(
+            scene.images, condition, drawn.detach(), condition
+        )
+        terms = self._judge_drawn(drawn, condition)
+        self._train_generator(total + terms["g_total"])
+        on_generator = {name: value.item() for name, value in terms.items()}
+        return {"reconstruction": error.item()} | on_discriminator | on_generator
+
+    def _draw_scene(self) -> Scene:
+        n, v = self.azimuth01.shape
+        objects = torch.randint(n, (self.batch,), generator=self.random)
+        views = torch.randint(v, (self.batch,), generator=self.random)
+        scene = Scene(
+            self._points(objects),
+            self._pictures(objects, views),
+            self.elevation01[objects, views, None],
+            self.azimuth01[objects, views, None],
+        )
+        return mirror(scene, torch.rand(self.batch, generator=self.random) < 0.5)
+
+    def _points(self, objects: Tensor) -> Tensor:
+        """What the encoder is fed [B, n, 3]."""
+        clouds, size = self.clouds[objects], self.encoder.cloud_size
+        if self.config.augment:
+            points = degrade(clouds, self.random)
+        else:
+            points = draw_points(clouds, size or PLAIN_POINTS, self.random)
+        return points if size is None else take_evenly(points, size)
+
+    def _whiten(self, codes: Tensor) -> Tensor:
+        mean, std = self.code_mean.to(codes.device), self.code_std.to(codes.device)
+        return (codes - mean) / std
+
+    def _train_discriminator(
+        self, real_images: Tensor, real: Condition, fake_images: Tensor, fake: Condition
+    ) -> dict[str, float]:
+        with self._autocast():
             # one batch of both halves, as in the original: u moves once
             judged = self.discriminator(torch.cat([real_images, fake_images.float()]))
         halves = zip(*(t.float().chunk(2) for t in judged), strict=True)
@@ -263,29 +371,36 @@ class _GanTrainer:
         terms = discriminator_loss(on_real, on_fake, real, fake, self.objective)
         self.discriminator_adam.zero_grad()
         terms.total.backward()
+        self.team.average_gradients(self.discriminator.parameters())
         self.discriminator_adam.step()
-        return {name: value.item() for name, value in terms._asdict().items()}
+        return {f"d_{name}": value.item() for name, value in terms._asdict().items()}
 
-    def _generator_step(self) -> dict[str, float]:
-        noise, fake = self._draw_fake()
+    def _judge_drawn(self, drawn: Tensor, condition: Condition) -> dict[str, Tensor]:
+        """Eq. 7 for drawn pictures."""
         # gradients pass through the discriminator, but its own would be thrown away
         self.discriminator.requires_grad_(False)
         with self._autocast():
-            judged = self.discriminator(self.generator(noise, *fake))
-        judged = DiscriminatorOutput(*(t.float() for t in judged))
-        terms = generator_loss(judged, fake, self.objective)
-        self.generator_adam.zero_grad()
-        terms.total.backward()
-        self.generator_adam.step()
+            judged = self.discriminator(drawn)
         self.discriminator.requires_grad_(True)
-        return {name: value.item() for name, value in terms._asdict().items()}
+        judged = DiscriminatorOutput(*(t.float() for t in judged))
+        terms = generator_loss(judged, condition, self.objective)
+        return {f"g_{name}": value for name, value in terms._asdict().items()}
+
+    def _train_generator(self, total: Tensor) -> None:
+        warm = self.steps_done < self.config.warm_up
+        for group in self.generator_adam.param_groups:
+            group["lr"] = self.config.generator_lr * (WARM_UP_RATE if warm else 1.0)
+        self.generator_adam.zero_grad()
+        total.backward()
+        self.team.average_gradients(self.drawing.parameters())
+        self.generator_adam.step()
 
     @torch.no_grad()
     def _update_average(self) -> None:
         self.steps_done += 1
         t = self.steps_done.item()
         decay = min(self.config.ema_decay, (1 + t) / (10 + t))
-        current = self.generator.state_dict()
+        current = self.drawing.state_dict()
         for name, value in self.average.state_dict().items():
             if value.is_floating_point():
                 value.lerp_(current[name], 1 - decay)
@@ -299,7 +414,11 @@ class _GanTrainer:
         objects = torch.arange(count) * len(self.codes) // count
         views = torch.arange(count) % self.azimuth01.shape[1]
         noise = torch.zeros(count, NOISE_DIM, device=self.device)
-        fake = self.average(noise, *self._condition_of(objects, views))
+        points, size = self.clouds[objects], self.encoder.cloud_size
+        points = points if size is None else take_evenly(points, size)
+        code = self._whiten(self.average["encoder"](points.to(self.device)))
+        angles = self.elevation01[objects, views, None], self.azimuth01[objects, views, None]
+        fake = self.average["generator"](noise, code, *(a.to(self.device) for a in angles))
         rows = torch.stack([self._pictures(objects, views), fake])  # [2, B, 3, H, W]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)  # [2 H, B W, 3]
         return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()

@@ -1,8 +1,9 @@
 """What both trainings share: resuming, logging, sample sheets, checkpoints, stopping on NaN.
 
-A run lives in one directory: `checkpoint.safetensors`, `losses.csv`, `sheets/step-*.png`. It
-continues from its checkpoint whenever it is started again; on a CPU in float32 the continued run
-is bit for bit the uninterrupted one (same number of threads).
+A run lives in one directory: `checkpoint.safetensors`, `losses.csv` and its picture `losses.png`,
+`sheets/step-*.png`. It continues from its checkpoint whenever it is started again; on a CPU in
+float32 the continued run is bit for bit the uninterrupted one (same number of threads, and of
+processes).
 """
 
 from __future__ import annotations
@@ -23,12 +24,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from data_prep.failures import BadInput
-from pc2pix import checkpoint
+from pc2pix import checkpoint, loss_curves, loss_log
+from pc2pix.divergence import TrainingDiverged, Watch
+from pc2pix.processes import ONE, Processes, local_rank
 
 Precision = Literal["float32", "bfloat16"]
 Built = TypeVar("Built")
 RATE_WINDOW_S = 60.0
 MAY_CHANGE_ON_RESUME = ("steps", "cadence")
+RANDOM = "random"  # where a trainer's state holds the state of its random generator
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,8 @@ DEFAULT_CADENCE = Cadence()
 class StepReport:
     """Progress after `step` of `steps` steps.
 
-    images_per_s  over the last minute of this process, sheets and checkpoints included
+    losses        means over the processes
+    images_per_s  of all processes, over the last minute, sheets and checkpoints included
     seconds_left  at that rate; both are None until a second step has been timed
     """
 
@@ -61,10 +66,6 @@ class StepReport:
 OnProgress = Callable[[StepReport], None]
 
 
-class TrainingDiverged(RuntimeError):
-    """A loss or a weight became NaN or infinite."""
-
-
 class Trainer(Protocol):
     """One kind of training, as the loop sees it."""
 
@@ -76,7 +77,7 @@ class Trainer(Protocol):
         ...
 
     def state(self) -> dict[str, Tensor]:
-        """Everything that the next step depends on."""
+        """Everything that the next step depends on; under RANDOM what draws its batches."""
         ...
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
@@ -94,17 +95,23 @@ def run(
     data_hash: str,
     out_dir: Path,
     on_progress: OnProgress,
+    processes: Processes = ONE,
 ) -> Path:
     """Train to `config.steps` and return the path of the checkpoint.
 
     Continues from a checkpoint in `out_dir`. Raises BadInput where that belongs to another
-    configuration or other data, TrainingDiverged on NaN or infinity.
+    configuration, other data or another number of processes, TrainingDiverged on NaN, infinity or
+    a loss that explodes. Of several processes all call this, and the first one writes and reports.
     """
     path = out_dir / checkpoint.FILE_NAME
     identity = {**dataclasses.asdict(config), "data": data_hash}
-    first = _resume(trainer, identity, path) if path.is_file() else 0
+    first = _resume(trainer, identity, path, processes) if path.is_file() else 0
+    _require_same_start(first, path, processes)
     cadence: Cadence = config.cadence
-    log = _LossLog(out_dir / "losses.csv", first)
+    writes = processes.rank == 0
+    losses_csv = out_dir / loss_log.FILE_NAME
+    watch = Watch(loss_log.read_losses(losses_csv, first)[1])
+    log = loss_log.LossLog(losses_csv, first) if writes else None
     rate = _Rate(first)
     last_saved = first if path.is_file() else None
 
@@ -115,7 +122,7 @@ def run(
         )
 
     for step in range(first + 1, config.steps + 1):
-        losses = trainer.take_step()
+        losses = processes.average(trainer.take_step())
         for name, value in losses.items():
             if not math.isfinite(value):
                 raise diverged(step, f"{name} is {value}")
@@ -123,16 +130,23 @@ def run(
         last = step == config.steps
         if step % cadence.log == 0 or last:
             # before the checkpoint of the same step: then every step of a checkpoint is logged
-            log.add(step, losses)
-            on_progress(_report(step, config.steps, losses, rate.steps_per_s(), trainer.batch))
+            if log:
+                log.add(step, losses)
+                images = trainer.batch * processes.count
+                on_progress(_report(step, config.steps, losses, rate.steps_per_s(), images))
+            if problem := watch.add(losses):
+                raise diverged(step, problem)
         if step % cadence.checkpoint == 0 or last:
-            state = trainer.state()
-            if not checkpoint.all_finite(state.values()):
+            state = _whole_state(trainer, processes)
+            bad = not checkpoint.all_finite(state.values())
+            if processes.average({"bad": float(bad)})["bad"] > 0:
                 raise diverged(step, "a weight is NaN or infinite")
-            checkpoint.save(path, trainer.kind, step, identity, state)
+            if writes:
+                checkpoint.save(path, trainer.kind, step, identity, state)
             last_saved = step
-        if step % cadence.sheet == 0 or last:
+        if writes and (step % cadence.sheet == 0 or last):
             _write_png(out_dir / "sheets" / f"step-{step:06d}.png", trainer.sheet())
+            loss_curves.write_loss_curves(losses_csv, out_dir / "losses.png", step)
     return path
 
 
@@ -150,7 +164,7 @@ def _report(
     )
 
 
-def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path) -> int:
+def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes) -> int:
     state, step, found = checkpoint.load(path, trainer.kind)
     for key in identity.keys() - set(MAY_CHANGE_ON_RESUME):
         if found.get(key) != identity[key]:
@@ -158,8 +172,37 @@ def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path) -> int:
                 f"{path}: trained with {key} = {found.get(key)!r}, asked for {identity[key]!r}; "
                 "use the same value or another output directory"
             )
+    count = 1 + sum(key.startswith(f"{RANDOM}-") for key in state)
+    if count != processes.count:
+        raise BadInput(
+            f"{path}: trained by {count} process(es), this is a run of {processes.count}; start "
+            f"as many (torchrun --nproc_per_node {count}) or use another output directory"
+        )
+    if processes.rank > 0:
+        state[RANDOM] = state[_random_of(processes.rank)]
     trainer.restore(state)
     return step
+
+
+def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
+    """The trainer's state, and beside it the random states of the other processes."""
+    state = trainer.state()
+    if processes.count > 1:
+        _, *others = processes.gather(state[RANDOM])
+        state |= {_random_of(rank): other for rank, other in enumerate(others, start=1)}
+    return state
+
+
+def _random_of(rank: int) -> str:
+    return f"{RANDOM}-{rank}"
+
+
+def _require_same_start(first: int, path: Path, processes: Processes) -> None:
+    if processes.average({"first": first})["first"] != first:
+        raise BadInput(
+            f"{path}: not all processes find the same checkpoint there (process {processes.rank}: "
+            f"step {first}); train in a folder that all of them share"
+        )
 
 
 def hash_arrays(*arrays: NDArray[Any]) -> str:
@@ -179,31 +222,22 @@ def seeded(seed: int, build: Callable[[], Built]) -> Built:
 
 
 def prepare_device(device: str) -> torch.device:
-    """The device, with denormals flushed: they slow GAN training on a CPU by up to seven times."""
+    """The device; "auto" is the GPU where there is one, each process its own.
+
+    Flushes denormals: they slow GAN training on a CPU by up to seven times. Raises BadInput for a
+    GPU where there is none.
+    """
     torch.set_flush_denormal(True)
-    return torch.device(device)
-
-
-class _LossLog:
-    """`losses.csv`. Rows after `step` belong to a run that was cut off, and go."""
-
-    def __init__(self, path: Path, step: int) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self.path = path
-        lines = path.read_text().splitlines() if path.is_file() and step > 0 else []
-        # a row that was cut short is later than the checkpoint, for rows are written before it
-        kept = lines[:1] + [line for line in lines[1:] if int(line.partition(",")[0] or 0) <= step]
-        temporary = path.with_suffix(".csv.new")
-        temporary.write_text("".join(f"{line}\n" for line in kept))
-        temporary.replace(path)
-        self.has_header = bool(kept)
-
-    def add(self, step: int, losses: Mapping[str, float]) -> None:
-        with self.path.open("a") as file:
-            if not self.has_header:
-                file.write(",".join(["step", *losses]) + "\n")
-                self.has_header = True
-            file.write(",".join([str(step), *(f"{v:.6g}" for v in losses.values())]) + "\n")
+    found = torch.cuda.is_available()
+    if device == "auto":
+        device = "cuda" if found else "cpu"
+    if device == "cuda" and not found:
+        raise BadInput(
+            f"--device cuda: PyTorch {torch.__version__} finds no usable GPU; use --device cpu, or "
+            "install a build of PyTorch and a driver that go together"
+        )
+    rank = local_rank()
+    return torch.device(device) if device != "cuda" or rank is None else torch.device(device, rank)
 
 
 class _Rate:

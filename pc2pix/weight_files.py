@@ -10,8 +10,12 @@ from data_prep.failures import BadInput
 FOLDER = Path(__file__).parent / "weights"
 
 BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
-    "chair": "146ad41ca2751531a2b1f9f859ff24c5d152e8711f4a1d5c6685d60601f5f251",
+    "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
+    "chair-acgan": "bdcfbdc7b65b7b34fad0e78522caa1f3938a99d6a756b70cad4342d0cecad6a1",
 }
+
+# A decoder stands beside its weights and is needed for no picture, see `pc2pix.decoder_weights`.
+BUNDLED_DECODERS: dict[str, str] = {}  # name -> sha256 of weights/<name>-decoder.safetensors
 
 
 def find_weights(name_or_path: str | Path) -> Path:
@@ -37,6 +41,39 @@ def find_weights(name_or_path: str | Path) -> Path:
     if found != BUNDLED[name]:
         raise BadInput(
             f"{path}: sha256 {found} is not the expected {BUNDLED[name]}; reinstall the package"
+        )
+    return path
+
+
+def decoder_path(name_or_path: str | Path) -> Path:
+    """Where the decoder of these weights has its place: beside them, there or not."""
+    name = str(name_or_path)
+    weights = FOLDER / f"{name}.safetensors" if name in BUNDLED else Path(name_or_path)
+    return weights.with_name(f"{weights.stem}-decoder.safetensors")
+
+
+def training_command(name_or_path: str | Path) -> str:
+    """What makes the decoder of these weights."""
+    return f"bench train decoder --weights {name_or_path}"
+
+
+def find_decoder(name_or_path: str | Path) -> Path:
+    """The file of the decoder of these weights; that of a bundled one has its checksum verified.
+
+    Raises BadInput, with the command that makes it, where it is missing.
+    """
+    path = decoder_path(name_or_path)
+    if not path.is_file():
+        raise BadInput(
+            f"{path}: there is no decoder for these weights; "
+            f"make it with '{training_command(name_or_path)}'"
+        )
+    expected = BUNDLED_DECODERS.get(str(name_or_path))
+    found = file_sha256(path)
+    if expected not in (None, found):
+        raise BadInput(
+            f"{path}: sha256 {found} is not the expected {expected}; reinstall the package, or "
+            f"name the new one in {Path(__file__).name}"
         )
     return path
 

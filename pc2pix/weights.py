@@ -17,12 +17,13 @@ from torch import Tensor, nn
 
 from data_prep.failures import BadInput
 from pc2pix import checkpoint
-from pc2pix.model import Encoder, Generator, ModelConfig
+from pc2pix.model import Encoder, Generator, ModelConfig, PointNet, build_encoder
 from pc2pix.train_gan import KIND as GAN
 from pc2pix.weight_files import file_sha256, find_weights
 
 FORMAT = "pc2pix-weights-1"
-ENCODER_NAME = "dilated-conv-k5"  # `pc2pix.model.Encoder`
+# `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
+ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
 EXPORT = "pc2pix.weights.export"
 
 
@@ -35,7 +36,7 @@ class Weights:
     sha256               of the file
     """
 
-    encoder: Encoder
+    encoder: Encoder | PointNet
     generator: Generator
     code_mean: Tensor
     code_std: Tensor
@@ -50,9 +51,9 @@ def export(checkpoint_path: Path, path: Path) -> str:
     """
     state, step, config = checkpoint.load(checkpoint_path, GAN)
     tensors = {"code_mean": state["code_mean"], "code_std": state["code_std"]}
-    for ours, theirs in (("encoder", "encoder"), ("generator", "average")):
-        part = checkpoint.sub_state(state, theirs)
-        tensors |= {f"{ours}.{k}": v for k, v in part.items() if not _is_counter(k)}
+    for name in ("encoder", "generator"):
+        part = checkpoint.sub_state(state, f"average.{name}")
+        tensors |= {f"{name}.{k}": v for k, v in part.items() if not _is_counter(k)}
     stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
     for key, value in stored.items():
         if not value.isfinite().all():
@@ -62,7 +63,7 @@ def export(checkpoint_path: Path, path: Path) -> str:
             )
     header = {
         "format": FORMAT,
-        "encoder": ENCODER_NAME,
+        "encoder": ENCODER_NAMES[config["model"]["encoder"]],
         "model": json.dumps(config["model"]),
         "training": json.dumps(
             {key: value for key, value in config.items() if key not in ("model", "cadence")}
@@ -82,10 +83,9 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     """
     path = find_weights(name_or_path)
     tensors, header = checkpoint.read_safetensors(path)
-    found = (header.get("format"), header.get("encoder"))
-    if found != (FORMAT, ENCODER_NAME):
+    if header.get("format") != FORMAT:
         raise BadInput(
-            f"{path}: expected {(FORMAT, ENCODER_NAME)} in the header, found {found}; "
+            f"{path}: expected format {FORMAT!r} in the header, found {header.get('format')!r}; "
             f"write the file with {EXPORT}"
         )
     try:
@@ -95,7 +95,12 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
         raise BadInput(
             f"{path}: its header cannot be read ({error!r}); write it again with {EXPORT}"
         ) from None
-    encoder, generator = Encoder(config), Generator(config)
+    if header.get("encoder") != ENCODER_NAMES[config.encoder]:
+        raise BadInput(
+            f"{path}: expected encoder {ENCODER_NAMES[config.encoder]!r} in the header, found "
+            f"{header.get('encoder')!r}; write the file with {EXPORT}"
+        )
+    encoder, generator = build_encoder(config), Generator(config)
     expected = {"code_mean": (config.latent_dim,), "code_std": (config.latent_dim,)}
     for prefix, network in (("encoder", encoder), ("generator", generator)):
         state = network.state_dict()

@@ -11,6 +11,7 @@ import numpy as np
 from harness_objects import Tetrahedron
 
 from bench.columns import write_features, write_records
+from bench.metric_table import IMAGE_METRICS, column
 from bench.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.results import write_cost, write_tables
 from bench.store import write_manifest
@@ -19,6 +20,8 @@ from data_prep.scene import View
 
 SUITE = "chair-robustness"
 VIEWS = (View(10.0, 5.0), View(-120.0, -30.0))
+SCORES = tuple(column(metric) for metric in IMAGE_METRICS)
+EXTRACTORS = ("fd-views", "fd-views-grey", "judge")  # those of the suite that need no download
 SKIPPED_FID = "skipped: weights; not here"
 
 
@@ -39,6 +42,9 @@ def make_record(method="splat", condition="2048", obj="a", view=0, **changes) ->
         luminance=0.9,
         contrast=0.8,
         structure=0.7,
+        ssim_object=0.4,
+        thin_recall=0.3,
+        thin_precision=0.6,
         prepare_s=0.25,
         draw_s=0.125,
     )
@@ -48,7 +54,7 @@ def make_record(method="splat", condition="2048", obj="a", view=0, **changes) ->
 def make_failed(
     method="splat", condition="2048", obj="a", view=0, reason="timeout: 3 s", **changes
 ):
-    nothing = dict.fromkeys(("ssim", "luminance", "contrast", "structure", "prepare_s", "draw_s"))
+    nothing = dict.fromkeys((*SCORES, "prepare_s", "draw_s"))
     changes = {"outcome": "failed", "reason": reason} | nothing | changes
     return make_record(method, condition, obj, view, **changes)
 
@@ -104,39 +110,40 @@ def make_manifest(**changes):
 
 
 def write_run(directory: Path, **changes) -> Path:
-    """A finished run without running anything: random scores and features, nothing failed."""
+    """A finished run without running anything: random scores and features, nothing failed.
+
+    Features are random too, so that the judge sees any view: its answers are of length 3 + 1.
+    """
     manifest = make_manifest(**changes)
     write_manifest(directory, manifest)
     rng = np.random.default_rng(0)
     jobs, results = [], []
     for name in manifest["objects"]:
         obj = Tetrahedron(name.partition("/")[2])
-        truth = rng.random((2, 4), np.float32)
+        truth = np.random.default_rng([*name.encode()]).random((2, 4), np.float32)
         jobs.append(make_truth(directory / "artifacts", obj))
-        write_artifact(jobs[-1], **{"fd-views": truth})
+        write_artifact(jobs[-1], **dict.fromkeys(EXTRACTORS, truth))
         for method in manifest["methods"]:
             for condition in manifest["conditions"]:
                 ideal = method == "true-mesh"
                 job = make_job(directory / "artifacts", obj, method, condition)
                 features = truth if ideal else rng.random((2, 4), np.float32)
-                write_artifact(job, **{"fd-views": features})
+                write_artifact(job, **dict.fromkeys(EXTRACTORS, features))
                 records = tuple(
                     make_record(
                         method,
                         condition,
                         obj.object_id,
                         view,
-                        **{
-                            metric: 1.0 if ideal else rng.random()
-                            for metric in ("ssim", "luminance", "contrast", "structure")
-                        },
+                        **{score: 1.0 if ideal else rng.random() for score in SCORES},
                     )
                     for view in range(2)
                 )
                 jobs.append(job)
                 results.append(Result(job.key, records, "0" * 64))
     write_records(directory, results)
-    write_features(directory, "fd-views", jobs)
+    for extractor in EXTRACTORS:
+        write_features(directory, extractor, jobs)
     write_tables(directory)
     write_cost(directory)
     return directory

@@ -38,7 +38,7 @@ def tiny_weights(tmp_path_factory):
 
     from pc2pix import checkpoint
     from pc2pix.model import Encoder, Generator, ModelConfig
-    from pc2pix.weights import ENCODER_NAME, FORMAT
+    from pc2pix.weights import ENCODER_NAMES, FORMAT
 
     model = {"width": 0.0625, "latent_dim": 4}
     torch.manual_seed(0)
@@ -47,7 +47,7 @@ def tiny_weights(tmp_path_factory):
         for key, value in network.state_dict().items():
             if not key.endswith("num_batches_tracked"):
                 tensors[f"{type(network).__name__.lower()}.{key}"] = value
-    header = {"format": FORMAT, "encoder": ENCODER_NAME, "model": json.dumps(model)}
+    header = {"format": FORMAT, "encoder": ENCODER_NAMES["paper"], "model": json.dumps(model)}
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     checkpoint.write_atomically(path, tensors, header | {"training": "{}"})
     return path

@@ -15,7 +15,7 @@ import bench.run
 from bench.methods import METHODS
 from bench.metric_table import IMAGE_METRICS, SET_METRICS
 from bench.store import write_manifest
-from bench.suites import SUITES
+from bench.suites import LATENT, SUITES
 from data_prep.conditions import CONDITIONS
 from pc2pix import checkpoint, weight_files
 
@@ -47,7 +47,7 @@ def test_unknown_suite(command, no_machine):
     assert (status, out) == (2, "")
     assert err == (
         "bench: unknown suite 'chair-robustnes': did you mean 'chair-robustness'? "
-        "there are chair-robustness\n"
+        "there are chair-robustness, latent\n"
     )
 
 
@@ -62,8 +62,14 @@ def test_unknown_suite(command, no_machine):
         (("--views", "-2"), "--views -2: must be at least 1"),
         (("--workers", "0"), "--workers 0: must be at least 1"),
         (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file; train one"),
-        (("--dataset", "shapenet"), "unknown dataset 'shapenet': use procedural or folder:PATH"),
-        (("--dataset", "folder:"), "unknown dataset 'folder:': use procedural or folder:PATH"),
+        (
+            ("--dataset", "shapenet"),
+            "unknown dataset 'shapenet': use procedural, procedural:validation or folder:PATH",
+        ),
+        (
+            ("--dataset", "folder:"),
+            "unknown dataset 'folder:': use procedural, procedural:validation or folder:PATH",
+        ),
         (("--dataset", "folder:gone"), "gone: no such folder; give the folder that holds your "),
         (("--inception-weights", "no.pth"), "no.pth: cannot be read (No such file or directory); "),
     ],
@@ -154,7 +160,7 @@ def test_inception_weights_that_are_not(command, no_machine, tmp_path):
         ({"dataset": "folder:x"}, "holds a run of dataset 'folder:x', not 'procedural'; give an"),
         ({"seed": 3}, "holds a run of seed 3, not 0; give another --out, or --fresh to start"),
         ({"views": 7}, "holds a run of views 7, not 2; give another --out, or --fresh to start"),
-        ({"schema_version": 99}, "written by a newer version (schema 99, this one reads up to 1)"),
+        ({"schema_version": 99}, "written by a newer version (schema 99, this one reads up to 2)"),
     ],
 )
 def test_folders_of_other_runs(command, no_machine, tmp_path, change, told):
@@ -192,14 +198,16 @@ def test_list_names_everything(command):
         sections[title.rstrip(":")] = [entry.split()[0] for entry in entries]
         assert all(entry.startswith("  ") and len(entry.split()) > 1 for entry in entries)
     assert sections == {
-        "suites": [suite.id for suite in SUITES],
+        "suites": [suite.id for suite in (*SUITES, LATENT)],
         "methods": [method.id for method in METHODS],
         "conditions": [condition.id for condition in CONDITIONS],
         "metrics": [*IMAGE_METRICS, *(metric.id for metric in SET_METRICS)],
         "datasets": ["procedural", "folder:PATH"],
     }
     assert {"chair-robustness"} <= set(sections["suites"])
-    assert {"pc2pix", "surface-apss", "splat", "true-mesh", "blank"} <= set(sections["methods"])
+    assert {"pc2pix", "surface-apss", "splat", "true-mesh", "constant", "blank"} <= set(
+        sections["methods"]
+    )
     assert {"2048", "1024", "512", "noise-0.05", "noise-0.10"} <= set(sections["conditions"])
     assert {"ssim", "luminance", "contrast", "structure", "fid", "fd-views"} <= set(
         sections["metrics"]
@@ -243,7 +251,7 @@ def test_table_prints_and_writes_the_same_bytes_again(finished, copied, command)
     assert once == twice
     assert once[0] == 0
     assert once[2] == ""
-    for name in ("table3_ssim", "table4_fid"):
+    for name in ("table3_ssim", "table4_fid", "table_detail", "table_control"):
         for kind in ("csv", "md"):
             path = f"tables/{name}.{kind}"
             assert (copied / path).read_bytes() == (finished[0] / path).read_bytes()

@@ -120,6 +120,14 @@ def test_newer_records_are_refused(tmp_path):
             assert len(read_records(tmp_path)) == 1
 
 
+def test_older_records_are_refused(tmp_path):
+    path = tmp_path / "records.parquet"
+    table = pa.table({"ssim": [1.0]}).replace_schema_metadata({b"pc2pix_bench_schema": b"1"})
+    pq.write_table(table, path)
+    with pytest.raises(BadInput, match=r"schema 1 is older than \d; start the run again"):
+        read_records(tmp_path)
+
+
 def test_written_records_carry_the_schema(tmp_path):
     write_records(tmp_path, results(make_record()))
     metadata = pq.read_schema(tmp_path / "records.parquet").metadata

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.figures import write_figures
+from bench.figures import THIN_TINT, write_figures
 from bench.tables import Row, Table
 from bench.work import read_artifact
 
@@ -115,6 +115,38 @@ def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
     _, grid = drawn(CURVES, jobs)
     labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
     assert labels == [f"{name}\nsplat" for name in "abcd"]
+
+
+def test_the_sheet_of_thin_parts(drawn, tmp_path):
+    """c has two legs, a has one, b none; of a's views the second shows it."""
+    jobs = []
+    for name, legs in (("a", (0, 1)), ("b", (0, 0)), ("c", (2, 1))):
+        truth = np.full((2, 128, 128, 3), 255, np.uint8)
+        truth[:, 30:50, 30:90] = 120  # a seat
+        for view, count in enumerate(legs):
+            for leg in range(count):
+                truth[view, 50:90, 40 + 20 * leg : 43 + 20 * leg] = 120
+        obj = Tetrahedron(name)
+        jobs += [make_truth(tmp_path, obj), make_job(tmp_path, obj)]
+        jobs += [make_job(tmp_path, obj, "splat", "512"), make_job(tmp_path, obj, "constant")]
+        for number, job in enumerate(jobs[-4:]):
+            write_artifact(job, images=truth // (1 + number))
+    noisy = make_job(tmp_path, Tetrahedron("a"), "splat", "noise-0.05")
+    write_artifact(noisy, images=truth)
+    _, _, sheet = drawn(CURVES, [*jobs, noisy])
+    cells = np.array(sheet.axes).reshape(2, 4)
+    titles = ["ground-truth", "its thin parts", "splat\n2048", "splat\nnoise-0.05"]
+    assert [axis.get_title() for axis in cells[0]] == titles
+    assert [axis.get_ylabel() for axis in cells[:, 0]] == ["c\nview 0", "a\nview 1"]
+    assert [text.get_text() for text in cells[0, 3].texts] == ["failed"]
+    true, tinted, drawn_by_splat = (np.asarray(axis.images[0].get_array()) for axis in cells[1, :3])
+    assert true.shape == (66, 66, 3)  # the seat's box and the leg, 3 px around
+    part = (tinted == THIN_TINT).all(axis=2)
+    assert np.array_equal(tinted[~part], true[~part])
+    assert part[23:63, 13:16].all()
+    assert part.sum() == 40 * 3 + part[:23].sum()
+    assert part[:23].sum() < 12
+    assert np.array_equal(drawn_by_splat, true // 2)
 
 
 def test_nothing_is_drawn_where_all_items_failed(tmp_path):

@@ -148,11 +148,11 @@ def test_another_strength_of_noise_leaves_other_conditions_alone(monkeypatch):
     assert changed_items(before, keys()) == {cell for cell in before if cell[2] == "noise-0.05"}
 
 
-@pytest.mark.parametrize("name", ["SSIM_VERSION", "PROCEDURAL_VERSION", "SCHEMA_VERSION"])
+@pytest.mark.parametrize("name", ["SCORES_VERSION", "PROCEDURAL_VERSION", "SCHEMA_VERSION"])
 def test_versions_count(monkeypatch, name):
     before = keys()
     monkeypatch.setattr(bench.plan, name, 99)
-    items_only = name == "SSIM_VERSION"  # the ground truth has no score
+    items_only = name == "SCORES_VERSION"  # the ground truth has no score
     assert changed_items(before, keys()) == {
         cell for cell in before if not (items_only and cell[1] == GROUND_TRUTH)
     }

@@ -19,6 +19,7 @@ from PIL import Image
 
 import bench.results
 import bench.run
+from bench.metric_table import JUDGE_WEIGHTS
 from bench.record import GROUND_TRUTH
 from bench.results import tables
 from bench.run import Options, default_name, run
@@ -78,14 +79,19 @@ def test_files_of_a_run(finished):
         "cost.md",
         "lock",
         "journal/0001.jsonl",
-        "features/fd-views.parquet",
+        *("features/fd-views.parquet", "features/fd-views-grey.parquet"),
         *("tables/table3_ssim.csv", "tables/table3_ssim.md"),
         *("tables/table4_fid.csv", "tables/table4_fid.md"),
+        *("tables/table_detail.csv", "tables/table_detail.md"),
+        *("tables/table_control.csv", "tables/table_control.md"),
         "figures/robustness.png",
-        "figures/pictures.png",
+        *("figures/pictures.png", "figures/thin-parts.png"),
+        *(("features/judge.parquet",) if JUDGE_WEIGHTS.is_file() else ()),
     }
-    assert len(names) == 12 + 3 + 24  # and an artifact for each ground truth and item
-    for name in ("robustness", "pictures"):
+    assert (
+        len(names) == 18 + JUDGE_WEIGHTS.is_file() + 3 + 24
+    )  # and an artifact for each ground truth and item
+    for name in ("robustness", "pictures", "thin-parts"):
         with Image.open(directory / "figures" / f"{name}.png") as image:
             assert np.asarray(image.convert("L")).std() > 10
 
@@ -107,7 +113,7 @@ def test_records_of_a_run(finished, tiny_weights):
 
 
 def test_ceiling_and_floor(finished):
-    images, sets = tables(finished[0])
+    images, sets, detail, _ = tables(finished[0])
     rows = {(r.method, r.condition, r.metric): r for r in (*images.rows, *sets.rows)}
     for condition in ("2048", "noise-0.10"):
         for metric in ("ssim", "luminance", "contrast", "structure"):
@@ -126,11 +132,22 @@ def test_ceiling_and_floor(finished):
     assert all(row.n_ok == row.n == 6 for row in rows.values())
     for row in sets.rows:
         assert row.note.startswith("skipped: weights; ") == (row.metric == "fid")
+    thin = {(r.method, r.condition, r.metric): r for r in detail.rows}
+    for condition in ("2048", "noise-0.10"):
+        for metric in ("ssim-object", "thin-recall", "thin-precision"):
+            assert thin["true-mesh", condition, metric].value == 1.0
+            assert 0 < thin["splat", condition, metric].value < 1
+        assert thin["blank", condition, "thin-recall"].value == 0.0
+        assert thin["blank", condition, "thin-precision"].n_ok == 0
+        assert thin["blank", condition, "ssim-object"].value < 0.7
+    counted = {r.n_ok for r in detail.rows if r.metric == "thin-recall"}
+    assert len(counted) == 1  # it is the truth that has thin parts or not
+    assert 0 < counted.pop() <= 6
 
 
 def test_what_is_printed(finished):
     directory, done = finished
-    for name in ("table3_ssim.md", "table4_fid.md"):
+    for name in ("table3_ssim.md", "table4_fid.md", "table_detail.md", "table_control.md"):
         assert (directory / "tables" / name).read_text() in done.stdout
     assert (directory / "cost.md").read_text() in done.stdout
     *progress, summary, where = done.stderr.splitlines()
@@ -152,7 +169,8 @@ def test_the_manifest_tells_what_was_run(finished, tiny_weights):
     assert manifest["finished"] >= manifest["started"]
     assert set(manifest["stage_seconds"]) == {"ground truth", "items", "tables", "figures"}
     assert manifest["versions"]["numpy"] == np.__version__
-    assert list(manifest["skipped_metrics"]) == ["fid"]
+    skipped = ["fid"] if JUDGE_WEIGHTS.is_file() else ["fid", "judge"]
+    assert list(manifest["skipped_metrics"]) == skipped
 
 
 # --- the same tables again ------------------------------------------------------------------------
@@ -274,14 +292,16 @@ def test_killed_three_times(finished, arguments, tmp_path):
 NO_NETWORKS = """
 from dataclasses import replace
 import bench.results, bench.run
-bench.run.SUITES = bench.results.SUITES = [replace(bench.run.SUITES[0], set_metrics=())]
+bench.run.SUITES = bench.results.SUITES = [
+    replace(bench.run.SUITES[0], set_metrics=(), control_metrics=())
+]
 """
 
 
 @pytest.fixture
 def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
-    suites = [replace(bench.run.SUITES[0], set_metrics=())]
+    suites = [replace(bench.run.SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.run, "SUITES", suites)
     monkeypatch.setattr(bench.results, "SUITES", suites)
 
@@ -373,11 +393,11 @@ def test_a_machine_without_opengl(monkeypatch, tmp_path):
 def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
     monkeypatch.setattr(bench.run, "environment", dict)
     protocol, skipped = bench.run._protocol(bench.run.SUITES[0], Options("chair-robustness"))
-    assert protocol.methods == ("surface-apss", "pc2pix", "splat", "true-mesh", "blank")
+    assert protocol.methods == ("surface-apss", "pc2pix", "splat", "true-mesh", "constant", "blank")
     assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
     assert (protocol.views, protocol.seed, len(protocol.objects)) == (20, 0, 24)
     assert "fd-views" in dict(protocol.features)
-    assert set(skipped) <= {"fid"}
+    assert set(skipped) <= {"fid", "judge"}
 
 
 @pytest.mark.parametrize(

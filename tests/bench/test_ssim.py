@@ -14,7 +14,7 @@ from skimage.metrics import structural_similarity
 from threadpoolctl import threadpool_limits
 
 from bench.metrics import ssim
-from bench.ssim import C1, C2, C3, Ssim, ssim_per_image
+from bench.ssim import C1, C2, C3, Ssim, ssim_per_image, ssim_per_image_and_box
 
 REFERENCE = Path(
     os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[3] / "shared" / "reference")
@@ -389,3 +389,70 @@ def test_falls_with_noise():
 def test_names_what_it_refuses(a, b, named):
     with pytest.raises(ValueError, match=re.escape(named)):
         ssim(a, b)
+
+
+# --- within a box ---------------------------------------------------------------------------------
+
+
+def map_of(a, b):
+    """The SSIM map [118, 118] of one pair, mean over channels, by scikit-image."""
+    _, full = structural_similarity(
+        a,
+        b,
+        full=True,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=255,
+        truncate=3.5,
+    )
+    return full[5:-5, 5:-5].mean(axis=-1)
+
+
+def test_a_box_is_the_part_of_the_map_centred_in_it():
+    a = np.stack([rnd(1), chairish(0), disc(), disc(40, 90, 20)])
+    b = np.stack([rnd(2), chairish(3), noise(disc(), 20, 3), disc(44, 80, 20)])
+    boxes = np.array([[0, 128, 0, 128], [30, 104, 44, 86], [20, 30, 64, 65], [100, 128, 0, 9]])
+    whole, found = ssim_per_image_and_box(a, b, boxes)
+    np.testing.assert_array_equal(np.array(whole), np.array(ssim_per_image(a, b)))
+    for i, (top, bottom, left, right) in enumerate(boxes):
+        # the window in row r of the map is centred on pixel r + 5
+        part = map_of(a[i], b[i])[max(top - 5, 0) : bottom - 5, max(left - 5, 0) : right - 5]
+        assert found[i] == pytest.approx(part.mean(), abs=TOLERANCE.ssim)
+    # the map has no window that the box of the whole frame has not
+    assert found[0] == pytest.approx(whole.ssim[0], abs=1e-15)
+
+
+def test_one_pixel_is_one_window():
+    a, b = rnd(4)[None], rnd(5)[None]
+    window = (slice(None), slice(40, 51), slice(70, 81))
+    _, found = ssim_per_image_and_box(a, b, np.array([[45, 46, 75, 76]]))
+    assert found[0] == pytest.approx(ssim(a[window], b[window]).ssim, abs=TOLERANCE.ssim)
+
+
+def test_a_box_without_windows_has_no_value():
+    boxes = np.array([[0, 0, 0, 0], [0, 5, 0, 128], [60, 70, 123, 128], [5, 6, 122, 123]])
+    pair = np.repeat(rnd(6)[None], 4, axis=0), np.repeat(rnd(7)[None], 4, axis=0)
+    assert np.isnan(ssim_per_image_and_box(*pair, boxes)[1]).tolist() == [True, True, True, False]
+
+
+def test_identical_images_score_exactly_one_in_any_box():
+    a = np.stack([rnd(8), disc(), const(255)])
+    boxes = np.array([[7, 99, 3, 64], [24, 105, 24, 105], [0, 128, 60, 61]])
+    assert ssim_per_image_and_box(a, a, boxes)[1].tolist() == [1.0, 1.0, 1.0]
+
+
+def test_white_around_the_object_does_not_count():
+    """The same object in a corner and a third of the windows white: only the frame's mean rises."""
+    small, larger = (disc(64, 64, r) for r in (20, 25))
+    box = np.array([[39, 90, 39, 90]])
+    whole, found = ssim_per_image_and_box(larger[None], small[None], box)
+    assert found[0] < whole.ssim[0] - 0.1
+    cut = (slice(34, 95), slice(34, 95))  # the box and half a window around it
+    assert found[0] == pytest.approx(ssim(larger[cut][None], small[cut][None]).ssim, abs=1e-10)
+
+
+def test_boxes_of_another_number():
+    with pytest.raises(ValueError, match=r"1 pairs need boxes of shape \[1, 4\], got \(2, 4\)"):
+        ssim_per_image_and_box(rnd(1)[None], rnd(2)[None], np.zeros((2, 4), int))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.statistics import RESAMPLES, mean_interval
+from bench.statistics import CHUNK, RESAMPLES, mean_interval, median_interval
 
 VALUES = np.array([0.3, 0.7, 0.2, 0.9, 0.45])
 
@@ -47,3 +47,34 @@ def test_covers_the_true_mean():
     intervals = [mean_interval(rng.normal(size=20)) for _ in range(200)]
     held = sum(low <= 0 <= high for low, high in intervals)
     assert 168 <= held <= 199
+
+
+# --- medians --------------------------------------------------------------------------------------
+
+ERRORS = np.array([5.0, 1.0, 9.0, 2.0, 30.0, 7.0, 4.0, 8.0])
+OBJECTS = np.array(list("aabbbccd"))  # as many values of an object as there are
+
+
+def test_the_median_interval_is_the_percentile_bootstrap_over_objects():
+    rng = np.random.default_rng(0)
+    drawn = [rng.integers(4, size=(CHUNK, 4)) for _ in range(RESAMPLES // CHUNK)]
+    medians = [
+        np.median(np.concatenate([ERRORS["abcd"[i] == OBJECTS] for i in row]))
+        for row in np.concatenate(drawn)
+    ]
+    expected = np.percentile(medians, [2.5, 97.5])
+    assert median_interval(ERRORS, OBJECTS) == pytest.approx(tuple(expected), abs=1e-12)
+    shuffled = np.random.default_rng(1).permutation(len(ERRORS))
+    assert median_interval(ERRORS[shuffled], OBJECTS[shuffled]) == median_interval(ERRORS, OBJECTS)
+
+
+def test_medians_of_two_objects_worked_by_hand():
+    # aa: median 1, ab and ba: of 1 1 5 7, 3; bb: 6
+    assert median_interval(np.array([1.0, 1.0, 5.0, 7.0]), np.array(list("aabb"))) == (1.0, 6.0)
+    assert median_interval(np.full(4, 0.1), np.array(list("aabb"))) == (0.1, 0.1)
+
+
+def test_where_there_is_no_median_interval():
+    assert np.isnan(median_interval(np.array([1.0, 2.0]), np.array(["a", "a"]))).all()
+    assert np.isnan(median_interval(np.array([1.0, np.nan]), np.array(["a", "b"]))).all()
+    assert np.isnan(median_interval(np.empty(0), np.empty(0, str))).all()

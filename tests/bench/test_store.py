@@ -58,6 +58,24 @@ def test_what_was_appended_is_there_again(tmp_path):
         assert journal.added == set()
 
 
+def test_lines_of_an_older_schema_are_passed_over(tmp_path):
+    """A folder of an earlier version is gone on with: what it holds is done again."""
+    old, new = make_job(tmp_path), make_job(tmp_path, method="blank")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(old))
+    (shard,) = shards(tmp_path)
+    body = json.loads(shard.read_text().split(" ", 1)[1])
+    for record in body["records"]:
+        del record["thin_recall"]
+    text = json.dumps(body)
+    shard.write_text(f"{sha256(text.encode()).hexdigest()} {text}\n")
+    with open_journal(tmp_path) as journal:
+        assert (journal.usable(old), journal.damage) == (None, [])
+        journal.append(finish(new))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(new) is not None
+
+
 def test_every_start_that_writes_has_a_file_of_its_own(tmp_path):
     for method in ("splat", "blank"):
         with open_journal(tmp_path) as journal:

@@ -12,9 +12,16 @@ from bench.frechet import frechet_interval
 from bench.metrics import frechet_distance
 from bench.record import GROUND_TRUTH, to_frame
 from bench.results import cost_table, tables, write_tables
-from bench.statistics import mean_interval
+from bench.statistics import mean_interval, median_interval
 from bench.suites import SUITES
-from bench.tables import Features, Table, image_table, set_table
+from bench.tables import (
+    Features,
+    Table,
+    control_table,
+    detail_table,
+    image_table,
+    set_table,
+)
 from data_prep.failures import BadInput
 
 from .builders import SKIPPED_FID, make_failed, make_manifest, make_record, write_run
@@ -124,6 +131,167 @@ def test_skipped_pictures_count_as_missing_but_not_as_failures():
     assert (row.value, row.failures_as_blank, row.n_ok, row.n, row.note) == (0.5, 0.5, 1, 2, "")
 
 
+# --- detail ---------------------------------------------------------------------------------------
+
+THIN = [  # of b's pictures one has no thin part, and c has none at all
+    make_record(obj="a", view=0, thin_recall=0.2, thin_precision=None),
+    make_record(obj="a", view=1, thin_recall=0.4, thin_precision=0.5),
+    make_record(obj="b", view=0, thin_recall=0.9, thin_precision=0.7),
+    make_record(obj="b", view=1, thin_recall=None, thin_precision=None),
+    make_record(obj="c", view=0, thin_recall=None, thin_precision=None),
+    make_failed(obj="c", view=1, reason="crash"),
+    make_failed(obj="d", view=0, reason="crash"),
+    make_record("blank", obj="c", view=1, thin_recall=None, thin_precision=None),
+    make_record("blank", obj="d", view=0, thin_recall=0.0, thin_precision=None),
+]
+
+
+def thin_table(records=THIN):
+    return detail_table("table_detail", "Detail", to_frame(records), SUITE)
+
+
+def test_means_are_over_the_pictures_that_have_a_value():
+    row = cell(thin_table(), method="splat", metric="thin-recall")
+    assert row.value == pytest.approx(0.5, abs=EXACT)  # 0.2, 0.4, 0.9
+    interval = mean_interval(np.array([0.3, 0.9]))  # a and b; c has no value
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
+    assert (row.n_ok, row.n) == (3, 7)
+    # of the two failed pictures one shows no thin part, and the other would recall nothing
+    assert row.failures_as_blank == pytest.approx(1.5 / 4, abs=EXACT)
+    assert row.note == "2 x crash; 2 x no value: the true object shows no part thinner than 4 px"
+    precision = cell(thin_table(), method="splat", metric="thin-precision")
+    assert precision.value == precision.failures_as_blank == pytest.approx(0.6, abs=EXACT)
+    assert (precision.n_ok, precision.n) == (2, 7)
+    assert cell(thin_table(), method="splat", metric="ssim-object").n_ok == 5
+
+
+def test_a_method_that_never_has_a_value():
+    row = cell(thin_table(), method="blank", metric="thin-precision")
+    assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
+    assert (row.n_ok, row.n) == (0, 2)
+    assert row.note == "2 x no value: no part thinner than 4 px, or nothing drawn beside one"
+
+
+def test_a_score_that_must_be_there_is_not_passed_over():
+    records = [make_record(obj="a", ssim=None), make_record(obj="b")]
+    assert np.isnan(cell(worked_table(records), metric="ssim").value)
+
+
+def test_markdown_says_once_why_values_are_missing():
+    chosen = [
+        make_record(method, condition, obj, thin_recall=value)
+        for method in ("splat", "blank")
+        for condition in ("512", "2048")
+        for obj, value in (("a", 0.25), ("b", 0.75), ("c", None))
+    ]
+    lines = thin_table(chosen).to_markdown().splitlines()
+    assert not any("paper's layout" in line for line in lines)
+    assert "| splat | 0.500 [0.250, 0.750] 2/3 | 0.500 [0.250, 0.750] 2/3 |" in lines
+    told = [line for line in lines if line.startswith("* ")]
+    assert told == ["* blank, splat: 1 x no value: the true object shows no part thinner than 4 px"]
+    assert "* splat at 2048: 2 x crash; 2 x no value: " in thin_table().to_markdown()
+
+
+# --- control --------------------------------------------------------------------------------------
+
+
+def judged(pictures, seen):
+    """Answers by method: `seen(method, object, view)` gives azimuth, elevation and code."""
+    rows, values = [], []
+    for method, condition in ((GROUND_TRUTH, ""), ("splat", "2048"), ("blank", "2048")):
+        for obj, view in pictures:
+            azimuth, elevation, code = seen(method, obj, view)
+            turn = np.radians(azimuth)
+            rows.append((method, condition, "chair", obj, view))
+            values.append([np.sin(turn), np.cos(turn), elevation / 40, *code])
+    index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
+    return Features(index, np.array(values, np.float32))
+
+
+def controls(records, answers, skipped=""):
+    return control_table("table_control", "C", to_frame(records), answers, skipped, SUITE)
+
+
+CODES = {"a": (1.0, 0.0), "b": (0.0, 1.0), "c": (-1.0, 0.0)}
+OFF = {("a", 0): 10, ("a", 1): -20, ("b", 0): 5, ("b", 1): 0, ("c", 0): 180, ("c", 1): 30}
+
+
+def seen(method, obj, view):
+    """Truth as it is; splat turned by `OFF`, 2 degrees too high, c taken for b; blank never."""
+    azimuth, elevation = (10.0, 5.0) if view == 0 else (-120.0, -30.0)  # those of `make_record`
+    if method == GROUND_TRUTH:
+        return azimuth, elevation, CODES[obj]
+    if method == "blank":
+        return 0.0, 0.0, CODES["a"]
+    return azimuth + OFF[obj, view], elevation + 2, CODES["b" if obj == "c" else obj]
+
+
+def test_a_control_table_worked_by_hand():
+    records = [make_record(m, obj=o, view=v) for m in ("splat", "blank") for o, v in OFF]
+    table = controls(records, judged(list(OFF), seen))
+    azimuth = cell(table, method="splat", metric="azimuth-error-deg")
+    # float32 sines: 4e-6 degrees
+    assert azimuth.value == pytest.approx(15.0, abs=1e-4)  # of 0 5 10 20 30 180
+    names = np.array([obj for obj, _ in OFF])
+    interval = median_interval(np.abs(np.array(list(OFF.values()), float)), names)
+    assert (azimuth.ci_low, azimuth.ci_high) == pytest.approx(interval, abs=1e-4)
+    assert cell(table, method="splat", metric="elevation-error-deg").value == pytest.approx(2.0)
+    found = cell(table, method="splat", metric="retrieval")
+    assert found.value == found.failures_as_blank == pytest.approx(2 / 3)
+    assert (found.ci_low, found.ci_high) == mean_interval(np.array([1.0, 1.0, 0.0]))
+    assert (found.n_ok, found.n, found.note) == (6, 6, "")
+    assert cell(table, method="blank", metric="retrieval").value == pytest.approx(1 / 3)
+    assert cell(table, method="blank", metric="azimuth-error-deg").value == pytest.approx(65.0)
+    assert "(3 of class chair)" in table.remark
+
+
+def test_failed_pictures_are_judged_as_blank():
+    records = [make_record(m, obj=o, view=v) for m in ("splat", "blank") for o, v in OFF]
+    records[0] = make_failed(obj="a", view=0, reason="crash")
+    records[2] = make_failed(obj="b", view=0, reason="crash")
+    table = controls(records, judged(list(OFF), seen))
+    azimuth = cell(table, method="splat", metric="azimuth-error-deg")
+    assert azimuth.value == pytest.approx(25.0, abs=1e-4)  # of 0 20 30 180
+    # a blank picture is seen from 0 degrees, 10 off: of 0 10 10 20 30 180
+    assert azimuth.failures_as_blank == pytest.approx(15.0, abs=1e-4)
+    found = cell(table, method="splat", metric="retrieval")
+    assert (found.value, found.failures_as_blank) == (0.5, 0.5)  # of the blank ones a's is right
+    assert (found.n_ok, found.n, found.note) == (4, 6, "2 x crash")
+
+
+@pytest.mark.parametrize(
+    ("pictures", "why"),
+    [
+        ([("a", 0), ("a", 1)], "1 object: there is nothing to tell it from; run at least 2"),
+        ([("a", 0), ("b", 0)], "1 view an object: none is left to know it by; run at least 2"),
+    ],
+)
+def test_too_few_to_find_anything(pictures, why):
+    table = controls([make_record(obj=o, view=v) for o, v in pictures], judged(pictures, seen))
+    row = cell(table, method="splat", metric="retrieval")
+    assert np.isnan([row.value, row.ci_low, row.failures_as_blank]).all()
+    assert row.note == why
+    assert np.isfinite(cell(table, method="splat", metric="azimuth-error-deg").value)
+    assert f"* splat: {why}" in table.to_markdown().splitlines()
+
+
+def test_without_a_judge_the_table_says_why():
+    table = controls([make_record()], None, "skipped: weights; 'bench train judge' makes them")
+    assert [row.metric for row in table.rows] == list(SUITE.control_metrics)
+    assert {row.note for row in table.rows} == {"skipped: weights; 'bench train judge' makes them"}
+    assert np.isnan([row.value for row in table.rows]).all()
+    assert table.to_markdown().count("skipped: weights") == 3  # once a metric
+
+
+def test_the_ceiling_is_judged_like_any_method(tmp_path):
+    run = write_run(tmp_path)
+    rows = [r for r in tables(run)[3].rows if r.method == "true-mesh"]
+    assert len(rows) == 2 * 3
+    assert all(0 <= row.value <= 180 for row in rows)
+    by_condition = {c: [r.value for r in rows if r.condition == c] for c in ("2048", "512")}
+    assert by_condition["2048"] == by_condition["512"]
+
+
 # --- Fréchet distances ----------------------------------------------------------------------------
 
 PICTURES = [(obj, view) for obj in "abcd" for view in (0, 1)]
@@ -158,6 +326,7 @@ def distances(without=(), skipped=None):
         for obj, view in PICTURES
     ]
     taken = {"fd-views": features(without)}
+    taken["fd-views-grey"] = taken["fd-views"]
     skipped = {"fid": "skipped: weights"} if skipped is None else skipped
     return set_table("table4_fid", "Table 4", to_frame(records), taken, skipped, SUITE, {})
 
@@ -315,17 +484,19 @@ def test_markdown_of_a_skipped_metric_is_one_line():
 def test_tables_come_from_records_and_features(tmp_path):
     run = write_run(tmp_path)
     records = pd.read_parquet(run / "records.parquet")
-    images, sets = tables(run)
+    images, sets, detail, controls = tables(run)
     assert (images.name, sets.name) == ("table3_ssim", "table4_fid")
+    assert (detail.name, controls.name) == ("table_detail", "table_control")
     for method in ("splat", "blank"):
         chosen = records[(records["method"] == method) & (records["condition"] == "512")]
         row = cell(images, method=method, condition="512", metric="contrast")
         assert row.value == pytest.approx(chosen["contrast"].mean(), abs=EXACT)
-    for row in (*images.rows, *sets.rows):
+    for row in (*images.rows, *sets.rows, *detail.rows):
         if row.metric == "fid":
             assert row.note == SKIPPED_FID
         elif row.method == "true-mesh":
-            assert row.value == (0.0 if row.metric == "fd-views" else 1.0)
+            ideal = 0.0 if row.metric in ("fd-views", "fd-views-grey") else 1.0
+            assert row.value == pytest.approx(ideal, abs=EXACT)
         else:
             assert row.value > 0
 
@@ -349,6 +520,8 @@ def test_tables_are_reproduced_to_the_byte(tmp_path):
         "table3_ssim.md",
         "table4_fid.csv",
         "table4_fid.md",
+        *("table_control.csv", "table_control.md"),
+        *("table_detail.csv", "table_detail.md"),
     ]
     before = [file.read_bytes() for file in files]
     for file in files:
@@ -374,7 +547,7 @@ def test_tables_are_made_with_one_thread(tmp_path, monkeypatch):
 def test_a_metric_without_features_says_so(tmp_path):
     run = write_run(tmp_path)
     (run / "features" / "fd-views.parquet").unlink()
-    _, sets = tables(run)
+    sets = tables(run)[1]
     row = cell(sets, method="splat", condition="512", metric="fd-views")
     assert row.note == "skipped: no features in this run"
 
@@ -391,7 +564,7 @@ def test_a_run_of_an_unknown_suite(tmp_path):
 
 def test_the_published_values_are_quoted(tmp_path):
     run = write_run(tmp_path, methods=["surface-apss", "pc2pix", "blank"])
-    images, sets = tables(run)
+    images, sets, *_ = tables(run)
     # Table 3 and Table 4 of the paper, column 512
     assert cell(images, method="surface-apss", condition="512", metric="ssim").paper == 0.63
     assert cell(images, method="pc2pix", condition="512", metric="structure").paper == 0.78

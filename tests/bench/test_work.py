@@ -10,9 +10,11 @@ from harness_objects import Calling, Refusing, Tetrahedron
 
 import bench.work
 from baselines.surface import SurfaceApss
+from bench.foreground import object_boxes
 from bench.methods import METHODS, Method
 from bench.metric_table import VIEWS_WEIGHTS
 from bench.metrics import ssim
+from bench.ssim import ssim_per_image_and_box
 from bench.views_network import load_views_network, view_features
 from bench.work import _cloud, do, read_artifact
 from data_prep.failures import BadInput, MissingDependency, StageFailure
@@ -22,9 +24,9 @@ from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import View
 
-from .builders import VIEWS, make_job, make_truth, write_artifact
+from .builders import SCORES, VIEWS, make_job, make_truth, write_artifact
 
-SCORES = ("ssim", "luminance", "contrast", "structure")
+SSIM = ("ssim", "luminance", "contrast", "structure")
 
 
 class Fake:
@@ -64,8 +66,9 @@ def measure(tmp_path, monkeypatch):
         sees_mesh = changes.pop("sees_mesh", False)
         method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
         monkeypatch.setattr(bench.work, "find_method", lambda method_id: method)
+        truth = changes.pop("truth", None)
         job = make_job(tmp_path, method="fake", **changes)
-        write_artifact(make_truth(tmp_path), seed=1)
+        write_artifact(make_truth(tmp_path), seed=1, **({} if truth is None else {"images": truth}))
         return job, do(job)
 
     yield run
@@ -90,7 +93,10 @@ def test_scores_pictures_and_checksum(measure, tmp_path):
     truth = read_artifact(job.reference)["images"]
     for i, record in enumerate(result.records):
         expected = ssim(truth[i : i + 1], pictures[i : i + 1])
-        assert [getattr(record, name) for name in SCORES] == list(expected)
+        assert [getattr(record, name) for name in SSIM] == list(expected)
+        _, in_box = ssim_per_image_and_box(truth, pictures, object_boxes(truth))
+        assert record.ssim_object == in_box[i]
+        assert (record.thin_recall, record.thin_precision) == (None, None)  # a frame of noise
         assert (record.view, record.azimuth_deg, record.elevation_deg) == (
             i,
             VIEWS[i].azimuth_deg,
@@ -106,7 +112,21 @@ def test_the_truth_itself_scores_exactly_one(measure, tmp_path):
     write_artifact(make_truth(tmp_path), seed=1)
     truth = read_artifact(make_truth(tmp_path).artifact)["images"]
     _, result = measure(Fake(to_float(truth)))
-    assert all(getattr(record, name) == 1.0 for record in result.records for name in SCORES)
+    names = (*SSIM, "ssim_object")
+    assert all(getattr(record, name) == 1.0 for record in result.records for name in names)
+
+
+def test_thin_parts_and_pictures_without_an_object(measure):
+    truth = np.full((2, 128, 128, 3), 255, np.uint8)
+    truth[0, 40:80, 60:63] = 0
+    drawn = truth.copy()
+    drawn[0, 60:] = 255
+    _, result = measure(Fake(to_float(drawn)), truth=truth)
+    leg, empty = result.records
+    assert (leg.thin_recall, leg.thin_precision) == (0.5, 1.0)
+    assert 0 < leg.ssim_object < leg.ssim < 1
+    assert (empty.ssim, empty.structure) == (1.0, 1.0)
+    assert (empty.ssim_object, empty.thin_recall, empty.thin_precision) == (None, None, None)
 
 
 def test_values_outside_0_1_are_clipped(measure):

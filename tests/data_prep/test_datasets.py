@@ -202,7 +202,10 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
     "spec", ["", "Procedural", "procedural:x", "folder", "folder:", "shapes:/tmp", ":x", "mesh.ply"]
 )
 def test_unknown_datasets(spec: str) -> None:
-    with pytest.raises(BadInput, match=r"^unknown dataset '.*': use procedural or folder:PATH$"):
+    with pytest.raises(
+        BadInput,
+        match=r"^unknown dataset '.*': use procedural, procedural:validation or folder:PATH$",
+    ):
         open_dataset(spec)
 
 
@@ -224,3 +227,12 @@ def test_folder_without_meshes(tmp_path: Path) -> None:
 def test_unknown_procedural_class() -> None:
     with pytest.raises(BadInput, match=r"procedural: no class 'unicorn'.*chair"):
         open_dataset("procedural").objects("unicorn", 1, 1)
+
+
+def test_the_validation_split_is_a_dataset_of_its_own():
+    dataset = open_dataset("procedural:validation")
+    assert [o.object_id for o in dataset.objects("chair", 2, 9)] == [
+        "validation-0000",
+        "validation-0001",
+    ]
+    assert dataset.objects("chair", 1, 9, "train")[0].object_id == "train-0000"

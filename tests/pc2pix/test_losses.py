@@ -9,14 +9,19 @@ import torch
 from pc2pix.losses import (
     AZIMUTH_RANGE_RAD,
     ELEVATION_RANGE_RAD,
+    FOREGROUND_WEIGHT,
     OBJECTIVES,
+    STRUCTURE_WEIGHT,
     Condition,
     angular_error,
+    azimuth_error,
     chamfer,
     discriminator_loss,
     generator_loss,
+    reconstruction_error,
+    structural_similarity,
 )
-from pc2pix.model import DiscriminatorOutput
+from pc2pix.model import DiscriminatorOutput, sine_cosine
 
 
 def points(*rows):
@@ -112,3 +117,63 @@ def test_objectives_weigh_as_their_source_says(name, code_term, weight):
     np.testing.assert_allclose(
         [t.item() for t in terms[1:]], [math.log(2), code_term, elevation, azimuth], rtol=1e-6
     )
+
+
+def pictures(count=2, size=40):
+    rng = torch.Generator().manual_seed(0)
+    a = torch.rand(count, 3, size, size + 6, generator=rng, dtype=torch.float64)
+    return a, 0.6 * a + 0.4 * torch.rand(a.shape, generator=rng, dtype=torch.float64)
+
+
+def test_structural_similarity_is_scikit_images_at_every_second_window():
+    from skimage.metrics import structural_similarity as reference
+
+    a, b = pictures()
+    expected = []
+    for one, other in zip(a.numpy(), b.numpy(), strict=True):
+        _, full = reference(
+            one, other, data_range=1, channel_axis=0, gaussian_weights=True, sigma=1.5,
+            use_sample_covariance=False, full=True,
+        )  # fmt: skip
+        expected.append(full[:, 5:-5:2, 5:-5:2].mean())
+    # the windows' weights are float32 here
+    assert abs(structural_similarity(a, b).item() - np.mean(expected)) < 1e-6
+
+
+def test_structural_similarity_of_equal_pictures_is_one():
+    a, _ = pictures()
+    assert abs(structural_similarity(a, a).item() - 1) < 1e-12
+
+
+def test_structural_similarity_has_the_gradient_of_finite_differences():
+    a, b = pictures(1, 13)
+    assert torch.autograd.gradcheck(lambda x: structural_similarity(x, b), a.requires_grad_())
+
+
+def test_reconstruction_error_counts_the_object_three_times():
+    real = torch.ones(1, 3, 32, 32)
+    real[:, 0, :16] = -1  # the upper half is the object: cyan
+    drawn = real.clone()
+    structure = STRUCTURE_WEIGHT * (1 - structural_similarity((drawn + 1) / 2, (real + 1) / 2))
+    assert abs(reconstruction_error(drawn, real) - structure) < 1e-6
+    for half, weight in ((slice(0, 16), FOREGROUND_WEIGHT), (slice(16, 32), 1.0)):
+        drawn = real.clone()
+        drawn[:, 1, half] -= 0.5  # a quarter of the scale, in a third of the channels
+        structure = 1 - structural_similarity((drawn + 1) / 2, (real + 1) / 2)
+        expected = weight * 0.25 / 3 / 2 + STRUCTURE_WEIGHT * structure
+        assert abs(reconstruction_error(drawn, real) - expected) < 1e-6
+
+
+def test_sine_and_cosine_have_no_jump_at_the_back():
+    front, left, back = torch.tensor([[0.5]]), torch.tensor([[0.75]]), torch.tensor([[1.0]])
+    torch.testing.assert_close(sine_cosine(front), torch.tensor([[0.0, 1.0]]))
+    torch.testing.assert_close(sine_cosine(left), torch.tensor([[1.0, 0.0]]), atol=1e-6, rtol=0)
+    torch.testing.assert_close(sine_cosine(back), sine_cosine(1 - back), atol=1e-6, rtol=0)
+
+
+def test_azimuth_error_goes_by_what_is_judged():
+    target = torch.tensor([[0.75]])
+    scalar = azimuth_error(torch.tensor([[0.5]]), target)
+    assert abs(scalar.item() - math.pi / 2) < 1e-6
+    pair = azimuth_error(torch.tensor([[0.0, 1.0]]), target)  # judged in front, is at the side
+    assert abs(pair.item() - 1) < 1e-6

@@ -13,8 +13,10 @@ from pc2pix.model import (
     Encoder,
     Generator,
     ModelConfig,
+    PointNet,
     SpectralConv2d,
     SpectralLinear,
+    build_encoder,
     upsample_then_conv,
 )
 
@@ -68,6 +70,12 @@ def test_lite_widths():
 def test_config_refuses(arguments):
     with pytest.raises(ValueError, match=next(iter(arguments))):
         ModelConfig(**arguments)
+
+
+@pytest.mark.parametrize(("field", "value"), [("encoder", "x"), ("azimuth", "degrees")])
+def test_config_refuses_unknown_kinds(field, value):
+    with pytest.raises(ValueError, match=f"{field} must be .*, got '{value}'"):
+        ModelConfig(**{field: value})
 
 
 def test_shapes_and_ranges():
@@ -130,3 +138,44 @@ def test_spectral_norm_stays_float32_under_autocast():
     with torch.autocast("cpu", torch.bfloat16):
         layer(x)
     assert torch.equal(layer.u, reference.u)
+
+
+POINTNET = ModelConfig(0.0625, 8, "pointnet", "sine-cosine")
+
+
+def test_pointnet_heeds_neither_order_nor_repetition():
+    encoder = build_encoder(POINTNET)
+    assert isinstance(encoder, PointNet)
+    clouds = torch.randn(2, 300, 3, generator=torch.Generator().manual_seed(0))
+    code = encoder(clouds)
+    assert code.shape == (2, 8)
+    # sums in another order: some hundred roundings of 6e-8
+    torch.testing.assert_close(encoder(clouds.flip(1)), code, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(encoder(clouds.repeat(1, 3, 1)), code, rtol=1e-5, atol=1e-5)
+
+
+def test_pointnet_takes_any_number_of_points():
+    encoder = build_encoder(POINTNET)
+    for count in (1, 7, 5000):
+        assert encoder(torch.randn(1, count, 3)).isfinite().all()
+
+
+def test_the_papers_encoder_heeds_order():
+    encoder = build_encoder(TINY)
+    assert isinstance(encoder, Encoder)
+    clouds = torch.randn(1, 2048, 3, generator=torch.Generator().manual_seed(0))
+    code = encoder.eval()(clouds)
+    assert (encoder(clouds.flip(1)) - code).norm() > 0.05 * code.norm()
+
+
+def test_sine_and_cosine_make_the_generator_periodic_and_the_discriminator_answer_twice():
+    torch.manual_seed(0)
+    generator, discriminator = Generator(POINTNET).eval(), Discriminator(POINTNET)
+    noise, code = torch.randn(1, 128), torch.randn(1, 8)
+    elevation = torch.tensor([[0.5]])
+    left, right, front = (
+        generator(noise, code, elevation, torch.tensor([[a]])) for a in (0.0, 1.0, 0.5)
+    )
+    torch.testing.assert_close(left, right, atol=1e-5, rtol=0)
+    assert (left - front).abs().max() > 1e-3
+    assert discriminator(left).azimuth.shape == (1, 2)

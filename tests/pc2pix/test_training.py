@@ -10,10 +10,11 @@ from PIL import Image
 
 from data_prep.failures import BadInput
 from pc2pix import checkpoint, train_autoencoder, train_gan
-from pc2pix.model import Encoder
+from pc2pix.model import Encoder, ModelConfig, build_encoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
 from pc2pix.train_gan import GanConfig, GanData
 from pc2pix.training_loop import Cadence, TrainingDiverged, seeded
+from pc2pix.weights import export, load_weights
 
 from .conftest import TINY, make_clouds
 
@@ -36,7 +37,10 @@ def ignore(report):
     pass
 
 
-@pytest.fixture(params=["autoencoder", "gan"])
+PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
+
+
+@pytest.fixture(params=["autoencoder", "gan", "paired", "augmented"])
 def start(request, gan_data):
     """Start, or go on with, a small training run of either kind."""
 
@@ -46,12 +50,17 @@ def start(request, gan_data):
         return train_autoencoder.train_autoencoder(data, config, out_dir, on_progress=on_progress)
 
     def start_gan(out_dir, on_progress=ignore, **changes):
-        config = GanConfig(model=TINY, batch=2, cadence=CADENCE, **changes)
-        encoder = seeded(0, lambda: Encoder(TINY))
+        variant = {
+            "gan": {"model": TINY},
+            "paired": {"model": PAIRED, "objective": "paired", "warm_up": 1},
+            "augmented": {"model": TINY, "augment": True},
+        }[request.param]
+        config = GanConfig(batch=2, cadence=CADENCE, **variant, **changes)
+        encoder = seeded(0, lambda: build_encoder(config.model))
         return train_gan.train_gan(gan_data, encoder, config, out_dir, on_progress=on_progress)
 
     start = start_autoencoder if request.param == "autoencoder" else start_gan
-    start.kind = request.param
+    start.kind = "autoencoder" if request.param == "autoencoder" else "gan"
     return start
 
 
@@ -202,3 +211,60 @@ def test_bad_configurations_are_refused(gan_data, tmp_path):
         GanConfig(objective="wgan")
     with pytest.raises(BadInput, match="same width and latent_dim"):
         train_gan.train_gan(gan_data, Encoder(TINY), GanConfig(), tmp_path)
+    with pytest.raises(BadInput, match="warm_up 5: objective acgan-code has no reconstruction"):
+        GanConfig(warm_up=5)
+
+
+@pytest.fixture(scope="session")
+def paired_checkpoint(gan_data, tmp_path_factory):
+    config = GanConfig(
+        model=PAIRED, objective="paired", warm_up=2, steps=3, batch=2, cadence=Cadence(1, 9, 1)
+    )
+    encoder = seeded(0, lambda: build_encoder(PAIRED))
+    return train_gan.train_gan(gan_data, encoder, config, tmp_path_factory.mktemp("paired"))
+
+
+def test_warming_up_leaves_the_discriminator_out(paired_checkpoint):
+    header, *rows = read_log(paired_checkpoint.parent)
+    adversarial = [i for i, name in enumerate(header) if name.startswith(("d_", "g_"))]
+    of_step = {row[0]: {float(row[i]) for i in adversarial} for row in rows}
+    assert of_step["1"] == of_step["2"] == {0.0}
+    assert 0.0 not in of_step["3"]
+
+
+def test_paired_trains_the_encoder_and_exports_its_average(paired_checkpoint, tmp_path):
+    state, _, _ = checkpoint.load(paired_checkpoint, "gan")
+    start = seeded(0, lambda: build_encoder(PAIRED)).state_dict()
+    trained = checkpoint.sub_state(state, "drawing.encoder")
+    assert all(not torch.equal(start[key], trained[key]) for key in start)
+    export(paired_checkpoint, tmp_path / "w.safetensors")
+    loaded = load_weights(tmp_path / "w.safetensors")
+    assert loaded.encoder.config == PAIRED
+    average = state["average.encoder.points.0.bias"]
+    assert torch.equal(loaded.encoder.points[0].bias, average)
+    assert not torch.equal(average, trained["points.0.bias"])
+
+
+def test_paired_starts_without_a_word_from_the_noise(gan_data):
+    encoder = seeded(0, lambda: build_encoder(PAIRED))
+    config = GanConfig(model=PAIRED, objective="paired")
+    trainer = train_gan._GanTrainer(gan_data, encoder, config, torch.device("cpu"))
+    weight = trainer.generator.dense.weight
+    assert (weight[:, :128] == 0).all()
+    assert (weight[:, 128:] != 0).any()
+
+
+def test_the_reconstruction_term_pulls_a_drawn_picture_to_the_real_one(gan_data):
+    """One object, one view: the error must fall to a fraction of what it was."""
+    one = GanData(
+        np.full((1, 1, 128, 128, 3), 255, np.uint8),
+        np.zeros((1, 1)),
+        np.zeros((1, 1)),
+        gan_data.clouds[:1],
+    )
+    one.images[0, 0, 32:96, 32:96] = (200, 40, 90)
+    encoder = seeded(0, lambda: build_encoder(PAIRED))
+    config = GanConfig(model=PAIRED, objective="paired", warm_up=99, batch=2, generator_lr=1e-3)
+    trainer = train_gan._GanTrainer(one, encoder, config, torch.device("cpu"))
+    errors = [trainer.take_step()["reconstruction"] for _ in range(60)]
+    assert np.mean(errors[-5:]) < 0.25 * np.mean(errors[:5])

@@ -22,12 +22,17 @@ def test_round_trip(gan_checkpoint, tmp_path):
     assert loaded.sha256 == sha256 == file_sha256(path)
     assert loaded.card["steps"] == 2
     assert loaded.card["objective"] == "acgan-code"
-    assert loaded.card["model"] == {"width": 0.0625, "latent_dim": 4}
+    assert loaded.card["model"] == {
+        "width": 0.0625,
+        "latent_dim": 4,
+        "encoder": "paper",
+        "azimuth": "scalar",
+    }
     state, _, _ = checkpoint.load(gan_checkpoint, "gan")
     assert torch.equal(loaded.code_std, state["code_std"])
     for key, value in loaded.generator.state_dict().items():
         if not key.endswith("num_batches_tracked"):
-            original = state[f"average.{key}"]
+            original = state[f"average.generator.{key}"]
             # float16 keeps 11 bits; below 6e-5 it is subnormal with a spacing of 6e-8
             tolerance = 0 if value.dim() == 1 else 2**-11
             torch.testing.assert_close(value, original, rtol=tolerance, atol=3e-8)
@@ -107,7 +112,7 @@ def test_wrong_content(weights_file, tmp_path, change, message):
 
 def test_values_beyond_float16_are_not_exported(gan_checkpoint, tmp_path):
     state, step, config = checkpoint.load(gan_checkpoint, "gan")
-    state["average.conv.weight"].fill_(1e6)
+    state["average.generator.conv.weight"].fill_(1e6)
     path = tmp_path / "big.safetensors"
     checkpoint.save(path, "gan", step, config, state)
     with pytest.raises(BadInput, match=r"generator\.conv\.weight reaches 1e\+06"):

@@ -1,0 +1,60 @@
+"""The best constant picture: one picture for every cloud and view, the one that SSIM likes best.
+
+A second floor, higher than white: whoever draws pictures that score below it does not show by his
+score that he has looked at the cloud. The picture is fitted to the training set by `bench train
+constant` and kept as `constant.png`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.failures import BadInput
+from data_prep.images import to_float
+from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
+
+CONSTANT_PICTURE = Path(__file__).with_name("constant.png")
+
+
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """Draws `picture`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], whatever the cloud."""
+
+    picture: NDArray[np.uint8]
+
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> None:
+        """Nothing to prepare."""
+        del cloud, rng
+
+    def draw(
+        self, state: None, views: Sequence[View], rng: np.random.Generator | None = None
+    ) -> Images:
+        """The same picture for each view."""
+        del state, rng
+        return np.repeat(to_float(self.picture)[None], len(views), axis=0)
+
+
+def read_picture(path: Path = CONSTANT_PICTURE) -> NDArray[np.uint8]:
+    """The picture of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
+
+    Raises BadInput where there is none, or one of another size.
+    """
+    from PIL import Image
+
+    remedy = "reinstall, or make it again with 'bench train constant'"
+    try:
+        with Image.open(path) as image:
+            picture = np.array(image.convert("RGB"))
+    except OSError as error:
+        raise BadInput(f"{path}: no readable picture ({error}); {remedy}") from error
+    if picture.shape != (IMAGE_SIZE, IMAGE_SIZE, 3):
+        height, width, _ = picture.shape
+        raise BadInput(
+            f"{path}: {width} x {height}, expected {IMAGE_SIZE} x {IMAGE_SIZE}; {remedy}"
+        )
+    return picture

@@ -1,0 +1,154 @@
+"""Which chairs the suite `latent` takes: pairs of different families, and triples with an answer.
+
+The descriptions of procedural chairs make both possible: a pair differs in structure because its
+families do, and A - B + C has a right answer D because A is B with one change, and D is C with the
+same change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data_prep.chair_spec import ChairSpec, draw_chair_spec
+from data_prep.chairs import build_chair
+from data_prep.datasets import Split
+from data_prep.failures import BadInput
+from data_prep.randomness import generator
+from data_prep.scene import Mesh
+
+
+@dataclass(frozen=True)
+class SpecifiedChair:
+    """A procedural chair with its description; the id of a changed one says what was changed."""
+
+    id: str
+    spec: ChairSpec
+
+    def load(self) -> Mesh:
+        """The normalised mesh."""
+        return build_chair(self.spec)
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something that can be done to a description.
+
+    fits   whether a chair can be changed so, and has not been so from the start
+    apply  the changed description; everything else stays as it is
+    """
+
+    id: str
+    fits: Callable[[ChairSpec], bool]
+    apply: Callable[[ChairSpec], ChairSpec]
+    about: str
+
+
+CHANGES = (
+    Change(
+        "arms",
+        lambda s: (
+            not s.arms
+            and s.seat != "round"
+            and s.family in ("four-leg", "pedestal", "sled", "rocker")
+        ),
+        lambda s: replace(s, arms=True),
+        "arms, where there were none",
+    ),
+    # After the paper's first example: four legs against a single one on a star.
+    Change(
+        "pedestal",
+        lambda s: s.family == "four-leg" and s.back in ("solid", "curved"),
+        lambda s: replace(s, family="pedestal", base="star-5", leg_m=0.05, apron=False),
+        "one column on a five-pointed star in place of four legs",
+    ),
+    Change(
+        "slats",
+        lambda s: s.back == "solid" and s.family in ("four-leg", "sled"),
+        lambda s: replace(s, back="slatted", bars=4),
+        "four slats in place of a solid back",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Triple:
+    """A - B + C and the answer D: `a` is `b` changed, `d` is `c` changed."""
+
+    change: str
+    a: SpecifiedChair
+    b: SpecifiedChair
+    c: SpecifiedChair
+    d: SpecifiedChair
+
+    @property
+    def id(self) -> str:
+        """For example "arms: test-0001, test-0004" (B, C)."""
+        return f"{self.change}: {self.b.id}, {self.c.id}"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The two ends of a path."""
+
+    start: SpecifiedChair
+    end: SpecifiedChair
+
+    @property
+    def id(self) -> str:
+        """For example "test-0001, test-0004"."""
+        return f"{self.start.id}, {self.end.id}"
+
+
+def specified_chairs(split: Split, count: int) -> tuple[SpecifiedChair, ...]:
+    """The first `count` chairs of a split: the same as `data_prep.datasets.ProceduralObject`."""
+    return tuple(
+        SpecifiedChair(
+            f"{split}-{i:04d}", draw_chair_spec(generator("procedural", "chair", split, i))
+        )
+        for i in range(count)
+    )
+
+
+def choose_pairs(chairs: Sequence[SpecifiedChair], rng: np.random.Generator) -> tuple[Pair, ...]:
+    """All of an even number of chairs in pairs, none twice.
+
+    The families of a pair differ, unless one family has more than half of the chairs. Shuffled and
+    then sorted by family, the first half is paired with the second: no family that has at most half
+    reaches from a place to the one half the chairs further on.
+    """
+    if len(chairs) % 2:
+        raise ValueError(f"choose_pairs: {len(chairs)} chairs cannot be paired")
+    shuffled = [chairs[i] for i in rng.permutation(len(chairs))]
+    ordered = sorted(shuffled, key=lambda chair: chair.spec.family)  # stable: shuffled within
+    half = len(ordered) // 2
+    pairs = [Pair(a, b) for a, b in zip(ordered[:half], ordered[half:], strict=True)]
+    return tuple(pairs[i] for i in rng.permutation(half))
+
+
+def choose_triples(
+    chairs: Sequence[SpecifiedChair], count: int, rng: np.random.Generator
+) -> tuple[Triple, ...]:
+    """`count` triples, the changes in turn; no chair is B or C twice.
+
+    Raises BadInput where there are too few chairs that fit.
+    """
+    left = [chairs[i] for i in rng.permutation(len(chairs))]
+    triples = []
+    for number in range(count):
+        change = CHANGES[number % len(CHANGES)]
+        found = [chair for chair in left if change.fits(chair.spec)][:2]
+        if len(found) < 2:
+            raise BadInput(
+                f"{count} triples: no two chairs are left for the change {change.id!r} after "
+                f"{number}; choose fewer, or among more than {len(chairs)} chairs"
+            )
+        b, c = found
+        left = [chair for chair in left if chair not in (b, c)]
+        a, d = (
+            SpecifiedChair(f"{chair.id}+{change.id}", change.apply(chair.spec)) for chair in (b, c)
+        )
+        triples.append(Triple(change.id, a, b, c, d))
+    return tuple(triples)

@@ -1,0 +1,88 @@
+"""The paper's Figures 5 and 6: clouds above the pictures that are drawn of the same codes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.splat import Splat
+from bench.work import write_whole
+from data_prep.images import to_uint8
+from data_prep.scene import PointCloud, Points, View
+
+CLOUD, PICTURE, TRUTH = "decoded", "drawn", "true"
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """A cloud [N, 3] above a picture uint8 [128, 128, 3] and perhaps the true one, with a title."""
+
+    title: str
+    cloud: Points
+    picture: NDArray[np.uint8]
+    truth: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """One path or sum: its tiles from left to right, and what it is."""
+
+    label: str
+    tiles: tuple[Tile, ...]
+
+
+def write_strips(path: Path, strips: Sequence[Strip], view: View) -> None:
+    """Write a PNG: for each strip rows of clouds and pictures, and of truths where it has any.
+
+    All strips have the titles of the first.
+    """
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    columns = len(strips[0].tiles)
+    rows = [(strip, name) for strip in strips for name in _rows(strip)]
+    figure, axes = plt.subplots(
+        len(rows),
+        columns,
+        figsize=(1.3 * columns + 0.4, 1.35 * len(rows) + 0.4),
+        squeeze=False,
+        layout="constrained",
+    )
+    for axis in axes.flat:
+        axis.set_xticks([])
+        axis.set_yticks([])
+        axis.spines[:].set_visible(False)
+    for axis, tile in zip(axes[0], strips[0].tiles, strict=True):
+        axis.set_title(tile.title, fontsize=9)
+    for axis_row, (strip, name) in zip(axes, rows, strict=True):
+        axis_row[0].set_ylabel(f"{strip.label}\n{name}", fontsize=7)
+        for axis, tile in zip(axis_row, strip.tiles, strict=True):
+            shown = {
+                CLOUD: draw_cloud(tile.cloud, view) if name == CLOUD else None,
+                PICTURE: tile.picture,
+                TRUTH: tile.truth,
+            }[name]
+            if shown is not None:
+                axis.imshow(shown)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    plt.close(figure)
+    write_whole(path, buffer.getvalue())
+
+
+def _rows(strip: Strip) -> tuple[str, ...]:
+    has_truth = any(tile.truth is not None for tile in strip.tiles)
+    return (CLOUD, PICTURE, TRUTH) if has_truth else (CLOUD, PICTURE)
+
+
+def draw_cloud(cloud: Points, view: View) -> NDArray[np.uint8]:
+    """A cloud as discs, grey by depth: uint8 [128, 128, 3]."""
+    splat = Splat()
+    return to_uint8(splat.draw(splat.prepare(PointCloud(cloud)), [view]))[0]

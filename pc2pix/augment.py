@@ -1,0 +1,73 @@
+"""Clouds as the networks see them while training: fewer points, noise, mirrored.
+
+Whether noise and missing points were shown decides what robustness means afterwards; the model card
+says so. All randomness is a `torch.Generator` on the CPU, so that a resumed run goes on exactly.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+POINTS_SEEN = (256, 512, 1024)
+MAX_NOISE = 0.1  # standard deviation, in radii of the unit sphere
+CLEAN_SHARE = 0.5
+PLAIN_POINTS = 1024  # what an encoder that takes any number is fed while training
+
+
+def draw_points(clouds: Tensor, count: int, random: torch.Generator) -> Tensor:
+    """[B, count, 3]: points of each cloud [B, M, 3] in random order, none twice; count <= M."""
+    batch, available, _ = clouds.shape
+    # the order of random numbers is a random order, another one for each cloud
+    order = torch.rand(batch, available, generator=random).argsort(dim=1)[:, :count]
+    return clouds.gather(1, order[:, :, None].expand(-1, -1, 3))
+
+
+def degrade(clouds: Tensor, random: torch.Generator) -> Tensor:
+    """[B, n, 3]: fewer points, and Gaussian noise on about half of the clouds [B, M, 3].
+
+    n is one of POINTS_SEEN for the whole batch; the noise of a cloud is drawn from 0..MAX_NOISE.
+    """
+    which = int(torch.randint(len(POINTS_SEEN), (), generator=random))
+    points = draw_points(clouds, POINTS_SEEN[which], random)
+    sigma = torch.rand(len(clouds), 1, 1, generator=random) * MAX_NOISE
+    noisy = torch.rand(len(clouds), 1, 1, generator=random) >= CLEAN_SHARE
+    return points + torch.randn(points.shape, generator=random) * sigma * noisy
+
+
+def take_evenly(points: Tensor, count: int) -> Tensor:
+    """Rows floor(i N / count) of clouds [B, N, 3]: repeats or leaves out as evenly as can be."""
+    return points[:, torch.arange(count) * points.shape[1] // count]
+
+
+class Scene(NamedTuple):
+    """B clouds, their pictures and the directions these are seen from.
+
+    points       [B, N, 3]
+    images       [B, 3, H, W]
+    elevation01  [B, 1], as the generator takes it
+    azimuth01    [B, 1], as the generator takes it
+    """
+
+    points: Tensor
+    images: Tensor
+    elevation01: Tensor
+    azimuth01: Tensor
+
+
+def mirror(scene: Scene, which: Tensor) -> Scene:
+    """The scenes marked in `which` (bool [B]) mirrored left to right.
+
+    Exact for a light at the camera: a mirrored shape seen from the opposite azimuth gives the
+    mirrored picture.
+    """
+    sign = torch.where(which, -1.0, 1.0)[:, None].to(scene.points)
+    x, rest = scene.points[:, :, :1], scene.points[:, :, 1:]
+    images = torch.where(which[:, None, None, None].to(scene.images.device),
+                         scene.images.flip(3), scene.images)  # fmt: skip
+    azimuth01 = torch.where(which[:, None], 1 - scene.azimuth01, scene.azimuth01)
+    return Scene(
+        torch.cat([x * sign[:, :, None], rest], dim=2), images, scene.elevation01, azimuth01
+    )

@@ -1,0 +1,98 @@
+"""Decoders as files: written beside the weights they belong to, and checked when they are read.
+
+A file of its own, because drawing never needs it. Kernels are float16, biases float32; the header
+names the weights by their sha256, for codes of other weights mean nothing to a decoder.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from torch import Tensor
+
+from data_prep.failures import BadInput
+from pc2pix import checkpoint
+from pc2pix.model import Decoder, ModelConfig
+from pc2pix.train_decoder import KIND
+from pc2pix.weight_files import file_sha256, find_decoder, training_command
+from pc2pix.weights import Weights
+
+FORMAT = "pc2pix-decoder-1"
+EXPORT = "pc2pix.decoder_weights.export_decoder"
+
+
+def export_decoder(checkpoint_path: Path, path: Path) -> str:
+    """Write the decoder of a checkpoint to `path`, atomically; the file's sha256.
+
+    Raises BadInput where the checkpoint is not one of a decoder, or a weight does not fit float16.
+    """
+    state, step, config = checkpoint.load(checkpoint_path, KIND)
+    tensors = checkpoint.sub_state(state, "decoder")
+    stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
+    for key, value in stored.items():
+        if not value.isfinite().all():
+            raise BadInput(
+                f"{checkpoint_path}: {key} reaches {tensors[key].abs().max():g}, beyond float16; "
+                "train again with other settings"
+            )
+    training = {k: v for k, v in config.items() if k not in ("model", "cadence", "weights")}
+    header = {
+        "format": FORMAT,
+        "weights": config["weights"],
+        "model": json.dumps(config["model"]),
+        "training": json.dumps(training | {"steps": step}),
+    }
+    checkpoint.write_atomically(path, stored, header)
+    return file_sha256(path)
+
+
+def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, str]:
+    """The decoder of `weights`, which were loaded from `name_or_path`, and its file's sha256.
+
+    In float32 and evaluation mode, on the CPU. Raises BadInput, naming file, value and the command
+    that makes the right one, where there is none, where it is damaged or of another format, and
+    where it belongs to other weights.
+    """
+    path = find_decoder(name_or_path)
+    command = training_command(name_or_path)
+    tensors, header = checkpoint.read_safetensors(path)
+    if header.get("format") != FORMAT:
+        raise BadInput(
+            f"{path}: expected format {FORMAT!r} in the header, found {header.get('format')!r}; "
+            f"make it with '{command}'"
+        )
+    if header.get("weights") != weights.sha256:
+        raise BadInput(
+            f"{path}: belongs to weights of sha256 {header.get('weights')}, not to these of sha256 "
+            f"{weights.sha256}; make the right one with '{command}'"
+        )
+    try:
+        decoder = Decoder(ModelConfig(**json.loads(header["model"])))
+        if decoder.config != weights.encoder.config:
+            raise ValueError(f"{decoder.config}, the encoder's is {weights.encoder.config}")
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(
+            f"{path}: its model does not fit ({error}); make it again with '{command}'"
+        ) from None
+    _check(path, tensors, {k: v.shape for k, v in decoder.state_dict().items()}, command)
+    decoder.load_state_dict({key: value.float() for key, value in tensors.items()})
+    return decoder.eval().requires_grad_(False), file_sha256(path)
+
+
+def _check(
+    path: Path,
+    tensors: Mapping[str, Tensor],
+    expected: Mapping[str, tuple[int, ...]],
+    command: str,
+) -> None:
+    for key in sorted(expected.keys() ^ tensors.keys()):
+        problem = "is missing" if key in expected else "is unknown"
+        raise BadInput(f"{path}: tensor {key} {problem}; make it again with '{command}'")
+    for key, shape in expected.items():
+        if tensors[key].shape != shape or not tensors[key].isfinite().all():
+            raise BadInput(
+                f"{path}: {key} {list(tensors[key].shape)} is not finite or not of shape "
+                f"{list(shape)}; make it again with '{command}'"
+            )

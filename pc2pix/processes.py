@@ -1,0 +1,166 @@
+"""Training by several processes at once, one a GPU or CPU, as `torchrun` starts them.
+
+Every process holds whole networks and draws batches of its own from a stream of its own; gradients
+are averaged before each optimiser step, so that weights stay the same everywhere and the batch is
+`count` times as large. Lightning Fabric (extra `distributed`) connects the processes; one process
+alone needs nothing.
+
+What is not averaged: BatchNorm's batch statistics are those of each process's own batch, and its
+moving statistics with them; process 0's are what is saved. They touch no gradient: networks train
+on batch statistics. The vectors of spectral normalisation follow from the weights alone, hence are
+the same everywhere.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Protocol
+
+import torch
+from torch import Tensor, nn
+
+from data_prep.failures import BadInput, MissingDependency
+from data_prep.randomness import generator
+
+if TYPE_CHECKING:
+    from lightning_fabric import Fabric
+
+
+class Processes(Protocol):
+    """The processes of a training. Every method but `random` waits until all have called it."""
+
+    rank: int
+    count: int
+
+    def random(self, seed: int) -> torch.Generator:
+        """This process's random stream; that of process 0 is PyTorch's for `seed`."""
+        ...
+
+    def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
+        """Replace each gradient by its mean over the processes, in place."""
+        ...
+
+    def average(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The mean of each value over the processes; NaN where one is."""
+        ...
+
+    def gather(self, tensor: Tensor) -> list[Tensor]:
+        """The tensors of all processes, by rank, on the CPU. Shapes must agree."""
+        ...
+
+
+class OneProcess:
+    """A training in this process alone: everything stays as it is."""
+
+    rank = 0
+    count = 1
+
+    def random(self, seed: int) -> torch.Generator:
+        """PyTorch's generator for `seed`."""
+        return torch.Generator().manual_seed(seed)
+
+    def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
+        """Nothing to do."""
+
+    def average(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values."""
+        return dict(values)
+
+    def gather(self, tensor: Tensor) -> list[Tensor]:
+        """The tensor."""
+        return [tensor]
+
+
+ONE = OneProcess()
+
+
+class FabricProcesses:
+    """Several processes, connected by a launched Fabric: gloo between CPUs, NCCL between GPUs."""
+
+    def __init__(self, fabric: Fabric) -> None:
+        self.fabric = fabric
+        self.rank, self.count = fabric.global_rank, fabric.world_size
+
+    def random(self, seed: int) -> torch.Generator:
+        """Depends on seed and rank alone."""
+        if self.rank == 0:
+            return ONE.random(seed)
+        own = generator("training process", seed, self.rank).integers(2**63)
+        return torch.Generator().manual_seed(int(own))
+
+    @torch.no_grad()
+    def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
+        """All in one message. The same parameters must have gradients in all processes."""
+        gradients = [p.grad for p in parameters if p.grad is not None]
+        flat = torch.cat([gradient.reshape(-1) for gradient in gradients])
+        self._reduce(flat)
+        sizes = [gradient.numel() for gradient in gradients]
+        for gradient, mean in zip(gradients, flat.split(sizes), strict=True):
+            gradient.copy_(mean.view(gradient.shape))
+
+    def average(self, values: Mapping[str, float]) -> dict[str, float]:
+        """In float64. The same names in the same order in all processes."""
+        numbers = torch.tensor(list(values.values()), dtype=torch.float64)
+        numbers = numbers.to(self.fabric.device)
+        self._reduce(numbers)
+        return dict(zip(values, numbers.tolist(), strict=True))
+
+    def gather(self, tensor: Tensor) -> list[Tensor]:
+        """As the sum of tables in which each process has filled its own row: nothing is rounded."""
+        table = tensor.new_zeros(self.count, *tensor.shape, device=self.fabric.device)
+        table[self.rank] = tensor
+        self.fabric.all_reduce(table, reduce_op="sum")
+        return list(table.cpu())
+
+    def _reduce(self, tensor: Tensor) -> None:
+        self.fabric.all_reduce(tensor, reduce_op="mean")
+
+
+def is_first() -> bool:
+    """Whether this process is the one that writes and speaks."""
+    return _from_torchrun("RANK", 0) == 0
+
+
+def local_rank() -> int | None:
+    """Which process of this machine this one is; None unless there are several processes."""
+    return _from_torchrun("LOCAL_RANK", 0) if _from_torchrun("WORLD_SIZE", 1) > 1 else None
+
+
+def connect(device: torch.device) -> Processes:
+    """The processes that `torchrun` started, or this one alone.
+
+    Raises MissingDependency where there are several and Fabric is not installed.
+    """
+    count = _from_torchrun("WORLD_SIZE", 1)
+    if count == 1:
+        return ONE
+    here = _from_torchrun("LOCAL_WORLD_SIZE", count)
+    if device.type == "cuda" and here > torch.cuda.device_count():
+        raise BadInput(
+            f"--nproc_per_node {here}: this machine has {torch.cuda.device_count()} GPUs; start "
+            "at most one process for each, or use --device cpu"
+        )
+    try:
+        from lightning_fabric import Fabric
+    except ImportError:
+        raise MissingDependency(
+            f"torchrun started {count} processes, and training with more than one needs Lightning "
+            "Fabric; pip install 'pc2pix-bench[distributed]', or start one process"
+        ) from None
+    # which would have every process announce itself on standard error
+    logging.getLogger("lightning_fabric").setLevel(logging.WARNING)
+    fabric = Fabric(
+        accelerator=device.type,
+        devices=here,
+        num_nodes=_from_torchrun("GROUP_WORLD_SIZE", 1),
+        strategy="ddp",
+    )
+    fabric.launch()  # the processes are there already: this connects them
+    return FabricProcesses(fabric)
+
+
+def _from_torchrun(name: str, default: int) -> int:
+    # other launchers set WORLD_SIZE too, for purposes of their own
+    return int(os.environ.get(name, default)) if "TORCHELASTIC_RUN_ID" in os.environ else default

@@ -1,0 +1,126 @@
+"""A decoder for the frozen encoder of exported weights: clouds again from whitened codes.
+
+Drawing needs no decoder, and weights are exported without; the one that an encoder was trained with
+fits it no longer where the encoder was trained further. So one is fitted afterwards, to see what a
+code means as a cloud (the paper's Figures 5 and 6). Chamfer loss as in `pc2pix.train_autoencoder`,
+but Adam: nothing here has to follow the original.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from data_prep.scene import CLOUD_SIZE
+from pc2pix import checkpoint, training_loop
+from pc2pix.augment import draw_points
+from pc2pix.losses import chamfer
+from pc2pix.model import Decoder, ModelConfig
+from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData
+from pc2pix.train_autoencoder import _dots as dots
+from pc2pix.weights import Weights
+
+KIND = "decoder"
+DECAY_STEPS = 500
+
+
+@dataclass(frozen=True)
+class DecoderConfig:
+    """How a decoder is fitted.
+
+    weights        sha256 of the weights whose encoder it belongs to
+    learning_rate  of Adam at first; at step t it is divided by sqrt(1 + t / DECAY_STEPS), which
+                   does not depend on how many steps there will be
+    precision      bfloat16 is mixed precision: weights and the loss stay float32
+    """
+
+    weights: str
+    model: ModelConfig
+    steps: int = 3000
+    batch: int = 32
+    learning_rate: float = 2e-3
+    precision: training_loop.Precision = "float32"
+    seed: int = 0
+    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
+
+
+def train_decoder(
+    data: AutoencoderData,
+    weights: Weights,
+    config: DecoderConfig,
+    out_dir: Path,
+    *,
+    device: str = "cpu",
+    on_progress: training_loop.OnProgress = lambda report: None,
+) -> Path:
+    """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+
+    Raises BadInput where `out_dir` holds a run of another configuration, other weights or other
+    data, and TrainingDiverged where a loss stops being finite.
+    """
+    trainer = _DecoderTrainer(data, weights, config, training_loop.prepare_device(device))
+    data_hash = training_loop.hash_arrays(data.clouds)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress)
+
+
+class _DecoderTrainer:
+    kind = KIND
+
+    def __init__(
+        self, data: AutoencoderData, weights: Weights, config: DecoderConfig, device: torch.device
+    ) -> None:
+        self.config, self.device, self.batch = config, device, config.batch
+        self.clouds = torch.from_numpy(data.clouds)
+        self.encoder = weights.encoder.to(device)
+        self.mean, self.std = weights.code_mean.to(device), weights.code_std.to(device)
+        self.decoder = training_loop.seeded(config.seed, lambda: Decoder(config.model)).to(device)
+        self.adam = torch.optim.Adam(self.decoder.parameters(), lr=config.learning_rate)
+        self.random = torch.Generator().manual_seed(config.seed)
+        self.steps_done = torch.zeros((), dtype=torch.int64)
+
+    @torch.no_grad()
+    def _encode(self, clouds: Tensor) -> Tensor:
+        """Whitened codes [B, d] of clouds [B, 2048, 3], in float32."""
+        return (self.encoder(clouds.to(self.device)) - self.mean) / self.std
+
+    def take_step(self) -> dict[str, float]:
+        which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
+        # another half of the points in another order each time: the code of a shape varies a little
+        clouds = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
+        codes = self._encode(clouds)
+        enabled = self.config.precision == "bfloat16"
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=enabled):
+            decoded = self.decoder(codes)
+        loss = chamfer(decoded.float(), clouds.to(self.device))
+        rate = self.config.learning_rate / math.sqrt(1 + self.steps_done.item() / DECAY_STEPS)
+        for group in self.adam.param_groups:
+            group["lr"] = rate
+        self.adam.zero_grad()
+        loss.backward()
+        self.adam.step()
+        self.steps_done += 1
+        return {"chamfer": loss.item()}
+
+    def state(self) -> dict[str, Tensor]:
+        packed = checkpoint.pack(decoder=self.decoder, adam=self.adam, random=self.random)
+        return packed | {"steps_done": self.steps_done}
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        checkpoint.unpack(state, decoder=self.decoder, adam=self.adam, random=self.random)
+        self.steps_done = state["steps_done"].clone()
+
+    @torch.no_grad()
+    def sheet(self) -> NDArray[np.uint8]:
+        """Two rows: clouds, and the same clouds decoded from their codes."""
+        clouds = self.clouds[:SHEET_CLOUDS, :CLOUD_SIZE]
+        decoded = self.decoder(self._encode(clouds)).cpu()
+        return np.vstack(
+            [np.hstack([dots(cloud.numpy()) for cloud in row]) for row in (clouds, decoded)]
+        )

@@ -1,0 +1,367 @@
+"""The suite `latent` from end to end, with a network that has not learned anything."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import dataclass, replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+import bench.latent
+from bench.latent_choice import choose_pairs, choose_triples, specified_chairs
+from bench.latent_network import cloud_of, load_network
+from bench.latent_paths import walk
+from bench.latent_sums import ANSWER, NOTHING, SUM, TRAIN, add_up
+from bench.metric_table import VIEWS_WEIGHTS
+from bench.run import Options
+from bench.ssim import ssim
+from bench.suites import LATENT
+from bench.views_network import load_views_network
+from data_prep.render import render
+from data_prep.scene import View
+from pc2pix import checkpoint
+from pc2pix.decoder_weights import FORMAT as DECODER_FORMAT
+from pc2pix.model import Decoder, Generator, ModelConfig, build_encoder
+from pc2pix.weight_files import decoder_path, file_sha256
+from pc2pix.weights import ENCODER_NAMES, FORMAT, load_weights
+
+MODEL = {"width": 0.0625, "latent_dim": 4, "encoder": "pointnet", "azimuth": "sine-cosine"}
+SMALL = replace(LATENT, pairs=3, triples=3, pool=60, neighbours=5, positions=4, shown=2)
+
+
+@pytest.fixture(scope="session")
+def untrained(tmp_path_factory):
+    """Weights as they are before any training, with a decoder beside them."""
+    path = tmp_path_factory.mktemp("latent") / "small.safetensors"
+    config = ModelConfig(**MODEL)
+    torch.manual_seed(0)
+    encoder, generator, decoder = build_encoder(config), Generator(config), Decoder(config)
+    tensors = {"code_mean": torch.zeros(4), "code_std": torch.full((4,), 0.1)}
+    for prefix, network in (("encoder", encoder), ("generator", generator)):
+        for key, value in network.state_dict().items():
+            if not key.endswith("num_batches_tracked"):
+                tensors[f"{prefix}.{key}"] = value
+    header = {"format": FORMAT, "encoder": ENCODER_NAMES["pointnet"], "training": "{}"}
+    model = {"model": json.dumps(MODEL)}
+    checkpoint.write_atomically(path, tensors, header | model)
+    of_decoder = {"format": DECODER_FORMAT, "weights": file_sha256(path), "training": "{}"}
+    checkpoint.write_atomically(decoder_path(path), decoder.state_dict(), of_decoder | model)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def no_probe(monkeypatch):
+    monkeypatch.setattr(bench.latent, "environment", lambda: {"gl": "some"})
+
+
+def wishes(untrained, out, **changes):
+    methods = (f"pc2pix@{untrained}",)
+    return Options(suite="latent", methods=methods, device="cpu", out=out, **changes)
+
+
+@pytest.fixture(scope="session")
+def measured(untrained, tmp_path_factory):
+    """A run of three paths and three sums."""
+    directory = tmp_path_factory.mktemp("latent") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.latent, "environment", dict)
+        return bench.latent.run(wishes(untrained, directory), SMALL)
+
+
+def read(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+FILES = [
+    *("latent_arithmetic.csv", "latent_arithmetic.md", "latent_arithmetic_values.csv"),
+    *("latent_interpolation.csv", "latent_interpolation.md", "latent_interpolation_values.csv"),
+]
+
+
+def test_what_a_run_leaves(measured, untrained):
+    directory = measured.directory
+    assert sorted(p.name for p in directory.iterdir()) == [
+        *("figures", "lock", "manifest.json", "tables"),
+    ]
+    assert sorted(p.name for p in (directory / "tables").iterdir()) == FILES
+    manifest = json.loads((directory / "manifest.json").read_text())
+    assert manifest["finished"] is not None
+    assert (manifest["suite"], manifest["dataset"], manifest["seed"]) == ("latent", "procedural", 0)
+    assert len(manifest["pairs"]) == len(manifest["triples"]) == 3
+    (weights,) = manifest["weights"].values()
+    assert weights == {
+        "weights": file_sha256(untrained),
+        "decoder": file_sha256(decoder_path(untrained)),
+    }
+
+
+def test_tables_are_the_means_of_the_values(measured):
+    for table in measured.tables:
+        folder = measured.directory / "tables"
+        assert (folder / f"{table.name}.csv").read_text() == table.to_csv()
+        assert (folder / f"{table.name}.md").read_text() == table.to_markdown()
+        single = read(folder / f"{table.name}_values.csv")
+        for row in (r for r in read(folder / f"{table.name}.csv") if r["kind"] == "all"):
+            found = [
+                float(v["value"])
+                for v in single
+                if (v["what"], v["metric"]) == (row["what"], row["metric"])
+            ]
+            assert len(found) == int(row["n"]) == 3
+            # six digits each
+            assert float(row["value"]) == pytest.approx(np.mean(found), rel=1e-4, abs=1e-7)
+
+
+def means_of(measured, name):
+    rows = read(measured.directory / "tables" / f"{name}.csv")
+    return {(r["what"], r["metric"]): float(r["value"]) for r in rows if r["kind"] == "all"}
+
+
+def test_paths(measured):
+    value = means_of(measured, "latent_interpolation")
+    metrics = {what: {m for w, m in value if w == what} for what in ("code", "noise", "truth")}
+    assert metrics["code"] - metrics["noise"] == {"end-cloud", "end-ssim"}
+    assert metrics["truth"] == {"family-confidence", "family-confidence-min"}
+    for what in ("code", "noise", "cross-fade"):
+        assert 1 <= value[what, "picture-unevenness"] <= SMALL.positions - 1
+        assert value[what, "picture-step"] > 0
+        assert 1 / 8 <= value[what, "family-confidence-min"] <= value[what, "family-confidence"]
+    assert value["truth", "family-confidence"] > 0.8  # true chairs
+    assert value["code", "to-nearer-end"] < value["code", "end-to-end"]
+
+
+def test_sums(measured):
+    value = means_of(measured, "latent_arithmetic")
+    assert value["d", "code"] == 0
+    assert ("c", "cloud-gain") not in value
+    for what in ("a-b+c", "nearest-train", "d"):
+        gain = value["c", "cloud"] - value[what, "cloud"]
+        assert value[what, "cloud-gain"] == pytest.approx(gain, abs=1e-5)
+    assert -1 <= value["a-b+c", "cosine"] <= 1
+
+
+def test_a_triple_without_a_change_gives_c(untrained):
+    """A - A + C is C exactly, whatever the network."""
+    network = load_network(f"pc2pix@{untrained}", "cpu", View(30, 20))
+    (triple,) = choose_triples(specified_chairs("test", 60), 1, np.random.default_rng(0))
+    same = replace(triple, a=triple.b, d=triple.c)
+    train = torch.cat(
+        [
+            network.encode(chair.id, cloud_of(chair.load(), chair, 0))
+            for chair in (*specified_chairs("train", 2), triple.c)
+        ]
+    )
+    values, strip = add_up(network, same, train, 0)
+    found = {(value.what, value.metric): value.value for value in values}
+    for metric in ("cloud", "ssim", "code"):
+        assert len({found[what, metric] for what in (SUM, NOTHING, TRAIN, ANSWER)}) == 1
+    assert found[SUM, "cloud-gain"] == found[SUM, "ssim-gain"] == found[SUM, "code"] == 0
+    assert np.isnan(found[SUM, "cosine"])
+    assert np.array_equal(strip.tiles[2].cloud, strip.tiles[3].cloud)  # C and the sum
+    assert np.array_equal(strip.tiles[2].picture, strip.tiles[3].picture)
+
+
+@dataclass(frozen=True)
+class Known:
+    """Stands in for a network: codes by chair; a code is a point and a level of grey."""
+
+    codes: dict[str, list[float]]
+    method: str = "known"
+    view = View(30, 20)  # the same for all
+
+    def encode(self, name, cloud):
+        return torch.tensor([self.codes[name]])
+
+    def decode(self, codes):
+        return codes[:, None, :].numpy()
+
+    def draw(self, codes):
+        levels = codes[:, 0].mul(100).byte().numpy()
+        return np.broadcast_to(levels[:, None, None, None], (len(levels), 128, 128, 3)).copy()
+
+
+def squared_to(point, chair):
+    """Chamfer distance of one point to the cloud of a chair."""
+    squared = np.square(cloud_of(chair.load(), chair, 0).points - np.float32(point)).sum(1)
+    return squared.min() + squared.mean()
+
+
+def by_subject(values):
+    return {(value.what, value.metric): value.value for value in values}
+
+
+def test_known_sums():
+    (triple,) = choose_triples(specified_chairs("test", 60), 1, np.random.default_rng(0))
+    a, b, c, d = [2.5, 1, 0], [1.5, 1, 0], [0, 0, 1], [1, 0, 2]
+    names = (chair.id for chair in (triple.a, triple.b, triple.c, triple.d))
+    network = Known(dict(zip(names, (a, b, c, d), strict=True)))
+    train = torch.tensor([[2.5, 1, 0], [1, 0.5, 1], [1, -1, 1]])  # A, near to the sum, farther
+    values, strip = add_up(network, triple, train, 0)
+    found = by_subject(values)
+    points = {SUM: [1, 0, 1], NOTHING: c, TRAIN: [1, 0.5, 1], ANSWER: d}
+    for what, point in points.items():
+        # float32 sums of 2,048 numbers
+        assert found[what, "cloud"] == pytest.approx(squared_to(point, triple.d), rel=1e-4)
+        difference = np.sqrt(np.mean(np.square(np.subtract(point, d))))
+        assert found[what, "code"] == pytest.approx(difference, abs=1e-6)
+        truth = render(triple.d.load(), [network.view])
+        picture = network.draw(torch.tensor([point]).float())
+        assert found[what, "ssim"] == pytest.approx(ssim(truth, picture).ssim, abs=1e-12)
+        for metric, sign in (("cloud", -1), ("ssim", 1)) if what != NOTHING else ():
+            gain = sign * (found[what, metric] - found[NOTHING, metric])
+            assert found[what, f"{metric}-gain"] == pytest.approx(gain, abs=1e-12)
+    # A - B is (1, 0, 0), D - C is (1, 0, 1)
+    assert found[SUM, "cosine"] == pytest.approx(np.sqrt(0.5))
+    assert [tile.cloud.tolist() for tile in strip.tiles] == [[a], [b], [c], [[1, 0, 1]], [d]]
+    assert strip.tiles[3].truth is None
+
+
+def test_a_known_path():
+    pair = choose_pairs(specified_chairs("test", 2), np.random.default_rng(0))[0]
+    network = Known({pair.start.id: [0.0, 0, 0], pair.end.id: [2.0, 0, 0]})
+    values, strip = walk(network, load_views_network(VIEWS_WEIGHTS), pair, 0, 5)
+    found = by_subject(values)
+    assert [tile.cloud[0, 0] for tile in strip.tiles[1:-1]] == [0, 0.5, 1, 1.5, 2]
+    for what in ("code", "cross-fade"):  # grey levels 0, 50, 100, 150, 200
+        assert found[what, "picture-unevenness"] == pytest.approx(1, abs=1e-12)
+        assert found[what, "picture-step"] == pytest.approx(50 / 255, abs=1e-12)
+    # Chamfer distances of two points are twice the squared way
+    assert found["code", "cloud-unevenness"] == 1
+    assert found["code", "cloud-step"] == 0.5
+    assert found["code", "end-to-end"] == 8
+    assert found["code", "to-nearer-end"] == pytest.approx((0.5 + 2 + 0.5) / 3)
+    ends = [squared_to([0, 0, 0], pair.start), squared_to([2, 0, 0], pair.end)]
+    assert found["code", "end-cloud"] == pytest.approx(np.mean(ends), rel=1e-4)
+    truth = [render(chair.load(), [network.view]) for chair in (pair.start, pair.end)]
+    drawn = network.draw(torch.tensor([[0.0, 0, 0], [2.0, 0, 0]]))
+    assert found["code", "end-ssim"] == pytest.approx(ssim(np.concatenate(truth), drawn).ssim)
+    for tile, true in zip((strip.tiles[0], strip.tiles[-1]), truth, strict=True):
+        assert np.array_equal(tile.picture, true[0])
+
+
+def test_figures(measured):
+    figures = measured.directory / "figures"
+    assert sorted(p.name for p in figures.iterdir()) == ["arithmetic.png", "interpolation.png"]
+    for path in figures.iterdir():
+        with Image.open(path) as image:
+            pixels = np.asarray(image.convert("RGB"))
+        assert pixels.std() > 1, "something is drawn"
+
+
+def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
+    threads = torch.get_num_threads()
+    again = bench.latent.run(wishes(untrained, tmp_path / "again"), SMALL)
+    assert torch.get_num_threads() == threads
+    other = bench.latent.run(wishes(untrained, tmp_path / "other", seed=1, limit=2), SMALL)
+    for name in FILES:
+        one, two, three = (
+            (run.directory / "tables" / name).read_bytes() for run in (measured, again, other)
+        )
+        assert one == two
+        assert one != three
+    assert other.tables[0].rows[0].n == 2
+
+
+def test_a_rerun_starts_over(measured, untrained, tmp_path):
+    directory = shutil.copytree(measured.directory, tmp_path / "run")
+    (directory / "figures" / "interpolation-2.png").touch()
+    (directory / "tables" / FILES[0]).write_text("old")
+    bench.latent.run(wishes(untrained, directory, limit=1), SMALL)
+    assert (directory / "tables" / FILES[0]).read_text() != "old"
+    assert len(list((directory / "figures").iterdir())) == 2
+    mpl.pyplot.close("all")
+
+
+def test_two_methods(measured, untrained, tmp_path):
+    second = tmp_path / "second.safetensors"
+    shutil.copy(untrained, second)
+    shutil.copy(decoder_path(untrained), decoder_path(second))
+    options = wishes(untrained, tmp_path / "run", limit=1)
+    both = replace(options, methods=(*(options.methods or ()), f"pc2pix@{second}"))
+    run = bench.latent.run(both, SMALL)
+    rows = [row for row in run.tables[0].rows if row.metric == "end-cloud"]
+    assert [row.method for row in rows] == list(both.methods)
+    assert rows[0].value == rows[1].value
+    names = sorted(path.name for path in (run.directory / "figures").iterdir())
+    assert names == [f"{kind}{tag}.png" for kind in ("arithmetic", "interpolation")
+                     for tag in ("-2", "")]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--conditions", "512"), "--conditions: has no meaning for the suite latent, clouds have"),
+        (("--views", "3"), "--views: has no meaning for the suite latent, everything is seen from"),
+        (("--workers", "2"), "--workers: has no meaning for the suite latent, it works in one"),
+        (("--inception-weights", "x"), "--inception-weights: has no meaning for the suite latent"),
+        (("--limit", "0"), "--limit 0: must be at least 1 (pairs, and triples)"),
+        (("--methods", "splat"), "--methods splat: has no code to do arithmetic with; use pc2pix"),
+        (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file"),
+    ],
+)
+def test_wishes_without_a_meaning(command, tmp_path, arguments, told):
+    out = tmp_path / "run"
+    status, printed, err = command("run", "--suite", "latent", "--out", out, *arguments)
+    assert (status, printed) == (2, "")
+    assert err.startswith("bench: ")
+    assert err.count("\n") == 1
+    assert told in err
+    assert not out.exists()
+
+
+def test_a_folder_has_no_descriptions(command, tmp_path):
+    (tmp_path / "a.obj").touch()
+    dataset = f"folder:{tmp_path}"
+    status, _, err = command("run", "--suite", "latent", "--dataset", dataset)
+    assert status == 2
+    assert "which only procedural ones have" in err
+
+
+def test_weights_without_their_decoder(command, untrained, tmp_path):
+    bare = tmp_path / "bare.safetensors"
+    shutil.copy(untrained, bare)
+    out = tmp_path / "run"
+    arguments = ("run", "--suite", "latent", "--methods", f"pc2pix@{bare}", "--out", out)
+    status, _, err = command(*arguments)
+    assert status == 2
+    assert err == (
+        f"bench: {tmp_path}/bare-decoder.safetensors: there is no decoder for these weights; "
+        f"make it with 'bench train decoder --weights {bare}'\n"
+    )
+    assert not out.exists()
+
+
+def test_from_the_command_line(command, untrained, monkeypatch, tmp_path):
+    monkeypatch.setattr(bench.latent.run, "__defaults__", (SMALL,))
+    methods = f"pc2pix@{untrained}"
+    out = tmp_path / "run"
+    status, printed, err = command(
+        *("run", "--suite", "latent", "--methods", methods, "--limit", 1, "--out", out)
+    )
+    assert status == 0, err
+    for name in ("latent_interpolation", "latent_arithmetic"):
+        assert (out / "tables" / f"{name}.md").read_text() in printed
+    assert f"paths, {methods}: 1/1 done, 0 failed" in err
+    assert err.endswith(f" s\nresults in {out}\n")
+
+
+def test_the_decoder_command(command, untrained, tmp_path):
+    path = tmp_path / "bare.safetensors"
+    shutil.copy(untrained, path)
+    arguments = ("train", "decoder", "--weights", path, "--objects", 3, "--steps", 2)
+    status, out, err = command(*arguments, "--batch", 2, "--out", tmp_path / "training")
+    assert (status, out) == (0, f"{tmp_path}/bare-decoder.safetensors\n")
+    assert "decoder: step 2/2, chamfer " in err
+    load_network(f"pc2pix@{path}", "cpu", View(0, 0))
+    _, header = checkpoint.read_safetensors(decoder_path(path))
+    assert header["weights"] == load_weights(path).sha256
+    assert json.loads(header["training"])["steps"] == 2
+    status, _, err = command(*arguments[:-1], 0, "--out", tmp_path / "training")
+    assert (status, err) == (2, "bench: --steps 0: must be at least 1\n")

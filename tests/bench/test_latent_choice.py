@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bench.latent_choice import (
+    CHANGES,
+    choose_pairs,
+    choose_triples,
+    specified_chairs,
+)
+from bench.suites import LATENT
+from data_prep.datasets import ProceduralObject
+from data_prep.failures import BadInput
+
+
+@pytest.fixture(scope="module")
+def chairs():
+    return specified_chairs("test", LATENT.pool)
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def test_chairs_are_those_of_the_dataset(chairs):
+    chair, known = chairs[7], ProceduralObject("chair", "test", 7)
+    assert chair.id == known.object_id
+    assert np.array_equal(chair.load().vertices, known.load().vertices)
+    assert np.array_equal(chair.load().face_colors, known.load().face_colors)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pairs_differ_in_family_and_share_no_chair(chairs, seed):
+    pairs = choose_pairs(chairs[: 2 * LATENT.pairs], rng(seed))
+    assert len(pairs) == LATENT.pairs >= 50
+    assert all(pair.start.spec.family != pair.end.spec.family for pair in pairs)
+    used = [chair.id for pair in pairs for chair in (pair.start, pair.end)]
+    assert sorted(used) == [f"test-{i:04d}" for i in range(2 * LATENT.pairs)]
+
+
+def test_pairs_follow_the_seed(chairs):
+    once, again, other = (choose_pairs(chairs[:20], rng(seed)) for seed in (3, 3, 4))
+    assert once == again
+    assert once != other
+    shown = choose_pairs(chairs[: 2 * LATENT.pairs], rng())[: LATENT.shown]
+    assert len({frozenset((p.start.spec.family, p.end.spec.family)) for p in shown}) > 2
+
+
+def test_an_odd_number_cannot_be_paired(chairs):
+    with pytest.raises(ValueError, match="3 chairs cannot be paired"):
+        choose_pairs(chairs[:3], rng())
+
+
+def test_triples_have_an_answer(chairs):
+    triples = choose_triples(chairs, LATENT.triples, rng())
+    assert len(triples) == LATENT.triples >= 50
+    used = [chair.id for triple in triples for chair in (triple.b, triple.c)]
+    assert len(set(used)) == 2 * len(triples)
+    known = {chair.id: chair.spec for chair in chairs}
+    changes = {change.id: change for change in CHANGES}
+    for number, triple in enumerate(triples):
+        assert triple.change == CHANGES[number % len(CHANGES)].id
+        change = changes[triple.change]
+        for before, after in ((triple.b, triple.a), (triple.c, triple.d)):
+            assert known[before.id] == before.spec
+            assert change.fits(before.spec)
+            assert after.spec == change.apply(before.spec) != before.spec
+            assert after.id == f"{before.id}+{triple.change}"
+
+
+@pytest.mark.parametrize(
+    ("change", "fields"),
+    [
+        ("arms", {"arms"}),
+        ("pedestal", {"family", "base", "leg_m", "apron"}),
+        ("slats", {"back", "bars"}),
+    ],
+)
+def test_a_change_alters_these_fields_and_the_mesh(chairs, change, fields):
+    triples = choose_triples(chairs, 12, rng())
+    for triple in (t for t in triples if t.change == change):
+        before, after = (dataclasses.asdict(chair.spec) for chair in (triple.c, triple.d))
+        assert {name for name in before if before[name] != after[name]} <= fields
+        meshes = triple.c.load(), triple.d.load()
+        assert meshes[0].vertices.shape != meshes[1].vertices.shape
+        # whole and normalised, as every chair
+        assert np.linalg.norm(meshes[1].vertices, axis=1).max() == pytest.approx(1, abs=1e-6)
+    assert {t.change for t in triples} == {c.id for c in CHANGES}
+
+
+def test_arms_are_where_arms_were_not(chairs):
+    arms = CHANGES[0]
+    fitting = [chair.spec for chair in chairs if arms.fits(chair.spec)]
+    assert fitting
+    assert not any(spec.arms for spec in fitting)
+    assert all(arms.apply(spec).arms for spec in fitting)
+    assert not any(arms.fits(arms.apply(spec)) for spec in fitting)
+
+
+def test_too_few_chairs(chairs):
+    with pytest.raises(BadInput, match=r"9 triples: no two chairs are left for the change 'arms'"):
+        choose_triples(chairs[:1], 9, rng())

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from bench.latent_figures import Strip, Tile, draw_cloud, write_strips
+from data_prep.scene import View
+
+FRONT = View(0, 0)
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Writes strips; the cells of the figure, [rows, columns]."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    kept = []
+    monkeypatch.setattr(plt, "close", kept.append)
+
+    def draw(strips):
+        write_strips(tmp_path / "figures" / "strips.png", strips, FRONT)
+        assert (tmp_path / "figures" / "strips.png").read_bytes().startswith(b"\x89PNG")
+        return np.array(kept[-1].axes).reshape(-1, len(strips[0].tiles))
+
+    yield draw
+    monkeypatch.undo()
+    plt.close("all")
+
+
+def tile(seed, truth=False):
+    rng = np.random.default_rng(seed)
+    picture, true = rng.integers(0, 256, (2, 128, 128, 3), dtype=np.uint8)
+    cloud = rng.uniform(-0.5, 0.5, (30, 3)).astype(np.float32)
+    return Tile(f"tile {seed}", cloud, picture, true if truth else None)
+
+
+def shown(axis):
+    return [np.asarray(image.get_array()) for image in axis.images]
+
+
+def test_clouds_stand_above_pictures(drawn):
+    strips = [Strip("one", (tile(0), tile(1))), Strip("two", (tile(2), tile(3)))]
+    cells = drawn(strips)
+    assert cells.shape == (4, 2)
+    assert [axis.get_title() for axis in cells[0]] == ["tile 0", "tile 1"]
+    assert [axis.get_ylabel() for axis in cells[:, 0]] == [
+        *("one\ndecoded", "one\ndrawn", "two\ndecoded", "two\ndrawn"),
+    ]
+    for row, strip in zip((0, 2), strips, strict=True):
+        for column, one in enumerate(strip.tiles):
+            assert np.array_equal(shown(cells[row, column])[0], draw_cloud(one.cloud, FRONT))
+            assert np.array_equal(shown(cells[row + 1, column])[0], one.picture)
+
+
+def test_truths_have_a_row_where_there_are_any(drawn):
+    cells = drawn([Strip("one", (tile(0, truth=True), tile(1)))])
+    assert cells.shape == (3, 2)
+    assert cells[2, 0].get_ylabel() == "one\ntrue"
+    assert len(shown(cells[2, 0])) == 1
+    assert shown(cells[2, 1]) == []
+
+
+def test_a_cloud_is_drawn_where_it_is():
+    cloud = np.array([[0, 0.4, 0], [0.01, 0.4, 0]], np.float32)
+    picture = draw_cloud(cloud, FRONT)
+    rows, columns, _ = np.nonzero(picture < 255)
+    assert rows.max() < 64 - 20  # up
+    assert abs(columns.mean() - 64) < 2

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.distance import cdist
+
+from bench.latent_measures import (
+    chamfer_distances,
+    cloud_steps,
+    cosine,
+    cross_fade,
+    distances_to_nearer_end,
+    family_confidence,
+    picture_steps,
+    ssim_values,
+    unevenness,
+)
+from bench.metric_table import VIEWS_WEIGHTS
+from bench.ssim import ssim
+from bench.views_network import load_views_network
+
+
+def flat(*levels):
+    return np.stack([np.full((128, 128, 3), level, np.uint8) for level in levels])
+
+
+def test_equal_steps_are_even():
+    steps = picture_steps(flat(0, 51, 102, 153))
+    np.testing.assert_allclose(steps, [0.2, 0.2, 0.2], rtol=1e-15)
+    assert unevenness(steps) == pytest.approx(1, rel=1e-15)
+
+
+def test_one_double_step():
+    # steps 1, 1, 2: the largest over the mean of 4/3
+    assert unevenness(picture_steps(flat(10, 20, 30, 50))) == pytest.approx(1.5, rel=1e-12)
+
+
+def test_all_the_way_in_one_jump():
+    assert unevenness(picture_steps(flat(7, 7, 7, 200, 200))) == pytest.approx(4)
+
+
+def test_a_path_that_does_not_move_has_no_evenness():
+    assert math.isnan(unevenness(picture_steps(flat(9, 9, 9))))
+
+
+def test_chamfer_of_shifted_points():
+    cloud = np.array([[[0, 0, 0], [1, 0, 0]]], np.float32)
+    shifted = cloud + np.float32([0, 0.25, 0])
+    # 1/16 there and 1/16 back
+    assert chamfer_distances(cloud, shifted).tolist() == [0.125]
+    assert chamfer_distances(cloud, cloud).tolist() == [0]
+
+
+def test_chamfer_against_all_distances():
+    a, b = np.random.default_rng(0).normal(size=(2, 3, 50, 3)).astype(np.float32)
+    expected = []
+    for p, q in zip(a, b, strict=True):
+        squared = cdist(p, q, "sqeuclidean")
+        expected.append(squared.min(0).mean() + squared.min(1).mean())
+    # sums of 50 float32 numbers
+    np.testing.assert_allclose(chamfer_distances(a, b), expected, rtol=1e-5)
+
+
+def test_paths_of_clouds():
+    """A point that moves along x: Chamfer distances are twice the squared way."""
+    path = np.zeros((5, 1, 3), np.float32)
+    path[:, 0, 0] = [0, 1, 2, 4, 5]
+    np.testing.assert_allclose(cloud_steps(path), [2, 2, 8, 2])
+    assert unevenness(cloud_steps(path)) == pytest.approx(8 / 3.5)
+    np.testing.assert_allclose(distances_to_nearer_end(path), [2, 8, 2])
+
+
+def test_cross_fade():
+    start, end = np.random.default_rng(1).integers(0, 256, (2, 6, 5, 3), dtype=np.uint8)
+    faded = cross_fade(start, end, 5)
+    assert np.array_equal(faded[0], start)
+    assert np.array_equal(faded[-1], end)
+    middle = (start.astype(int) + end + 1) // 2  # rounded half up
+    assert np.array_equal(faded[2], middle)
+    assert unevenness(picture_steps(cross_fade(*flat(10, 80), 8))) == pytest.approx(1, abs=1e-12)
+
+
+def test_family_confidence():
+    network = load_views_network(VIEWS_WEIGHTS)
+    pictures = np.random.default_rng(2).integers(0, 256, (3, 128, 128, 3), dtype=np.uint8)
+    with torch.no_grad():
+        head = network.heads["family"]
+        head.weight.zero_()
+        head.bias.zero_()
+        # eight families that are equally likely
+        np.testing.assert_allclose(family_confidence(network, pictures), [1 / 8] * 3, rtol=1e-12)
+        head.bias[2] = math.log(7)  # 7 against 7 times 1
+        np.testing.assert_allclose(family_confidence(network, pictures), [0.5] * 3, rtol=1e-6)
+
+
+def test_ssim_values_are_the_benchmarks():
+    a, b = np.random.default_rng(3).integers(0, 256, (2, 2, 32, 32, 3), dtype=np.uint8)
+    assert ssim_values(a, b).mean() == pytest.approx(ssim(a, b).ssim, rel=1e-12)
+
+
+def test_cosine():
+    assert cosine(np.array([3.0, 4.0]), np.array([6.0, 8.0])) == pytest.approx(1)
+    assert cosine(np.array([3.0, 4.0]), np.array([-4.0, 3.0])) == 0
+    assert cosine(np.array([1.0, 0.0]), np.array([-1.0, 1.0])) == pytest.approx(-math.sqrt(0.5))
+    assert math.isnan(cosine(np.zeros(2), np.ones(2)))

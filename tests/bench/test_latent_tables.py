@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+import numpy as np
+import pytest
+
+from bench.latent_tables import ALL, LatentTable, Value, means, values_to_csv
+from bench.statistics import mean_interval
+
+NAN = float("nan")
+
+
+def made(numbers, what="code", kind=ALL, metric="step"):
+    return [
+        Value("pc2pix", what, kind, f"{kind} {i}", metric, number)
+        for i, number in enumerate(numbers)
+    ]
+
+
+def test_means_and_intervals():
+    (row,) = means("latent", made([1.0, 2.0, 6.0]))
+    assert (row.suite, row.method, row.what, row.kind) == ("latent", "pc2pix", "code", ALL)
+    assert row.value == 3
+    assert (row.ci_low, row.ci_high) == mean_interval(np.array([1.0, 2.0, 6.0]))
+    assert (row.n_ok, row.n) == (3, 3)
+
+
+def test_values_that_are_missing_are_counted():
+    (row,) = means("latent", made([1.0, NAN, 2.0]))
+    assert (row.value, row.n_ok, row.n) == (1.5, 2, 3)
+    (row,) = means("latent", made([NAN, NAN]))
+    assert math.isnan(row.value)
+    assert (row.n_ok, row.n) == (0, 2)
+
+
+def test_kinds_have_rows_of_their_own_after_all():
+    rows = means("latent", made([1.0, 3.0], kind="arms") + made([8.0], kind="slats"))
+    assert [(row.kind, row.value, row.n) for row in rows] == [
+        (ALL, 4, 3),
+        ("arms", 2, 2),
+        ("slats", 8, 1),
+    ]
+
+
+@pytest.fixture
+def table():
+    values = (
+        made([1.0, 2.0, 6.0])
+        + made([0.5, 0.5], what="noise")
+        + made([NAN, 0.25], what="noise", metric="other")
+    )
+    return LatentTable(
+        "name",
+        "Title",
+        "Remark.",
+        {"step": "of a path", "other": "of another"},
+        {"code": "of two chairs", "noise": "of none"},
+        means("latent", values),
+    )
+
+
+def test_csv_is_tidy(table):
+    rows = list(csv.DictReader(io.StringIO(table.to_csv())))
+    assert rows[0] == {
+        "suite": "latent",
+        "method": "pc2pix",
+        "what": "code",
+        "kind": "all",
+        "metric": "step",
+        "value": "3",
+        "ci_low": "1",
+        "ci_high": "6",
+        "n_ok": "3",
+        "n": "3",
+    }
+    assert [row["value"] for row in rows] == ["3", "0.5", "0.25"]
+    assert rows[2]["ci_low"] == ""
+
+
+def test_markdown(table):
+    text = table.to_markdown()
+    assert text.startswith("# Title\n\nRemark.\n")
+    assert "* **code**: of two chairs\n* **noise**: of none\n" in text
+    assert "## pc2pix (n = 3)\n\n| | code | noise |\n|---|---|---|\n" in text
+    assert "| step | 3 [1, 6] | 0.5 [0.5, 0.5] |\n" in text
+    assert "| other |  | 0.25 1/2 |\n" in text
+    assert "* step: of a path\n* other: of another\n" in text
+
+
+def test_single_values():
+    assert values_to_csv(made([1 / 3, NAN])) == (
+        "method,what,kind,item,metric,value\n"
+        "pc2pix,code,all,all 0,step,0.333333\n"
+        "pc2pix,code,all,all 1,step,\n"
+    )

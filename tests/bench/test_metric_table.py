@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+import bench.metric_table
+from bench.judge_network import CODE, JudgeNetwork, judge
+from bench.metric_table import (
+    IMAGE_METRICS,
+    JUDGE,
+    UNDEFINED,
+    VIEWS_WEIGHTS,
+    WeightsUnavailable,
+    column,
+    find_extractor,
+)
+from bench.record import Record
+from bench.suites import SUITES
+from bench.views_network import load_views_network, view_features
+from data_prep.failures import BadInput
+
+RNG = np.random.default_rng(0)
+PICTURES = RNG.integers(0, 256, (3, 128, 128, 3), np.uint8)
+
+
+def test_every_image_metric_has_a_column():
+    assert {column(metric) for metric in IMAGE_METRICS} <= set(Record.__dataclass_fields__)
+    assert UNDEFINED.keys() < IMAGE_METRICS.keys()
+
+
+def test_the_suites_ask_for_what_there_is():
+    for suite in SUITES:
+        assert {*suite.image_metrics, *suite.detail_metrics} <= IMAGE_METRICS.keys()
+        assert [find_extractor(name).id for name in suite.extractors] == list(suite.extractors)
+    assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", JUDGE)
+
+
+def test_grey_features_do_not_see_colour():
+    colour, grey = (
+        find_extractor(name).load(str(VIEWS_WEIGHTS)) for name in ("fd-views", "fd-views-grey")
+    )
+    luma = ((PICTURES @ np.array([299, 587, 114]) + 500) // 1000).astype(np.uint8)  # Rec. 601
+    network = load_views_network(VIEWS_WEIGHTS)
+    expected = view_features(network, np.stack([luma] * 3, axis=-1))
+    np.testing.assert_array_equal(grey(PICTURES), expected)
+    assert not np.allclose(colour(PICTURES), expected, atol=1e-3)
+    np.testing.assert_array_equal(grey(np.stack([luma] * 3, axis=-1)), expected)
+    # red and a blue of the same luma
+    red, blue = np.full((1, 128, 128, 3), 255, np.uint8), np.full((1, 128, 128, 3), 255, np.uint8)
+    red[:, 30:90, 40:80], blue[:, 30:90, 40:80] = (200, 0, 0), (0, 64, 195)
+    np.testing.assert_array_equal(grey(red), grey(blue))
+    assert not np.allclose(colour(red), colour(blue), atol=1e-3)
+
+
+def test_the_judge_is_an_extractor(tmp_path, monkeypatch):
+    torch.manual_seed(0)
+    network = JudgeNetwork().eval()
+    path = tmp_path / "judge.safetensors"
+    save_file({name: t.contiguous() for name, t in network.state_dict().items()}, path)
+    monkeypatch.setattr(bench.metric_table, "JUDGE_WEIGHTS", path)
+    source = find_extractor(JUDGE)
+    assert source.weights(None) == path
+    answers = source.load(str(path))(PICTURES)
+    assert answers.shape == (3, 3 + CODE)
+    np.testing.assert_array_equal(answers, judge(network, PICTURES))
+
+
+def test_a_judge_that_is_not_there_is_skipped(tmp_path, monkeypatch):
+    monkeypatch.setattr(bench.metric_table, "JUDGE_WEIGHTS", tmp_path / "judge.safetensors")
+    with pytest.raises(WeightsUnavailable) as error:
+        find_extractor(JUDGE).weights(None)
+    assert str(error.value) == "judge.safetensors is not bundled; 'bench train judge' makes it"
+
+
+def test_an_unknown_extractor():
+    with pytest.raises(BadInput, match="unknown metric 'fd-view': did you mean 'fd-views'"):
+        find_extractor("fd-view")

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+import bench.train_constant
+from bench.metrics import ssim
+from bench.train_constant import fit, mean_ssim, torch_ssim, train_constant
+from data_prep.failures import BadInput
+from data_prep.images import blank
+
+RNG = np.random.default_rng(0)
+
+
+def to_torch(images):
+    return torch.from_numpy(images).permute(0, 3, 1, 2).float()
+
+
+def squares(count):
+    """Pictures of one grey square each, about the middle of the frame."""
+    images = blank(count)
+    for image in images:
+        top, left = RNG.integers(30, 50, 2)
+        image[top : top + 40, left : left + 40] = 150
+    return images
+
+
+@pytest.mark.parametrize("kind", ["noise", "squares", "flat"])
+def test_the_fitted_ssim_is_the_metric(kind):
+    a = squares(3)
+    b = {
+        "noise": RNG.integers(0, 256, (3, 128, 128, 3), np.uint8),
+        "squares": squares(3),
+        "flat": np.full((3, 128, 128, 3), 200, np.uint8),
+    }[kind]
+    # float32 moments of up to 255^2: 4e-3 against C2 = 58.5, and about nought in the mean
+    assert float(torch_ssim(to_torch(a), to_torch(b))) == pytest.approx(ssim(a, b).ssim, abs=1e-4)
+
+
+def test_its_gradient_is_that_of_differences():
+    a, b = to_torch(squares(2)).double(), to_torch(squares(1)).double() - 3.0
+    with pytest.MonkeyPatch.context() as patch:
+        band = bench.train_constant._band
+        patch.setattr(bench.train_constant, "_band", lambda length: band(length).double())
+        b.requires_grad_()
+        torch_ssim(a, b).backward()
+        assert b.grad is not None
+        for place in ((0, 1, 45, 60), (0, 2, 70, 36)):
+            step = torch.zeros_like(b)
+            step[place] = 1e-3
+            with torch.no_grad():
+                slope = (torch_ssim(a, b + step) - torch_ssim(a, b - step)) / 2e-3
+            assert float(b.grad[place]) == pytest.approx(float(slope), rel=1e-5)
+
+
+def test_one_picture_is_best_drawn_as_it_is():
+    truth = squares(1)
+    found = fit(truth, 2, 0)
+    assert mean_ssim(truth, found) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_fit_beats_where_it_starts_and_white():
+    truth = squares(40)
+    found = fit(truth, 60, 0)
+    mean = np.round(truth.mean(axis=0)).astype(np.uint8)
+    assert found.shape == (128, 128, 3)
+    assert found.dtype == np.uint8
+    assert mean_ssim(truth, found) > mean_ssim(truth, mean) + 0.01
+    assert np.array_equal(found, fit(truth, 60, 0))
+
+
+def test_the_picture_is_written_whole(tmp_path, monkeypatch):
+    truth = squares(6)
+    monkeypatch.setattr(bench.train_constant, "_pictures", lambda *arguments: truth)
+    out = tmp_path / "constant.png"
+    scores = train_constant(2, 3, 4, 0, out)
+    with Image.open(out) as image:
+        assert np.array_equal(np.array(image), fit(truth, 4, 0))
+    assert scores.blank == mean_ssim(truth, blank(1)[0])
+    assert scores.constant == mean_ssim(truth, fit(truth, 4, 0))
+
+
+@pytest.mark.parametrize("name", ["objects", "views", "steps"])
+def test_nothing_to_fit_to(tmp_path, name):
+    numbers = {"objects": 1, "views": 1, "steps": 1} | {name: 0}
+    with pytest.raises(BadInput, match=f"--{name} 0: must be at least 1"):
+        train_constant(**numbers, seed=0, out=tmp_path / "constant.png")
+    assert not list(tmp_path.iterdir())

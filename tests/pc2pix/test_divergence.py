@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pc2pix import train_autoencoder
+from pc2pix.divergence import FACTOR, FIRST, WINDOW, TrainingDiverged, Watch
+from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
+from pc2pix.training_loop import Cadence
+
+from .conftest import TINY, make_clouds
+
+
+def verdicts(values, watch=None):
+    watch = watch or Watch()
+    return [watch.add({"loss": value}) for value in values]
+
+
+def test_a_loss_that_leaps_is_named():
+    usual = [2.0] * FIRST
+    assert verdicts([*usual, 2 * FACTOR]) == [None] * (FIRST + 1)
+    assert verdicts([*usual, 2.01 * FACTOR])[-1] == "loss is 201, 100 times what it was"
+    assert verdicts([*usual, -2.01 * FACTOR])[-1] == "loss is -201, 100 times what it was"
+
+
+def test_nothing_is_said_before_there_is_enough_to_compare_with():
+    assert verdicts([1.0] * (FIRST - 1) + [1e9])[-1] is None
+    assert verdicts([1.0] * FIRST + [1e9])[-1] is not None
+
+
+def test_a_loss_that_comes_back_from_almost_nothing_is_healthy():
+    """A cross entropy while the discriminator wins: 1.3, then 1e-6, then 5."""
+    assert not any(verdicts([1.3] * FIRST + [1e-6] * 5 * WINDOW + [5.0]))
+
+
+def test_a_loss_that_grows_slowly_is_healthy():
+    assert not any(verdicts(np.geomspace(1, 1e4, 1000)))
+
+
+def test_terms_that_were_left_out_do_not_count():
+    assert not any(verdicts([0.0] * 500 + [3.0] * 50))
+    assert verdicts([0.0] * 500 + [3.0] * FIRST + [1e3])[-1] is not None
+
+
+def test_healthy_noise_over_decades():
+    """Log-normal with a standard deviation of a factor e: far wider than any loss seen so far."""
+    noise = np.random.default_rng(0).lognormal(sigma=1.0, size=20_000)
+    assert not any(verdicts(noise))
+
+
+def test_history_takes_the_place_of_what_was_logged_before_a_resume():
+    values = [5.0] * FIRST + [1.0] * 300
+    assert verdicts([501.0], Watch({"loss": np.array(values)}))[0] is not None
+    assert verdicts([499.0], Watch({"loss": np.array(values)}))[0] is None
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_an_explosion_stops_the_training(tmp_path, monkeypatch, resumed):
+    calls = []
+
+    def chamfer(a, b):
+        calls.append(None)
+        return (a - b).square().mean() * (1e4 if len(calls) > 24 else 1)
+
+    monkeypatch.setattr(train_autoencoder, "chamfer", chamfer)
+
+    def start(steps):
+        config = AutoencoderConfig(model=TINY, steps=steps, batch=2, cadence=Cadence(1, 99, 5))
+        return train_autoencoder.train_autoencoder(
+            AutoencoderData(make_clouds(2)), config, tmp_path
+        )
+
+    if resumed:
+        start(22)
+    good = 22 if resumed else 20
+    told = rf"step 25: chamfer is .*, \d+ times what it was; last good checkpoint: step {good},"
+    with pytest.raises(TrainingDiverged, match=told):
+        start(40)
+    assert math.isfinite(float((tmp_path / "losses.csv").read_text().split(",")[-1]))

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from pc2pix.latent import add_difference, decode, interpolate
+from pc2pix.model import Decoder
+from pc2pix.training_loop import seeded
+
+from .conftest import TINY
+
+
+@pytest.fixture
+def codes():
+    return torch.randn(3, 1, 7, generator=torch.Generator().manual_seed(0))
+
+
+@pytest.mark.parametrize("positions", [2, 3, 8])
+def test_a_path_has_its_ends_exactly(codes, positions):
+    start, end, _ = codes
+    start = start * 1e6  # start + (end - start) would have lost the digits of the end
+    line = interpolate(start, end, positions)
+    assert line.shape == (positions, 7)
+    assert torch.equal(line[:1], start)
+    assert torch.equal(line[-1:], end)
+
+
+def test_a_path_is_straight_and_evenly_spaced(codes):
+    start, end, _ = codes.double()
+    line = interpolate(start, end, 5)
+    for i, share in enumerate((0, 0.25, 0.5, 0.75, 1)):
+        expected = start[0] + share * (end[0] - start[0])
+        torch.testing.assert_close(line[i], expected, rtol=0, atol=1e-15)
+
+
+def test_sums(codes):
+    a, _, c = codes
+    assert torch.equal(add_difference(a, a, c), c)
+    two, five, eleven = (torch.full((1, 2), float(n)) for n in (2, 5, 11))
+    assert add_difference(eleven, five, two).tolist() == [[8.0, 8.0]]
+
+
+def test_wrong_shapes(codes):
+    a, b, c = codes
+    with pytest.raises(ValueError, match="its 2 ends, got 1"):
+        interpolate(a, b, 1)
+    with pytest.raises(ValueError, match=r"end: expected a code \[1, d\], got shape \[7\]"):
+        interpolate(a, b[0], 3)
+    with pytest.raises(ValueError, match=r"different lengths: start \[1, 7\], end \[1, 5\]"):
+        interpolate(a, b[:, :5], 3)
+    with pytest.raises(ValueError, match=r"c: expected a code \[1, d\], got shape \[2, 7\]"):
+        add_difference(a, b, torch.cat([c, c]))
+
+
+def test_decoding():
+    decoder = seeded(0, lambda: Decoder(TINY))
+    both = torch.randn(2, 4, generator=torch.Generator().manual_seed(1))
+    clouds = decode(decoder, both)
+    assert clouds.shape == (2, 2048, 3)
+    assert clouds.dtype == np.float32
+    assert np.abs(clouds).max() < 1
+    assert np.array_equal(decode(decoder, both[1:])[0], clouds[1])

@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from data_prep.failures import BadInput, MissingDependency
+from pc2pix import checkpoint, processes
+from pc2pix.training_loop import prepare_device, seeded
+
+SCRIPT = Path(__file__).with_name("two_processes.py")
+
+
+def load_script():
+    spec = importlib.util.spec_from_file_location("two_processes", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What two processes left behind."""
+    pytest.importorskip(
+        "lightning_fabric", reason="needs the extra 'distributed' (Lightning Fabric)"
+    )
+    folder = tmp_path_factory.mktemp("two")
+    torch.save(torch.randn(4, 2, 4, 4, generator=torch.Generator().manual_seed(0)),
+               folder / "inputs.pt")  # fmt: skip
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone"]
+    done = subprocess.run(
+        [*launch, "--nproc_per_node", "2", str(SCRIPT), str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_mean_gradient_is_that_of_the_joined_batch(folder):
+    network = seeded(0, load_script().two_layers)
+    network(torch.load(folder / "inputs.pt")).square().mean().backward()
+    for rank in (0, 1):
+        averaged = load_file(folder / f"gradients-{rank}.safetensors")
+        for name, parameter in network.named_parameters():
+            # sums of at most 48 float32 products in another order
+            torch.testing.assert_close(averaged[name], parameter.grad, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("training", ["whole", "autoencoder"])
+def test_all_processes_end_with_the_same_weights(folder, training):
+    first, second = (load_file(folder / f"{training}-{rank}.safetensors") for rank in (0, 1))
+    own = ("running_", "random")  # BatchNorm's moving statistics, and the random streams
+    for key, value in first.items():
+        if not any(part in key for part in own):
+            assert torch.equal(value, second[key]), key
+    assert not torch.equal(first["random"], second["random"])
+
+
+def test_batches_differ_and_are_averaged_into_one_step(folder, tmp_path):
+    alone = load_script().start_gan(tmp_path, 4)
+    state, _, _ = checkpoint.load(alone, "gan")
+    together = load_file(folder / "whole-0.safetensors")
+    assert torch.equal(state["random"], together["random"])  # process 0 draws what one would
+    assert not torch.equal(
+        state["discriminator.real.weight"], together["discriminator.real.weight"]
+    )
+
+
+def test_a_resumed_run_is_the_uninterrupted_one(folder):
+    (whole, step, _), (cut, other, _) = (
+        checkpoint.load(folder / name / checkpoint.FILE_NAME, "gan") for name in ("whole", "cut")
+    )
+    assert step == other == 4
+    assert whole.keys() == cut.keys()
+    assert all(torch.equal(whole[key], cut[key]) for key in whole)
+    assert not torch.equal(whole["random"], whole["random-1"])
+    logs = [(folder / name / "losses.csv").read_text() for name in ("whole", "cut")]
+    assert logs[0] == logs[1]
+
+
+def test_only_the_first_process_reports(folder):
+    said = [json.loads((folder / f"said-{rank}.json").read_text()) for rank in (0, 1)]
+    assert said == [
+        {"rank": 0, "first": True, "reports": [1, 2, 3, 4]},
+        {"rank": 1, "first": False, "reports": []},
+    ]
+
+
+def test_another_number_of_processes_is_refused(folder):
+    with pytest.raises(BadInput, match=r"trained by 2 process.*a run of 1.*nproc_per_node 2"):
+        load_script().start_gan(folder / "whole", 6)
+
+
+@pytest.fixture
+def torchrun(monkeypatch):
+    values = {"TORCHELASTIC_RUN_ID": "x", "WORLD_SIZE": 2, "RANK": 1, "LOCAL_RANK": 1}
+    for name, value in values.items():
+        monkeypatch.setenv(name, str(value))
+    return monkeypatch
+
+
+def test_torchrun_without_fabric_says_what_to_install(torchrun):
+    torchrun.setitem(sys.modules, "lightning_fabric", None)
+    with pytest.raises(
+        MissingDependency, match=r"started 2 processes.*pc2pix-bench\[distributed\]"
+    ):
+        processes.connect(torch.device("cpu"))
+
+
+def test_more_processes_than_gpus(torchrun):
+    torchrun.setattr(torch.cuda, "device_count", lambda: 1)
+    with pytest.raises(BadInput, match="--nproc_per_node 2: this machine has 1 GPUs"):
+        processes.connect(torch.device("cuda"))
+
+
+def test_torchrun_with_one_process_and_other_launchers_need_nothing(torchrun):
+    torchrun.setenv("WORLD_SIZE", "1")
+    assert processes.connect(torch.device("cpu")) is processes.ONE
+    torchrun.setenv("WORLD_SIZE", "2")
+    torchrun.delenv("TORCHELASTIC_RUN_ID")
+    assert processes.connect(torch.device("cpu")) is processes.ONE
+    assert processes.is_first()
+
+
+def test_auto_is_the_gpu_where_there_is_one(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert prepare_device("auto") == torch.device("cpu")
+    with pytest.raises(BadInput, match=r"--device cuda: .* no usable GPU; use --device cpu"):
+        prepare_device("cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert prepare_device("auto") == torch.device("cuda")
+
+
+def test_each_process_takes_a_gpu_of_its_own(torchrun):
+    torchrun.setattr(torch.cuda, "is_available", lambda: True)
+    assert prepare_device("auto") == torch.device("cuda", 1)
+    assert prepare_device("cpu") == torch.device("cpu")

@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+import csv
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from data_prep.failures import BadInput
+from pc2pix import checkpoint, weight_files
+from pc2pix.decoder_weights import export_decoder, load_decoder
+from pc2pix.losses import chamfer
+from pc2pix.model import Decoder
+from pc2pix.train_autoencoder import AutoencoderData
+from pc2pix.train_decoder import DecoderConfig, train_decoder
+from pc2pix.training_loop import Cadence
+from pc2pix.weight_files import decoder_path, file_sha256
+from pc2pix.weights import load_weights
+
+from .conftest import make_clouds
+
+CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
+
+
+class Killed(Exception):
+    pass
+
+
+@pytest.fixture(scope="module")
+def weights(weights_file):
+    return load_weights(weights_file)
+
+
+@pytest.fixture
+def start(weights):
+    def start(out_dir, **changes):
+        on_progress = changes.pop("on_progress", lambda report: None)
+        data = AutoencoderData(changes.pop("clouds", make_clouds(3, points=2100)))
+        config = DecoderConfig(
+            **{"weights": weights.sha256, "model": weights.encoder.config, "batch": 2}
+            | {"cadence": CADENCE}
+            | changes
+        )
+        return train_decoder(data, weights, config, out_dir, on_progress=on_progress)
+
+    return start
+
+
+@pytest.fixture
+def own(weights_file, start, tmp_path):
+    """A copy of the weights with a decoder beside it."""
+    path = tmp_path / "own.safetensors"
+    shutil.copy(weights_file, path)
+    export_decoder(start(tmp_path / "training", steps=2), decoder_path(path))
+    return path
+
+
+def read_losses(out_dir):
+    with (out_dir / "losses.csv").open(newline="") as file:
+        return [float(row["chamfer"]) for row in csv.DictReader(file)]
+
+
+def test_a_killed_run_resumes_bit_for_bit(start, tmp_path):
+    def kill(report):
+        if report.step == 3:
+            raise Killed
+
+    whole = start(tmp_path / "whole", steps=5)
+    with pytest.raises(Killed):
+        start(tmp_path / "cut", steps=5, on_progress=kill)
+    cut = start(tmp_path / "cut", steps=5)
+    (state, step, _), (other, _, _) = (checkpoint.load(path, "decoder") for path in (whole, cut))
+    assert step == 5
+    assert state.keys() == other.keys()
+    assert all(torch.equal(state[key], other[key]) for key in state)
+    assert read_losses(tmp_path / "whole") == read_losses(tmp_path / "cut")
+
+
+def test_the_loss_falls_and_the_encoder_stays(start, weights, tmp_path):
+    before = {key: value.clone() for key, value in weights.encoder.state_dict().items()}
+    start(tmp_path, steps=40, clouds=make_clouds(1), cadence=Cadence(1, 100, 100))
+    losses = read_losses(tmp_path)
+    assert np.mean(losses[-5:]) < 0.5 * losses[0]
+    after = weights.encoder.state_dict()
+    assert all(torch.equal(before[key], after[key]) for key in before)
+
+
+def test_the_first_loss_is_chamfer_of_whitened_codes(start, weights, tmp_path):
+    clouds = make_clouds(1)  # one cloud of exactly 2,048 points: only their order is drawn
+    start(tmp_path, steps=1, batch=1, clouds=clouds)
+    random = torch.Generator().manual_seed(0)
+    torch.randint(1, (1,), generator=random)
+    order = torch.rand(1, 2048, generator=random).argsort(dim=1)[0]
+    fed = torch.from_numpy(clouds)[:, order]
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        decoder = Decoder(weights.encoder.config)
+    code = (weights.encoder(fed) - weights.code_mean) / weights.code_std
+    expected = float(chamfer(decoder(code).detach(), fed))
+    # six digits in the log
+    assert read_losses(tmp_path)[0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_other_weights_are_not_continued(start, tmp_path):
+    start(tmp_path, steps=1)
+    with pytest.raises(BadInput, match=r"trained with weights = .*, asked for '0000"):
+        start(tmp_path, steps=2, weights="0" * 64)
+
+
+def test_bfloat16_trains(start, tmp_path):
+    start(tmp_path, steps=2, precision="bfloat16")
+    assert np.isfinite(read_losses(tmp_path)).all()
+
+
+def test_round_trip(own, weights, tmp_path):
+    decoder, sha256 = load_decoder(own, load_weights(own))
+    assert sha256 == file_sha256(tmp_path / "own-decoder.safetensors")
+    state, _, _ = checkpoint.load(tmp_path / "training" / checkpoint.FILE_NAME, "decoder")
+    assert not decoder.training
+    for key, value in decoder.state_dict().items():
+        # float16 keeps 11 bits; below 6e-5 it is subnormal with a spacing of 6e-8
+        tolerance = 0 if value.dim() == 1 else 2**-11
+        torch.testing.assert_close(value, state[f"decoder.{key}"], rtol=tolerance, atol=3e-8)
+    tensors, header = checkpoint.read_safetensors(tmp_path / "own-decoder.safetensors")
+    assert header["format"] == "pc2pix-decoder-1"
+    assert header["weights"] == weights.sha256
+    assert {t.dtype for t in tensors.values() if t.dim() > 1} == {torch.float16}
+
+
+def refusal(name_or_path, weights):
+    with pytest.raises(BadInput) as error:
+        load_decoder(name_or_path, weights)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_a_decoder_of_other_weights_is_refused(own, weights):
+    others = replace(weights, sha256="ab" * 32)
+    told = refusal(own, others)
+    assert f"belongs to weights of sha256 {weights.sha256}" in told
+    assert f"not to these of sha256 {others.sha256}" in told
+    assert f"'bench train decoder --weights {own}'" in told
+
+
+def test_no_decoder(weights_file, weights):
+    told = refusal(weights_file, weights)
+    assert "tiny-decoder.safetensors: there is no decoder for these weights" in told
+    assert f"'bench train decoder --weights {weights_file}'" in told
+
+
+def test_a_bundled_decoder_has_its_checksum(own, weights, monkeypatch, tmp_path):
+    monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
+    monkeypatch.setitem(weight_files.BUNDLED, "own", weights.sha256)
+    found = load_decoder("own", weights)[1]  # not registered: the header has to do
+    monkeypatch.setitem(weight_files.BUNDLED_DECODERS, "own", found)
+    assert load_decoder("own", weights)[1] == found
+    monkeypatch.setitem(weight_files.BUNDLED_DECODERS, "own", "0" * 64)
+    assert f"sha256 {found} is not the expected {'0' * 64}" in refusal("own", weights)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t, h: t.pop("layers.0.bias"), "tensor layers.0.bias is missing"),
+        (lambda t, h: t.update(extra=torch.zeros(1)), "tensor extra is unknown"),
+        (lambda t, h: t.update({"layers.0.bias": torch.zeros(5)}), "layers.0.bias [5] is not"),
+        (lambda t, h: t["layers.0.bias"].fill_(torch.nan), "is not finite or not of shape [64]"),
+        (lambda t, h: h.update(format="pc2pix-decoder-9"), "pc2pix-decoder-9"),
+        (lambda t, h: h.pop("weights"), "belongs to weights of sha256 None"),
+        (lambda t, h: h.pop("model"), "its model does not fit"),
+        (lambda t, h: h.update(model='{"latent_dim": 5}'), "its model does not fit"),
+    ],
+)
+def test_wrong_content(own, weights, change, message):
+    path = decoder_path(own)
+    tensors, header = checkpoint.read_safetensors(path)
+    change(tensors, header)
+    save_file(tensors, path, metadata=header)
+    told = refusal(own, weights)
+    assert message in told
+    assert "bench train decoder" in told
+
+
+def test_values_beyond_float16_are_not_exported(start, tmp_path):
+    state, step, config = checkpoint.load(start(tmp_path, steps=1), "decoder")
+    state["decoder.layers.1.weight"].fill_(1e6)
+    path = tmp_path / "big.safetensors"
+    checkpoint.save(path, "decoder", step, config, state)
+    with pytest.raises(BadInput, match=r"layers\.1\.weight reaches 1e\+06"):
+        export_decoder(path, tmp_path / "out.safetensors")
