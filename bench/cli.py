@@ -164,7 +164,7 @@ def _run_latent(options: Any) -> None:
 def list_all() -> None:
     """Suites, methods, conditions, metrics and datasets."""
     from bench.methods import METHODS
-    from bench.metric_table import IMAGE_METRICS, SET_METRICS
+    from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
     from bench.suites import LATENT, SUITES
     from data_prep.conditions import CONDITIONS
 
@@ -172,9 +172,14 @@ def list_all() -> None:
         "suites": [(s.id, s.about) for s in (*SUITES, LATENT)],
         "methods": [(m.id, m.source) for m in METHODS],
         "conditions": [(c.id, c.source) for c in CONDITIONS],
-        "metrics": [*IMAGE_METRICS.items(), *((m.id, m.about) for m in SET_METRICS)],
+        "metrics": [
+            *IMAGE_METRICS.items(),
+            *((m.id, m.about) for m in SET_METRICS),
+            *CONTROL_METRICS.items(),
+        ],
         "datasets": [
-            ("procedural", "parametric shapes, nothing to download (the default)"),
+            ("procedural", "parametric shapes, nothing to download (the default); test split"),
+            ("procedural:validation", "the same, on the split for making choices"),
             ("folder:PATH", "your meshes; sub-folders are classes"),
         ],
     }

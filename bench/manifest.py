@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from bench.methods import objectives
 from bench.plan import Protocol
 from bench.record import SCHEMA_VERSION
 
@@ -41,6 +42,7 @@ def describe(
         "seed": protocol.seed,
         "device": protocol.device,
         "methods": list(protocol.methods),
+        "objectives": objectives(protocol.methods),
         "conditions": list(protocol.conditions),
         "objects": [f"{o.class_name}/{o.object_id}" for o in protocol.objects],
         "skipped_metrics": dict(skipped_metrics),

@@ -6,7 +6,7 @@ this module needs no package at all, so that `bench list` answers at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,6 +35,7 @@ class Method:
     version: int
     source: str
     sees_mesh: bool = False
+    weights: str | None = None  # of a network: bundled name or file
 
 
 def _pc2pix(weights: str, device: str) -> Renderer:
@@ -117,6 +118,7 @@ METHODS = (
         identity=partial(_pc2pix_identity, "chair"),
         version=1,
         source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
+        weights="chair",
     ),
     Method(
         "pc2pix@acgan",
@@ -124,6 +126,7 @@ METHODS = (
         identity=partial(_pc2pix_identity, "chair-acgan"),
         version=1,
         source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
+        weights="chair-acgan",
     ),
     Method(
         "surface-apss",
@@ -181,5 +184,14 @@ def find_method(method_id: str) -> Method:
             identity=partial(_pc2pix_file_identity, weights),
             version=1,
             source=f"pc2pix with the weights in {weights}",
+            weights=weights,
         )
     return find(method_id, METHODS, "method")
+
+
+def objectives(method_ids: Iterable[str]) -> dict[str, str]:
+    """By method, what the weights of networks were trained with; other methods are left out."""
+    from pc2pix.weight_files import find_weights, objective_of
+
+    networks = ((id_, find_method(id_).weights) for id_ in method_ids)
+    return {id_: objective_of(find_weights(weights)) for id_, weights in networks if weights}

@@ -14,7 +14,15 @@ from bench.metric_table import JUDGE
 from bench.published import published
 from bench.store import read_manifest
 from bench.suites import SUITES
-from bench.tables import Features, Table, control_table, detail_table, image_table, set_table
+from bench.tables import (
+    Features,
+    Table,
+    control_table,
+    detail_table,
+    image_table,
+    set_table,
+    with_objectives,
+)
 from bench.work import write_whole
 
 TABLES = "tables"
@@ -75,7 +83,8 @@ def tables(directory: Path) -> list[Table]:
                     suite,
                 )
             )
-        return made
+        objectives = dict(manifest.get("objectives", {}))
+        return [with_objectives(table, objectives) for table in made]
 
 
 def table_files(made: list[Table]) -> dict[str, str]:

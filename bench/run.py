@@ -74,8 +74,8 @@ def run(options: Options) -> Finished:
     directory = options.out or RUNS / default_name(suite.id, options.dataset)
     protocol, skipped = _protocol(suite, options)
     workers = options.workers or len(os.sched_getaffinity(0))
+    todo = plan(protocol, directory)  # refuses weights that cannot be used
     manifest = manifests.describe(protocol, workers, skipped)
-    todo = plan(protocol, directory)
     if options.fresh and (old := set_aside(directory)):
         _say(f"the old run is now {old}")
     check_directory(directory, manifest)

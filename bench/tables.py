@@ -11,7 +11,7 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from bench.record import GROUND_TRUTH
 from bench.statistics import mean_interval, median_interval
 from bench.suites import Suite
 
-PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX"}
+PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX", "pc2pix@acgan": "PC2PIX@acgan"}
 NAN = float("nan")
 NO_VALUE = "no value"
 
@@ -46,6 +46,7 @@ class Row:
     failures_as_blank  the value with a blank picture in place of each failed one
     note               why there is no value, or the reasons of the failures and how many pictures
                        have no value though they are there
+    objective          what the weights of a network were trained with; empty for other methods
     """
 
     suite: str
@@ -61,6 +62,7 @@ class Row:
     paper: float
     failures_as_blank: float
     note: str
+    objective: str = ""
 
 
 HEADER = [name if name != "class_name" else "class" for name in Row.__dataclass_fields__]
@@ -369,7 +371,8 @@ def _row(
         ci_high=interval[1],
         n_ok=outcomes.count("ok") - undefined,
         n=len(outcomes),
-        paper=published.get((class_name, metric, condition, method), NAN),
+        # the paper has one network; each of ours with its architecture stands beside it
+        paper=published.get((class_name, metric, condition, method.partition("@")[0]), NAN),
         failures_as_blank=failures_as_blank,
         note=note or "; ".join(told),
     )
@@ -408,7 +411,9 @@ def _paper_layout(table: Table) -> list[str]:
         "",
     ]
     conditions = _ordered(row.condition for row in rows)
-    columns = [(condition, method) for condition in conditions for method in PAPER_METHODS]
+    there = {row.method for row in rows}
+    shown_methods = [m for m in PAPER_METHODS if m in there or "@" not in m]
+    columns = [(condition, method) for condition in conditions for method in shown_methods]
     for class_name in _ordered(row.class_name for row in rows):
         lines += [
             _markdown_row([class_name, *(f"{c} {PAPER_METHODS[m]}" for c, m in columns)]),
@@ -432,12 +437,21 @@ def _paper_layout(table: Table) -> list[str]:
     return lines
 
 
+def with_objectives(table: Table, objectives: Mapping[str, str]) -> Table:
+    """The table with each network's row told what its weights were trained with."""
+    rows = (replace(row, objective=objectives.get(row.method, "")) for row in table.rows)
+    return replace(table, rows=tuple(rows))
+
+
 def _all_methods(table: Table) -> list[str]:
     lines = [
         "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are "
         "missing, *b* is the value with a blank picture in place of each.",
         "",
     ]
+    trained = {row.method: row.objective for row in table.rows if row.objective}
+    lines += [f"`{method}`: weights trained with `{told}`.  " for method, told in trained.items()]
+    lines += [""] * bool(trained)
     for class_name in _ordered(row.class_name for row in table.rows):
         for metric in _ordered(row.metric for row in table.rows):
             rows = [r for r in table.rows if (r.class_name, r.metric) == (class_name, metric)]

@@ -149,7 +149,9 @@ def open_dataset(spec: str) -> Dataset:
         return Dataset(spec, tuple(PROCEDURAL_CLASSES), None, measured="validation")
     kind, colon, location = spec.partition(":")
     if kind != "folder" or not colon or not location:
-        raise BadInput(f"unknown dataset '{spec}': use procedural, procedural:validation or folder:PATH")
+        raise BadInput(
+            f"unknown dataset '{spec}': use procedural, procedural:validation or folder:PATH"
+        )
     root = Path(location).expanduser()
     if not root.is_dir():
         raise BadInput(f"{root}: no such folder; give the folder that holds your meshes")

@@ -184,11 +184,12 @@ class _AutoencoderTrainer:
         self.decoder.eval()
         decoded = self.decoder(self.encoder(clouds.to(self.device))).cpu()
         return np.vstack(
-            [np.hstack([_dots(cloud.numpy()) for cloud in row]) for row in (clouds, decoded)]
+            [np.hstack([dots(cloud.numpy()) for cloud in row]) for row in (clouds, decoded)]
         )
 
 
-def _dots(points: NDArray[np.float32]) -> NDArray[np.uint8]:
+def dots(points: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A picture [128, 128, 3] of a cloud [N, 3], a black pixel for each point, for sample sheets."""
     picture = np.full((IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
     pixels, _ = project(points, SHEET_VIEW)
     column, row = np.clip(pixels, 0, IMAGE_SIZE - 1).astype(int).T

@@ -23,8 +23,7 @@ from pc2pix import checkpoint, training_loop
 from pc2pix.augment import draw_points
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
-from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData
-from pc2pix.train_autoencoder import _dots as dots
+from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots
 from pc2pix.weights import Weights
 
 KIND = "decoder"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from pathlib import Path
 
 from data_prep.failures import BadInput
@@ -15,7 +16,9 @@ BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
 }
 
 # A decoder stands beside its weights and is needed for no picture, see `pc2pix.decoder_weights`.
-BUNDLED_DECODERS: dict[str, str] = {}  # name -> sha256 of weights/<name>-decoder.safetensors
+BUNDLED_DECODERS = {  # name -> sha256 of weights/<name>-decoder.safetensors
+    "chair": "f5b7f4233c03c155535049dd17928a1b4cdc89fe10cce72b9ce2ec83dd9d68a6",
+}
 
 
 def find_weights(name_or_path: str | Path) -> Path:
@@ -82,3 +85,16 @@ def file_sha256(path: Path) -> str:
     """The checksum of a file, as in `BUNDLED`."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def objective_of(path: Path) -> str:
+    """What exported weights were trained with, from the file's header alone; "" if it says nothing.
+
+    A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
+    which is JSON.
+    """
+    with path.open("rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        header = json.loads(file.read(length))
+    training = json.loads(header.get("__metadata__", {}).get("training", "{}"))
+    return str(training.get("objective", ""))

@@ -21,6 +21,7 @@ from bench.tables import (
     detail_table,
     image_table,
     set_table,
+    with_objectives,
 )
 from data_prep.failures import BadInput
 
@@ -380,11 +381,11 @@ def test_csv_to_the_letter():
     low, high = mean_interval(np.array([0.3, 0.7, 0.1]))
     assert Table("t", "T", (row, replace(row, value=np.inf, note='a, "b"')), 3).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
-        "note\n"
+        "note,objective\n"
         f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
-        "0.270000,2 x apss: no faces; 1 x timeout: 120 s\n"
+        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,\n"
         f"chair-robustness,splat,2048,chair,ssim,,{low:.6f},{high:.6f},5,8,0.700000,"
-        '0.270000,"a, ""b"""\n'
+        '0.270000,"a, ""b""",\n'
     )
 
 
@@ -593,3 +594,28 @@ def test_cost_is_the_median_over_clouds():
         "| blank | - | - |",
         "| splat | - | 2.0 + 500.0 |",
     ]
+
+
+def test_tables_say_what_weights_were_trained_with():
+    frame = to_frame(markdown_records())
+    suite = replace(SUITE, image_metrics=("ssim",))
+    table = with_objectives(image_table("t", "T", frame, suite, {}), {"pc2pix": "paired"})
+    assert {row.method: row.objective for row in table.rows} == {
+        "surface-apss": "",
+        "pc2pix": "paired",
+        "blank": "",
+    }
+    assert "`pc2pix`: weights trained with `paired`.  \n" in table.to_markdown()
+    header, *lines = table.to_csv().splitlines()
+    assert header.endswith(",note,objective")
+    assert all(line.endswith(",paired") == (",pc2pix," in line) for line in lines)
+
+
+def test_a_variant_of_the_network_has_a_column_beside_the_papers_value():
+    other = [replace(r, method="pc2pix@acgan") for r in markdown_records() if r.method == "pc2pix"]
+    frame = to_frame([*markdown_records(), *other])
+    suite = replace(SUITE, image_metrics=("ssim",))
+    published = {("chair", "ssim", "2048", "pc2pix"): 0.64}
+    lines = image_table("t", "T", frame, suite, published).to_markdown().splitlines()
+    assert any("2048 SR | 2048 PC2PIX | 2048 PC2PIX@acgan" in line for line in lines)
+    assert any(line.count("0.64") == 2 for line in lines if line.startswith("| ssim, paper"))

@@ -130,3 +130,15 @@ def test_bundled_weights_load_and_are_small(name):
 def test_importing_the_package_does_not_import_torch():
     code = "import sys, pc2pix; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_objective_is_in_the_header(weights_file, tmp_path):
+    assert weight_files.objective_of(weights_file) == "acgan-code"
+    other = tmp_path / "other.safetensors"
+    save_file({"x": torch.zeros(1)}, other)
+    assert weight_files.objective_of(other) == ""
+
+
+def test_the_bundled_sets_are_of_different_objectives():
+    found = {name: weight_files.objective_of(weight_files.find_weights(name)) for name in BUNDLED}
+    assert found == {"chair": "paired", "chair-acgan": "acgan-code"}
