@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import pc2pix
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
-from data_prep.images import to_uint8
+from data_prep.images import to_float, to_uint8
 from data_prep.randomness import generator
 from data_prep.render import render
 from data_prep.sampling import sample_surface
@@ -40,13 +40,13 @@ VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)
 
 def main() -> None:
     """Run the study from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="What a trained network heeds.")
     parser.add_argument("weights", nargs="*", default=list(BUNDLED))
     parser.add_argument("--out", type=Path, help="folder for the contact sheets")
     options = parser.parse_args()
     meshes = [ProceduralObject("chair", "validation", i).load() for i in range(CLOUDS)]
     clouds = [sample_surface(m, generator("study", i)).points for i, m in enumerate(meshes)]
-    truth = np.concatenate([render(mesh, [VIEW]) for mesh in meshes]) / np.float32(255)
+    truth = to_float(np.concatenate([render(mesh, [VIEW]) for mesh in meshes]))
     print("| weights | measure | value |\n|---|---|---|")
     for name in options.weights:
         for measure, value in codes(name, clouds).items():
