@@ -116,7 +116,7 @@ METHODS = (
         "pc2pix",
         load=partial(_pc2pix, "chair"),
         identity=partial(_pc2pix_identity, "chair"),
-        version=1,
+        version=2,
         source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
         weights="chair",
     ),
@@ -182,7 +182,7 @@ def find_method(method_id: str) -> Method:
             method_id,
             load=partial(_pc2pix, weights),
             identity=partial(_pc2pix_file_identity, weights),
-            version=1,
+            version=2,
             source=f"pc2pix with the weights in {weights}",
             weights=weights,
         )

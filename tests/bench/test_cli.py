@@ -13,7 +13,7 @@ import torch
 
 import bench.run
 from bench.methods import METHODS
-from bench.metric_table import IMAGE_METRICS, SET_METRICS
+from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
 from bench.store import write_manifest
 from bench.suites import LATENT, SUITES
 from data_prep.conditions import CONDITIONS
@@ -201,8 +201,8 @@ def test_list_names_everything(command):
         "suites": [suite.id for suite in (*SUITES, LATENT)],
         "methods": [method.id for method in METHODS],
         "conditions": [condition.id for condition in CONDITIONS],
-        "metrics": [*IMAGE_METRICS, *(metric.id for metric in SET_METRICS)],
-        "datasets": ["procedural", "folder:PATH"],
+        "metrics": [*IMAGE_METRICS, *(metric.id for metric in SET_METRICS), *CONTROL_METRICS],
+        "datasets": ["procedural", "procedural:validation", "folder:PATH"],
     }
     assert {"chair-robustness"} <= set(sections["suites"])
     assert {"pc2pix", "surface-apss", "splat", "true-mesh", "constant", "blank"} <= set(

@@ -393,7 +393,15 @@ def test_a_machine_without_opengl(monkeypatch, tmp_path):
 def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
     monkeypatch.setattr(bench.run, "environment", dict)
     protocol, skipped = bench.run._protocol(bench.run.SUITES[0], Options("chair-robustness"))
-    assert protocol.methods == ("surface-apss", "pc2pix", "splat", "true-mesh", "constant", "blank")
+    assert protocol.methods == (
+        "surface-apss",
+        "pc2pix",
+        "pc2pix@acgan",
+        "splat",
+        "true-mesh",
+        "constant",
+        "blank",
+    )
     assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
     assert (protocol.views, protocol.seed, len(protocol.objects)) == (20, 0, 24)
     assert "fd-views" in dict(protocol.features)

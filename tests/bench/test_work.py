@@ -239,8 +239,8 @@ def test_ceiling_floor_and_splat_end_to_end(tmp_path):
 
 
 def test_surface_reconstruction_end_to_end(tmp_path, monkeypatch):
-    coarse = replace(METHODS[1], load=lambda device: SurfaceApss(resolution=40))
-    assert coarse.id == "surface-apss"
+    apss = next(method for method in METHODS if method.id == "surface-apss")
+    coarse = replace(apss, load=lambda device: SurfaceApss(resolution=40))
     monkeypatch.setattr(bench.work, "find_method", lambda method_id: coarse)
     bench.work._renderer.cache_clear()
     do(make_truth(tmp_path))

@@ -7,7 +7,7 @@ import torch
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud, View
 from pc2pix import load
-from pc2pix.renderer import pick_points
+from pc2pix.renderer import parts, pick_points
 
 from .conftest import make_clouds
 
@@ -118,3 +118,24 @@ def test_any_number_of_points_becomes_2048(count):
     assert (np.diff(rows) >= 0).all()
     repeats = np.bincount(rows.astype(int), minlength=count)
     assert repeats.max() - repeats.min() <= 1
+
+
+@pytest.mark.parametrize("count", [1, 512, 1024])
+def test_small_clouds_are_fed_whole(count):
+    points = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
+    assert np.array_equal(parts(points), points[None])
+
+
+def test_parts_of_a_large_cloud_heed_no_order_and_use_nearly_all_points():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(2048, 3)).astype(np.float32)
+    made = parts(points)
+    assert made.shape == (8, 1024, 3)
+    assert np.array_equal(made, parts(rng.permutation(points)))
+    known = {tuple(row) for row in points}
+    for part in made:
+        chosen = {tuple(row) for row in part}
+        assert len(chosen) == 1024
+        assert chosen <= known
+    # a point is in none of eight halves with probability 2^-8: 8 of 2,048, deviation 2.8
+    assert len({tuple(row) for part in made for row in part}) > 2048 - 8 - 4 * 2.8
