@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.progress import progress
 from data_prep.datasets import SceneObject, open_dataset
@@ -71,13 +72,7 @@ def train_autoencoder(
     from pc2pix.train_autoencoder import train_autoencoder as train
 
     _set_threads(options.threads)
-    objects = _objects(options)
-    clouds = np.empty((len(objects), CLOUD_POINTS, 3), np.float32)
-    with _progress("sampling", len(objects)) as advance:
-        for i, obj in enumerate(objects):
-            rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
-            clouds[i] = sample_surface(obj.load(), rng, CLOUD_POINTS).points
-            advance(0)
+    clouds = training_clouds(_objects(options))
     config = AutoencoderConfig(
         model=replace(
             {"lite": LITE, "paper": PAPER}[networks.width],
@@ -129,6 +124,17 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
     if is_first():
         export(checkpoint, weights)
     return weights
+
+
+def training_clouds(objects: tuple[SceneObject, ...]) -> NDArray[np.float32]:
+    """Clouds [N, CLOUD_POINTS, 3], with progress. The same objects give the same clouds."""
+    clouds = np.empty((len(objects), CLOUD_POINTS, 3), np.float32)
+    with _progress("sampling", len(objects)) as advance:
+        for i, obj in enumerate(objects):
+            rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
+            clouds[i] = sample_surface(obj.load(), rng, CLOUD_POINTS).points
+            advance(0)
+    return clouds
 
 
 def training_set(objects: tuple[SceneObject, ...], views: int) -> TrainingSet:

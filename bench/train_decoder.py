@@ -6,14 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
-from bench.progress import progress
-from bench.train import CLOUD_POINTS, DATA_SEED, DEFAULT_OBJECTS
+from bench.train import DEFAULT_OBJECTS, training_clouds
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
-from data_prep.randomness import generator
-from data_prep.sampling import sample_surface
 
 
 @dataclass(frozen=True)
@@ -54,13 +49,8 @@ def train_decoder(options: DecoderOptions) -> Path:
     if options.threads is not None:
         torch.set_num_threads(options.threads)
     weights = load_weights(options.weights)
-    clouds = np.empty((count, CLOUD_POINTS, 3), np.float32)
-    with progress("sampling", count) as advance:
-        for i in range(count):
-            obj = ProceduralObject("chair", "train", i)
-            rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
-            clouds[i] = sample_surface(obj.load(), rng, CLOUD_POINTS).points
-            advance(0)
+    objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
+    clouds = training_clouds(objects)
     config = DecoderConfig(
         weights=weights.sha256,
         model=weights.encoder.config,

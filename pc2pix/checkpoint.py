@@ -124,6 +124,20 @@ def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimi
     optimizer.load_state_dict(whole)
 
 
+def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str, Tensor]:
+    """Kernels in float16, everything of one dimension as it is: how weights are exported.
+
+    Raises BadInput, naming the checkpoint `source` and the `remedy`, where a value does not fit.
+    """
+    stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
+    for key, value in stored.items():
+        if not value.isfinite().all():
+            raise BadInput(
+                f"{source}: {key} reaches {tensors[key].abs().max():g}, beyond float16; {remedy}"
+            )
+    return stored
+
+
 def all_finite(tensors: Iterable[Tensor]) -> bool:
     """Whether no floating-point tensor holds NaN or infinity."""
     return all(bool(t.isfinite().all()) for t in tensors if t.is_floating_point())

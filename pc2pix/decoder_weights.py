@@ -30,13 +30,7 @@ def export_decoder(checkpoint_path: Path, path: Path) -> str:
     """
     state, step, config = checkpoint.load(checkpoint_path, KIND)
     tensors = checkpoint.sub_state(state, "decoder")
-    stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
-    for key, value in stored.items():
-        if not value.isfinite().all():
-            raise BadInput(
-                f"{checkpoint_path}: {key} reaches {tensors[key].abs().max():g}, beyond float16; "
-                "train again with other settings"
-            )
+    stored = checkpoint.halved(tensors, checkpoint_path, "train again with other settings")
     training = {k: v for k, v in config.items() if k not in ("model", "cadence", "weights")}
     header = {
         "format": FORMAT,

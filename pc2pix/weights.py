@@ -54,13 +54,7 @@ def export(checkpoint_path: Path, path: Path) -> str:
     for name in ("encoder", "generator"):
         part = checkpoint.sub_state(state, f"average.{name}")
         tensors |= {f"{name}.{k}": v for k, v in part.items() if not _is_counter(k)}
-    stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
-    for key, value in stored.items():
-        if not value.isfinite().all():
-            raise BadInput(
-                f"{checkpoint_path}: {key} reaches {tensors[key].abs().max():g}, beyond float16; "
-                "export an earlier checkpoint"
-            )
+    stored = checkpoint.halved(tensors, checkpoint_path, "export an earlier checkpoint")
     header = {
         "format": FORMAT,
         "encoder": ENCODER_NAMES[config["model"]["encoder"]],
