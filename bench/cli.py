@@ -163,14 +163,17 @@ def _run_latent(options: Any) -> None:
 @app.command("list")
 def list_all() -> None:
     """Suites, methods, conditions, metrics and datasets."""
-    from bench.methods import METHODS
+    from bench.methods import METHODS, plugin_ids
     from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
     from bench.suites import LATENT, SUITES
     from data_prep.conditions import CONDITIONS
 
     sections = {
         "suites": [(s.id, s.about) for s in (*SUITES, LATENT)],
-        "methods": [(m.id, m.source) for m in METHODS],
+        "methods": [
+            *((m.id, m.source) for m in METHODS),
+            *((id_, "of another installed package") for id_ in plugin_ids()),
+        ],
         "conditions": [(c.id, c.source) for c in CONDITIONS],
         "metrics": [
             *IMAGE_METRICS.items(),

@@ -2,13 +2,16 @@
 
 A factory imports its heavy packages when it is called, in the worker that needs them. Importing
 this module needs no package at all, so that `bench list` answers at once.
+
+Other packages add methods by entry points of the group `pc2pix_bench.methods`: the name is the
+method's id, the object a `Method`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -165,6 +168,7 @@ METHODS = (
         source="the floor: white pictures; failures are scored as these",
     ),
 )
+PLUGINS = "pc2pix_bench.methods"
 FLOOR = "blank"
 FLOORS = ("constant", FLOOR)  # what looks at no cloud
 
@@ -172,7 +176,8 @@ FLOORS = ("constant", FLOOR)  # what looks at no cloud
 def find_method(method_id: str) -> Method:
     """The method with this id; `pc2pix@FILE.safetensors` is pc2pix with weights of your own.
 
-    Raises BadInput for an unknown id (naming the nearest) and for a weights file that is missing.
+    Raises BadInput for an unknown id (naming the nearest), for a weights file that is missing, and
+    where another package announces a method that it does not have.
     """
     name, at, weights = method_id.partition("@")
     if name == "pc2pix" and at and weights.endswith(".safetensors"):
@@ -186,7 +191,38 @@ def find_method(method_id: str) -> Method:
             source=f"pc2pix with the weights in {weights}",
             weights=weights,
         )
-    return find(method_id, METHODS, "method")
+    if any(method.id == method_id for method in METHODS) or method_id not in plugin_ids():
+        return find(method_id, METHODS, "method")
+    return _plugin(method_id)
+
+
+@cache
+def plugin_ids() -> tuple[str, ...]:
+    """Ids of the methods that other installed packages announce, sorted; none is loaded."""
+    from importlib.metadata import entry_points
+
+    return tuple(sorted(entry_points(group=PLUGINS).names))
+
+
+@cache
+def _plugin(method_id: str) -> Method:
+    from importlib.metadata import entry_points
+
+    (entry, *_) = entry_points(group=PLUGINS, name=method_id)
+    where = f"method '{method_id}' of {entry.dist.name if entry.dist else entry.value}"
+    try:
+        method = entry.load()
+    except Exception as error:  # whatever a stranger's module raises
+        raise BadInput(
+            f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); mend or "
+            "remove that package"
+        ) from error
+    if not isinstance(method, Method) or method.id != method_id:
+        raise BadInput(
+            f"{where}: {entry.value} is not a bench.methods.Method with that id; mend or remove "
+            "that package"
+        )
+    return method
 
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:

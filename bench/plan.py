@@ -14,7 +14,7 @@ from bench.methods import FLOOR, find_method
 from bench.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.suites import Suite
 from bench.work import Job
-from data_prep.conditions import CONDITIONS
+from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
 from data_prep.datasets import PROCEDURAL_VERSION, SceneObject
 from data_prep.randomness import generator
 from data_prep.sampling import random_views
@@ -66,7 +66,7 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
             protocol.views, generator(protocol.seed, "views", obj.class_name, obj.object_id)
         )
         common = _common_identity(protocol, obj, views)
-        truth = _job(protocol, directory, obj, views, GROUND_TRUTH, "", [common], None)
+        truth = _job(protocol, directory, obj, views, GROUND_TRUTH, "", Unchanged(), [common], None)
         references.append(truth)
         items += [
             _job(
@@ -76,6 +76,7 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
                 views,
                 method,
                 condition.id,
+                condition.perturbation,
                 [common, identities[method], repr(condition.perturbation), SCORES_VERSION],
                 truth.artifact,
             )
@@ -98,6 +99,7 @@ def _job(
     views: tuple[View, ...],
     method: str,
     condition: str,
+    perturbation: Perturbation,
     identity: Sequence[Any],
     reference: Path | None,
 ) -> Job:
@@ -107,6 +109,7 @@ def _job(
         suite=protocol.suite.id,
         method=method,
         condition=condition,
+        perturbation=perturbation,
         object=obj,
         views=views,
         seed=protocol.seed,

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from importlib.metadata import version
 
-from bench.pool import WORKER_ENVIRONMENT
+from bench.isolation import WORKER_ENVIRONMENT
 from data_prep.failures import MissingDependency
 
 TIMEOUT_S = 120

@@ -179,7 +179,7 @@ def _do(
     workers = min(workers, len(missing))
     with (
         progress(title, len(missing)) as advance,
-        closing(run_jobs(missing, workers, suite.time_limit_s)) as stream,
+        closing(run_jobs(missing, workers, suite.limits)) as stream,
     ):
         for result in stream:
             if result.unusable:

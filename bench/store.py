@@ -9,7 +9,8 @@
 
 A line counts if its checksum fits and its artifact is there with the right bytes; a job whose line
 does not count is done again. Every start writes a journal file of its own, so that a line torn by
-a kill is never glued to the next one.
+a power cut is never glued to the next one. A file with a line that does not count is set aside
+(journal/set-aside/), its good lines are written into a new one.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from bench.record import SCHEMA_VERSION, Record
-from bench.work import Job, Result, write_whole
+from bench.work import Job, Result, sync_folder, write_whole
 from data_prep.failures import BadInput, CannotWrite
 
 MANIFEST = "manifest.json"
+JOURNAL = "journal"
+SET_ASIDE = "set-aside"
 _FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 
@@ -49,10 +52,10 @@ class Journal:
     def append(self, result: Result) -> None:
         """Write a result down; when this returns, a power cut cannot take it back."""
         if self._shard is None:
-            folder = self.directory / "journal"
-            folder.mkdir(exist_ok=True)
-            number = 1 + max((int(p.stem) for p in folder.glob("[0-9]*.jsonl")), default=0)
-            self._shard = (folder / f"{number:04d}.jsonl").open("x", encoding="utf-8")
+            path = _next_shard(self.directory)
+            path.parent.mkdir(exist_ok=True)
+            self._shard = path.open("x", encoding="utf-8")
+            sync_folder(path.parent)
         self._shard.write(_to_line(result))
         self._shard.flush()
         os.fsync(self._shard.fileno())
@@ -91,7 +94,7 @@ def open_journal(directory: Path) -> Iterator[Journal]:
         raise _not_writable(directory, error) from error
     with _locked(directory):
         journal = Journal(directory)
-        for shard in sorted((directory / "journal").glob("[0-9]*.jsonl")):
+        for shard in _shards(directory / JOURNAL):
             _read_shard(shard, journal)
         try:
             yield journal
@@ -209,8 +212,21 @@ def _to_line(result: Result) -> str:
     return f"{sha256(body.encode()).hexdigest()} {body}\n"
 
 
+def _shards(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*.jsonl") if path.stem.isdecimal())
+
+
+def _next_shard(directory: Path) -> Path:
+    """A name that no journal file has or had."""
+    folder = directory / JOURNAL
+    taken = [int(path.stem) for path in (*_shards(folder), *_shards(folder / SET_ASIDE))]
+    return folder / f"{1 + max(taken, default=0):04d}.jsonl"
+
+
 def _read_shard(shard: Path, journal: Journal) -> None:
     lines: Sequence[bytes] = shard.read_bytes().split(b"\n")
+    good: list[bytes] = []
+    damage: list[str] = []
     for number, line in enumerate(lines, 1):
         if not line:
             continue
@@ -218,10 +234,28 @@ def _read_shard(shard: Path, journal: Journal) -> None:
         if sha256(body).hexdigest().encode() != checksum:
             torn = number == len(lines)
             what = "was cut short by the end of its run" if torn else "is damaged"
-            journal.damage.append(f"{shard}: line {number} {what}; its job is done again")
+            damage.append(f"{shard}: line {number} {what}; its job is done again")
             continue
+        good.append(line)
         values = json.loads(body)
         if any(record.keys() != _FIELDS for record in values["records"]):
             continue  # of another schema: its key, which names the schema, is no job's any more
         records = tuple(Record(**record) for record in values["records"])
         journal.finished[values["key"]] = Result(values["key"], records, values["artifact_sha256"])
+    if damage:
+        kept = _replace_shard(shard, good, journal.directory)
+        journal.damage += [*damage, f"{shard}: kept for you to look at as {kept}"]
+
+
+def _replace_shard(shard: Path, good: Sequence[bytes], directory: Path) -> Path:
+    """Write the good lines into a new journal file, then set the damaged one aside."""
+    aside = shard.parent / SET_ASIDE / shard.name
+    try:
+        if good:
+            write_whole(_next_shard(directory), b"".join(line + b"\n" for line in good))
+        aside.parent.mkdir(exist_ok=True)
+        shard.replace(aside)
+        sync_folder(shard.parent)
+    except OSError as error:
+        raise _not_writable(directory, error) from error
+    return aside

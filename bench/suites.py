@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bench.isolation import Limits
 from bench.metric_table import JUDGE
 
 
@@ -22,7 +23,7 @@ class Suite:
     control_metrics  what the judge is asked
     views            random views per object
     endless_limit    objects taken from a dataset without end (the procedural one)
-    time_limit_s     for one method on one cloud with all its views; what takes longer has failed
+    limits           for one method on one cloud with all its views; what takes more has failed
     """
 
     id: str
@@ -36,7 +37,7 @@ class Suite:
     control_metrics: tuple[str, ...]
     views: int
     endless_limit: int
-    time_limit_s: float
+    limits: Limits
 
     @property
     def extractors(self) -> tuple[str, ...]:
@@ -65,7 +66,7 @@ SUITES = (
         control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
         views=20,
         endless_limit=24,
-        time_limit_s=120.0,
+        limits=Limits(time_s=120.0, memory_gib=4.0),
     ),
 )
 

@@ -20,11 +20,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.methods import find_method
+from bench.methods import FLOORS, find_method
 from bench.metric_table import Extractor, find_extractor
-from bench.record import Record
+from bench.record import GROUND_TRUTH, Record
 from bench.scores import scores
-from data_prep.conditions import CONDITIONS
+from data_prep.conditions import Perturbation
 from data_prep.datasets import SceneObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.images import to_uint8
@@ -39,16 +39,19 @@ Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
 class Job:
     """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH).
 
-    key        names everything that the result depends on
-    artifact   where pictures and features go
-    reference  the artifact of the ground truth; None for the ground truth itself
-    features   (id, weights file) of the extractors to run
+    key           names everything that the result depends on
+    perturbation  what `condition` is the name of
+    artifact      where pictures and features go
+    reference     the artifact of the ground truth; None where nothing is scored
+    features      (id, weights file) of the extractors to run
+    batch         views drawn in one call; None: all of them
     """
 
     key: str
     suite: str
     method: str
     condition: str
+    perturbation: Perturbation
     object: SceneObject
     views: tuple[View, ...]
     seed: int
@@ -56,6 +59,7 @@ class Job:
     features: tuple[tuple[str, str], ...]
     artifact: Path
     reference: Path | None
+    batch: int | None = None
 
 
 @dataclass(frozen=True)
@@ -75,18 +79,19 @@ class Result:
 def do(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
     try:
-        if job.reference is None:
+        if job.method == GROUND_TRUTH:
             return _draw_ground_truth(job)
-        return _run_method(job, job.reference)
+        return _run_method(job)
     except (MissingDependency, CannotWrite) as error:
         return replace(failed(job, str(error)), unusable=str(error))
     except BadInput as error:
         return failed(job, f"input: {error}")
     except StageFailure as error:
         return failed(job, str(error))
+    except MemoryError as error:  # refused at once: nothing was used up yet
+        return failed(job, f"memory: {_first_line(error)}")
     except (Exception, SystemExit) as error:  # a method may call exit(); the run goes on
-        lines = str(error).splitlines()
-        return failed(job, f"{type(error).__name__}: {lines[0] if lines else 'no message'}")
+        return failed(job, f"{type(error).__name__}: {_first_line(error)}")
 
 
 def failed(job: Job, reason: str) -> Result:
@@ -108,13 +113,18 @@ def _draw_ground_truth(job: Job) -> Result:
     return Result(job.key, tuple(_records(job, "ok")), sha)
 
 
-def _run_method(job: Job, reference: Path) -> Result:
+def _first_line(error: BaseException) -> str:
+    lines = str(error).splitlines()
+    return lines[0] if lines else "no message"
+
+
+def _run_method(job: Job) -> Result:
     method = find_method(job.method)
     try:
         renderer = _renderer(job.method, job.device)
     except BadInput as error:  # unusable weights fail every item alike
         return replace(failed(job, str(error)), unusable=str(error))
-    truth = read_artifact(reference)["images"]
+    truth = None if job.reference is None else read_artifact(job.reference)["images"]
     cloud = _cloud(job)
     if not method.sees_mesh:
         cloud = PointCloud(cloud.points)
@@ -122,26 +132,52 @@ def _run_method(job: Job, reference: Path) -> Result:
     start = time.perf_counter()
     state = renderer.prepare(cloud, rng)
     prepared = time.perf_counter()
-    images = renderer.draw(state, job.views, rng)
-    drawn = time.perf_counter()
-    pictures = _checked(images, len(job.views))
-    sha = _write_artifact(job, pictures)
-    scored = scores(truth, pictures)
+    batches = _batches(job)
+    drawn = [renderer.draw(state, views, rng) for views in batches]
+    done = time.perf_counter()
+    pictures = np.concatenate(
+        [_checked(images, len(views)) for images, views in zip(drawn, batches, strict=True)]
+    )
+    if job.method not in FLOORS:
+        _refuse_blank(pictures, truth)
     records = _records(
         job,
         "ok",
         notes="; ".join(getattr(state, "notes", ())),
         prepare_s=prepared - start,
-        draw_s=(drawn - prepared) / len(job.views),
+        draw_s=(done - prepared) / len(job.views),
     )
-    return Result(
-        job.key,
-        tuple(
+    if truth is not None:
+        scored = scores(truth, pictures)
+        records = [
             replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
             for i, record in enumerate(records)
-        ),
-        sha,
-    )
+        ]
+    sha = _write_artifact(job, pictures)
+    return Result(job.key, tuple(records), sha)
+
+
+def _batches(job: Job) -> list[tuple[View, ...]]:
+    if job.batch is None:
+        return [job.views]
+    return [job.views[i : i + job.batch] for i in range(0, len(job.views), job.batch)]
+
+
+def _refuse_blank(pictures: Pictures, truth: Pictures | None) -> None:
+    """Raises StageFailure where a picture is of one colour throughout, unless the true one is.
+
+    A renderer that has lost its context gives such, and so does one that looks the wrong way;
+    as the picture of an object it is none.
+    """
+    flat = _is_flat(pictures)
+    if truth is not None:
+        flat &= ~_is_flat(truth)
+    if flat.any():
+        raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} pictures are blank")
+
+
+def _is_flat(pictures: Pictures) -> NDArray[np.bool_]:
+    return (pictures == pictures[:, :1, :1]).all(axis=(1, 2, 3))
 
 
 def _or_none(score: np.float64) -> float | None:
@@ -151,8 +187,7 @@ def _or_none(score: np.float64) -> float | None:
 def _cloud(job: Job) -> PointCloud:
     """The perturbed cloud. It depends on seed, object and condition, never on the method."""
     sampled = sample_surface(job.object.load(), generator(job.seed, "cloud", *_identity(job)))
-    perturbation = next(c.perturbation for c in CONDITIONS if c.id == job.condition)
-    return perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
+    return job.perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
 
 
 def _identity(job: Job) -> tuple[str, str]:
@@ -161,6 +196,9 @@ def _identity(job: Job) -> tuple[str, str]:
 
 def _checked(images: NDArray[np.float32], count: int) -> Pictures:
     expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
+    if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
+        found = getattr(images, "dtype", type(images).__name__)
+        raise StageFailure("draw", f"pictures are {found}, expected float32 in [0, 1]")
     if images.shape != expected:
         raise StageFailure("draw", f"pictures of shape {images.shape}, expected {expected}")
     bad = int((~np.isfinite(images)).sum())
@@ -194,6 +232,16 @@ def write_whole(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(path)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Put on disk which files a folder has: a new file's own fsync does not."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _records(

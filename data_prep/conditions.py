@@ -16,12 +16,23 @@ Noise          The paper adds N(0, sigma) to a cloud in a sphere of radius 1. Th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:  # `bench list` answers at once
     import numpy as np
 
     from data_prep.scene import PointCloud
+
+
+class Perturbation(Protocol):
+    """What is done to a cloud; a small value that crosses process boundaries.
+
+    Its `repr` is part of the key under which a result is kept.
+    """
+
+    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """The perturbed cloud. It keeps its `source`, unless that is moved along."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,7 @@ class Condition:
     """A perturbation with a name and the place it comes from."""
 
     id: str
-    perturbation: Unchanged | Stride | RandomSubset | GaussianNoise
+    perturbation: Perturbation
     source: str
 
 

@@ -1,11 +1,17 @@
-"""Any mesh to the unit sphere, where all shapes of the project live (see `data_prep.scene`)."""
+"""Any mesh or cloud to the unit sphere, where all shapes of the project live.
+
+See `data_prep.scene` for what that is.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
-from data_prep.scene import Mesh
+from data_prep.scene import Mesh, PointCloud
 
 
 def normalise(mesh: Mesh) -> Mesh:
@@ -37,3 +43,42 @@ def normalise(mesh: Mesh) -> Mesh:
         )
     scaled = ((vertices - centre) / radius).astype(np.float32)
     return Mesh(scaled, mesh.faces, mesh.face_colors)
+
+
+def normalise_points(points: NDArray[Any]) -> PointCloud:
+    """Real numbers [N, 3] in any units, centred and scaled to the unit sphere.
+
+    Afterwards the bounding box is centred at the origin and the farthest point lies at radius 1
+    (float64 arithmetic, rounded to float32 once). Works at any scale and far from the origin, as
+    long as float64 tells the points apart.
+
+    Raises BadInput where there is no point, where one is not finite, and where all are equal.
+    """
+    if points.dtype.kind not in "fiu" or points.shape[1:] != (3,):
+        raise ValueError(f"expected real numbers [N, 3], got {points.dtype} {list(points.shape)}")
+    if len(points) == 0:
+        raise BadInput("the cloud has no points (0); give at least two")
+    with np.errstate(over="ignore"):  # beyond float64 is infinite, and told as such
+        values = points.astype(np.float64)
+    broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if len(broken):
+        raise BadInput(
+            f"the cloud has {len(broken)} non-finite points of {len(values)} "
+            f"(the first is point {broken[0]}); remove them"
+        )
+    # Powers of two, which round nothing: a tiny cloud is enlarged before its centre is taken, and
+    # every cloud brought to the size of 1 before its coordinates are squared.
+    values = np.ldexp(values, max(0, -_exponent(values)))
+    centred = values - (values.min(axis=0) / 2 + values.max(axis=0) / 2)
+    if not centred.any():
+        raise BadInput(
+            f"all {len(points)} points are equal, at {points[0].tolist()}; a cloud needs an extent"
+        )
+    centred = np.ldexp(centred, -_exponent(centred))
+    radius = np.sqrt((centred**2).sum(axis=1).max())
+    return PointCloud((centred / radius).astype(np.float32))
+
+
+def _exponent(values: NDArray[np.float64]) -> int:
+    """e where the largest magnitude is in 2**(e - 1) ... 2**e; 0 where all values are 0."""
+    return int(np.frexp(np.abs(values).max())[1])

@@ -16,6 +16,7 @@ from bench.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.results import write_cost, write_tables
 from bench.store import write_manifest
 from bench.work import Job, Result, write_whole
+from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View
 
 SUITE = "chair-robustness"
@@ -63,11 +64,13 @@ def make_job(directory: Path, obj=None, method="splat", condition="2048", **chan
     """A job whose artifact and reference lie in `directory`, named by method and object."""
     obj = obj or Tetrahedron()
     key = f"{method} {condition} {obj.object_id}".replace("/", "-")
+    perturbations = {known.id: known.perturbation for known in CONDITIONS}
     job = Job(
         key=key,
         suite=SUITE,
         method=method,
         condition=condition,
+        perturbation=perturbations.get(condition, Unchanged()),
         object=obj,
         views=VIEWS,
         seed=0,

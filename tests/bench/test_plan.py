@@ -8,6 +8,7 @@ from harness_objects import Tetrahedron
 
 import bench.methods
 import bench.plan
+from bench.isolation import Limits
 from bench.plan import Protocol, plan, with_floor
 from bench.record import GROUND_TRUTH
 from bench.suites import SUITES
@@ -166,7 +167,7 @@ def test_versions_count(monkeypatch, name):
         {"objects": (Tetrahedron("c"), Tetrahedron("b"), Tetrahedron("a"))},
         {"environment": {"numpy": "2", "gl": "llvmpipe"}},
         {"features": (("fd-views", "elsewhere"),)},  # the same weights in another place
-        {"suite": replace(SUITES[0], time_limit_s=1.0, about="", endless_limit=1)},
+        {"suite": replace(SUITES[0], limits=Limits(1.0, 1.0), about="", endless_limit=1)},
     ],
 )
 def test_what_grows_keeps_what_is_done(change):

@@ -24,13 +24,14 @@ from harness_objects import (
     Tetrahedron,
 )
 
-import bench.pool
-from bench.pool import WORKER_ENVIRONMENT, run_jobs
+import bench.isolation
+from bench.isolation import WORKER_ENVIRONMENT, Limits
+from bench.pool import run_jobs
 from bench.work import do
 
 from .builders import make_job, make_truth, write_artifact
 
-AMPLE_S = 60.0
+AMPLE = Limits(time_s=60.0, memory_gib=8.0)
 
 
 @pytest.fixture
@@ -74,14 +75,14 @@ def test_bad_jobs_cost_their_own_records_only(jobs_for):
         Calling("6"),
         Tetrahedron("7"),
     )
-    results = list(run_jobs(jobs, 2, AMPLE_S))
+    results = list(run_jobs(jobs, 2, AMPLE))
     assert sorted(result.key for result in results) == sorted(job.key for job in jobs)
     assert reasons(results) == {
         "1": {""},
         "2": {"input: no such shape; draw one"},
         "3": {"crash: the worker died (exit code 7)"},
         "4": {""},
-        "5": {"crash: the worker died (exit code -9)"},
+        "5": {"crash: the worker died (SIGKILL)"},
         "6": {"SystemExit: enough"},
         "7": {""},
     }
@@ -94,7 +95,7 @@ def test_bad_jobs_cost_their_own_records_only(jobs_for):
 
 def test_workers_give_what_this_process_gives(jobs_for):
     (job,) = jobs_for(Tetrahedron())
-    (result,) = run_jobs([job], 1, AMPLE_S)
+    (result,) = run_jobs([job], 1, AMPLE)
     here = do(job)
     assert result.artifact_sha256 == here.artifact_sha256
     for there, record in zip(result.records, here.records, strict=True):
@@ -104,7 +105,7 @@ def test_workers_give_what_this_process_gives(jobs_for):
 def test_a_job_that_hangs_is_stopped_and_the_others_finish(jobs_for, tmp_path):
     hanging = Hanging("1", pid_file=tmp_path / "pid")
     jobs = jobs_for(hanging, Tetrahedron("2"), Tetrahedron("3"))
-    found = reasons(run_jobs(jobs, 1, 4.0))
+    found = reasons(run_jobs(jobs, 1, Limits(4.0, 8.0)))
     assert found == {"1": {"timeout: no result within 4 s"}, "2": {""}, "3": {""}}
     assert not is_alive(int((tmp_path / "pid").read_text()))
 
@@ -113,24 +114,25 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
     files = [tmp_path / "pid1", tmp_path / "pid2"]
     hanging = [Hanging(file.name, pid_file=file) for file in files]
     jobs = jobs_for(Refusing("0"), *hanging, Tetrahedron("3"))
-    with closing(run_jobs(jobs, 2, AMPLE_S)) as stream:
+    with closing(run_jobs(jobs, 2, AMPLE)) as stream:
         assert reasons([next(stream)]) == {"0": {"input: no such shape; draw one"}}
         wait_until(lambda: all(file.is_file() and file.read_text() for file in files))
         pids = [int(file.read_text()) for file in files]
         assert all(map(is_alive, pids))
         start = time.monotonic()
-    assert time.monotonic() - start < AMPLE_S / 2  # nobody waited for the time limit
+    assert time.monotonic() - start < AMPLE.time_s / 2  # nobody waited for the time limit
     assert not any(map(is_alive, pids))
     assert multiprocessing.active_children() == []
 
 
 RUN_JOBS = """
 import pickle, sys
+from bench.isolation import Limits
 from bench.pool import run_jobs
 if __name__ == "__main__":
     sys.path.append(sys.argv[1])
     with open(sys.argv[2], "rb") as file:
-        list(run_jobs(pickle.load(file), 1, 600.0))
+        list(run_jobs(pickle.load(file), 1, Limits(600.0, 8.0)))
 """
 
 
@@ -156,7 +158,7 @@ def test_workers_have_an_environment_of_their_own(jobs_for, monkeypatch):
     for name in WORKER_ENVIRONMENT.keys() - {"OMP_NUM_THREADS"}:
         monkeypatch.delenv(name, raising=False)
     before = dict(os.environ)
-    (result,) = run_jobs(jobs_for(TellingTheEnvironment()), 1, AMPLE_S)
+    (result,) = run_jobs(jobs_for(TellingTheEnvironment()), 1, AMPLE)
     told = json.loads(result.records[0].reason.removeprefix("input: "))
     for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP"):
         assert told[f"{name}_NUM_THREADS"] == "1"
@@ -165,12 +167,12 @@ def test_workers_have_an_environment_of_their_own(jobs_for, monkeypatch):
 
 
 def test_workers_are_replaced_now_and_then(jobs_for, monkeypatch):
-    monkeypatch.setattr(bench.pool, "JOBS_PER_WORKER", 2)
-    results = run_jobs(jobs_for(*(TellingItsProcess(str(i)) for i in range(4))), 1, AMPLE_S)
+    monkeypatch.setattr(bench.isolation, "TASKS_PER_WORKER", 2)
+    results = run_jobs(jobs_for(*(TellingItsProcess(str(i)) for i in range(4))), 1, AMPLE)
     processes = [result.records[0].reason for result in results]
     _, counts = np.unique(processes, return_counts=True)
     assert counts.tolist() == [2, 2]
 
 
 def test_no_jobs_start_nothing():
-    assert list(run_jobs([], 2, AMPLE_S)) == []
+    assert list(run_jobs([], 2, AMPLE)) == []

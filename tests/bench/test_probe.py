@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from bench import probe
-from bench.pool import WORKER_ENVIRONMENT
+from bench.isolation import WORKER_ENVIRONMENT
 from bench.probe import environment
 from data_prep import render
 from data_prep.failures import MissingDependency

@@ -37,7 +37,7 @@ def finish(job, seed=0):
 
 
 def shards(directory):
-    return sorted((directory / "journal").iterdir())
+    return sorted((directory / "journal").glob("*.jsonl"))
 
 
 # --- journal --------------------------------------------------------------------------------------
@@ -89,10 +89,15 @@ def test_every_start_that_writes_has_a_file_of_its_own(tmp_path):
 def test_a_result_is_on_disk_before_append_returns(tmp_path, monkeypatch):
     job = make_job(tmp_path)
     done, synced = finish(job), []
-    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle).st_size))
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle)))
     with open_journal(tmp_path) as journal:
         journal.append(done)
-        assert synced == [shards(tmp_path)[0].stat().st_size]
+        (shard,) = shards(tmp_path)
+        # the file's name, then its contents
+        assert [found.st_ino for found in synced] == [
+            p.stat().st_ino for p in (shard.parent, shard)
+        ]
+        assert synced[1].st_size == shard.stat().st_size
         (line,) = shards(tmp_path)[0].read_bytes().splitlines()
     checksum, _, body = line.partition(b" ")
     assert sha256(body).hexdigest() == checksum.decode()
@@ -120,8 +125,11 @@ def test_a_torn_line_is_done_again(tmp_path, length):
     with open_journal(tmp_path) as journal:
         assert journal.usable(whole) is not None
         assert journal.usable(torn) is None
-        (damage,) = journal.damage
-        assert damage.startswith(f"{shard}: line 2 was cut short by the end of its run")
+        aside = shard.parent / "set-aside" / shard.name
+        assert journal.damage == [
+            f"{shard}: line 2 was cut short by the end of its run; its job is done again",
+            f"{shard}: kept for you to look at as {aside}",
+        ]
         journal.append(finish(torn))
     with open_journal(tmp_path) as journal:
         assert journal.usable(torn) is not None
@@ -151,6 +159,44 @@ def test_a_damaged_line_is_done_again_and_the_others_stay(tmp_path, change):
     with open_journal(tmp_path) as journal:
         assert [journal.usable(job) is not None for job in jobs] == [True, False, True]
         assert journal.damage[0].startswith(f"{shard}: line 2 is damaged")
+        journal.append(finish(jobs[1]))
+    kept = shard.parent / "set-aside" / shard.name
+    assert kept.read_bytes() == b"".join(lines)
+    found = shards(tmp_path)
+    assert [path.name for path in found] == ["0002.jsonl", "0003.jsonl"]
+    assert found[0].read_bytes() == lines[0] + lines[2]
+    with open_journal(tmp_path) as journal:
+        assert [journal.usable(job) is not None for job in jobs] == [True] * 3
+        assert journal.damage == []  # said once
+
+
+@pytest.mark.parametrize("contents", [b"\0" * 4096, b"\xff\xfe\n\n", b"[" * 10_000, b" {}\n"])
+def test_a_journal_file_of_rubbish_is_set_aside(tmp_path, contents):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    rubbish = tmp_path / "journal" / "0002.jsonl"
+    rubbish.write_bytes(contents)
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is not None
+        assert journal.damage[0].startswith(f"{rubbish}: line 1 ")
+    assert (tmp_path / "journal" / "set-aside" / "0002.jsonl").read_bytes() == contents
+    assert [path.name for path in shards(tmp_path)] == ["0001.jsonl"]
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    assert [path.name for path in shards(tmp_path)] == ["0001.jsonl", "0003.jsonl"]
+
+
+def test_other_files_beside_the_journal_are_left_alone(tmp_path):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    copy = tmp_path / "journal" / "0001-copy.jsonl"
+    copy.write_text("mine")
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is not None
+        assert journal.damage == []
+    assert copy.read_text() == "mine"
 
 
 @pytest.mark.parametrize("harm", ["missing", "altered", "cut"])

@@ -18,7 +18,7 @@ from bench.ssim import ssim_per_image_and_box
 from bench.views_network import load_views_network, view_features
 from bench.work import _cloud, do, read_artifact
 from data_prep.failures import BadInput, MissingDependency, StageFailure
-from data_prep.images import to_float
+from data_prep.images import to_float, to_uint8
 from data_prep.randomness import generator
 from data_prep.render import render
 from data_prep.sampling import sample_surface
@@ -29,11 +29,18 @@ from .builders import SCORES, VIEWS, make_job, make_truth, write_artifact
 SSIM = ("ssim", "luminance", "contrast", "structure")
 
 
+def black_on_white():
+    """Two pictures of a black square."""
+    pictures = np.ones((2, 128, 128, 3), np.float32)
+    pictures[:, 32:96, 32:96] = 0.0
+    return pictures
+
+
 class Fake:
     """A method that draws `pictures` and remembers what it was given."""
 
     def __init__(self, pictures=None, notes=()):
-        self.pictures = np.zeros((2, 128, 128, 3), np.float32) if pictures is None else pictures
+        self.pictures = black_on_white() if pictures is None else pictures
         self.notes = notes
         self.clouds, self.draws = [], []
 
@@ -130,12 +137,82 @@ def test_thin_parts_and_pictures_without_an_object(measure):
 
 
 def test_values_outside_0_1_are_clipped(measure):
-    pictures = np.zeros((2, 128, 128, 3), np.float32)
-    pictures[0], pictures[1] = -0.5, 1.5
+    pictures = black_on_white()
+    pictures[0, :, :64], pictures[1, :, :64] = -0.5, 1.5
     job, _ = measure(Fake(pictures))
-    drawn = read_artifact(job.artifact)["images"]
+    drawn = read_artifact(job.artifact)["images"][:, :, :64]
     assert (drawn[0] == 0).all()
     assert (drawn[1] == 255).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
+def test_a_picture_of_one_colour_is_none(measure, level):
+    pictures = black_on_white()
+    pictures[1] = level
+    job, result = measure(Fake(pictures))
+    assert outcomes(result) == {("failed", "draw: 1 of 2 pictures are blank")}
+    assert not job.artifact.exists()
+
+
+def test_a_picture_with_one_other_pixel_is_a_picture(measure):
+    pictures = np.ones((2, 128, 128, 3), np.float32)
+    pictures[:, 127, 127, 2] = 0.99
+    _, result = measure(Fake(pictures))
+    assert outcomes(result) == {("ok", "")}
+
+
+@pytest.mark.parametrize("floor", ["blank", "constant"])
+def test_a_floor_may_be_blank(tmp_path, floor):
+    write_artifact(make_truth(tmp_path))
+    assert outcomes(do(make_job(tmp_path, method=floor))) == {("ok", "")}
+
+
+def test_blank_where_the_truth_is_blank_is_a_picture(measure):
+    truth = to_uint8(black_on_white())
+    truth[1] = 255
+    pictures = black_on_white()
+    pictures[1] = 1.0
+    assert outcomes(measure(Fake(pictures), truth=truth)[1]) == {("ok", "")}
+    pictures[0] = 1.0
+    blank = {("failed", "draw: 1 of 2 pictures are blank")}
+    assert outcomes(measure(Fake(pictures), truth=truth)[1]) == blank
+
+
+@pytest.mark.parametrize(
+    ("pictures", "found"),
+    [
+        (np.zeros((2, 128, 128, 3), np.uint8), "uint8"),
+        (np.zeros((2, 128, 128, 3), complex), "complex128"),
+        ([[1.0]], "list"),
+        (None, "NoneType"),
+    ],
+)
+def test_pictures_of_another_kind_are_refused(measure, pictures, found):
+    method = Fake()
+    method.pictures = pictures
+    _, result = measure(method)
+    assert outcomes(result) == {
+        ("failed", f"draw: pictures are {found}, expected float32 in [0, 1]")
+    }
+
+
+def test_views_are_drawn_in_batches_where_asked(measure):
+    sizes = []
+
+    class Counting(Fake):
+        def draw(self, state, views, rng):
+            sizes.append(len(views))
+            return np.stack([black_on_white()[0] * np.float32(view.azimuth_deg) for view in views])
+
+    views = tuple(View(float(i + 1) / 8, 0.0) for i in range(5))
+    drawn = []
+    for batch in (None, 1, 2, 5, 9):
+        job, result = measure(Counting(), views=views, batch=batch, reference=None)
+        assert [record.azimuth_deg for record in result.records] == [v.azimuth_deg for v in views]
+        drawn.append(read_artifact(job.artifact)["images"])
+    assert all((images == drawn[0]).all() for images in drawn)
+    assert sizes == [5, 1, 1, 1, 1, 1, 2, 2, 1, 5, 5]
+    assert {record.ssim for record in result.records} == {None}  # no truth, no scores
 
 
 def test_notes_are_kept(measure):
@@ -268,7 +345,7 @@ def test_the_same_job_gives_the_same_bytes(tmp_path):
         (BadInput("an empty cloud; give points"), "input: an empty cloud; give points"),
         (RuntimeError("first line\nsecond line"), "RuntimeError: first line"),
         (IndexError(), "IndexError: no message"),
-        (MemoryError(), "MemoryError: no message"),
+        (MemoryError("500 GiB"), "memory: 500 GiB"),
         (SystemExit("enough"), "SystemExit: enough"),
         (TimeoutError("slow"), "TimeoutError: slow"),
     ],

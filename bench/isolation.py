@@ -1,0 +1,172 @@
+"""Tasks in killable worker processes: spawned, one library thread each, replaced now and then.
+
+Native libraries hang, leak and crash (see CONTRIBUTING.md); a task that does costs its own result
+and nothing else. One thread a worker, whatever their number, so that no result depends on how many
+neighbours a task had: sums are taken in the same order.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+TASKS_PER_WORKER = 400  # then a fresh process: what leaks, leaks no further
+WATCH_EVERY_S = 0.1
+WORKER_ENVIRONMENT = {
+    # One thread a library.
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMEXPR_NUM_THREADS": "1",
+    "LP_NUM_THREADS": "1",  # Mesa's software rasteriser
+    # MeshLab's APSS reads memory that it has not written: in about half of all processes some
+    # vertices end up a rounding error away, and where the surface is ill-conditioned a spike more
+    # or less moves SSIM by 0.05. With glibc filling what it hands out (255 is a fill of noughts)
+    # and keeping no cache of freed blocks, every process reads the same.
+    "GLIBC_TUNABLES": "glibc.malloc.perturb=255:glibc.malloc.tcache_count=0",
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one task may take: wall time in seconds, resident memory of its worker in GiB."""
+
+    time_s: float
+    memory_gib: float
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A task whose worker had to be killed, or died."""
+
+    kind: Literal["timeout", "memory", "crash"]
+    detail: str
+
+    @property
+    def reason(self) -> str:
+        """For a record: "timeout: no result within 120 s"."""
+        return f"{self.kind}: {self.detail}"
+
+
+def run_tasks(
+    tasks: Iterable[Task], work: Callable[[Task], Result], workers: int, limits: Limits
+) -> Generator[tuple[Task, Result | Lost], None, None]:
+    """Each task with `work(task)`, or with what became of its worker, as they come.
+
+    `work` and the tasks cross process boundaries: a function of a module, and plain values. What
+    `work` raises is raised here. Closing the iterator stops all workers at once. Tasks are taken
+    from their iterable as workers get free.
+    """
+    from pebble import ProcessExpired, ProcessPool
+
+    with _environment(WORKER_ENVIRONMENT):  # read by a spawned worker when it starts
+        pool = ProcessPool(
+            max_workers=workers,
+            max_tasks=TASKS_PER_WORKER,
+            initializer=_die_with_parent,
+            context=multiprocessing.get_context("spawn"),
+        )
+        try:
+            with _watch_memory(limits.memory_gib) as over_limit:
+                waiting: dict[Future[Result], Task] = {}
+                queue = iter(tasks)
+                while True:
+                    # A short queue: what is scheduled has been pickled; there may be 10^5 tasks.
+                    while len(waiting) < 2 * workers:
+                        try:
+                            task = next(queue)
+                        except StopIteration:
+                            break
+                        future = pool.schedule(work, args=[task], timeout=limits.time_s)
+                        waiting[future] = task  # type: ignore[index]
+                    if not waiting:
+                        return
+                    for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                        task = waiting.pop(future)
+                        try:
+                            yield task, future.result()
+                        except TimeoutError:
+                            yield task, Lost("timeout", f"no result within {limits.time_s:g} s")
+                        except ProcessExpired as error:
+                            yield task, _obituary(error, over_limit, limits)
+        finally:
+            pool.stop()
+            pool.join()
+
+
+def _obituary(error: object, over_limit: set[int], limits: Limits) -> Lost:
+    if getattr(error, "pid", None) in over_limit:
+        return Lost("memory", f"the worker used more than {limits.memory_gib:g} GiB")
+    code = getattr(error, "exitcode", 0)
+    try:
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    except ValueError:
+        how = f"signal {-code}"
+    return Lost("crash", f"the worker died ({how})")
+
+
+@contextmanager
+def _watch_memory(limit_gib: float) -> Iterator[set[int]]:
+    """Kills workers of this process that outgrow the limit; yields the set of their pids.
+
+    From outside: code that hangs in a native library, or allocates there, runs no Python thread.
+    Not RLIMIT_AS: torch and Mesa reserve far more than they use, and what a library does when an
+    allocation fails is anything from an exception to a wrong result.
+    """
+    import psutil
+
+    killed: set[int] = set()
+    stop = threading.Event()
+
+    def watch() -> None:
+        while not stop.wait(WATCH_EVERY_S):
+            for child in psutil.Process().children():
+                try:
+                    if "--multiprocessing-fork" not in child.cmdline():
+                        continue
+                    if child.memory_info().rss > limit_gib * 2**30:
+                        killed.add(child.pid)
+                        child.kill()
+                except psutil.Error:  # gone meanwhile
+                    continue
+
+    watcher = threading.Thread(target=watch, name="memory watch", daemon=True)
+    watcher.start()
+    try:
+        yield killed
+    finally:
+        stop.set()
+        watcher.join()
+
+
+@contextmanager
+def _environment(changes: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _die_with_parent() -> None:
+    """In a worker: SIGKILL to the run ends it too, even where native code hangs (Linux)."""
+    if sys.platform == "linux":
+        pr_set_pdeathsig = 1  # linux/prctl.h
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
