@@ -17,7 +17,9 @@ import pandas as pd
 
 from bench.published import golden, golden_path
 from bench.results import TABLES, table_files, tables
+from bench.stability_tables import read_outcomes
 from bench.store import read_finished
+from bench.suites import STABILITY
 from bench.tables import PAPER_METHODS, Row, Table
 from bench.tolerances import tolerance
 from bench.work import write_whole
@@ -40,9 +42,12 @@ def check(directory: Path) -> Verdict:
     """Compare a finished run with the golden values of its suite.
 
     Raises BadInput where `directory` is not a finished run, and where the golden values belong to
-    another protocol (dataset, objects, views or seed): then there is nothing to compare with.
+    another protocol (dataset, objects, views or seed): then there is nothing to compare with. A run
+    of the suite `stability` is compared with what is stated there.
     """
     manifest = read_finished(directory)
+    if manifest["suite"] == STABILITY.id:
+        return _check_stated(directory)
     made = tables(directory)
     expected = golden(manifest["suite"])
     _same_protocol(directory, manifest, expected)
@@ -117,6 +122,20 @@ def _stale_tables(directory: Path, made: list[Table]) -> list[str]:
                 f"{path}: not what the records give; 'bench table {directory}' restores it"
             )
     return stale
+
+
+def _check_stated(directory: Path) -> Verdict:
+    """What a stability run has found, by its tables: each outcome that nobody has stated."""
+    found = read_outcomes(directory / TABLES)
+    return Verdict(
+        len(found),
+        tuple(
+            f"{o.subject}, {o.case}: {o.observed}; stated was: {o.expected}"
+            for o in found
+            if o.kind == "unexpected"
+        ),
+        (),
+    )
 
 
 def _cell(row: Row) -> tuple[str, str, str, str]:

@@ -25,6 +25,7 @@ class Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:  # click's Context, which some versions of Typer contain
         """Run the command."""
+        from bench.markdown import visible
         from data_prep.failures import BadInput
         from pc2pix.divergence import TrainingDiverged
 
@@ -33,15 +34,15 @@ class Commands(TyperGroup):
             sys.stdout.flush()
             return result
         except BadInput as error:
-            print(f"bench: {error}", file=sys.stderr)
+            print(f"bench: {visible(str(error))}", file=sys.stderr)
             raise typer.Exit(2) from error
         except TrainingDiverged as error:
-            print(f"bench: {error}; a lower learning rate may help", file=sys.stderr)
+            print(f"bench: {visible(str(error))}; a lower learning rate may help", file=sys.stderr)
             raise typer.Exit(1) from error
         except typer.BadParameter as error:  # a value that its option does not take
             command = error.ctx.command_path if error.ctx else "bench"
             told = error.format_message().rstrip(".")
-            print(f"bench: {told}; see '{command} --help'", file=sys.stderr)
+            print(f"bench: {visible(told)}; see '{command} --help'", file=sys.stderr)
             raise typer.Exit(2) from error
         except KeyboardInterrupt as error:
             print("bench: interrupted; the same command goes on from here", file=sys.stderr)
@@ -51,7 +52,8 @@ class Commands(TyperGroup):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
             raise typer.Exit(141) from error  # what other programs end with, killed by SIGPIPE
         except OSError as error:  # a full disk, a folder that may not be written
-            print(f"bench: {error}; mend it, and the same command goes on", file=sys.stderr)
+            told = visible(str(error))
+            print(f"bench: {told}; mend it, and the same command goes on", file=sys.stderr)
             raise typer.Exit(2) from error
 
 
@@ -118,7 +120,7 @@ def run(
     from bench.lookup import find
     from bench.run import Options
     from bench.run import run as run_suite
-    from bench.suites import LATENT, SUITES
+    from bench.suites import LATENT, STABILITY, SUITES
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
@@ -136,8 +138,12 @@ def run(
         fresh=fresh,
         inception_weights=inception_weights,
     )
-    if find(suite, (*SUITES, LATENT), "suite") is LATENT:
+    chosen = find(suite, (*SUITES, LATENT, STABILITY), "suite")
+    if chosen is LATENT:
         _run_latent(options)
+        return
+    if chosen is STABILITY:
+        _run_stability(options)
         return
     finished = run_suite(options)
     for table in finished.tables:
@@ -160,16 +166,35 @@ def _run_latent(options: Any) -> None:
     print(f"{finished.seconds:.0f} s\nresults in {finished.directory}", file=sys.stderr)
 
 
+def _run_stability(options: Any) -> None:
+    from bench.outcomes import KINDS
+    from bench.stability import run as run_stability
+
+    finished = run_stability(options)
+    print("| matrix | " + " | ".join(KINDS) + " |")
+    print("|---" * (len(KINDS) + 1) + "|")
+    for matrix in finished.matrices:
+        kinds = [outcome.kind for outcome in matrix.outcomes]
+        print(f"| {matrix.title} | " + " | ".join(str(kinds.count(k)) for k in KINDS) + " |")
+    for matrix in finished.matrices:
+        for outcome in matrix.unexpected:
+            print(
+                f"UNEXPECTED {outcome.subject}, {outcome.case}: {outcome.observed}; "
+                f"stated was: {outcome.expected}"
+            )
+    print(f"{finished.seconds:.0f} s\nresults in {finished.directory}", file=sys.stderr)
+
+
 @app.command("list")
 def list_all() -> None:
     """Suites, methods, conditions, metrics and datasets."""
     from bench.methods import METHODS, plugin_ids
     from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
-    from bench.suites import LATENT, SUITES
+    from bench.suites import LATENT, STABILITY, SUITES
     from data_prep.conditions import CONDITIONS
 
     sections = {
-        "suites": [(s.id, s.about) for s in (*SUITES, LATENT)],
+        "suites": [(s.id, s.about) for s in (*SUITES, LATENT, STABILITY)],
         "methods": [
             *((m.id, m.source) for m in METHODS),
             *((id_, "of another installed package") for id_ in plugin_ids()),
@@ -190,6 +215,65 @@ def list_all() -> None:
         print(f"{title}:")
         for name, about in entries:
             print(f"  {name:<17} {about}")
+
+
+@app.command()
+def render(
+    cloud: Annotated[Path, typer.Argument(metavar="CLOUD", help="PLY, NPY, XYZ, TXT or CSV.")],
+    method: Annotated[str, typer.Option(help="What draws it, see 'bench list'.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The picture, a PNG.")],
+    azimuth: Annotated[float, typer.Option(help="Degrees; 0 is the front.")] = 30.0,
+    elevation: Annotated[float, typer.Option(help="Degrees, -90 to 90; 0 is level.")] = 20.0,
+    device: Annotated[Device, typer.Option(help="Where networks run.")] = Device.auto,
+    as_is: Annotated[
+        bool, typer.Option("--as-is", help="Do not bring the cloud to the unit sphere.")
+    ] = False,
+) -> None:
+    """Draw a picture of a point cloud in a file: exit 1 where the method fails."""
+    from bench import render_cloud
+
+    render_cloud.check_name(out)
+    view = render_cloud.make_view(azimuth, elevation)
+    drawn = render_cloud.draw_file(
+        render_cloud.CloudFile(cloud, as_is),
+        render_cloud.Drawing(method, (view,), device.value),
+    )
+    if isinstance(drawn, render_cloud.Failed):
+        print(f"bench: {method}: {drawn.reason}", file=sys.stderr)
+        raise typer.Exit(1)
+    render_cloud.write_png(drawn[0], out)
+    print(out)
+
+
+@app.command()
+def shrink(
+    record: Annotated[
+        str,
+        typer.Argument(
+            metavar="RECORD",
+            help="DIR:METHOD/CONDITION/CLASS/OBJECT; of the suite stability DIR:METHOD/CASE. "
+            "DIR alone lists some that failed.",
+        ),
+    ],
+    budget_s: Annotated[float, typer.Option(help="Seconds after which the best is kept.")] = 600.0,
+    workers: Annotated[
+        int | None, typer.Option(help="Worker processes; default: all cores.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder; default: DIR/shrunk/RECORD.")
+    ] = None,
+) -> None:
+    """Make a failed record's cloud as small as it can be and still fail: exit 1 if it does not."""
+    from bench import shrink as shrinking
+    from bench.manifest import cores
+
+    if workers is not None and workers < 1:
+        raise _bad(f"--workers {workers}: must be at least 1")
+    found = shrinking.shrink(record, budget_s, workers or cores(), out)
+    if isinstance(found, shrinking.Mended):
+        print(f"bench: {found.told}", file=sys.stderr)
+        raise typer.Exit(1)
+    print(found.told)
 
 
 @app.command()

@@ -128,7 +128,8 @@ def _to_float64(features: NDArray[Any]) -> Floats:
         raise ValueError(f"features must be [n, d], got {found}")
     if len(features) < 2:
         raise TooFewSamples(f"a covariance needs at least 2 samples, got {found}")
-    features = features.astype(np.float64)
+    with np.errstate(over="ignore"):  # what only longdouble can hold is named below
+        features = features.astype(np.float64)
     n_bad = features.size - np.count_nonzero(np.isfinite(features))
     if n_bad:
         raise ValueError(f"{n_bad} of {features.size} feature values are not finite")

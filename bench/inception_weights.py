@@ -14,12 +14,14 @@ import urllib.request
 from pathlib import Path
 
 from data_prep.failures import BadInput
+from data_prep.untrusted import MIB, read_file
 
 WEIGHTS_NAME = "weights-inception-2015-12-05-6726825d.pth"
 WEIGHTS_URL = f"https://github.com/toshas/torch-fidelity/releases/download/v0.2.0/{WEIGHTS_NAME}"
 WEIGHTS_SHA256 = "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2"
 DOWNLOAD = "download"
 DOWNLOAD_TIMEOUT_S = 30.0
+MOST_BYTES = 256 * MIB  # the published file has 91 MiB
 
 
 class WeightsUnavailable(RuntimeError):
@@ -44,8 +46,8 @@ def find_weights(wish: str | None) -> Path:
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     cached = Path(root) / "pc2pix-bench" / WEIGHTS_NAME
     try:
-        intact = _digest(cached.read_bytes()) == WEIGHTS_SHA256
-    except OSError:
+        intact = _digest(read_file(cached, MOST_BYTES)) == WEIGHTS_SHA256
+    except BadInput:
         intact = False
     if not intact:
         if wish is None:
@@ -61,9 +63,9 @@ def find_weights(wish: str | None) -> Path:
 def read_weights(path: Path) -> bytes:
     """The bytes of the weight file at `path`; BadInput where it is not the published one."""
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({error.strerror}); {_REMEDY}") from error
+        data = read_file(path, MOST_BYTES)
+    except BadInput as error:
+        raise BadInput(f"{error}; {_REMEDY}") from error
     found = _digest(data)
     if found != WEIGHTS_SHA256:
         raise BadInput(f"{path}: sha256 {found}, expected {WEIGHTS_SHA256}; {_REMEDY}")
@@ -80,7 +82,7 @@ def _digest(data: bytes) -> str:
 def _download() -> bytes:
     try:
         with urllib.request.urlopen(WEIGHTS_URL, timeout=DOWNLOAD_TIMEOUT_S) as response:
-            data = response.read()
+            data = response.read(MOST_BYTES)
     except (OSError, http.client.HTTPException) as error:  # URLError and time-outs included
         raise WeightsUnavailable(f"cannot fetch the FID weights ({error}); {_REMEDY}") from error
     found = _digest(data)

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from data_prep.failures import BadInput
+from data_prep.scene import IMAGE_SIZE
 
 JUDGE_WEIGHTS = Path(__file__).with_name("judge_network.safetensors")
 FEATURES = 192
@@ -105,7 +106,11 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
     rest a shape code of length 1; the closer two codes (Euclidean), the likelier the same object.
     Sine and cosine are not normalised: where a chair looks alike from several sides they shrink.
     In batches of at most 20; a picture's answer does not depend on its neighbours.
+    Raises ValueError for pictures of another size or type.
     """
+    if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
+        found = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"pictures must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {found}")
     answers = np.empty((len(images), 3 + CODE), np.float32)
     with torch.inference_mode():
         for start in range(0, len(images), BATCH):
@@ -117,8 +122,12 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
 def greyscale(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Luma (Rec. 601) of sRGB pictures uint8 [..., 3]: uint8 [...], rounded half up.
 
-    In whole numbers, so that grey is exactly itself.
+    In whole numbers, so that grey is exactly itself. Raises ValueError for another type or number
+    of channels.
     """
+    if images.dtype != np.uint8 or images.shape[-1:] != (3,):
+        found = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"pictures must be uint8 [..., 3], got {found}")
     weighted = images.astype(np.int32) @ np.array([299, 587, 114], np.int32)
     return ((weighted + 500) // 1000).astype(np.uint8)
 

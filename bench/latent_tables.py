@@ -5,15 +5,15 @@ Everything is one long list of `Value`s; a table is a pure function of them.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
+from bench import markdown
 from bench.statistics import mean_interval
+from bench.tidy_csv import csv_text
 
 ALL = "all"
 
@@ -80,7 +80,7 @@ class LatentTable:
             of_method = [row for row in self.rows if row.method == method]
             for kind in dict.fromkeys(row.kind for row in of_method):
                 chosen = [row for row in of_method if row.kind == kind]
-                title = method if kind == ALL else f"{method}, {kind} only"
+                title = markdown.cell(method if kind == ALL else f"{method}, {kind} only")
                 lines += [f"## {title} (n = {max(row.n for row in chosen)})", ""]
                 lines += [*self._grid(chosen), ""]
         lines += [f"* {metric}: {about}" for metric, about in self.about.items()]
@@ -89,10 +89,13 @@ class LatentTable:
     def _grid(self, rows: Sequence[Mean]) -> list[str]:
         at = {(row.metric, row.what): row for row in rows}
         whats = [what for what in self.subjects if any(row.what == what for row in rows)]
-        lines = ["| | " + " | ".join(whats) + " |", "|---" * (len(whats) + 1) + "|"]
+        lines = [
+            "| | " + " | ".join(map(markdown.cell, whats)) + " |",
+            "|---" * (len(whats) + 1) + "|",
+        ]
         for metric in self.about:
             cells = [_cell(at.get((metric, what))) for what in whats]
-            lines.append(f"| {metric} | " + " | ".join(cells) + " |")
+            lines.append(markdown.row([markdown.cell(metric), *cells]))
         return lines
 
 
@@ -124,12 +127,7 @@ def values_to_csv(values: Sequence[Value]) -> str:
 
 def to_csv(header: Sequence[str], rows: Iterable[Mean | Value]) -> str:
     """CSV of dataclasses, floats with 6 significant digits, an empty field for NaN."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    for row in rows:
-        writer.writerow(_field(value) for value in astuple(row))
-    return buffer.getvalue()
+    return csv_text(header, ([_field(value) for value in astuple(row)] for row in rows))
 
 
 def _field(value: object) -> object:

@@ -62,13 +62,18 @@ def circumstances() -> dict[str, Any]:
         "machine": {
             "platform": platform.platform(),
             "cpu": _cpu(),
-            "cores": len(os.sched_getaffinity(0)),
+            "cores": cores(),
             "memory_gib": round(
                 os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1
             ),
         },
         "git": _git(),
     }
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
 
 
 def now() -> str:

@@ -59,7 +59,7 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
     Raises BadInput for unknown methods and conditions.
     """
     conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
-    identities = {m: _method_identity(m, protocol) for m in protocol.methods}
+    identities = {m: method_identity(m, protocol.device) for m in protocol.methods}
     references, items = [], []
     for obj in protocol.objects:
         views = random_views(
@@ -103,7 +103,7 @@ def _job(
     identity: Sequence[Any],
     reference: Path | None,
 ) -> Job:
-    key = _digest([protocol.suite.id, method, condition, *identity])
+    key = digest([protocol.suite.id, method, condition, *identity])
     return Job(
         key=key,
         suite=protocol.suite.id,
@@ -115,9 +115,14 @@ def _job(
         seed=protocol.seed,
         device=protocol.device,
         features=protocol.features,
-        artifact=directory / "artifacts" / key[:2] / f"{key}.npz",
+        artifact=artifact_path(directory, key),
         reference=reference,
     )
+
+
+def artifact_path(directory: Path, key: str) -> Path:
+    """Where the artifact of a job has its place."""
+    return directory / "artifacts" / key[:2] / f"{key}.npz"
 
 
 def _common_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]) -> list[Any]:
@@ -134,10 +139,12 @@ def _common_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
     ]
 
 
-def _method_identity(method_id: str, protocol: Protocol) -> list[Any]:
+def method_identity(method_id: str, device: str) -> list[Any]:
+    """What the pictures of a method depend on beside the cloud and the views."""
     method = find_method(method_id)
-    return [method.version, method.identity(), protocol.device]
+    return [method.version, method.identity(), device]
 
 
-def _digest(identity: Sequence[Any]) -> str:
+def digest(identity: Sequence[Any]) -> str:
+    """A key that names everything in `identity`."""
     return hashlib.sha256(json.dumps(identity).encode()).hexdigest()

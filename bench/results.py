@@ -8,12 +8,13 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench import markdown
 from bench.columns import read_features, read_records
 from bench.lookup import find
 from bench.metric_table import JUDGE
 from bench.published import published
 from bench.store import read_manifest
-from bench.suites import SUITES
+from bench.suites import LATENT, STABILITY, SUITES
 from bench.tables import (
     Features,
     Table,
@@ -24,6 +25,7 @@ from bench.tables import (
     with_objectives,
 )
 from bench.work import write_whole
+from data_prep.failures import BadInput
 
 TABLES = "tables"
 COST = "cost.md"
@@ -36,6 +38,12 @@ def tables(directory: Path) -> list[Table]:
     BadInput where `directory` is not a finished run.
     """
     manifest = read_manifest(directory)
+    made_by_the_run = [suite.id for suite in (LATENT, STABILITY)]
+    if manifest.get("suite") in made_by_the_run:
+        raise BadInput(
+            f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
+            f"{directory / TABLES}"
+        )
     suite = find(str(manifest.get("suite")), SUITES, "suite")
     records = _in_suite_order(read_records(directory), manifest)
     paper = published(suite.id)
@@ -120,7 +128,7 @@ def cost_table(records: pd.DataFrame) -> str:
         "",
         "Taken while other workers ran; compare within this run only.",
         "",
-        "| method | " + " | ".join(conditions) + " |",
+        markdown.row(["method", *map(markdown.cell, conditions)]),
         "|---" * (len(conditions) + 1) + "|",
     ]
     for method in dict.fromkeys(records["method"]):
@@ -129,7 +137,7 @@ def cost_table(records: pd.DataFrame) -> str:
             chosen = (per_cloud["method"] == method) & (per_cloud["condition"] == condition)
             prepare_s, draw_s = per_cloud.loc[chosen, ["prepare_s", "draw_s"]].median()
             cells.append(f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" if chosen.any() else "-")
-        lines.append(f"| {method} | " + " | ".join(cells) + " |")
+        lines.append(markdown.row([markdown.cell(method), *cells]))
     return "\n".join(lines) + "\n"
 
 

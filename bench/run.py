@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 from bench import manifest as manifests
 from bench.columns import write_features, write_records
 from bench.figures import write_figures
+from bench.isolation import Limits
 from bench.lookup import find
 from bench.methods import find_method
 from bench.metric_table import WeightsUnavailable, find_extractor
@@ -73,7 +73,7 @@ def run(options: Options) -> Finished:
     suite = find(options.suite, SUITES, "suite")
     directory = options.out or RUNS / default_name(suite.id, options.dataset)
     protocol, skipped = _protocol(suite, options)
-    workers = options.workers or len(os.sched_getaffinity(0))
+    workers = options.workers or manifests.cores()
     todo = plan(protocol, directory)  # refuses weights that cannot be used
     manifest = manifests.describe(protocol, workers, skipped)
     if options.fresh and (old := set_aside(directory)):
@@ -83,11 +83,11 @@ def run(options: Options) -> Finished:
     with open_journal(directory) as journal:
         write_manifest(directory, manifest)
         with _timed("ground truth", seconds):
-            truths = _do(todo.references, journal, workers, suite, "ground truth")
+            truths = do_jobs(todo.references, journal, workers, suite.limits, "ground truth")
             _check_any_truth(todo, truths)
         with _timed("items", seconds):
             drawable, hopeless = _split(todo, truths)
-            results = _do(drawable, journal, workers, suite, suite.id) | hopeless
+            results = do_jobs(drawable, journal, workers, suite.limits, suite.id) | hopeless
         with _timed("tables", seconds):
             write_records(directory, [results[job.key] for job in todo.items])
             with_pictures = _with_pictures(todo, truths | results)
@@ -165,10 +165,13 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     return protocol, skipped
 
 
-def _do(
-    jobs: Sequence[Job], journal: Journal, workers: int, suite: Suite, title: str
+def do_jobs(
+    jobs: Sequence[Job], journal: Journal, workers: int, limits: Limits, title: str
 ) -> dict[str, Result]:
-    """The results of all jobs by key: those in the journal, and the rest by running them."""
+    """The results of all jobs by key: those in the journal, and the rest by running them.
+
+    Raises MissingDependency where going on makes no sense.
+    """
     results = {job.key: found for job in jobs if (found := journal.usable(job))}
     missing = [job for job in jobs if job.key not in results]
     if not missing:
@@ -179,7 +182,7 @@ def _do(
     workers = min(workers, len(missing))
     with (
         progress(title, len(missing)) as advance,
-        closing(run_jobs(missing, workers, suite.limits)) as stream,
+        closing(run_jobs(missing, workers, limits)) as stream,
     ):
         for result in stream:
             if result.unusable:

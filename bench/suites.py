@@ -111,3 +111,31 @@ LATENT = LatentSuite(
     elevation_deg=20.0,
     shown=5,
 )
+
+
+@dataclass(frozen=True)
+class StabilitySuite:
+    """Extremes, and what is expected of methods, metrics, number formats and libraries there.
+
+    methods     what is put through `bench.stability_cases.CASES`
+    class_name  of the one procedural test object
+    index       its number
+    limits      for one method on one case
+    """
+
+    id: str
+    about: str
+    methods: tuple[str, ...]
+    class_name: str
+    index: int
+    limits: Limits
+
+
+STABILITY = StabilitySuite(
+    id="stability",
+    about="extreme clouds, views, pictures and features: a value, an invariant or a named failure",
+    methods=SUITES[0].methods,
+    class_name="chair",
+    index=0,
+    limits=Limits(time_s=60.0, memory_gib=4.0),
+)

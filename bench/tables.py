@@ -6,8 +6,6 @@ and as Markdown in the paper's layout with the paper's values beside ours.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,13 +16,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench import control
+from bench import control, markdown
 from bench.frechet import frechet_distance, frechet_interval
 from bench.methods import FLOOR
 from bench.metric_table import UNDEFINED, column
 from bench.record import GROUND_TRUTH
 from bench.statistics import mean_interval, median_interval
 from bench.suites import Suite
+from bench.tidy_csv import csv_text
 
 PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX", "pc2pix@acgan": "PC2PIX@acgan"}
 NAN = float("nan")
@@ -87,12 +86,8 @@ class Table:
 
     def to_csv(self) -> str:
         """Numbers with 6 decimals; an empty field where there is none."""
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(HEADER)
-        for row in self.rows:
-            writer.writerow(_csv_field(value) for value in astuple(row))
-        return buffer.getvalue()
+        rows = ([_csv_field(value) for value in astuple(row)] for row in self.rows)
+        return csv_text(HEADER, rows)
 
     def to_markdown(self) -> str:
         """The paper's layout (SR beside PC2PIX), then all methods with intervals and counts."""
@@ -231,7 +226,9 @@ def control_table(
                 suite.control_metrics, cells, strict=True
             )
         ]
-    sizes = ", ".join(f"{len(g.objects)} of class {name}" for name, g in galleries.items())
+    sizes = ", ".join(
+        f"{len(g.objects)} of class {markdown.cell(name)}" for name, g in galleries.items()
+    )
     remark = (
         "A judge tells view and shape from the picture alone; `true-mesh` shows how far the judge "
         "itself errs. Errors are medians in degrees: by chance 90 (azimuth)."
@@ -396,11 +393,6 @@ def _ordered(values: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(values))
 
 
-def _markdown_row(cells: Sequence[str]) -> str:
-    escaped = (cell.replace("|", "\\|").replace("\n", " ") for cell in cells)
-    return "| " + " | ".join(escaped) + " |"
-
-
 def _paper_layout(table: Table) -> list[str]:
     rows = [row for row in table.rows if row.method in PAPER_METHODS]
     if not rows:
@@ -416,7 +408,12 @@ def _paper_layout(table: Table) -> list[str]:
     columns = [(condition, method) for condition in conditions for method in shown_methods]
     for class_name in _ordered(row.class_name for row in rows):
         lines += [
-            _markdown_row([class_name, *(f"{c} {PAPER_METHODS[m]}" for c, m in columns)]),
+            markdown.row(
+                [
+                    markdown.cell(class_name),
+                    *(f"{markdown.cell(c)} {PAPER_METHODS[m]}" for c, m in columns),
+                ]
+            ),
             "|---" * (len(columns) + 1) + "|",
         ]
         for metric in _ordered(row.metric for row in rows):
@@ -429,10 +426,10 @@ def _paper_layout(table: Table) -> list[str]:
             if all(row.note.startswith("skipped") for row in at.values()):
                 ours = ["skipped"] * len(columns)
             paper = [at[c].paper if c in at else NAN for c in columns]
-            lines.append(_markdown_row([metric, *ours]))
+            lines.append(markdown.row([markdown.cell(metric), *ours]))
             if any(math.isfinite(value) for value in paper):
                 shown = [f"{v:g}" if math.isfinite(v) else "-" for v in paper]
-                lines.append(_markdown_row([f"{metric}, paper", *shown]))
+                lines.append(markdown.row([f"{markdown.cell(metric)}, paper", *shown]))
         lines.append("")
     return lines
 
@@ -450,22 +447,28 @@ def _all_methods(table: Table) -> list[str]:
         "",
     ]
     trained = {row.method: row.objective for row in table.rows if row.objective}
-    lines += [f"`{method}`: weights trained with `{told}`.  " for method, told in trained.items()]
+    lines += [
+        f"{markdown.code(m)}: weights trained with {markdown.code(told)}.  "
+        for m, told in trained.items()
+    ]
     lines += [""] * bool(trained)
     for class_name in _ordered(row.class_name for row in table.rows):
         for metric in _ordered(row.metric for row in table.rows):
             rows = [r for r in table.rows if (r.class_name, r.metric) == (class_name, metric)]
-            lines += [f"## {metric}, {class_name}", ""]
-            skipped = _ordered(row.note for row in rows if row.note.startswith("skipped"))
+            lines += [f"## {markdown.cell(metric)}, {markdown.cell(class_name)}", ""]
+            skipped = _ordered(markdown.cell(r.note) for r in rows if r.note.startswith("skipped"))
             if skipped:
                 lines += [*skipped, ""]
                 continue
             conditions = _ordered(row.condition for row in rows)
-            lines += [_markdown_row(["method", *conditions]), "|---" * (len(conditions) + 1) + "|"]
+            lines += [
+                markdown.row(["method", *map(markdown.cell, conditions)]),
+                "|---" * (len(conditions) + 1) + "|",
+            ]
             for method in _ordered(row.method for row in rows):
                 at = {row.condition: row for row in rows if row.method == method}
                 cells = [_full_cell(at[c], table.decimals) if c in at else "-" for c in conditions]
-                lines.append(_markdown_row([method, *cells]))
+                lines.append(markdown.row([markdown.cell(method), *cells]))
             lines.append("")
             told = _gaps(rows)
             lines += told
@@ -482,10 +485,11 @@ def _gaps(rows: Sequence[Row]) -> list[str]:
         if _nothing_failed(row):
             alike.setdefault(row.note, []).append(row)
         elif row.n_ok < row.n:
-            lines.append(f"* {row.method} at {row.condition}: {row.note}")
+            told = map(markdown.cell, (row.method, row.condition, row.note))
+            lines.append("* {} at {}: {}".format(*told))
     for note, of_note in alike.items():
-        methods = ", ".join(_ordered(row.method for row in of_note))
-        lines.append(f"* {methods}: {note}")
+        methods = ", ".join(map(markdown.cell, _ordered(row.method for row in of_note)))
+        lines.append(f"* {methods}: {markdown.cell(note)}")
     return lines
 
 

@@ -55,8 +55,12 @@ class ThinScores(NamedTuple):
 def thin_scores(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> ThinScores:
     """Scores of pictures against the true ones, both uint8 [N, H, W, 3] on white.
 
-    Raises ValueError where the shapes differ.
+    Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
     """
+    for images in (truth, pictures):
+        if images.dtype != np.uint8 or images.ndim != 4:
+            found = f"{images.dtype} {list(images.shape)}"
+            raise ValueError(f"images must be uint8 [N, H, W, C], got {found}")
     if truth.shape != pictures.shape:
         raise ValueError(f"pictures {list(pictures.shape)} of truths {list(truth.shape)}")
     part = evaluated(truth)

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 
 from data_prep.chair_spec import BACKS, FAMILIES
 from data_prep.failures import BadInput
+from data_prep.scene import IMAGE_SIZE
 
 FEATURES = 64
 BATCH = 20
@@ -73,10 +74,18 @@ def load_views_network(path: Path) -> ViewsNetwork:
 
 
 def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Features float32 [N, 64] of pictures uint8 [N, 128, 128, 3], in batches of at most 20."""
+    """Features float32 [N, 64] of pictures uint8 [N, 128, 128, 3], in batches of at most 20.
+
+    Raises ValueError for anything else: floats in 0..1 would pass for black, and the averages of
+    pictures of another size for those of another chair.
+    """
+    if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
+        found = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"pictures must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {found}")
     features = np.empty((len(images), FEATURES), np.float32)
     with torch.inference_mode():
         for start in range(0, len(images), BATCH):
-            part = torch.tensor(images[start : start + BATCH]).permute(0, 3, 1, 2)
+            # A copy by NumPy: torch refuses negative strides, those of mirrored pictures.
+            part = torch.from_numpy(images[start : start + BATCH].copy()).permute(0, 3, 1, 2)
             features[start : start + BATCH] = network(part).numpy()
     return features

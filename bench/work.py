@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.methods import FLOORS, find_method
+from bench.methods import FLOORS, Method, find_method
 from bench.metric_table import Extractor, find_extractor
 from bench.record import GROUND_TRUTH, Record
 from bench.scores import scores
@@ -76,6 +76,16 @@ class Result:
     unusable: str | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Pictures of a cloud, what the method mended on its way, and its times as in a record."""
+
+    pictures: Pictures
+    notes: str
+    prepare_s: float
+    draw_s: float
+
+
 def do(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
     try:
@@ -84,14 +94,19 @@ def do(job: Job) -> Result:
         return _run_method(job)
     except (MissingDependency, CannotWrite) as error:
         return replace(failed(job, str(error)), unusable=str(error))
-    except BadInput as error:
-        return failed(job, f"input: {error}")
-    except StageFailure as error:
-        return failed(job, str(error))
-    except MemoryError as error:  # refused at once: nothing was used up yet
-        return failed(job, f"memory: {_first_line(error)}")
     except (Exception, SystemExit) as error:  # a method may call exit(); the run goes on
-        return failed(job, f"{type(error).__name__}: {_first_line(error)}")
+        return failed(job, reason_of(error))
+
+
+def reason_of(error: BaseException) -> str:
+    """What a method raised, as the reason in a record: "ball-pivoting: no faces"."""
+    if isinstance(error, BadInput):
+        return f"input: {error}"
+    if isinstance(error, StageFailure):
+        return str(error)
+    if isinstance(error, MemoryError):  # refused at once: nothing was used up yet
+        return f"memory: {_first_line(error)}"
+    return f"{type(error).__name__}: {_first_line(error)}"
 
 
 def failed(job: Job, reason: str) -> Result:
@@ -121,46 +136,57 @@ def _first_line(error: BaseException) -> str:
 def _run_method(job: Job) -> Result:
     method = find_method(job.method)
     try:
-        renderer = _renderer(job.method, job.device)
+        renderer = load_renderer(job.method, job.device)
     except BadInput as error:  # unusable weights fail every item alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else read_artifact(job.reference)["images"]
-    cloud = _cloud(job)
-    if not method.sees_mesh:
-        cloud = PointCloud(cloud.points)
-    rng = generator(job.seed, "method", job.method, job.condition, *_identity(job))
-    start = time.perf_counter()
-    state = renderer.prepare(cloud, rng)
-    prepared = time.perf_counter()
-    batches = _batches(job)
-    drawn = [renderer.draw(state, views, rng) for views in batches]
-    done = time.perf_counter()
-    pictures = np.concatenate(
-        [_checked(images, len(views)) for images, views in zip(drawn, batches, strict=True)]
-    )
-    if job.method not in FLOORS:
-        _refuse_blank(pictures, truth)
-    records = _records(
-        job,
-        "ok",
-        notes="; ".join(getattr(state, "notes", ())),
-        prepare_s=prepared - start,
-        draw_s=(done - prepared) / len(job.views),
-    )
+    drawn = draw(method, renderer, cloud_of(job), job.views, rng_of(job), job.batch, truth)
+    records = _records(job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s)
     if truth is not None:
-        scored = scores(truth, pictures)
+        scored = scores(truth, drawn.pictures)
         records = [
             replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
             for i, record in enumerate(records)
         ]
-    sha = _write_artifact(job, pictures)
+    sha = _write_artifact(job, drawn.pictures)
     return Result(job.key, tuple(records), sha)
 
 
-def _batches(job: Job) -> list[tuple[View, ...]]:
-    if job.batch is None:
-        return [job.views]
-    return [job.views[i : i + job.batch] for i in range(0, len(job.views), job.batch)]
+def draw(
+    method: Method,
+    renderer: Renderer,
+    cloud: PointCloud,
+    views: Sequence[View],
+    rng: np.random.Generator,
+    batch: int | None = None,
+    truth: Pictures | None = None,
+) -> Drawn:
+    """Pictures of a cloud, `batch` views a call (None: all of them), checked.
+
+    Raises whatever the method raises, and StageFailure where what it gives are no pictures, or
+    blank ones (unless the true picture is blank too, or blank is what the method is for).
+    """
+    if not method.sees_mesh:
+        cloud = PointCloud(cloud.points)
+    start = time.perf_counter()
+    state = renderer.prepare(cloud, rng)
+    prepared = time.perf_counter()
+    batches = _batches(views, batch)
+    drawn = [renderer.draw(state, some, rng) for some in batches]
+    done = time.perf_counter()
+    pictures = np.concatenate(
+        [_checked(images, len(some)) for images, some in zip(drawn, batches, strict=True)]
+    )
+    if method.id not in FLOORS:
+        _refuse_blank(pictures, truth)
+    notes = "; ".join(getattr(state, "notes", ()))
+    return Drawn(pictures, notes, prepared - start, (done - prepared) / len(views))
+
+
+def _batches(views: Sequence[View], batch: int | None) -> list[Sequence[View]]:
+    if batch is None:
+        return [views]
+    return [views[i : i + batch] for i in range(0, len(views), batch)]
 
 
 def _refuse_blank(pictures: Pictures, truth: Pictures | None) -> None:
@@ -184,10 +210,15 @@ def _or_none(score: np.float64) -> float | None:
     return float(score) if np.isfinite(score) else None
 
 
-def _cloud(job: Job) -> PointCloud:
+def cloud_of(job: Job) -> PointCloud:
     """The perturbed cloud. It depends on seed, object and condition, never on the method."""
     sampled = sample_surface(job.object.load(), generator(job.seed, "cloud", *_identity(job)))
     return job.perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
+
+
+def rng_of(job: Job) -> np.random.Generator:
+    """What the method of a job draws its random numbers from."""
+    return generator(job.seed, "method", job.method, job.condition, *_identity(job))
 
 
 def _identity(job: Job) -> tuple[str, str]:
@@ -227,11 +258,15 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write a file so that it is there whole or not at all, also after a power cut."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    with temporary.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)  # what there is of it would fill the disk further
+        raise
     sync_folder(path.parent)
 
 
@@ -281,7 +316,8 @@ def _records(
 
 
 @functools.cache
-def _renderer(method: str, device: str) -> Renderer:
+def load_renderer(method: str, device: str) -> Renderer:
+    """The renderer of a method, once a process. Raises BadInput where its weights are unusable."""
     return find_method(method).load(device)
 
 

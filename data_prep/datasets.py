@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import glob
 import hashlib
-from collections.abc import Iterator
+import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from data_prep import chairs
 from data_prep.failures import BadInput
-from data_prep.mesh_files import LOADER_VERSION, SUFFIXES, load_mesh
+from data_prep.mesh_files import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_mesh
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
+from data_prep.untrusted import MIB, is_regular_file, open_file, shown
 
 Split = Literal["train", "validation", "test"]
 PROCEDURAL_CLASSES = {"chair": chairs.chair}
@@ -81,13 +82,15 @@ class MeshFile:
         """Checksum of the file, of its companions (same name, other suffix: .mtl, .bin, textures)
         and of the version of the loader; an unreadable file has a fingerprint that says so."""
         digest = hashlib.sha256(f"loader {LOADER_VERSION}".encode())
+        path = self.path
         try:
-            digest.update(self.path.read_bytes())
+            _update(digest, path)
             for path in sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*")):
-                if path.suffix.lower() not in SUFFIXES:
-                    digest.update(path.name.encode() + path.read_bytes())
-        except OSError as error:
-            return f"unreadable: {error.strerror}"
+                if path.suffix.lower() not in SUFFIXES and is_regular_file(path):
+                    digest.update(os.fsencode(path.name))
+                    _update(digest, path)
+        except (BadInput, OSError) as error:
+            return "unreadable: " + str(error).removeprefix(f"{path}: ")
         return digest.hexdigest()
 
     def load(self) -> Mesh:
@@ -152,10 +155,15 @@ def open_dataset(spec: str) -> Dataset:
         raise BadInput(
             f"unknown dataset '{spec}': use procedural, procedural:validation or folder:PATH"
         )
-    root = Path(location).expanduser()
-    if not root.is_dir():
+    try:
+        location.encode()
+        root = Path(location).expanduser()
+        there = root.is_dir()
+    except (OSError, RuntimeError, UnicodeEncodeError) as error:  # RuntimeError: no such user
+        raise BadInput(f"{shown(location)}: not the name of a folder ({error})") from None
+    if not there:
         raise BadInput(f"{root}: no such folder; give the folder that holds your meshes")
-    files = tuple(_mesh_files(root))
+    files = _mesh_files(root)
     if not files:
         raise BadInput(f"{root}: no mesh in this folder; expected {', '.join(SUFFIXES)}")
     nested = tuple(f for f in files if f.parent != root)
@@ -168,10 +176,40 @@ def open_dataset(spec: str) -> Dataset:
     return Dataset(spec, tuple(sorted({o.class_name for o in objects})), tuple(objects))
 
 
-def _mesh_files(root: Path) -> Iterator[Path]:
-    for path in sorted(root.rglob("*")):
-        if path.suffix.lower() in SUFFIXES and path.is_file():
-            yield path
+def _mesh_files(root: Path) -> tuple[Path, ...]:
+    """All below `root`, sorted; links to folders are not followed, so that no circle matters.
+
+    Raises BadInput for a folder that cannot be read, and for a name that is no text: records are.
+    """
+    found, waiting = [], [root]
+    while waiting:
+        path = folder = waiting.pop()
+        try:
+            with os.scandir(folder) as entries:
+                for entry in entries:
+                    path = folder / entry.name
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append(path)
+                    elif path.suffix.lower() in SUFFIXES and is_regular_file(path):
+                        str(path.relative_to(root)).encode()
+                        found.append(path)
+        except OSError as error:
+            raise BadInput(
+                f"{folder}: cannot be read ({error.strerror}); mend it, or give another folder"
+            ) from error
+        except UnicodeEncodeError:
+            raise BadInput(
+                f"{root}: the name {shown(os.fsencode(path.relative_to(root)))} is not UTF-8; "
+                "rename it"
+            ) from None
+    return tuple(sorted(found))
+
+
+def _update(digest: Any, path: Path) -> None:
+    """Feed a file to a hash, piece by piece."""
+    with open_file(path, MOST_BYTES) as file:
+        while piece := file.read(MIB):
+            digest.update(piece)
 
 
 def _unknown_class(dataset: Dataset, class_name: str) -> BadInput:

@@ -6,8 +6,13 @@ dropped, and several parts in one file become one mesh.
 
 from __future__ import annotations
 
+import json
+import logging
+import os
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,49 +21,111 @@ from data_prep.failures import BadInput
 from data_prep.normalise import normalise
 from data_prep.sampling import face_areas
 from data_prep.scene import Mesh
+from data_prep.untrusted import open_file
 
 LOADER_VERSION = 1  # raise when a change here changes a mesh: finished work is then done again
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 NEUTRAL_GREY = (180, 180, 180)  # for files without colours, and for reconstructions
+MOST_REASON = 120  # characters of a parser's complaint
+
+MOST_BYTES = 2**30  # of a file, of its companions together, and of what a glTF spreads them out to
+MOST_FACES = 50_000_000  # all instances counted
+MOST_NOUGHTS = 2**24  # numbers that a glTF leaves out, which stands for noughts
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what float32 cannot hold is refused as not finite
+@np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
 def load_mesh(path: Path) -> Mesh:
     """The file's mesh, normalised to the unit sphere.
 
     The file's axes are kept: +Y has to be up and the front has to look towards -Z already. Vertices
-    are not merged (trimesh would, and change the surface).
+    are not merged (trimesh would, and change the surface). Materials, textures and buffers are read
+    from the mesh's own folder only.
 
-    Raises BadInput, naming the file: missing, not a mesh, no faces, non-finite vertices, no extent,
-    no area.
+    Raises BadInput, naming the file: missing, no regular file, too large, not a mesh, no faces,
+    non-finite vertices, no extent, no area. Time and memory grow with what the file holds, not with
+    what it claims; but parsers are libraries, so a mesh that nobody vouches for belongs into a
+    worker with limits.
     """
-    import trimesh
-
-    if not path.is_file():
-        raise BadInput(f"{path}: no such file")
-    try:
-        loaded = trimesh.load_scene(path, process=False)
-        parts = [g for g in loaded.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
-    except Exception as error:  # trimesh raises whatever its parsers raise
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise BadInput(
-            f"{path}: not a readable mesh ({reason}); use one of {', '.join(SUFFIXES)}"
-        ) from error
-    if not parts:
-        raise BadInput(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
-    offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    try:
-        mesh = Mesh(
-            np.concatenate([part.vertices for part in parts]),
-            np.concatenate([part.faces + o for part, o in zip(parts, offsets, strict=True)]),
-            np.concatenate([_face_colors(part) for part in parts]),
-        )
-        mesh = normalise(mesh)
-    except ValueError as error:
-        raise BadInput(f"{path}: {error}") from error
+    if path.suffix.lower() not in SUFFIXES:
+        raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
+    with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of libraries, about files; what matters is raised below
+        try:
+            parts = _parts(file, path)
+        except BadInput:
+            raise
+        except Exception as error:  # trimesh raises whatever its parsers raise
+            lines = str(error).splitlines()
+            reason = lines[0][:MOST_REASON] if lines else type(error).__name__
+            raise BadInput(
+                f"{path}: not a readable mesh ({reason}); use one of {', '.join(SUFFIXES)}"
+            ) from error
+        if not parts:
+            raise BadInput(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
+        try:
+            mesh = normalise(_joined(parts))
+        except ValueError as error:
+            raise BadInput(f"{path}: {error}") from error
     if not face_areas(mesh).any():
         raise BadInput(f"{path}: all {len(mesh.faces)} faces have no area; a shape needs a surface")
     return mesh
+
+
+def _parts(file: BinaryIO, path: Path) -> list[Any]:
+    """The trimesh.Trimesh parts with faces, each where its node puts it."""
+    import trimesh
+    from PIL import EpsImagePlugin
+
+    from data_prep.companions import Companions
+
+    EpsImagePlugin.gs_binary = False  # else a texture in PostScript is run, by Ghostscript
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # no tracebacks about textures
+    kind = path.suffix.lower()
+    if kind in (".glb", ".gltf"):
+        _check_gltf(file, kind)
+    scene = trimesh.load_scene(
+        file, file_type=kind, resolver=Companions(path.parent, MOST_BYTES), process=False
+    )
+    faces = 0
+    for node in scene.graph.nodes_geometry:
+        faces += len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
+        if faces > MOST_FACES:
+            raise BadInput(f"{path}: more than {MOST_FACES} faces; give a coarser mesh")
+    return [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
+
+
+_GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+
+def _check_gltf(file: BinaryIO, kind: str) -> None:
+    """Raises ValueError (or what comes of JSON of another form) where trimesh must not read on.
+
+    It takes memory for what views, and accessors without one, claim; and for a .gltf that is no
+    JSON it reads another file, model.gltf.
+    """
+    if kind == ".glb":
+        length = int.from_bytes(file.read(20)[12:16], "little")
+        if length > os.fstat(file.fileno()).st_size:
+            raise ValueError(f"JSON of {length} bytes in a smaller file")
+        text = file.read(length)
+    else:
+        text = file.read()
+    file.seek(0)
+    tree = json.loads(text)
+    views = sum(view["byteLength"] for view in tree.get("bufferViews", ()))
+    empty = (a for a in tree.get("accessors", ()) if "bufferView" not in a)
+    noughts = sum(a["count"] * _GLTF_COLUMNS[a["type"]] for a in empty)
+    if not (0 <= views <= MOST_BYTES and 0 <= noughts <= MOST_NOUGHTS):
+        raise ValueError(f"buffer views of {views} bytes, {noughts} numbers without one")
+
+
+def _joined(parts: Sequence[Any]) -> Mesh:
+    offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return Mesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + o for part, o in zip(parts, offsets, strict=True)]),
+        np.concatenate([_face_colors(part) for part in parts]),
+    )
 
 
 def _face_colors(part: Any) -> NDArray[np.uint8]:

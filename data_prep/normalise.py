@@ -58,7 +58,7 @@ def normalise_points(points: NDArray[Any]) -> PointCloud:
         raise ValueError(f"expected real numbers [N, 3], got {points.dtype} {list(points.shape)}")
     if len(points) == 0:
         raise BadInput("the cloud has no points (0); give at least two")
-    with np.errstate(over="ignore"):  # beyond float64 is infinite, and told as such
+    with np.errstate(over="ignore", invalid="ignore"):  # not finite, and told as such below
         values = points.astype(np.float64)
     broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(broken):
@@ -67,16 +67,23 @@ def normalise_points(points: NDArray[Any]) -> PointCloud:
             f"(the first is point {broken[0]}); remove them"
         )
     # Powers of two, which round nothing: a tiny cloud is enlarged before its centre is taken, and
-    # every cloud brought to the size of 1 before its coordinates are squared.
+    # every cloud brought to the size of 1 before its coordinates are squared. Centred twice: far
+    # from the origin the centre is rounded as coarsely as the points, but differences are exact.
     values = np.ldexp(values, max(0, -_exponent(values)))
-    centred = values - (values.min(axis=0) / 2 + values.max(axis=0) / 2)
+    centred = values - _centre(values)
     if not centred.any():
         raise BadInput(
             f"all {len(points)} points are equal, at {points[0].tolist()}; a cloud needs an extent"
         )
     centred = np.ldexp(centred, -_exponent(centred))
+    centred -= _centre(centred)
     radius = np.sqrt((centred**2).sum(axis=1).max())
     return PointCloud((centred / radius).astype(np.float32))
+
+
+def _centre(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[3], of the bounding box; halved first, so that nothing overflows."""
+    return values.min(axis=0) / 2 + values.max(axis=0) / 2
 
 
 def _exponent(values: NDArray[np.float64]) -> int:

@@ -13,14 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
+from data_prep.untrusted import is_regular_file, open_file
+from pc2pix.weight_files import MOST_BYTES
 
 FORMAT = "pc2pix-checkpoint-1"
 FILE_NAME = "checkpoint.safetensors"
+MOST_REASON = 120  # characters of a library's complaint
 
 
 def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, str]) -> None:
@@ -43,17 +46,21 @@ def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[
 def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     """Tensors (on the CPU) and header of a safetensors file.
 
-    Raises BadInput where the file is missing, cut short or of another kind.
+    Raises BadInput where the file is missing, cut short, of another kind, or larger than
+    `MOST_BYTES`. Nothing in it is executed, and no more memory taken than the file has bytes.
     """
-    if not path.is_file():
+    if not is_regular_file(path):
         raise BadInput(f"{path}: no such file; give the path of a safetensors file")
+    with open_file(path, MOST_BYTES):
+        pass
     try:
         with safe_open(path, framework="pt") as file:
             header = dict(file.metadata() or {})
             return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
+    except Exception as error:  # whatever safetensors and torch raise for a type or shape
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:MOST_REASON]
         raise BadInput(
-            f"{path}: not a whole safetensors file ({error}); fetch or write it again"
+            f"{path}: not a whole safetensors file ({reason}); fetch or write it again"
         ) from None
 
 
@@ -74,7 +81,15 @@ def load(path: Path, kind: str) -> tuple[dict[str, Tensor], int, dict[str, Any]]
             f"{path}: expected a checkpoint ({FORMAT}, {kind}), found {found}; "
             "choose another output directory"
         )
-    return state, int(header["step"]), json.loads(header["config"])
+    try:
+        step, config = int(header["step"]), json.loads(header["config"])
+        if step < 0 or not isinstance(config, dict):
+            raise ValueError(f"step {step}, {type(config).__name__} as configuration")
+    except (KeyError, ValueError, RecursionError) as error:
+        raise BadInput(
+            f"{path}: its header cannot be read ({error}); choose another output directory"
+        ) from None
+    return state, step, config
 
 
 def pack(**parts: nn.Module | torch.optim.Optimizer | torch.Generator) -> dict[str, Tensor]:

@@ -17,7 +17,7 @@ from pc2pix import checkpoint
 from pc2pix.model import Decoder, ModelConfig
 from pc2pix.train_decoder import KIND
 from pc2pix.weight_files import file_sha256, find_decoder, training_command
-from pc2pix.weights import Weights
+from pc2pix.weights import STORED, Weights
 
 FORMAT = "pc2pix-decoder-1"
 EXPORT = "pc2pix.decoder_weights.export_decoder"
@@ -63,13 +63,14 @@ def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, s
             f"{weights.sha256}; make the right one with '{command}'"
         )
     try:
-        decoder = Decoder(ModelConfig(**json.loads(header["model"])))
-        if decoder.config != weights.encoder.config:
-            raise ValueError(f"{decoder.config}, the encoder's is {weights.encoder.config}")
-    except (KeyError, TypeError, ValueError) as error:
+        config = ModelConfig(**json.loads(header["model"]))
+        if config != weights.encoder.config:
+            raise ValueError(f"{config}, the encoder's is {weights.encoder.config}")
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadInput(
             f"{path}: its model does not fit ({error}); make it again with '{command}'"
         ) from None
+    decoder = Decoder(config)
     _check(path, tensors, {k: v.shape for k, v in decoder.state_dict().items()}, command)
     decoder.load_state_dict({key: value.float() for key, value in tensors.items()})
     return decoder.eval().requires_grad_(False), file_sha256(path)
@@ -85,8 +86,13 @@ def _check(
         problem = "is missing" if key in expected else "is unknown"
         raise BadInput(f"{path}: tensor {key} {problem}; make it again with '{command}'")
     for key, shape in expected.items():
-        if tensors[key].shape != shape or not tensors[key].isfinite().all():
+        found = tensors[key]
+        if found.dtype not in STORED:
             raise BadInput(
-                f"{path}: {key} {list(tensors[key].shape)} is not finite or not of shape "
+                f"{path}: {key} is of {found.dtype}, not {STORED}; make it again with '{command}'"
+            )
+        if found.shape != shape or not found.isfinite().all():
+            raise BadInput(
+                f"{path}: {key} {list(found.shape)} is not finite or not of shape "
                 f"{list(shape)}; make it again with '{command}'"
             )

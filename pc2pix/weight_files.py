@@ -7,8 +7,12 @@ import json
 from pathlib import Path
 
 from data_prep.failures import BadInput
+from data_prep.untrusted import is_regular_file, open_file
 
 FOLDER = Path(__file__).parent / "weights"
+MOST_BYTES = 2**32  # of weights or a checkpoint; at the paper's width a checkpoint has 1.2 GB
+MOST_HEADER_BYTES = 2**24
+MOST_OBJECTIVE_LENGTH = 100
 
 BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
     "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
@@ -30,7 +34,7 @@ def find_weights(name_or_path: str | Path) -> Path:
     name = str(name_or_path)
     if name not in BUNDLED:
         path = Path(name_or_path)
-        if not path.is_file():
+        if not is_regular_file(path):
             known = ", ".join(BUNDLED) or "none"
             raise BadInput(
                 f"weights: {name!r} is neither a bundled name ({known}) nor a file; "
@@ -38,7 +42,7 @@ def find_weights(name_or_path: str | Path) -> Path:
             )
         return path
     path = FOLDER / f"{name}.safetensors"
-    if not path.is_file():
+    if not is_regular_file(path):
         raise BadInput(f"{path}: the bundled weights are missing; reinstall the package")
     found = file_sha256(path)
     if found != BUNDLED[name]:
@@ -66,7 +70,7 @@ def find_decoder(name_or_path: str | Path) -> Path:
     Raises BadInput, with the command that makes it, where it is missing.
     """
     path = decoder_path(name_or_path)
-    if not path.is_file():
+    if not is_regular_file(path):
         raise BadInput(
             f"{path}: there is no decoder for these weights; "
             f"make it with '{training_command(name_or_path)}'"
@@ -82,8 +86,8 @@ def find_decoder(name_or_path: str | Path) -> Path:
 
 
 def file_sha256(path: Path) -> str:
-    """The checksum of a file, as in `BUNDLED`."""
-    with path.open("rb") as file:
+    """The checksum of a file, as in `BUNDLED`. Raises BadInput: not to be read, or too large."""
+    with open_file(path, MOST_BYTES) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -91,10 +95,20 @@ def objective_of(path: Path) -> str:
     """What exported weights were trained with, from the file's header alone; "" if it says nothing.
 
     A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
-    which is JSON.
+    which is JSON. Raises BadInput where this one does not.
     """
-    with path.open("rb") as file:
+    with open_file(path, MOST_BYTES) as file:
         length = int.from_bytes(file.read(8), "little")
-        header = json.loads(file.read(length))
-    training = json.loads(header.get("__metadata__", {}).get("training", "{}"))
-    return str(training.get("objective", ""))
+        text = file.read(min(length, MOST_HEADER_BYTES))
+    try:
+        if len(text) < length:
+            raise ValueError(f"{length} bytes by its own account")
+        training = json.loads(json.loads(text).get("__metadata__", {}).get("training", "{}"))
+        objective = training.get("objective", "")
+        if not isinstance(objective, str) or len(objective) > MOST_OBJECTIVE_LENGTH:
+            raise ValueError("the objective is no short text")
+    except (AttributeError, TypeError, ValueError, RecursionError) as error:
+        raise BadInput(
+            f"{path}: its header cannot be read ({error}); fetch or write the file again"
+        ) from None
+    return objective

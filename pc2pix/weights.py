@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
@@ -25,6 +26,9 @@ FORMAT = "pc2pix-weights-1"
 # `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
 EXPORT = "pc2pix.weights.export"
+STORED = (torch.float16, torch.float32)
+MOST_WIDTH = 4.0  # four times the paper's
+MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +88,9 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
         )
     try:
         model, training = json.loads(header["model"]), json.loads(header["training"])
-        config = ModelConfig(**model)
-    except (KeyError, TypeError, ValueError) as error:
+        config = _sane(ModelConfig(**model))
+        card = {"model": model, **training}
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise BadInput(
             f"{path}: its header cannot be read ({error!r}); write it again with {EXPORT}"
         ) from None
@@ -94,17 +99,18 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
             f"{path}: expected encoder {ENCODER_NAMES[config.encoder]!r} in the header, found "
             f"{header.get('encoder')!r}; write the file with {EXPORT}"
         )
-    encoder, generator = build_encoder(config), Generator(config)
     expected = {"code_mean": (config.latent_dim,), "code_std": (config.latent_dim,)}
-    for prefix, network in (("encoder", encoder), ("generator", generator)):
+    with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
+        outlines = {"encoder": build_encoder(config), "generator": Generator(config)}
+    for prefix, network in outlines.items():
         state = network.state_dict()
         expected |= {
             f"{prefix}.{k}": tuple(v.shape) for k, v in state.items() if not _is_counter(k)
         }
     _check(path, tensors, expected)
+    encoder, generator = build_encoder(config), Generator(config)
     _fill(encoder, "encoder", tensors)
     _fill(generator, "generator", tensors)
-    card = {"model": model, **training}
     return Weights(
         encoder=encoder,
         generator=generator,
@@ -113,6 +119,15 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
         card=card,
         sha256=file_sha256(path),
     )
+
+
+def _sane(config: ModelConfig) -> ModelConfig:
+    """The configuration. Raises ValueError where its numbers are none that anybody has trained."""
+    if not isinstance(config.latent_dim, int) or config.latent_dim > MOST_LATENT_DIM:
+        raise ValueError(f"latent_dim {config.latent_dim}, expected up to {MOST_LATENT_DIM}")
+    if config.width > MOST_WIDTH:
+        raise ValueError(f"width {config.width}, expected up to {MOST_WIDTH}")
+    return config
 
 
 def _is_counter(key: str) -> bool:
@@ -130,6 +145,8 @@ def _check(
         if tuple(tensors[key].shape) != shape:
             found = list(tensors[key].shape)
             raise BadInput(f"{path}: {key} has shape {found}, expected {list(shape)}; {remedy}")
+        if tensors[key].dtype not in STORED:
+            raise BadInput(f"{path}: {key} is of {tensors[key].dtype}, not {STORED}; {remedy}")
         if not tensors[key].isfinite().all():
             raise BadInput(f"{path}: {key} is not finite; {remedy}")
 

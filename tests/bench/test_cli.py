@@ -47,7 +47,7 @@ def test_unknown_suite(command, no_machine):
     assert (status, out) == (2, "")
     assert err == (
         "bench: unknown suite 'chair-robustnes': did you mean 'chair-robustness'? "
-        "there are chair-robustness, latent\n"
+        "there are chair-robustness, latent, stability\n"
     )
 
 
@@ -71,12 +71,19 @@ def test_unknown_suite(command, no_machine):
             "unknown dataset 'folder:': use procedural, procedural:validation or folder:PATH",
         ),
         (("--dataset", "folder:gone"), "gone: no such folder; give the folder that holds your "),
-        (("--inception-weights", "no.pth"), "no.pth: cannot be read (No such file or directory); "),
+        (("--inception-weights", "no.pth"), "no.pth: no such file; "),
     ],
 )
 def test_bad_values(command, no_machine, tmp_path, arguments, told):
     assert told in run_refused(command, *arguments)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_odd_names_stay_on_one_harmless_line(command, no_machine, tmp_path):
+    told = run_refused(command, "--dataset", f"folder:{tmp_path}/a\nb\x1b[2J\u202e")
+    assert told == (
+        f"{tmp_path}/a\\nb\\x1b[2J\\u202e: no such folder; give the folder that holds your meshes"
+    )
 
 
 def test_folders_without_what_is_needed(command, no_machine, tmp_path):

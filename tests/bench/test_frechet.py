@@ -252,6 +252,8 @@ def test_names_what_it_refuses():
         frechet_distance(x, x.astype(complex))
     with pytest.raises(ValueError, match="scale them down"):
         frechet_distance(x, x * 1e200)
+    with pytest.raises(ValueError, match="40 of 40 feature values are not finite"):
+        frechet_distance(x, x.astype(np.longdouble) * np.longdouble("1e400"))  # and no warning
 
 
 # --- the interval ---------------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -46,6 +48,30 @@ def test_answers(network, pictures, answers):
 
 def test_no_pictures(network):
     assert judge(network, blank(0)).shape == (0, 3 + CODE)
+
+
+@pytest.mark.parametrize(
+    ("images", "found"),
+    [
+        (blank(1) / 255, "float64 [1, 128, 128, 3]"),
+        (np.full((1, 128, 128, 3), np.nan), "float64 [1, 128, 128, 3]"),
+        (blank(1).astype(np.int64), "int64 [1, 128, 128, 3]"),
+        (blank(1)[:, :64, :64], "uint8 [1, 64, 64, 3]"),
+        (blank(1)[..., :1], "uint8 [1, 128, 128, 1]"),
+        (blank(1)[0], "uint8 [128, 128, 3]"),
+    ],
+)
+def test_names_what_it_refuses(network, images, found):
+    said = f"pictures must be uint8 [N, 128, 128, 3], got {found}"
+    with pytest.raises(ValueError, match=re.escape(said)):
+        judge(network, images)
+
+
+def test_greyscale_names_what_it_refuses():
+    with pytest.raises(ValueError, match=re.escape("uint8 [..., 3], got float64 [1, 128, 128, 3]")):
+        greyscale(np.full((1, 128, 128, 3), np.nan))
+    with pytest.raises(ValueError, match=re.escape("uint8 [..., 3], got uint8 [2, 4]")):
+        greyscale(np.zeros((2, 4), np.uint8))
 
 
 def test_a_blank_picture_has_an_answer(network):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -453,7 +455,7 @@ def test_markdown_to_the_letter():
             "| pc2pix | - 0/2 | 0.125 [0.125, 0.125] 2/2 |",
             "| blank | 0.000 [0.000, 0.000] 2/2 | 0.000 [0.000, 0.000] 2/2 |",
             "",
-            "* pc2pix at 512: 2 x a|b",
+            "* pc2pix at 512: 2 x a\\|b",
             "",
         ]
     )
@@ -470,6 +472,29 @@ def test_markdown_shows_failures_beside_the_value():
 def test_markdown_cells_stay_in_their_columns():
     text = worked_table([make_record(method="pc2pix@a|b.safetensors")]).to_markdown()
     assert "| pc2pix@a\\|b.safetensors | 0.500 1/1 |" in text.splitlines()
+
+
+def test_markdown_of_names_from_a_file_system():
+    # A class, a method and a reason that would each break out of their place.
+    odd = {"class_name": "x\n# y|z", "method": "pc2pix@`<b>`\x1b[2J.safetensors"}
+    failed = make_failed(**odd, reason="no *faces*\n* other: [a](b)\u202e")
+    table = with_objectives(worked_table([failed]), {odd["method"]: "a`b"})
+    text = table.to_markdown()
+    assert all(line.isprintable() for line in text.split("\n"))
+    lines = text.split("\n")
+    assert "## ssim, x\\\\n\\# y\\|z" in lines
+    method = "pc2pix@\\`\\<b\\>\\`\\\\x1b\\[2J.safetensors"
+    assert f"| {method} | - 0/1 |" in lines
+    reason = r"no \*faces\*\\n\* other: \[a\](b)\\u202e"
+    assert f"* {method} at 2048: 1 x {reason}" in lines
+    assert "``" in next(line for line in lines if "weights trained with" in line)
+
+
+def test_csv_keeps_what_a_name_holds():
+    names = ["a\rb", "a\nb", "a\r\nb", 'a"b', "a,b", "=1+1", " a", "\x1b", "ä|b"]
+    table = worked_table([make_record(method=name) for name in names])
+    rows = list(csv.DictReader(io.StringIO(table.to_csv(), newline="")))
+    assert list(dict.fromkeys(row["method"] for row in rows)) == names
 
 
 def test_markdown_of_a_skipped_metric_is_one_line():

@@ -237,6 +237,18 @@ def test_pictures_do_not_depend_on_each_other():
 def test_names_what_it_refuses():
     with pytest.raises(ValueError, match=r"pictures \[2, 128, 128, 3\] of truths \[1, 128"):
         thin_scores(blank(1), blank(2))
+    with pytest.raises(ValueError, match=r"uint8 \[N, H, W, C\], got uint8 \[128, 128, 3\]"):
+        thin_scores(blank(1)[0], blank(1)[0])
+    # In 0..1 all would be dark, and NaN would pass for white.
+    for values in (blank(1) / 255, np.full((1, 128, 128, 3), np.nan), blank(1).astype(np.int64)):
+        for arguments in ((values, values), (picture(LEG)[None], values)):
+            with pytest.raises(ValueError, match=rf"uint8 \[N, H, W, C\], got {values.dtype}"):
+                thin_scores(*arguments)
+        for function in (foreground, contrast, object_boxes, evaluated):
+            with pytest.raises(ValueError, match=rf"must be uint8.*got {values.dtype}"):
+                function(values)
+    with pytest.raises(ValueError, match=r"be \[N, H, W, C\], got uint8 \[128, 128, 3\]"):
+        object_boxes(blank(1)[0])
 
 
 # --- boxes ----------------------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -50,6 +52,28 @@ def test_neighbours_do_not_matter(network, pictures):
 
 def test_no_pictures(network):
     assert view_features(network, blank(0)).shape == (0, FEATURES)
+
+
+def test_mirrored_pictures(network, pictures):
+    """Views of arrays with negative strides, which torch refuses."""
+    mirrored = pictures[0][:3, :, ::-1]
+    assert np.array_equal(view_features(network, mirrored), view_features(network, mirrored.copy()))
+
+
+@pytest.mark.parametrize(
+    ("images", "found"),
+    [
+        (blank(1) / 255, "float64 [1, 128, 128, 3]"),  # would pass for black
+        (blank(1).astype(np.int64), "int64 [1, 128, 128, 3]"),
+        (blank(1)[:, :64, :64], "uint8 [1, 64, 64, 3]"),
+        (blank(1)[..., :1], "uint8 [1, 128, 128, 1]"),
+        (blank(1)[0], "uint8 [128, 128, 3]"),
+    ],
+)
+def test_names_what_it_refuses(network, images, found):
+    said = f"pictures must be uint8 [N, 128, 128, 3], got {found}"
+    with pytest.raises(ValueError, match=re.escape(said)):
+        view_features(network, images)
 
 
 def test_it_has_learned_what_chairs_look_like(network, pictures):

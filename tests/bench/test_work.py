@@ -16,7 +16,7 @@ from bench.metric_table import VIEWS_WEIGHTS
 from bench.metrics import ssim
 from bench.ssim import ssim_per_image_and_box
 from bench.views_network import load_views_network, view_features
-from bench.work import _cloud, do, read_artifact
+from bench.work import cloud_of, do, read_artifact
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.images import to_float, to_uint8
 from data_prep.randomness import generator
@@ -69,7 +69,7 @@ def measure(tmp_path, monkeypatch):
     """Does one job with a renderer of the test's own, on a random ground truth."""
 
     def run(renderer, load=None, **changes):
-        bench.work._renderer.cache_clear()
+        bench.work.load_renderer.cache_clear()
         sees_mesh = changes.pop("sees_mesh", False)
         method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
         monkeypatch.setattr(bench.work, "find_method", lambda method_id: method)
@@ -79,7 +79,7 @@ def measure(tmp_path, monkeypatch):
         return job, do(job)
 
     yield run
-    bench.work._renderer.cache_clear()
+    bench.work.load_renderer.cache_clear()
 
 
 def outcomes(result):
@@ -243,7 +243,7 @@ def test_which_methods_see_the_mesh():
 @pytest.mark.parametrize("condition", ["2048", "512", "noise-0.05", "512-random"])
 def test_clouds_are_paired_between_methods(tmp_path, condition):
     clouds = [
-        _cloud(make_job(tmp_path, method=method, condition=condition)).points
+        cloud_of(make_job(tmp_path, method=method, condition=condition)).points
         for method in ("splat", "blank")
     ]
     assert np.array_equal(*clouds)
@@ -251,7 +251,7 @@ def test_clouds_are_paired_between_methods(tmp_path, condition):
 
 def test_clouds_come_from_seed_object_and_condition(tmp_path):
     def points(condition="2048", **changes):
-        return _cloud(make_job(tmp_path, condition=condition, **changes)).points
+        return cloud_of(make_job(tmp_path, condition=condition, **changes)).points
 
     plain, noisy = points(), points("noise-0.05")
     expected = sample_surface(Tetrahedron().load(), generator(0, "cloud", "chair", "a"))
@@ -319,10 +319,10 @@ def test_surface_reconstruction_end_to_end(tmp_path, monkeypatch):
     apss = next(method for method in METHODS if method.id == "surface-apss")
     coarse = replace(apss, load=lambda device: SurfaceApss(resolution=40))
     monkeypatch.setattr(bench.work, "find_method", lambda method_id: coarse)
-    bench.work._renderer.cache_clear()
+    bench.work.load_renderer.cache_clear()
     do(make_truth(tmp_path))
     result = do(make_job(tmp_path, method="surface-apss"))
-    bench.work._renderer.cache_clear()
+    bench.work.load_renderer.cache_clear()
     assert outcomes(result) == {("ok", "")}
     assert all(0.5 < record.structure < 1 for record in result.records)
 
@@ -433,3 +433,15 @@ def test_a_disk_that_cannot_be_written_ends_the_run(measure, monkeypatch):
     assert result.unusable == (
         f"{job.artifact}: cannot be written (No space left on device); make room and run again"
     )
+
+
+def test_a_file_that_cannot_be_written_whole_leaves_nothing(tmp_path, monkeypatch):
+    def full(handle):
+        raise OSError(28, "No space left on device")
+
+    bench.work.write_whole(tmp_path / "a", b"old")
+    monkeypatch.setattr(bench.work.os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        bench.work.write_whole(tmp_path / "a", b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_bytes() == b"old"

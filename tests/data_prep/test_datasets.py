@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import pickle
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -173,9 +175,36 @@ def test_fingerprint_changes_with_a_companion(tmp_path: Path) -> None:
 
 def test_fingerprint_of_a_file_that_is_gone(tmp_path: Path) -> None:
     obj = MeshFile("c", "a.ply", tmp_path / "a.ply")
-    assert obj.fingerprint() == "unreadable: No such file or directory"
+    assert obj.fingerprint() == "unreadable: no such file"
     with pytest.raises(BadInput, match="no such file"):
         obj.load()
+
+
+def test_companions_that_are_no_files_do_not_count(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_bytes(b"mesh")
+    obj = MeshFile("c", "a.ply", tmp_path / "a.ply")
+    alone = obj.fingerprint()
+    (tmp_path / "a.textures").mkdir()
+    os.mkfifo(tmp_path / "a.pipe")  # whose reader would wait for ever
+    (tmp_path / "a.zero").symlink_to("/dev/zero")
+    (tmp_path / "a.loop").symlink_to("a.loop")
+    assert obj.fingerprint() == alone
+
+
+def test_fingerprint_of_a_companion_with_an_odd_name(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_bytes(b"v")
+    Path(os.fsdecode(os.fsencode(tmp_path) + b"/a.\xff")).write_bytes(b"x")
+    expected = hashlib.sha256(f"loader {LOADER_VERSION}".encode() + b"v" + b"a.\xff" + b"x")
+    assert MeshFile("c", "a.obj", tmp_path / "a.obj").fingerprint() == expected.hexdigest()
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.mtl"])
+def test_fingerprint_of_what_is_too_large_takes_no_time(tmp_path: Path, name: str) -> None:
+    (tmp_path / "a.obj").write_bytes(b"v")
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(2**40)  # sparse
+    found = MeshFile("c", "a.obj", tmp_path / "a.obj").fingerprint()
+    assert found.startswith("unreadable: 1099511627776 bytes, and at most")
 
 
 # --- across processes -----------------------------------------------------------------------------
@@ -215,6 +244,67 @@ def test_folder_that_is_missing(tmp_path: Path) -> None:
     (tmp_path / "file.ply").touch()
     with pytest.raises(BadInput, match=r"file\.ply: no such folder"):
         open_dataset(f"folder:{tmp_path / 'file.ply'}")
+
+
+def test_pipes_devices_and_links_in_a_folder(tmp_path: Path) -> None:
+    write_box(tmp_path / "box" / "a.ply")
+    os.mkfifo(tmp_path / "box" / "b.ply")
+    (tmp_path / "box" / "c.ply").symlink_to("/dev/zero")
+    (tmp_path / "box" / "d.ply").symlink_to("d.ply")
+    (tmp_path / "box" / "e.ply").symlink_to("gone.ply")
+    (tmp_path / "box" / "f.ply").symlink_to("a.ply")
+    (tmp_path / "box" / "up").symlink_to("..")  # a circle
+    (tmp_path / "again").symlink_to("box")
+    assert ids(open_dataset(f"folder:{tmp_path}"), "box") == ["a.ply", "f.ply"]
+
+
+def test_deep_folders(tmp_path: Path) -> None:
+    depth = 1500  # beyond Python's limit of recursion
+    where = tmp_path
+    try:
+        for _ in range(depth):
+            where = where / "d"
+            where.mkdir()
+        write_box(where / "a.ply")
+        assert ids(open_dataset(f"folder:{tmp_path}"), "d") == ["d/" * (depth - 1) + "a.ply"]
+    finally:  # pytest's own way to clear up is recursive
+        subprocess.run(["rm", "-rf", tmp_path / "d"], check=True)
+
+
+def test_odd_names(tmp_path: Path) -> None:
+    names = ["new\nline.ply", "\x1b[31mred.ply", "a|b`c<d>.ply", "\u202eylp.ply", " .ply", "=1.ply"]
+    for name in names:
+        write_box(tmp_path / "box" / name)
+    assert ids(open_dataset(f"folder:{tmp_path}"), "box") == sorted(names)
+
+
+@pytest.mark.parametrize("name", [b"\xff.ply", b"\xff/a.ply"])
+def test_names_that_are_no_text(tmp_path: Path, name: bytes) -> None:
+    write_box(Path(os.fsdecode(os.fsencode(tmp_path / "box") + b"/" + name)))
+    with pytest.raises(BadInput, match=r"the name 'box/\\xff.* is not UTF-8; rename it"):
+        open_dataset(f"folder:{tmp_path}")
+    with pytest.raises(BadInput, match="not the name of a folder"):
+        open_dataset("folder:" + os.fsdecode(os.fsencode(tmp_path / "box") + b"/" + name))
+
+
+def test_a_folder_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_box(tmp_path / "box" / "a.ply")
+    real = os.scandir
+
+    def refuse(path: Path) -> object:
+        if path.name == "box":
+            raise PermissionError(13, "Permission denied", str(path))
+        return real(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)  # who runs tests as root may read everything
+    with pytest.raises(BadInput, match=r"box: cannot be read \(Permission denied\); mend it"):
+        open_dataset(f"folder:{tmp_path}")
+
+
+@pytest.mark.parametrize("location", ["~no-such-user-anywhere/x", "n" * 5000])
+def test_names_of_no_folder(location: str) -> None:
+    with pytest.raises(BadInput, match=r"not the name of a folder|no such folder"):
+        open_dataset(f"folder:{location}")
 
 
 def test_folder_without_meshes(tmp_path: Path) -> None:

@@ -332,9 +332,10 @@ BROKEN = {
         json.dumps({"asset": {"version": "2.0"}, "buffers": [{"byteLength": 9, "uri": "x.bin"}]}),
         "not a readable mesh",
     ),
-    "points.xyz": ("0 0 0\n1 0 0\n", "no faces"),
-    "mesh.txt": ("0 0 0\n1 0 0\n", "not a readable mesh"),
-    "mesh": ("", r"not a readable mesh .*; use one of \.ply, \.obj, \.off, \.stl, \.glb, \.gltf"),
+    "points.xyz": ("0 0 0\n1 0 0\n", "no mesh by its name"),
+    "mesh.txt": ("0 0 0\n1 0 0\n", "no mesh by its name"),
+    "mesh.zip": (b"PK", "no mesh by its name"),
+    "mesh": ("", r"no mesh by its name; use one of \.ply, \.obj, \.off, \.stl, \.glb, \.gltf"),
 }
 
 
@@ -379,7 +380,7 @@ def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"gone\.ply: no such file$"):
         load_mesh(path)
     path.mkdir()
-    with pytest.raises(BadInput, match=r"gone\.ply: no such file$"):
+    with pytest.raises(BadInput, match=r"gone\.ply: cannot be read \(Is a directory\)$"):
         load_mesh(path)
 
 

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from data_prep.failures import BadInput
-from data_prep.normalise import normalise
+from data_prep.normalise import normalise, normalise_points
 from data_prep.scene import Mesh
 
 # Coordinates are rounded to float32 once, so each is off by at most half a unit in the last place
@@ -84,3 +86,148 @@ def test_no_extent() -> None:
     vertices = [[1, 2, 3], [1, 2, 3], [1, 2, 3], [9, 9, 9]]  # the last is not used
     with pytest.raises(BadInput, match="all 3 vertices"):
         normalise(triangle(vertices, [[0, 1, 2]]))
+
+
+# --- clouds ---------------------------------------------------------------------------------------
+
+
+def cloud(count: int = 200) -> np.ndarray:
+    return np.random.default_rng(5).normal(size=(count, 3)) * [1.0, 2.0, 0.5]
+
+
+def test_closed_form_of_a_cloud() -> None:
+    # Box 6 x 8 x 0 centred at (4, 6, 1): the corner (3, 4, 0) lies at radius 5.
+    made = normalise_points(np.array([[1, 2, 1], [7, 2, 1], [1, 10, 1], [4, 6, 1]]))
+    expected = [[-0.6, -0.8, 0.0], [0.6, -0.8, 0.0], [-0.6, 0.8, 0.0], [0, 0, 0]]
+    np.testing.assert_allclose(made.points, expected, rtol=0, atol=ROUNDING)
+    assert made.source is None
+
+
+def test_two_points_lie_opposite() -> None:
+    made = normalise_points(np.array([[0, 0, 0], [2, 0, 0]], np.uint8))
+    assert made.points.tolist() == [[-1, 0, 0], [1, 0, 0]]
+
+
+@pytest.mark.parametrize("kind", ["f2", "f4", ">f8", "longdouble", "i2", "u4", "i8"])
+def test_any_real_dtype(kind: str) -> None:
+    values = np.array([[1, 2, 1], [7, 2, 1], [1, 10, 1]])
+    given = values.astype(kind)
+    before = given.copy()
+    np.testing.assert_array_equal(
+        normalise_points(given).points, normalise_points(values.astype(float)).points
+    )
+    np.testing.assert_array_equal(given, before)
+
+
+@pytest.mark.parametrize("exponent", [-1020, -500, -100, -1, 1, 100, 500, 1020])
+def test_powers_of_two_change_nothing(exponent: int) -> None:
+    # Scaling by a power of two rounds nothing, so every bit has to be the same. Few bits in the
+    # values, so that none is lost where they become subnormal (2**-1020 times 2**-10 is one).
+    points = np.round(cloud() * 2**8) / 2**10
+    scaled = np.ldexp(points, exponent)
+    np.testing.assert_array_equal(
+        normalise_points(scaled).points.view(np.uint32), normalise_points(points).points.view("u4")
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-30, 1e-3, 3.0, 1e30, 1e300, 3e307])
+def test_scale_does_not_matter(scale: float) -> None:
+    # The product rounds each coordinate by 2**-53 of itself, far below the rounding to float32:
+    # two results differ by one unit in the last place of 1 at most, 2**-24 below 1.
+    points = cloud()
+    expected = normalise_points(points).points
+    found = normalise_points(points * scale).points
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2.0**-23)
+
+
+@pytest.mark.parametrize("shift", [1.0, 1e3, 1e6, -1e6, 1e9])
+def test_a_shift_does_not_matter(shift: float) -> None:
+    # Near `shift` float64 has a spacing of at most 2**-52 * |shift|, and each coordinate is moved
+    # by up to half of that. So are centre and radius (each by at most sqrt(3) of it in space; the
+    # radius is above 1 here): less than four times in all; then float32.
+    points = cloud()
+    moved = points + np.array([shift, -shift, shift])
+    lost = 4 * np.sqrt(3) * 2.0**-53 * 1.01 * abs(shift)
+    np.testing.assert_allclose(
+        normalise_points(moved).points,
+        normalise_points(points).points,
+        rtol=0,
+        atol=lost + 2.0**-24,
+    )
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[1e300, 1e-300, 0], [1e300, 3e-300, 0]],
+        [[-1.7e308, 0, 0], [1.7e308, 0, 0]],
+        [[0, 0, 0], [5e-324, 0, 0]],
+        [[1e6, 1e6, 1e6], [1e6, 1e6, 1e6 + 1e-9]],
+    ],
+    ids=["tiny-beside-huge", "the-largest", "the-smallest", "one-step-of-float64"],
+)
+def test_no_overflow_and_no_underflow(points: list[list[float]]) -> None:
+    made = normalise_points(np.array(points)).points
+    assert np.linalg.norm(made, axis=1).tolist() == [1.0, 1.0]
+    np.testing.assert_array_equal(made[0], -made[1])
+
+
+def test_order_and_number_of_points_stay() -> None:
+    points = cloud(50)
+    points = np.concatenate([points, points[:7]])
+    order = np.random.default_rng(1).permutation(57)
+    made = normalise_points(points).points
+    assert made.shape == (57, 3)
+    np.testing.assert_array_equal(normalise_points(points[order]).points, made[order])
+
+
+def test_a_normalised_cloud_stays_as_it_is() -> None:
+    made = normalise_points(cloud())
+    extent = made.points.min(axis=0) + made.points.max(axis=0)
+    assert np.abs(extent).max() <= ROUNDING
+    assert abs(np.linalg.norm(made.points.astype(float), axis=1).max() - 1.0) <= ROUNDING
+    again = normalise_points(made.points)
+    np.testing.assert_allclose(again.points, made.points, rtol=0, atol=2 * ROUNDING)
+
+
+def test_the_cloud_of_a_mesh_agrees_with_the_mesh() -> None:
+    points = cloud(30).astype(np.float32)
+    mesh = normalise(triangle(points, np.arange(30).reshape(-1, 3)))
+    # Different ways to the same number in float64: at most one rounding to float32 apart.
+    np.testing.assert_allclose(normalise_points(points).points, mesh.vertices, rtol=0, atol=2**-24)
+
+
+def test_no_points() -> None:
+    with pytest.raises(BadInput, match=r"the cloud has no points \(0\)"):
+        normalise_points(np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_non_finite_points_are_counted_and_located(value: float) -> None:
+    points = cloud(9)
+    points[2, 1] = points[4] = value
+    with pytest.raises(BadInput, match=r"2 non-finite points of 9 .*point 2\); remove them"):
+        normalise_points(points)
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).max == np.finfo(float).max, reason="no wider float")
+def test_beyond_float64_is_not_finite() -> None:
+    points = np.array([[0, 0, 0], ["1e4000", 0, 0]], np.longdouble)
+    with pytest.raises(BadInput, match="1 non-finite points of 2"):
+        normalise_points(points)
+
+
+@pytest.mark.parametrize(("count", "place"), [(1, 0.0), (4, 0.1), (3, 5e-324), (2, 1e308)])
+def test_equal_points(count: int, place: float) -> None:
+    with pytest.raises(
+        BadInput, match=rf"^all {count} points are equal, at \[{re.escape(str(place))}, "
+    ):
+        normalise_points(np.full((count, 3), place))
+
+
+@pytest.mark.parametrize(
+    "points", [np.zeros((3, 2)), np.zeros(3), np.zeros((2, 3, 1)), np.zeros((2, 3), complex)]
+)
+def test_what_is_no_list_of_points(points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"expected real numbers \[N, 3\], got"):
+        normalise_points(points)

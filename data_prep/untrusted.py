@@ -1,0 +1,84 @@
+"""Files that nobody vouches for: opened without waiting, read within a stated bound, never trusted.
+
+What stands under a path may be a FIFO (whose reader waits for ever), a device (which never ends), a
+folder, or a file of any size; its name may hold whatever the file system allows.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedReader
+from pathlib import Path
+
+from data_prep.failures import BadInput
+
+MIB = 2**20
+
+
+def is_regular_file(path: Path) -> bool:
+    """Whether there is a file at the end of `path`, links followed.
+
+    As `Path.is_file`, which raises where a folder may not be searched or a name is too long; here
+    that is no file.
+    """
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+@contextmanager
+def open_file(path: Path, most_bytes: int) -> Iterator[BufferedReader]:
+    """The file, open for reading.
+
+    Raises BadInput, naming the file: missing, not to be read, no regular file, or of more than
+    `most_bytes`. The size is that of the open file, so nobody can exchange it in between.
+    """
+    try:
+        file = open(os.fspath(path), "rb", opener=_open_without_waiting)  # noqa: SIM115
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise BadInput(f"{path}: {_why(error)}") from error
+    with file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise BadInput(f"{path}: no regular file but a pipe or device; give a file")
+        if status.st_size > most_bytes:
+            raise BadInput(
+                f"{path}: {status.st_size} bytes, and at most {most_bytes} are read; "
+                "give a smaller file"
+            )
+        yield file
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def read_file(path: Path, most_bytes: int) -> bytes:
+    """All bytes of a file. Raises BadInput as `open_file`, and where reading fails."""
+    with open_file(path, most_bytes) as file:
+        size = os.fstat(file.fileno()).st_size
+        try:
+            data = file.read(size + 1)  # memory is taken for as many, whatever there is
+        except OSError as error:
+            raise BadInput(f"{path}: {_why(error)}") from error
+    if len(data) > size:
+        raise BadInput(f"{path}: more than its {size} bytes; wait until it is written")
+    return data
+
+
+def shown(value: str | bytes, most: int = 40) -> str:
+    """A value from a file as it is quoted in a message: in quotes, escaped, not too long."""
+    cut = value if len(value) <= most else value[:most]
+    text = repr(cut).removeprefix("b")
+    return text if cut is value else f"{text}..."
+
+
+def _why(error: OSError | ValueError) -> str:
+    if isinstance(error, FileNotFoundError):
+        return "no such file"
+    reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return f"cannot be read ({reason})"

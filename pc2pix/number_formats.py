@@ -1,0 +1,201 @@
+"""Inference of pc2pix in narrower number formats, with a look at every layer.
+
+Which format is wide enough, and where does one that is not break? The networks run wholly in the
+format asked for: weights, BatchNorm statistics, the cloud, the angles and everything between are
+cast to it, and PyTorch computes in it on the CPU (sums inside a product may be kept wider; what a
+layer hands on is not). float64 is the reference that the others are compared with.
+
+int8 is simulated: before every convolution and dense layer its kernel is rounded to 255 levels,
+symmetric about 0, one scale for each output channel, and its input likewise, one scale for the
+whole tensor, taken from the tensor itself (so that nothing ever saturates, at the price of levels
+where a single value is large). The products of the levels, the biases, BatchNorm and all else are
+float32. It tells what the rounding of int8 does to pictures; it says nothing about speed.
+
+A layer is recognised by its bias, which PyTorch's functions get as they are even where a kernel is
+derived on the way (`pc2pix.model.upsample_then_conv`). So the networks need not know of this.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.overrides import TorchFunctionMode
+
+from data_prep.scene import Points, View
+from pc2pix.model import NOISE_DIM
+from pc2pix.renderer import parts, pick_points
+from pc2pix.weights import Weights
+
+Format = Literal["float64", "float32", "bfloat16", "float16", "int8"]
+FORMATS: dict[Format, torch.dtype] = {  # and what PyTorch computes in
+    "float64": torch.float64,
+    "float32": torch.float32,
+    "bfloat16": torch.bfloat16,
+    "float16": torch.float16,
+    "int8": torch.float32,
+}
+INT8_LEVELS = 127  # on either side of 0
+GREY_LEVELS = 255
+# Functions whose kernel and input int8 rounds, and the dimension of the kernel's output channels.
+_PRODUCTS: dict[Callable[..., Tensor], int] = {
+    functional.linear: 0,
+    functional.conv1d: 0,
+    functional.conv2d: 0,
+    functional.conv_transpose2d: 1,
+}
+
+
+@dataclass(frozen=True)
+class LayerRange:
+    """What a layer gave, over all its values.
+
+    name        as in the network, `generator.blocks.2.conv1`. "input of NAME" stands before the
+                layer where its input is not finite though all layers before were: a cast, a sum or
+                a mean between the layers overflowed
+    largest     of the absolute values that are finite; 0 where none is
+    non_finite  how many values are infinite or NaN
+    """
+
+    name: str
+    largest: float
+    non_finite: int
+
+
+@dataclass(frozen=True, eq=False)
+class Inference:
+    """One cloud drawn in one format.
+
+    code      whitened, float64 [latent_dim], in standard deviations of the training codes
+    pictures  float64 [V, 128, 128, 3] in [0, 1], not rounded to grey levels
+    layers    in the order in which they ran
+    """
+
+    code: NDArray[np.float64]
+    pictures: NDArray[np.float64]
+    layers: tuple[LayerRange, ...]
+
+    @property
+    def overflowed(self) -> str | None:
+        """The first layer with a value that is not finite; None where all are finite."""
+        return next((layer.name for layer in self.layers if layer.non_finite), None)
+
+    @property
+    def refused(self) -> str | None:
+        """The stage at which `Pc2pixRenderer` refuses such a code or picture, if it does."""
+        if not np.isfinite(self.code).all():
+            return "encode"
+        return None if np.isfinite(self.pictures).all() else "generate"
+
+
+class Deviation(NamedTuple):
+    """Absolute differences, over all values."""
+
+    largest: float
+    mean: float
+
+
+@torch.inference_mode()
+def infer(weights: Weights, points: Points, views: Sequence[View], fmt: Format) -> Inference:
+    """Encode a cloud float32 [N, 3], N > 0, and draw it from at least one view, in one format.
+
+    Same steps as `pc2pix.renderer.Pc2pixRenderer` with z = "zero", but nothing is refused: values
+    that are not finite go on through the layers, so that one sees where they come from. `weights`
+    stay as they are.
+    """
+    dtype = FORMATS[fmt]
+    encoder = copy.deepcopy(weights.encoder).to(dtype)
+    generator = copy.deepcopy(weights.generator).to(dtype)
+    mean, std = weights.code_mean.to(dtype), weights.code_std.to(dtype)
+    fed = pick_points(points)[None] if encoder.cloud_size else parts(points)
+    angles = [
+        (v.elevation_deg / 80 + 0.5, math.remainder(v.azimuth_deg, 360.0) / 360 + 0.5)
+        for v in views
+    ]
+    elevation01, azimuth01 = torch.tensor(angles, dtype=torch.float64).to(dtype).split(1, dim=1)
+    noise = torch.zeros(len(views), NOISE_DIM, dtype=dtype)
+    names = _names("encoder", encoder) | _names("generator", generator)
+    with _Watch(names, int8=fmt == "int8") as watch:
+        code = encoder(torch.tensor(fed, dtype=dtype)).mean(dim=0, keepdim=True)
+        code = (code - mean) / std
+        images = generator(noise, code.expand(len(views), -1), elevation01, azimuth01)
+    pictures = (images.double().permute(0, 2, 3, 1).numpy() + 1) / 2
+    return Inference(code[0].double().numpy(), pictures, tuple(watch.layers))
+
+
+def deviation(found: NDArray[np.float64], reference: NDArray[np.float64]) -> Deviation | None:
+    """How far two arrays of one shape lie apart; None where a value is not finite."""
+    if not (np.isfinite(found).all() and np.isfinite(reference).all()):
+        return None
+    apart = np.abs(found - reference)
+    return Deviation(float(apart.max()), float(apart.mean()))
+
+
+def round_to_int8(x: Tensor, channels: int | None = None) -> Tensor:
+    """x rounded to whole multiples, -127..127, of largest |x| / 127; as float32.
+
+    `channels` is the dimension along which each slice has a scale of its own. What is all 0 stays
+    so. A slice with an infinite or NaN value becomes NaN.
+    """
+    if channels is None:
+        scale = x.abs().amax() / INT8_LEVELS
+    else:
+        others = [i for i in range(x.ndim) if i != channels]
+        scale = x.abs().amax(dim=others, keepdim=True) / INT8_LEVELS
+    scale = torch.where(scale == 0, 1.0, scale)
+    return torch.round(x / scale) * scale
+
+
+def _names(prefix: str, network: nn.Module) -> dict[int, str]:
+    """The layer that each bias belongs to, by the identity of the tensor."""
+    return {
+        id(parameter): f"{prefix}.{name.removesuffix('.bias')}"
+        for name, parameter in network.named_parameters()
+        if name.endswith(".bias")
+    }
+
+
+class _Watch(TorchFunctionMode):
+    """Notes the range of every layer that runs while it is active; for int8 it rounds, too."""
+
+    def __init__(self, names: dict[int, str], *, int8: bool) -> None:
+        super().__init__()
+        self.names = names
+        self.int8 = int8
+        self.layers: list[LayerRange] = []
+
+    def __torch_function__(
+        self,
+        func: Callable[..., Any],
+        types: Any,
+        args: tuple[Any, ...] = (),
+        kwargs: dict[str, Any] | None = None,
+    ) -> Any:
+        kwargs = kwargs or {}
+        given = (*args, *kwargs.values())
+        name = next((self.names[id(a)] for a in given if id(a) in self.names), None)
+        if name is None:
+            return func(*args, **kwargs)
+        fed = _range(f"input of {name}", args[0])
+        if fed.non_finite and not any(layer.non_finite for layer in self.layers):
+            self.layers.append(fed)
+        if self.int8 and func in _PRODUCTS:
+            x, kernel, *rest = args
+            args = (round_to_int8(x), round_to_int8(kernel, _PRODUCTS[func]), *rest)
+        out = func(*args, **kwargs)
+        self.layers.append(_range(name, out))
+        return out
+
+
+def _range(name: str, values: Tensor) -> LayerRange:
+    finite = values.isfinite()
+    largest = values.abs().where(finite, 0).max()
+    return LayerRange(name, float(largest), int(values.numel() - finite.sum()))

@@ -1,0 +1,139 @@
+"""Methods that another package announces. Spawned workers import this module by its name."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from contextlib import contextmanager
+from functools import partial
+
+import numpy as np
+
+from bench import methods
+from bench.methods import Method
+from benchmarks.faulty_methods import FAULTS, Faulty, announce
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.randomness import generator
+
+
+class Telling:
+    """Healthy. The first pixels of its pictures tell what it was given, in grey levels.
+
+    `check` sees all of that before; it may raise, do worse, or make other pictures.
+    """
+
+    def __init__(self, check=lambda points, views, rng, pictures: pictures):
+        self.check = check
+
+    def prepare(self, cloud, rng):
+        return cloud.points
+
+    def draw(self, state, views, rng):
+        pictures = np.ones((len(views), 128, 128, 3), np.float32)
+        for picture, view in zip(pictures, views, strict=True):
+            radius = np.linalg.norm(state, axis=1).max(initial=0.0)
+            told = (view.azimuth_deg, view.elevation_deg, len(state), 10 * radius)
+            picture[0, :4] = np.array(told)[:, None] / 255
+        return self.check(state, views, rng, pictures)
+
+
+def left_and_right(points, views, rng, pictures):
+    """Fails on clouds with points on both sides: two are enough, and needed."""
+    left, right = (points[:, 0] < -0.2).sum(), (points[:, 0] > 0.2).sum()
+    if left and right:
+        raise StageFailure("weigh", f"{left} points left and {right} right")
+    return pictures
+
+
+def crash_where_high(points, views, rng, pictures):
+    """One point is enough."""
+    if (points[:, 1] > 0.3).any():
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return pictures
+
+
+def blank_from_the_left(points, views, rng, pictures):
+    """From views with a negative azimuth, where there are five points or more."""
+    for picture, view in zip(pictures, views, strict=True):
+        if view.azimuth_deg < 0 and len(points) >= 5:
+            picture[:] = 1.0
+    return pictures
+
+
+def several_views(points, views, rng, pictures):
+    if len(views) > 1 and len(points) > 2:
+        raise ValueError("one at a time")
+    return pictures
+
+
+def unlucky(points, views, rng, pictures):
+    """With all random numbers but those of `bench render`."""
+    if rng.random() != generator("render").random():
+        raise ValueError("bad luck")
+    return pictures
+
+
+def slow(points, views, rng, pictures):
+    """All clouds fail that have a point; each takes a second."""
+    time.sleep(1.0)
+    if len(points):
+        raise ValueError("at last")
+    return pictures
+
+
+def process_number(points, views, rng, pictures):
+    raise StageFailure(f"process-{os.getpid()}", "here")
+
+
+def no_licence(device):
+    raise MissingDependency("no licence; buy one")
+
+
+def no_weights(device):
+    raise BadInput("weights: cut short; fetch them again")
+
+
+def announced(id_, load):
+    return Method(id_, load, str, 1, "a stranger's")
+
+
+def load_check(check, device):
+    return Telling(check)
+
+
+def load_faulty(fault, device):
+    return Faulty(Telling(), lambda points: fault)
+
+
+CHECKS = (
+    left_and_right,
+    crash_where_high,
+    blank_from_the_left,
+    several_views,
+    unlucky,
+    slow,
+    process_number,
+)
+PLUGINS = {
+    "fake-healthy": lambda device: Telling(),
+    "fake-no-licence": no_licence,
+    "fake-no-weights": no_weights,
+    **{f"fake-{fault}": partial(load_faulty, fault) for fault in FAULTS},
+    **{f"fake-{c.__name__.replace('_', '-')}": partial(load_check, c) for c in CHECKS},
+}
+for _id, _load in PLUGINS.items():
+    globals()[_id.replace("-", "_")] = announced(_id, _load)
+
+
+@contextmanager
+def installed(folder, monkeypatch):
+    """As if the package of these methods had been installed, for this process and its workers."""
+    announce(folder, {id_: f"{__name__}:{id_.replace('-', '_')}" for id_ in PLUGINS})
+    monkeypatch.syspath_prepend(folder)
+    caches = methods.plugin_ids, methods._plugin
+    for cache in caches:
+        cache.cache_clear()
+    yield
+    for cache in caches:
+        cache.cache_clear()

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import os
+import signal
+import time
+from contextlib import closing
+from itertools import count, islice
+
+import numpy as np
+import pytest
+
+from bench.isolation import Limits, Lost, run_tasks
+
+LIMITS = Limits(time_s=60.0, memory_gib=8.0)
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def misbehave(how: str) -> str:
+    if how == "segfault":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how == "exit":
+        os._exit(3)
+    if how == "hang":
+        time.sleep(600)
+    if how == "hog":
+        kept = []
+        while True:
+            kept.append(np.ones(2**23))  # 64 MiB, touched
+    if how == "raise":
+        raise KeyError(how)
+    return how
+
+
+def test_tasks_come_with_their_results():
+    assert dict(run_tasks(range(6), square, 2, LIMITS)) == {x: x * x for x in range(6)}
+
+
+def test_whatever_becomes_of_a_worker_is_told_and_the_others_go_on():
+    tasks = ["a", "segfault", "b", "hang", "exit", "hog", "c"]
+    limits = Limits(time_s=20.0, memory_gib=0.75)
+    found = dict(run_tasks(tasks, misbehave, 2, limits))
+    assert found == {
+        "a": "a",
+        "b": "b",
+        "c": "c",
+        "segfault": Lost("crash", "the worker died (SIGSEGV)"),
+        "exit": Lost("crash", "the worker died (exit code 3)"),
+        "hang": Lost("timeout", "no result within 20 s"),
+        "hog": Lost("memory", "the worker used more than 0.75 GiB"),
+    }
+    assert found["hang"].reason == "timeout: no result within 20 s"
+
+
+def test_what_a_task_raises_is_raised():
+    with pytest.raises(KeyError, match="raise"):
+        list(run_tasks(["raise"], misbehave, 1, LIMITS))
+
+
+def test_tasks_are_taken_as_workers_get_free():
+    taken = []
+
+    def endless():
+        for number in count():
+            taken.append(number)
+            yield number
+
+    with closing(run_tasks(endless(), square, 1, LIMITS)) as stream:
+        assert len(list(islice(stream, 5))) == 5
+    assert len(taken) <= 5 + 2

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bench.stability
+from bench.check import check
+from bench.outcomes import KINDS, Outcome
+from bench.results import tables
+from bench.run import Options
+from bench.stability import run
+from bench.stability_cases import CASES
+from bench.stability_figures import ACROSS, MISSING, sheet, write_matrix
+from bench.stability_tables import Matrix, read_outcomes
+from bench.store import read_manifest
+from data_prep.failures import BadInput
+
+HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")
+NAMES = ("stability_methods", "stability_metrics", "stability_formats", "stability_libraries")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """The suite without what has tests of its own."""
+    monkeypatch.setattr(bench.stability, "measure_formats", list)
+    monkeypatch.setattr(bench.stability, "format_outcomes", lambda rows: [HOLDS])
+    monkeypatch.setattr(bench.stability, "metric_outcomes", lambda: [HOLDS])
+    monkeypatch.setattr(
+        bench.stability, "library_outcomes", lambda workers: [replace(HOLDS, kind="contained")]
+    )
+
+
+@pytest.fixture
+def finished(quick, tmp_path):
+    out = tmp_path / "run"
+    return run(Options("stability", methods=("blank", "true-mesh"), workers=2, out=out))
+
+
+def matrix(*outcomes):
+    return Matrix("stability_methods", "Methods", "One chair.", outcomes)
+
+
+# --- a run ----------------------------------------------------------------------------------------
+
+
+def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path, quick):
+    out = tmp_path / "run"
+    assert [made.name for made in finished.matrices] == list(NAMES)
+    methods = finished.matrices[0]
+    assert {(o.case, o.subject) for o in methods.outcomes} == {
+        (case.id, method) for case in CASES for method in ("blank", "true-mesh")
+    }
+    assert {o.kind for o in methods.outcomes} == {"holds"}
+    for name in NAMES:
+        assert (out / "tables" / f"{name}.md").stat().st_size > 100
+        assert (out / "figures" / f"{name}.png").stat().st_size > 1000
+    assert (out / "figures" / "extremes.png").stat().st_size > 10_000
+    with (out / "tables" / "observations.csv").open(newline="") as file:
+        assert len(list(csv.DictReader(file))) == 2 * len(CASES)
+    manifest = read_manifest(out)
+    assert manifest["finished"]
+    assert manifest["cases"] == [case.id for case in CASES]
+    before = [(p.name, p.read_bytes()) for p in sorted((out / "journal").iterdir())]
+    tables_before = {p.name: p.read_bytes() for p in (out / "tables").iterdir()}
+    run(Options("stability", methods=("blank", "true-mesh"), workers=2, out=out))
+    assert [(p.name, p.read_bytes()) for p in sorted((out / "journal").iterdir())] == before
+    assert {p.name: p.read_bytes() for p in (out / "tables").iterdir()} == tables_before
+
+    verdict = check(out)
+    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 3, ())
+    path = out / "tables" / "stability_methods.csv"
+    path.write_text(path.read_text().replace(",holds", ",unexpected", 1))
+    (regression,) = check(out).regressions
+    assert regression.startswith("blank, plain: pictures, 0.0 % not white; stated was: ")
+    with pytest.raises(BadInput, match="writes its tables itself"):
+        tables(out)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("conditions", ("2048",)),
+        ("views", 3),
+        ("limit", 1),
+        ("inception_weights", "download"),
+        ("dataset", "procedural:validation"),
+    ],
+)
+def test_options_without_a_meaning_are_refused(tmp_path, option, value):
+    options = replace(Options("stability", out=tmp_path / "run"), **{option: value})
+    with pytest.raises(BadInput, match=f"--{option.replace('_', '-')}"):
+        run(options)
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_method_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="unknown method 'splot'"):
+        run(Options("stability", methods=("splot",), out=tmp_path / "run"))
+
+
+# --- matrices -------------------------------------------------------------------------------------
+
+
+def test_a_matrix_survives_its_file(tmp_path):
+    odd = replace(HOLDS, observed='a "quoted", line\nbroken | text', kind="unexpected")
+    made = matrix(HOLDS, odd)
+    (tmp_path / "stability_methods.csv").write_text(made.to_csv())
+    (tmp_path / "observations.csv").write_text("a,b\n1,2\n")  # none of the matrices
+    assert read_outcomes(tmp_path) == [HOLDS, odd]
+    assert made.unexpected == (odd,)
+    assert made.subjects == ("ssim",)
+
+
+def test_markdown_counts_and_groups():
+    other = replace(HOLDS, case="blank", group="alone", kind="unexpected", observed="a|b")
+    text = matrix(HOLDS, other).to_markdown()
+    assert "2 cases, 2 outcomes:" in text
+    for kind in KINDS:
+        assert f"* **{kind}** {int(kind in ('holds', 'unexpected'))}: " in text
+    assert "## pairs\n\n| case | subject | expected | observed | |\n" in text
+    assert "| identical | ssim | 1 | 1 | holds |" in text
+    assert "| blank | ssim | 1 | a\\|b | **unexpected** |" in text
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "{header}\na,b,c,d,e,fine\n"])
+def test_other_files_are_no_matrices(tmp_path, text):
+    header = "case,group,subject,expected,observed,kind"
+    (tmp_path / "stability_methods.csv").write_text(text.format(header=header))
+    with pytest.raises(BadInput, match=r"stability_methods.csv: not a table of this suite"):
+        read_outcomes(tmp_path)
+    with pytest.raises(BadInput, match="no tables of the suite"):
+        read_outcomes(tmp_path / "elsewhere")
+
+
+def test_every_kind_has_a_colour_of_its_own(tmp_path):
+    from matplotlib import image
+
+    outcomes = [replace(HOLDS, subject=kind, kind=kind) for kind in KINDS]
+    write_matrix(tmp_path / "m.png", matrix(*outcomes))
+    pixels = image.imread(tmp_path / "m.png")[..., :3].reshape(-1, 3)
+    found = {tuple(np.rint(255 * p).astype(int)) for p in np.unique(pixels, axis=0)}
+    from bench.stability_figures import COLOURS
+
+    for colour, _ in COLOURS.values():
+        assert tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5)) in found
+
+
+def test_a_sheet_has_every_picture_in_its_place():
+    red = np.zeros((128, 128, 3), np.uint8) + np.array([255, 0, 0], np.uint8)
+    made = sheet([[None, red], [red, None]])
+    assert made.shape == (256, 128 * ACROSS, 3)
+    assert (made[:128, :128] == MISSING).all()
+    assert (made[:128, 128:256] == red).all()
+    assert (made[128:, :128] == red).all()
+    assert (made[:, 256:] == 255).all()

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from bench.methods import METHODS
+from bench.observations import Observation
+from bench.stability_cases import CASES, VIEWS
+from bench.stability_expectations import (
+    STATED,
+    Agrees,
+    Changes,
+    Draws,
+    Either,
+    Fails,
+    Unstated,
+    _verdict,
+    expectation,
+    outcome,
+)
+from data_prep.scene import View
+
+PICTURES = Observation("plain", "splat", "", "", 0.25, None, None, 0.1, 0.1)
+FAILED = replace(PICTURES, reason="apss: no faces", shown=None, prepare_s=None, draw_s=None)
+BY_ID = {case.id: case for case in CASES}
+
+
+def changed(mean, most=0):
+    return replace(PICTURES, mean_change=mean, most_change=most)
+
+
+# --- the cases ------------------------------------------------------------------------------------
+
+
+def test_ids_are_unique_and_likes_exist():
+    assert len(BY_ID) == len(CASES)
+    for case in CASES:
+        if case.like is not None:
+            other = BY_ID[case.like]
+            assert len(case.views) % len(other.views) == 0
+            assert other.like is None
+
+
+def test_what_has_to_be_there():
+    wanted = {f"{n}-points" for n in (0, 1, 2, 3, 4, 16, 100_000, 1_000_000)}
+    wanted |= {"all-equal", "collinear", "coplanar", "two-clusters", "half", "dropout-99"}
+    wanted |= {f"outlier-{v}" for v in ("1e3", "1e6", "1e30", "nan", "inf", "-inf")}
+    wanted |= {f"scale-{v}" for v in ("1e3", "1e-3", "1e9", "1e-9", "1e30", "1e-30")}
+    wanted |= {"shift-1e3", "shift-1e6", "float16", "float64", "int", "non-contiguous"}
+    wanted |= {"rows-twice", "shuffled", "noise-0", "noise-10", "turned"}
+    wanted |= {"elevation+90", "elevation-90", "azimuth+180", "azimuth-180", "azimuth+720"}
+    wanted |= {"batch-doubled", "batch-split"}
+    assert wanted <= BY_ID.keys()
+
+
+def test_views_that_should_agree_are_the_same_direction():
+    for case in ("azimuth+180", "azimuth+720"):
+        for view, other in zip(BY_ID[case].views, BY_ID[BY_ID[case].like].views, strict=True):
+            assert (view.azimuth_deg - other.azimuth_deg) % 360 == 0
+            assert view.elevation_deg == other.elevation_deg
+            assert view != other
+    assert BY_ID["batch-doubled"].views == VIEWS + VIEWS
+    assert {view.elevation_deg for view in BY_ID["elevation+90"].views} == {90.0}
+    assert View(30.0, -90.0) in BY_ID["elevation-90"].views
+
+
+# --- what is stated -------------------------------------------------------------------------------
+
+
+def test_all_methods_of_the_project_are_stated():
+    assert STATED.keys() == {method.id for method in METHODS}
+
+
+def test_statements_are_about_cases_that_exist():
+    for stated in STATED.values():
+        assert stated.keys() <= BY_ID.keys()
+        for case, expected in stated.items():
+            if isinstance(expected, Agrees | Changes):
+                assert expected.like == BY_ID[case].like
+
+
+@pytest.mark.parametrize(
+    ("method", "case", "expected"),
+    [
+        ("splat", "plain", Draws()),
+        ("splat", "shuffled", Agrees("plain", 0.01, 1)),
+        ("splat", "millimetres", Agrees("normalised", 1.0)),
+        ("splat", "0-points", Fails("input: no points")),
+        ("true-mesh", "turned", Agrees("plain", 0.01, 1)),
+        ("other", "plain", Unstated(None)),
+        ("other", "shuffled", Unstated("plain")),
+    ],
+)
+def test_what_is_expected_where_nothing_special_is_stated(method, case, expected):
+    assert expectation(method, BY_ID[case]) == expected
+
+
+# --- the verdict ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("expected", "seen", "kind"),
+    [
+        (Draws(), PICTURES, "holds"),
+        (Draws(), FAILED, "unexpected"),
+        (Agrees("plain", 0.5), changed(0.5, 255), "holds"),
+        (Agrees("plain", 0.5), changed(0.51), "unexpected"),
+        (Agrees("plain", 0.5, 1), changed(0.1, 1), "holds"),
+        (Agrees("plain", 0.5, 1), changed(0.1, 2), "unexpected"),
+        (Agrees("plain", 0.5), PICTURES, "unexpected"),  # nothing to compare with
+        (Agrees("plain", 0.5), FAILED, "unexpected"),
+        (Changes("plain", 0.5, "why"), changed(0.51), "differs"),
+        (Changes("plain", 0.5, "why"), changed(0.5), "unexpected"),  # it has been mended
+        (Changes("plain", 0.5, "why"), FAILED, "unexpected"),
+        (Fails("apss: "), FAILED, "refused"),
+        (Fails("no faces"), FAILED, "unexpected"),  # a reason has to begin so
+        (Fails("apss: "), PICTURES, "unexpected"),
+        (Fails("timeout: ", "contained"), replace(FAILED, reason="timeout: 60 s"), "contained"),
+        (Either((Draws(), Fails("apss: ")), "why"), PICTURES, "holds"),
+        (Either((Draws(), Fails("apss: ")), "why"), FAILED, "refused"),
+        (Either((Draws(), Fails("draw: ")), "why"), FAILED, "unexpected"),
+        (Unstated(None), PICTURES, "holds"),
+        (Unstated(None), FAILED, "refused"),
+        (Unstated("plain"), changed(0.9), "holds"),
+        (Unstated("plain"), changed(1.1), "differs"),
+        (Unstated("plain"), PICTURES, "holds"),
+        *(
+            (Unstated(None), replace(FAILED, reason=reason), "unexpected")
+            for reason in ("ValueError: 3", "timeout: 60 s", "crash: SIGSEGV", "memory: 4 GiB")
+        ),
+    ],
+)
+def test_verdicts(expected, seen, kind):
+    assert _verdict(expected, seen) == kind
+
+
+def test_outcomes_say_what_was_expected_and_what_came():
+    made = outcome(replace(changed(1.25, 7), case="shuffled", method="splat", notes="3 faces"))
+    assert (made.case, made.group, made.subject, made.kind) == (
+        "shuffled",
+        "metamorphic",
+        "splat",
+        "unexpected",
+    )
+    assert made.expected == "as plain: mean change up to 0.01 grey levels, at most 1"
+    assert made.observed == "pictures, 25.0 % not white; change 1.25, at most 7; 3 faces"
+    made = outcome(replace(FAILED, case="coplanar", method="surface-apss"))
+    assert (made.observed, made.kind) == ("failed: apss: no faces", "refused")

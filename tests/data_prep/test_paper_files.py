@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from data_prep import paper_files
+from data_prep.failures import BadInput
+from data_prep.paper_files import PaperClass, read_split, read_views
+from data_prep.scene import View
+
+# --- views ----------------------------------------------------------------------------------------
+
+
+def views(tmp_path: Path, content: str | bytes) -> tuple[View, ...]:
+    path = tmp_path / "view.txt"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_views(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "-180 40\n12.5 -39.75\n",
+        "-180 40\n12.5 -39.75",
+        "-180.0 4e1 0 2\n12.5 -39.75 0.5 2\n",  # further numbers, as `[:, 0:2]` of the original
+        "  -180\t40  \r\n+12.5   -39.75\r\n\r\n\n",
+        b"\xef\xbb\xbf-180 40\n12.5 -39.75\n",
+    ],
+)
+def test_a_line_is_a_view(tmp_path: Path, content: str | bytes) -> None:
+    assert views(tmp_path, content) == (View(-180.0, 40.0), View(12.5, -39.75))
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("", "no views"),
+        ("\n\n", "no views"),
+        ("1 2\n\n3 4\n", "line 2 has 0 numbers"),
+        ("1 2\n3\n", "line 2 has 1 numbers"),
+        ("1 " * 17, "line 1 has 17 numbers"),
+        ("1 2\n3 x\n", "line 2: 'x' is not a number"),
+        ("1 2 x\n", "line 1: 'x' is not a number"),
+        ("1_0 2\n", "'1_0' is not a number"),
+        ("１ 2\n", "is not a number"),
+        ("1,2\n", "line 1 has 1 numbers"),
+        ("nan 2\n", "line 1: azimuth_deg must be finite, got nan"),
+        ("1e999 2\n", "azimuth_deg must be finite, got inf"),
+        ("1 91\n", r"line 1: elevation_deg must lie in -90\.\.90, got 91"),
+        ("1 nan\n", "elevation_deg must lie"),
+        ("1 2\0\n", "is not a number"),
+        (b"1 2\n\xff\xfe\n", "not UTF-8 at byte 4"),
+        ("1 2\n" * 20000, "80000 bytes, and at most 65536 are read"),
+    ],
+)
+def test_views_that_cannot_be_used(tmp_path: Path, content: str | bytes, problem: str) -> None:
+    with pytest.raises(BadInput, match=problem) as failure:
+        views(tmp_path, content)
+    message = str(failure.value)
+    assert message.startswith(f"{tmp_path / 'view.txt'}: ")
+    assert "\n" not in message
+    assert len(message) < len(str(tmp_path)) + 200
+
+
+# --- splits ---------------------------------------------------------------------------------------
+
+CHAIR = {"name": "chair", "train": ["1a6f", "2b"], "test": ["c-3.x"]}
+
+
+def split(tmp_path: Path, content: object) -> dict[str, PaperClass]:
+    path = tmp_path / "chair_exp.json"
+    if not isinstance(content, bytes):
+        content = (content if isinstance(content, str) else json.dumps(content)).encode()
+    path.write_bytes(content)
+    return read_split(path)
+
+
+def test_classes_of_a_split(tmp_path: Path) -> None:
+    lamp = {"test": [], "train": ["1a6f"], "name": "lamp, floor lamp", "note": 1}
+    assert split(tmp_path, {"03001627": CHAIR, "03636649": lamp}) == {
+        "03001627": PaperClass("chair", ("1a6f", "2b"), ("c-3.x",)),
+        "03636649": PaperClass("lamp, floor lamp", ("1a6f",), ()),
+    }
+
+
+LEADING_OUT = [
+    "..",
+    ".",
+    "",
+    "../x",
+    "/etc/passwd",
+    "a/b",
+    "a\\b",
+    "C:\\x",
+    "a\0b",
+    "a\nb",
+    "\x1b[",
+]
+LEADING_OUT += [3, None, ["x"], {}, True]
+LEADING_OUT += ["\x1b[", "\u202ex", "\u200b", "\ud800", "x" * 201, "\x7f", "\x85"]
+
+
+@pytest.mark.parametrize("bad", LEADING_OUT)
+@pytest.mark.parametrize("where", ["train", "test", "synset"])
+def test_an_id_leads_nowhere(tmp_path: Path, bad: object, where: str) -> None:
+    if where == "synset":
+        if not isinstance(bad, str):
+            pytest.skip("JSON has no other keys")
+        content = {bad: CHAIR}
+    else:
+        content = {"03001627": CHAIR | {where: ["fine", bad]}}
+    with pytest.raises(BadInput, match=r"expected {synset: {name, train: \[ids\]") as failure:
+        split(tmp_path, content)
+    message = str(failure.value)
+    assert message.isprintable()
+    assert len(message) < len(str(tmp_path)) + 250
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("", "not JSON that can be read"),
+        ("{", "not JSON that can be read"),
+        (b"\xff{}", "not UTF-8 at byte 0"),
+        ("[" * 100_000, "not JSON that can be read .maximum recursion"),
+        ('{"a":' * 100_000, "not JSON that can be read .maximum recursion"),
+        ("9" * 5000, "not JSON that can be read"),
+        ([], "no classes"),
+        ({}, "no classes"),
+        ("3", "no classes"),
+        ("NaN", "no classes"),
+        ({"1": []}, "class '1' has no name"),
+        ({"1": {"train": [], "test": []}}, "class '1' has no name"),
+        ({"1": CHAIR | {"name": 3}}, "class '1' has no name"),
+        ({"1": CHAIR | {"name": "a\nb"}}, "characters that cannot be seen"),
+        ({"1": {"name": "chair", "train": []}}, "class '1' has no list 'test'"),
+        ({"1": CHAIR | {"train": "abc"}}, "class '1' has no list 'train'"),
+        ({"1": CHAIR | {"train": ["a", "b", "a"]}}, "class '1' lists 'a' twice"),
+        ({"1": CHAIR | {"train": ["a"], "test": ["a"]}}, "class '1' lists 'a' twice"),
+        ('{"1": 0, "1": 0}', "'1' is there twice"),
+    ],
+)
+def test_splits_that_cannot_be_used(tmp_path: Path, content: object, problem: str) -> None:
+    with pytest.raises(BadInput, match=problem) as failure:
+        split(tmp_path, content)
+    message = str(failure.value)
+    assert message.startswith(f"{tmp_path / 'chair_exp.json'}: ")
+    assert "\n" not in message
+    assert len(message) < len(str(tmp_path)) + 250
+
+
+def test_many_ids_take_no_long(tmp_path: Path) -> None:
+    # 200,000 of them with the double at the end: under a second, where a search for each would take
+    # 2 * 10^10 steps.
+    ids = [f"{i:x}" for i in range(200_000)]
+    last = ids[-1]
+    start = time.monotonic()
+    with pytest.raises(BadInput, match=f"'{last}' twice"):
+        split(tmp_path, {"1": {"name": "chair", "train": ids, "test": [last]}})
+    with pytest.raises(BadInput, match=f"'{last}' is there twice"):
+        split(tmp_path, "{" + ",".join(f'"{i}":0' for i in [*ids, last]) + "}")
+    assert time.monotonic() - start < 10
+
+
+def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper_files, "MOST_SPLIT_BYTES", 10)
+    with pytest.raises(BadInput, match="at most 10 are read"):
+        split(tmp_path, {"1": CHAIR})
+
+
+@pytest.mark.parametrize("read", [read_views, read_split])
+def test_missing_files_folders_and_pipes(tmp_path: Path, read) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for name, problem in (("gone", "no such file"), ("", "Is a directory"), ("pipe", "no regular")):
+        with pytest.raises(BadInput, match=problem):
+            read(tmp_path / name)
