@@ -15,15 +15,19 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+if TYPE_CHECKING:
+    from pebble import ProcessPool
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 400  # then a fresh process: what leaks, leaks no further
 WATCH_EVERY_S = 0.1
+PATIENCE_S = 10.0  # with workers that have nothing left to do
 WORKER_ENVIRONMENT = {
     # One thread a library.
     "OMP_NUM_THREADS": "1",
@@ -92,6 +96,7 @@ def run_tasks(
                         future = pool.schedule(work, args=[task], timeout=limits.time_s)
                         waiting[future] = task  # type: ignore[index]
                     if not waiting:
+                        _let_go(pool)
                         return
                     for future in wait(waiting, return_when=FIRST_COMPLETED).done:
                         task = waiting.pop(future)
@@ -104,6 +109,13 @@ def run_tasks(
         finally:
             pool.stop()
             pool.join()
+
+
+def _let_go(pool: ProcessPool) -> None:
+    """Let idle workers end by themselves; one that is just starting would complain if stopped."""
+    pool.close()
+    with suppress(TimeoutError):  # a library that hangs when it is unloaded
+        pool.join(PATIENCE_S)
 
 
 def _obituary(error: object, over_limit: set[int], limits: Limits) -> Lost:

@@ -143,7 +143,7 @@ def shrink(record: str, budget_s: float, workers: int, out: Path | None) -> Shru
     find_drawer(item.job.method)
     points = _points(item)
     path = (out or item.directory / SHRUNK / _file_name(item.name)) / MINIMAL
-    with _Search(item, len(points), workers, start + budget_s) as search:
+    with _Search(item, len(points), workers, start, budget_s) as search:
         failing = _first_failing_view(search, item.job, points)
         if failing is None:
             return Mended(item.name, item.reason, search.last)
@@ -297,22 +297,22 @@ class _Feed(Iterator[_Trial]):
 
 
 class _Search:
-    """Trials in warm workers, until the budget is spent.
+    """Trials in warm workers, until `budget_s` after `start`.
 
     reason  how the wanted failure was last told
     last    how the last trial ended
     left    number of points of the best cloud so far
     """
 
-    def __init__(self, item: Item, count: int, workers: int, deadline: float) -> None:
+    def __init__(self, item: Item, count: int, workers: int, start: float, budget_s: float) -> None:
         self.reason = item.reason
         self.last = ""
         self.trials = 0
         self.left = count
-        self._title = f"{item.name}: {{}} of {count} points left"
+        self._name, self._count = item.name, count
         self._workers = workers
-        self._deadline = deadline
-        self._start = self._said = time.monotonic()
+        self._start, self._budget_s = start, budget_s
+        self._said = time.monotonic()
         self._feed = _Feed()
         # Asked again and again for tasks, also after there were none: its workers stay.
         self._results: Generator[tuple[_Trial, str | Lost], None, None] = run_tasks(
@@ -333,7 +333,7 @@ class _Search:
         """
         trials = iter(trials)
         while some := list(islice(trials, self._workers)):
-            if time.monotonic() > self._deadline:
+            if time.monotonic() - self._start > self._budget_s:
                 raise _OutOfTime
             for trial, reason in zip(some, self._reasons(some), strict=True):
                 self.last = reason
@@ -348,16 +348,21 @@ class _Search:
         for trial, result in islice(self._results, len(trials)):
             found[trial] = result.reason if isinstance(result, Lost) else result
         self.trials += len(trials)
-        now = time.monotonic()
-        if now - self._said >= PLAIN_EVERY_S:
-            self._said = now
-            told = f"{self._title.format(self.left)}, {self.trials} trials"
-            print(
-                f"{told}, {now - self._start:.0f} s of {self._deadline - self._start:.0f} s",
-                file=sys.stderr,
-                flush=True,
-            )
+        self._say()
         return [found[trial] for trial in trials]
+
+    def _say(self) -> None:
+        """A line of progress now and then, as `bench.progress` where it is no terminal."""
+        now = time.monotonic()
+        if now - self._said < PLAIN_EVERY_S:
+            return
+        self._said = now
+        print(
+            f"{self._name}: {self.left} of {self._count} points left, {self.trials} trials, "
+            f"{now - self._start:.0f} s of {self._budget_s:.0f} s",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def _attempt(trial: _Trial) -> str:

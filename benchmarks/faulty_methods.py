@@ -69,7 +69,7 @@ class Faulty:
     def prepare(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
         """What the renderer makes of the cloud, unless it hangs, dies or raises."""
         fault = self.fault_of(cloud.points)
-        if fault in IN_PREPARE:
+        if fault is not None and fault in IN_PREPARE:
             IN_PREPARE[fault]()
         return fault, self.renderer.prepare(cloud, rng)
 

@@ -17,8 +17,8 @@ from data_prep.failures import MissingDependency
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 GAMMA = 2.2
-# Where OpenGL samples a pixel with 4 samples, as (column, row from the top): the standard pattern of
-# hardware and of Mesa's llvmpipe (lp_sample_pos_4x; rows counted from below, as OpenGL does).
+# Where OpenGL takes the 4 samples of a pixel, as (column, row from the top): the standard pattern
+# of hardware and of Mesa's llvmpipe (lp_sample_pos_4x), which OpenGL counts from below.
 OPENGL = ((0.375, 0.875), (0.875, 0.625), (0.125, 0.375), (0.625, 0.125))
 # Its mirror image: 4 samples as good as those, but elsewhere.
 MIRRORED = tuple((column, 1 - row) for column, row in OPENGL)

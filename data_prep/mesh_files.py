@@ -103,20 +103,29 @@ def _check_gltf(file: BinaryIO, kind: str) -> None:
     It takes memory for what views, and accessors without one, claim; and for a .gltf that is no
     JSON it reads another file, model.gltf.
     """
-    if kind == ".glb":
-        length = int.from_bytes(file.read(20)[12:16], "little")
-        if length > os.fstat(file.fileno()).st_size:
-            raise ValueError(f"JSON of {length} bytes in a smaller file")
-        text = file.read(length)
-    else:
-        text = file.read()
+    tree = json.loads(_first_chunk(file) if kind == ".glb" else file.read())
     file.seek(0)
-    tree = json.loads(text)
     views = sum(view["byteLength"] for view in tree.get("bufferViews", ()))
     empty = (a for a in tree.get("accessors", ()) if "bufferView" not in a)
     noughts = sum(a["count"] * _GLTF_COLUMNS[a["type"]] for a in empty)
     if not (0 <= views <= MOST_BYTES and 0 <= noughts <= MOST_NOUGHTS):
         raise ValueError(f"buffer views of {views} bytes, {noughts} numbers without one")
+
+
+def _first_chunk(file: BinaryIO) -> bytes:
+    """The JSON of a GLB, all of whose chunks lie within the file."""
+    size = os.fstat(file.fileno()).st_size
+    text, at = b"", 12
+    while at + 8 <= size:
+        file.seek(at)
+        length = int.from_bytes(file.read(4), "little")
+        if at + 8 + length > size:
+            raise ValueError(f"a chunk of {length} bytes reaches beyond the end")
+        if at == 12:
+            file.seek(at + 8)
+            text = file.read(length)
+        at += 8 + length
+    return text
 
 
 def _joined(parts: Sequence[Any]) -> Mesh:

@@ -9,6 +9,7 @@ and reused. OpenGL keeps global state: one thread only.
 
 from __future__ import annotations
 
+import atexit
 import functools
 import os
 import sys
@@ -121,5 +122,7 @@ def _context() -> tuple[Any, Any]:  # pyrender has no types
         ) from error
     except Exception as error:  # PyOpenGL reports a missing library in many ways
         raise MissingDependency(f"no OpenGL context ({error}): {REMEDY}") from error
+    # While Python can still import: what PyOpenGL does after that ends in complaints on stderr.
+    atexit.register(renderer.delete)
     renderer._renderer._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
     return pyrender, renderer

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from bench.stability_cases import CASES
 from bench.store import write_manifest
 from bench.suites import STABILITY, SUITES
 from bench.work import cloud_of, failed
-from data_prep.cloud_files import load_points, save_ply
+from data_prep.cloud_files import load_points
 from data_prep.conditions import Stride
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
@@ -153,7 +154,7 @@ def test_records_that_are_not_there_list_those_that_are(command, tmp_path):
         f": no failed record; there are {cases}\n"
     )
     fine = write_failures(tmp_path / "fine", ok)
-    assert command("shrink", f"{fine}")[2].endswith(": nothing has failed in this run\n")
+    assert command("shrink", f"{fine}")[2].endswith("; nothing has failed in this run\n")
 
 
 def test_what_cannot_be_shrunk(command, plugins, tmp_path):
@@ -269,8 +270,11 @@ def test_the_view_that_fails_is_chosen(plugins, tmp_path):
 
 @pytest.mark.parametrize(
     ("method", "reason", "left"),
-    [("fake-several-views", "ValueError: one at a time", 3), ("fake-unlucky", "ValueError: bad luck", 0)],
-)  # fmt: skip
+    [
+        ("fake-several-views", "ValueError: one at a time", 3),
+        ("fake-unlucky", "ValueError: bad luck", 0),
+    ],
+)
 def test_failures_of_all_views_or_of_the_runs_random_numbers(
     plugins, tmp_path, method, reason, left
 ):
@@ -287,7 +291,8 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
 
 
 def test_clouds_that_fail_without_a_point(plugins, tmp_path):
-    found = shrunk(failed_case(tmp_path / "run", "fake-nan", "draw: 9 pixel values are not finite", "plain"))  # fmt: skip
+    reason = "draw: 9 pixel values are not finite"
+    found = shrunk(failed_case(tmp_path / "run", "fake-nan", reason, "plain"))
     assert (found.before, len(found.points)) == (2048, 0)
     assert found.trials == 2
     assert found.reproduced == "draw: 384 pixel values are not finite"
@@ -349,7 +354,7 @@ def test_all_trials_share_their_workers(plugins, tmp_path):
     item = find_item(record)
     points = cloud_of(item.job).points
     drawing = bench.render_cloud.Drawing(item.job.method, item.job.views)
-    with bench.shrink._Search(item, len(points), 1, deadline=np.inf) as search:
+    with bench.shrink._Search(item, len(points), 1, time.monotonic(), 600.0) as search:
         reasons = []
         for _ in range(3):
             trial = bench.shrink._Trial(np.arange(16), points, drawing)
@@ -360,7 +365,8 @@ def test_all_trials_share_their_workers(plugins, tmp_path):
 
 
 def test_a_folder_that_cannot_be_written_is_told_before_the_work(command, plugins, tmp_path):
-    record = failed_case(tmp_path / "run", "fake-exception", "ValueError: 12 of 34 parts are missing", "plain")  # fmt: skip
+    reason = "ValueError: 12 of 34 parts are missing"
+    record = failed_case(tmp_path / "run", "fake-exception", reason, "plain")
     (tmp_path / "file").touch()
     status, out, err = command("shrink", record, "--workers", "1", "-o", tmp_path / "file")
     assert (status, out) == (2, "")

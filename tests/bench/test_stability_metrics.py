@@ -11,20 +11,13 @@ import scipy.linalg
 import torch
 from numpy.lib.stride_tricks import sliding_window_view
 
-from bench import stability_metrics
+from bench import metric_tolerances, stability_metrics
+from bench.metric_cases import FRECHET, Case, Near, Refused
+from bench.metric_cases_ssim import gaussian_window
 from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, JUDGE, SET_METRICS
+from bench.metric_tolerances import ONE_WINDOW, ROUNDING, SUMS
 from bench.ssim import C1, C2, C3, SIGMA, WINDOW, SsimPerImage
-from bench.stability_metrics import (
-    CASES,
-    FRECHET,
-    METRICS,
-    ONE_WINDOW,
-    ROUNDING,
-    Case,
-    Near,
-    Refused,
-    metric_outcomes,
-)
+from bench.stability_metrics import CASES, METRICS, metric_outcomes
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +115,7 @@ def test_the_usual_frechet_distance_is_found_out(monkeypatch):
 
 def float32_moments(a, b):
     """SSIM [N] with moments in float32, E[x^2] - E[x]^2."""
-    weights = stability_metrics._weights(11).astype(np.float32)
+    weights = gaussian_window(11).astype(np.float32)
     x, y = (
         sliding_window_view(z.astype(np.float32), (11, 11), axis=(1, 2)) for z in (a, b)
     )  # [N, rows, columns, C, 11, 11]
@@ -258,14 +251,14 @@ def test_one_thread_while_it_runs(monkeypatch):
 
 
 def test_constants_are_those_of_the_protocol():
-    ours = (stability_metrics.C1, stability_metrics.C2, stability_metrics.C3)
+    ours = (metric_tolerances.C1, metric_tolerances.C2, metric_tolerances.C3)
     assert ours == pytest.approx((C1, C2, C3), rel=1e-15)  # a square's rounding, twice
-    assert (stability_metrics.WINDOW, stability_metrics.SIGMA) == (WINDOW, SIGMA)
+    assert (metric_tolerances.WINDOW, metric_tolerances.SIGMA) == (WINDOW, SIGMA)
 
 
 def test_tolerances_are_those_of_their_derivation():
-    assert pytest.approx(1753 * 2**-53, rel=1e-12) == stability_metrics.SUMS
+    assert pytest.approx(1753 * 2**-53, rel=1e-12) == SUMS
     # The corner pixel, one level off, moves the mean of 118^2 windows by 1.3e-12: it is resolved.
-    assert stability_metrics.SUMS < 1.3e-12 / 5
+    assert SUMS < 1.3e-12 / 5
     assert 2e-11 < ONE_WINDOW < 2.5e-11
     assert ROUNDING >= 2048 * 2**-52

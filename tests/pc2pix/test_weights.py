@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+import os
 import re
 import shutil
 import subprocess
@@ -137,6 +139,121 @@ def test_the_objective_is_in_the_header(weights_file, tmp_path):
     other = tmp_path / "other.safetensors"
     save_file({"x": torch.zeros(1)}, other)
     assert weight_files.objective_of(other) == ""
+
+
+def raw(header, length=None):
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    return (len(text) if length is None else length).to_bytes(8, "little") + text
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "Expecting value"),
+        (b"\xff" * 8, "18446744073709551615 bytes by its own account"),
+        (raw({}, length=3), "3 bytes by its own account"),
+        (raw({}, length=2**40), "1099511627776 bytes by its own account"),
+        (raw([]), "'list' object"),
+        (raw(b"{"), "Expecting"),
+        (raw(b"\xff\xff"), "utf-8"),
+        (raw(b"[" * 100_000), "recursion"),
+        (raw({"__metadata__": 3}), "'int' object"),
+        (raw({"__metadata__": {"training": 3}}), "must be str"),
+        (raw({"__metadata__": {"training": "["}}), "Expecting"),
+        (raw({"__metadata__": {"training": "[]"}}), "'list' object"),
+        (raw({"__metadata__": {"training": "[" * 100_000}}), "recursion"),
+        (raw({"__metadata__": {"training": '{"objective": 3}'}}), "no short text"),
+        (raw({"__metadata__": {"training": json.dumps({"objective": "x" * 101})}}), "no short"),
+    ],
+)
+def test_a_header_that_cannot_be_trusted(tmp_path, content, told):
+    path = tmp_path / "w.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(BadInput, match=told) as error:
+        weight_files.objective_of(path)
+    assert one_line(error).startswith(f"{path}: its header cannot be read (")
+
+
+def test_a_long_header_is_not_read(tmp_path, monkeypatch):
+    path = tmp_path / "w.safetensors"
+    path.write_bytes(raw({"__metadata__": {"note": "x" * 100}}))
+    assert weight_files.objective_of(path) == ""
+    monkeypatch.setattr(weight_files, "MOST_HEADER_BYTES", 100)
+    with pytest.raises(BadInput, match="bytes by its own account"):
+        weight_files.objective_of(path)
+
+
+@pytest.mark.parametrize("read", [load_weights, weight_files.objective_of, file_sha256])
+def test_pipes_devices_and_giants_are_refused_at_once(tmp_path, read):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "device").symlink_to("/dev/zero")
+    (tmp_path / "folder").mkdir()
+    with (tmp_path / "giant").open("wb") as file:
+        file.truncate(2**43)  # sparse
+    for name in ("pipe", "device", "folder", "giant", "gone", "n" * 300):
+        with pytest.raises(BadInput):
+            read(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"width": 1e6}, "width 1000000.0, expected up to 4.0"),
+        ({"width": float("inf")}, "width inf, expected up to"),
+        ({"width": float("nan")}, "width must be positive, got nan"),
+        ({"latent_dim": 10**9}, "latent_dim 1000000000, expected up to 4096"),
+        ({"latent_dim": 4.5}, "latent_dim 4.5, expected up to"),
+        ({"width": "1"}, "not supported"),
+        ({"encoder": ["paper"]}, "encoder must be paper or pointnet"),
+        ({"width": 4.0, "latent_dim": 4096}, "has shape|is missing|is unknown"),
+    ],
+)
+def test_a_model_larger_than_its_file_is_never_built(
+    weights_file, tmp_path, monkeypatch, changes, told
+):
+    tensors, header = checkpoint.read_safetensors(weights_file)
+    header["model"] = json.dumps(json.loads(header["model"]) | changes)
+    path = tmp_path / "changed.safetensors"
+    save_file(tensors, path, metadata=header)
+
+    def outline_only(tensor, *_):
+        assert tensor.is_meta, "memory was taken"
+
+    monkeypatch.setattr(torch.nn.init, "uniform_", outline_only)
+    with pytest.raises(BadInput, match=told):
+        load_weights(path)
+
+
+@pytest.mark.parametrize("kind", [torch.int32, torch.bool, torch.complex64, torch.float64])
+def test_tensors_of_another_type(weights_file, tmp_path, kind):
+    tensors, header = checkpoint.read_safetensors(weights_file)
+    tensors["code_mean"] = tensors["code_mean"].to(kind)
+    path = tmp_path / "changed.safetensors"
+    save_file(tensors, path, metadata=header)
+    with pytest.raises(BadInput, match=f"code_mean is of {kind}, not"):
+        load_weights(path)
+
+
+@pytest.mark.parametrize("card", ["[]", "3", "null", "[" * 100_000])
+def test_a_card_that_is_none(weights_file, tmp_path, card):
+    tensors, header = checkpoint.read_safetensors(weights_file)
+    path = tmp_path / "changed.safetensors"
+    save_file(tensors, path, metadata=header | {"training": card})
+    with pytest.raises(BadInput, match="its header cannot be read"):
+        load_weights(path)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"step": "x"}, {"step": "-1"}, {"config": "["}, {"config": "[]"}, {"config": None}]
+)
+def test_a_checkpoint_whose_header_is_damaged(gan_checkpoint, tmp_path, changes):
+    tensors, header = checkpoint.read_safetensors(gan_checkpoint)
+    header = {k: v for k, v in (header | changes).items() if v is not None}
+    path = tmp_path / "changed.safetensors"
+    save_file(tensors, path, metadata=header)
+    with pytest.raises(BadInput, match="its header cannot be read") as error:
+        checkpoint.load(path, "gan")
+    assert one_line(error).startswith(f"{path}: ")
 
 
 def test_the_bundled_sets_are_of_different_objectives():
