@@ -8,14 +8,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import torch
-from threadpoolctl import threadpool_limits
 
 from bench import manifest as manifests
 from bench.latent_choice import Pair, Triple, choose_pairs, choose_triples, specified_chairs
@@ -25,6 +21,7 @@ from bench.latent_paths import PATH_METRICS, PATH_REMARK, PATHS, walk
 from bench.latent_sums import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
 from bench.latent_tables import LatentTable, Value, means, values_to_csv
 from bench.metric_table import VIEWS_WEIGHTS
+from bench.one_thread import one_thread
 from bench.probe import environment
 from bench.progress import progress
 from bench.record import SCHEMA_VERSION
@@ -65,7 +62,7 @@ def run(options: Options, suite: LatentSuite = LATENT) -> LatentRun:
     pairs, triples = pairs[: options.limit], triples[: options.limit]
     view = View(suite.azimuth_deg, suite.elevation_deg)
     directory = options.out or RUNS / default_name(suite.id, options.dataset)
-    with _one_thread():
+    with one_thread():
         networks = [load_network(method, options.device, view) for method in methods]
         manifest = _describe(options, suite, networks, pairs, triples)
         if options.fresh and (old := set_aside(directory)):
@@ -187,15 +184,3 @@ def _measure(
         ):
             write_whole(directory / TABLES / name, text.encode())
     return tables
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Sums do not depend on the number of cores, to the last digit."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpool_limits(1):
-            yield
-    finally:
-        torch.set_num_threads(before)

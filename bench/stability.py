@@ -18,6 +18,7 @@ from bench.columns import write_records
 from bench.library_defects import library_outcomes
 from bench.methods import FLOORS, find_method, objectives
 from bench.observations import Observation, observe
+from bench.one_thread import one_thread
 from bench.probe import environment
 from bench.record import SCHEMA_VERSION
 from bench.run import RUNS, Options, default_name, do_jobs
@@ -124,7 +125,8 @@ def _describe(
 def _matrices(
     methods: Sequence[str], observations: Sequence[Observation], workers: int, directory: Path
 ) -> tuple[Matrix, ...]:
-    formats = measure_formats()
+    with one_thread():
+        formats = measure_formats()
     for suffix, text in (("csv", formats_to_csv(formats)), ("md", formats_to_markdown(formats))):
         write_whole(directory / TABLES / f"number_formats.{suffix}", text.encode())
     return (

@@ -9,8 +9,7 @@ from __future__ import annotations
 import functools
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from bench.metric_cases_ssim import SSIM_CASES
 from bench.metric_cases_thin import THIN_CASES
 from bench.metric_pictures import Pictures
 from bench.metric_table import JUDGE
+from bench.one_thread import one_thread
 from bench.outcomes import Kind, Outcome
 from bench.ssim import ssim_per_image, ssim_per_image_and_box
 from bench.thin_parts import thin_scores
@@ -40,7 +40,7 @@ DISTANCES = (FRECHET, *FD_VIEWS)
 
 def metric_outcomes() -> list[Outcome]:
     """All cases on the metrics that they state something about. Never raises; some seconds."""
-    with _one_thread():
+    with one_thread():
         return [
             _outcome(case, metric, stated)
             for case in CASES
@@ -103,20 +103,6 @@ def _shown(values: Array) -> str:
     if len(set(texts)) == 1:
         return texts[0]
     return ", ".join(texts) if len(texts) < 4 else f"{texts[0]} ... {texts[-1]} ({len(texts)})"
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    import torch
-    from threadpoolctl import threadpool_limits
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpool_limits(1):
-            yield
-    finally:
-        torch.set_num_threads(before)
 
 
 # --- the metrics ----------------------------------------------------------------------------------

@@ -367,7 +367,7 @@ def cells(
     have a value), distances, medians of the judge's errors, the share of objects found."""
     found = [scores(t, d) for t, d in zip(truth, drawn, strict=True)]
     values = {
-        metric: float(np.nanmean(np.concatenate([one[column(metric)] for one in found])))
+        metric: _mean(np.concatenate([one[column(metric)] for one in found]))
         for metric in IMAGE_METRICS
     }
     for metric, x, y in zip(
@@ -385,6 +385,11 @@ def cells(
     )
     values["retrieval"] = float(hits.mean())
     return values
+
+
+def _mean(per_picture: NDArray[np.float64]) -> float:
+    there = per_picture[np.isfinite(per_picture)]
+    return float(there.mean()) if len(there) else float("nan")
 
 
 def _flat(features: NDArray[np.floating]) -> NDArray[np.floating]:
