@@ -33,8 +33,8 @@ drivers and processors. How they were measured, at 128 px:
       azimuth, elevation       0.36     0.022    0.029    (degrees; 2 % of a cell at most)
       retrieval                0.004    0.002    0.002
 
-  Three times of that is less than what is allowed, but for the thin parts. Whether a part counts
-  as thin is decided by whole pixels, so that few pictures tell little: 40 of `splat` showed less.
+  Three times of that is allowed, or more. Whether a part counts as thin is decided by whole pixels,
+  so that few pictures tell little: 40 of `splat` showed less.
 * What does not matter beside that: views one at a time or 20 in a batch, 1 thread or 2, float64 for
   float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
   components and ssim-object), 0 (thin parts, retrieval), 2e-5 (fd) and 2e-4 degrees (the judge).
@@ -69,8 +69,8 @@ RENDERING: Mapping[str, Tolerance] = {
     "fd-views": Tolerance(0.2, 0.03, _DRIVER),
     "fd-views-grey": Tolerance(0.2, 0.03, _DRIVER),
     "ssim-object": Tolerance(0.001, 0.0, _DRIVER),
-    "thin-recall": Tolerance(0.016, 0.0, _DRIVER),
-    "thin-precision": Tolerance(0.002, 0.0, _DRIVER),
+    "thin-recall": Tolerance(0.028, 0.0, _DRIVER),
+    "thin-precision": Tolerance(0.021, 0.0, _DRIVER),
 }
 RECONSTRUCTION: Mapping[str, Tolerance] = {
     "ssim": Tolerance(0.010, 0.0, _SPIKES),
@@ -80,8 +80,8 @@ RECONSTRUCTION: Mapping[str, Tolerance] = {
     "fd-views": Tolerance(0.2, 0.40, _SPIKES_SEEN),
     "fd-views-grey": Tolerance(0.2, 0.40, _SPIKES_SEEN),  # the same network
     "ssim-object": Tolerance(0.017, 0.0, _SPIKES),
-    "thin-recall": Tolerance(0.016, 0.0, _DRIVER),
-    "thin-precision": Tolerance(0.004, 0.0, _SPIKES),
+    "thin-recall": Tolerance(0.028, 0.0, _DRIVER),
+    "thin-precision": Tolerance(0.021, 0.0, _DRIVER),
 }
 JUDGED: Mapping[str, Tolerance] = {
     "azimuth-error-deg": Tolerance(0.3, 0.06, _DRIVER),

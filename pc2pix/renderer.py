@@ -18,6 +18,9 @@ from pc2pix.model import NOISE_DIM, channels_last
 from pc2pix.weights import Weights
 
 PARTS = 8
+# Standard deviations of the training clouds. Validation clouds stay within 4, noisy ones (sigma
+# 0.5) within 14, real objects of other classes within 12; one outlier at 1,000 gives 64 or 940.
+LARGEST_CODE = 50.0
 NoisePolicy = Literal["zero", "uniform"]
 
 
@@ -49,8 +52,9 @@ class Pc2pixRenderer:
 
         For the paper's encoder, any number of points is brought to 2,048 by `pick_points`. PointNet
         takes all there are; of more than it was trained with, the mean code of several parts of the
-        cloud is taken (`parts`). Raises StageFailure("encode") for an empty or non-finite cloud and
-        for a code that is not finite.
+        cloud is taken (`parts`). Raises StageFailure("encode") for an empty or non-finite cloud,
+        for a code that is not finite, and for one beyond LARGEST_CODE: what the generator makes of
+        that is a saturated pattern, whatever the cloud.
         """
         if not len(cloud):
             raise StageFailure("encode", "the cloud is empty")
@@ -62,6 +66,13 @@ class Pc2pixRenderer:
         code = (code - self.code_mean) / self.code_std
         if not code.isfinite().all():
             raise StageFailure("encode", "the code is not finite")
+        largest = float(code.abs().max())
+        if largest > LARGEST_CODE:
+            raise StageFailure(
+                "encode",
+                f"the code lies {largest:.3g} standard deviations off ({LARGEST_CODE:g} at most); "
+                "is the cloud in the unit sphere, without outliers?",
+            )
         return code
 
     @torch.inference_mode()

@@ -139,3 +139,22 @@ def test_parts_of_a_large_cloud_heed_no_order_and_use_nearly_all_points():
         assert chosen <= known
     # a point is in none of eight halves with probability 2^-8: 8 of 2,048, deviation 2.8
     assert len({tuple(row) for part in made for row in part}) > 2048 - 8 - 4 * 2.8
+
+
+@pytest.mark.parametrize("name", ["chair", "chair-acgan"])
+def test_codes_far_off_are_refused_and_those_of_noisy_clouds_are_not(name):
+    from data_prep.conditions import GaussianNoise
+    from data_prep.datasets import ProceduralObject
+    from data_prep.sampling import sample_surface
+
+    renderer, rng = load(name), np.random.default_rng(0)
+    cloud = sample_surface(ProceduralObject("chair", "validation", 0).load(), rng)
+    noisy = GaussianNoise(0.5).apply(cloud, rng)
+    assert renderer.prepare(noisy).abs().max() < 50
+    outlier = cloud.points.copy()
+    outlier[7] = 0, 0, 1e3
+    for points in (outlier, 1e3 * cloud.points, cloud.points + np.float32(1e6)):
+        with pytest.raises(
+            StageFailure, match=r"encode: the code lies .* is the cloud in the unit"
+        ):
+            renderer.prepare(PointCloud(points))
