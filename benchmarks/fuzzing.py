@@ -155,7 +155,7 @@ def mesh_gltf(embedded: bool) -> Files:
 def cloud_ply(binary: bool) -> bytes:
     """Eight points."""
     kind = "binary_big_endian" if binary else "ascii"
-    points = np.arange(24, dtype=">f8").reshape(8, 3) / 8
+    points = (np.arange(24.0).reshape(8, 3) / 8).astype(">f8")
     head = f"ply\nformat {kind} 1.0\nelement vertex 8\n"
     head += "".join(f"property double {axis}\n" for axis in "xyz") + "end_header\n"
     body = points.tobytes() if binary else cloud_text(" ")

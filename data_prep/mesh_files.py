@@ -30,6 +30,7 @@ MOST_REASON = 120  # characters of a parser's complaint
 
 MOST_BYTES = 2**30  # of a file, of its companions together, and of what a glTF spreads them out to
 MOST_FACES = 50_000_000  # all instances counted
+MOST_PIXELS = 2**26  # of a texture, 8,192 x 8,192; its few bytes become 1.4 GiB on the way
 MOST_NOUGHTS = 2**24  # numbers that a glTF leaves out, which stands for noughts
 
 
@@ -86,6 +87,14 @@ def _parts(file: BinaryIO, path: Path) -> list[Any]:
     scene = trimesh.load_scene(
         file, file_type=kind, resolver=Companions(path.parent, MOST_BYTES), process=False
     )
+    for geometry in scene.geometry.values():
+        material = getattr(getattr(geometry, "visual", None), "material", None)
+        for picture in (getattr(material, name, None) for name in _TEXTURES):
+            if picture is not None and picture.width * picture.height > MOST_PIXELS:
+                raise BadInput(
+                    f"{path}: a texture of {picture.width} x {picture.height} pixels, at most "
+                    f"{MOST_PIXELS} are read; give a smaller one"
+                )
     faces = 0
     for node in scene.graph.nodes_geometry:
         faces += len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
@@ -94,6 +103,8 @@ def _parts(file: BinaryIO, path: Path) -> list[Any]:
     return [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
 
 
+_TEXTURES = ("image", "baseColorTexture", "emissiveTexture", "metallicRoughnessTexture")
+_TEXTURES += ("normalTexture", "occlusionTexture")
 _GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 

@@ -106,7 +106,12 @@ def load_faulty(fault, device):
     return Faulty(Telling(), lambda points: fault)
 
 
+def no_library(points, views, rng, pictures):
+    raise MissingDependency("no libGL: install libgl1")
+
+
 CHECKS = (
+    no_library,
     left_and_right,
     crash_where_high,
     blank_from_the_left,

@@ -173,6 +173,7 @@ def test_what_cannot_be_used_is_the_users_to_mend(command, plugins, cloud, tmp_p
         ("splta", "unknown method 'splta': did you mean 'splat'? there are "),
         ("true-mesh", "method 'true-mesh' draws the mesh behind a cloud, and bare points have "),
         ("fake-no-licence", "no licence; buy one"),
+        ("fake-no-library", "no libGL: install libgl1"),
         ("fake-no-weights", "weights: cut short; fetch them again"),
     ]:
         assert refused(command, cloud, "--method", method, *out).startswith(problem)

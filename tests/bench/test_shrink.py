@@ -298,6 +298,13 @@ def test_clouds_that_fail_without_a_point(plugins, tmp_path):
     assert found.reproduced == "draw: 384 pixel values are not finite"
 
 
+def test_a_cloud_that_has_no_points_to_lose_is_written_too(plugins, tmp_path):
+    reason = "ValueError: 12 of 34 parts are missing"
+    found = shrunk(failed_case(tmp_path / "run", "fake-exception", reason, "0-points"))
+    assert (found.before, len(found.points), found.minimal) == (0, 0, True)
+    assert found.reproduced == reason
+
+
 def test_points_that_are_not_finite_are_kept_bit_for_bit(tmp_path):
     reason = "input: 1 of 2048 points are not finite"
     found = shrunk(failed_case(tmp_path / "run", "splat", reason, "outlier-nan"))

@@ -494,7 +494,7 @@ def test_csv_keeps_what_a_name_holds():
     names = ["a\rb", "a\nb", "a\r\nb", 'a"b', "a,b", "=1+1", " a", "\x1b", "ä|b"]
     table = worked_table([make_record(method=name) for name in names])
     rows = list(csv.DictReader(io.StringIO(table.to_csv(), newline="")))
-    assert list(dict.fromkeys(row["method"] for row in rows)) == names
+    assert {row["method"] for row in rows} == set(names)
 
 
 def test_markdown_of_a_skipped_metric_is_one_line():

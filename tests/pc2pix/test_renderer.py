@@ -155,6 +155,6 @@ def test_codes_far_off_are_refused_and_those_of_noisy_clouds_are_not(name):
     outlier[7] = 0, 0, 1e3
     for points in (outlier, 1e3 * cloud.points, cloud.points + np.float32(1e6)):
         with pytest.raises(
-            StageFailure, match=r"encode: the code lies .* is the cloud in the unit"
+            StageFailure, match=r"encode: the code lies .* in the unit"
         ):
             renderer.prepare(PointCloud(points))

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import os
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from data_prep.failures import BadInput
+from data_prep.untrusted import MIB, is_regular_file, open_file, read_file, shown
+
+
+def test_bytes_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    content = bytes(range(256)) * 10
+    path.write_bytes(content)
+    assert read_file(path, 2560) == content
+    (tmp_path / "link").symlink_to("a")
+    assert read_file(tmp_path / "link", 10**6) == content
+    with open_file(path, 2560) as file:
+        assert file.read(3) == b"\0\1\2"
+    assert file.closed
+    path.write_bytes(b"")
+    assert read_file(path, 0) == b""
+
+
+def test_one_byte_too_many(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"12345")
+    with pytest.raises(
+        BadInput, match=r"/a: 5 bytes, and at most 4 are read; give a smaller file$"
+    ):
+        read_file(tmp_path / "a", 4)
+
+
+def test_memory_is_taken_for_what_is_there(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"12345")
+    tracemalloc.start()
+    try:
+        read_file(tmp_path / "a", 2**40)
+        assert tracemalloc.get_traced_memory()[1] < MIB
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "dangling").symlink_to("gone")
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    for name, problem in (
+        ("pipe", "no regular file but a pipe or device; give a file"),
+        ("zero", "no regular file but a pipe or device; give a file"),
+        ("folder", r"cannot be read \(Is a directory\)"),
+        ("loop", r"cannot be read \(Too many levels"),
+        ("dangling", "no such file"),
+        ("gone", "no such file"),
+        ("a/b\0c", r"cannot be read \(embedded null"),
+        ("n" * 300, r"cannot be read \(File name too long\)"),
+    ):
+        path = tmp_path / name
+        assert not is_regular_file(path)
+        for read in (read_file, lambda p, most: open_file(p, most).__enter__()):
+            with pytest.raises(BadInput, match=problem) as failure:
+                read(path, 10**9)
+            assert str(failure.value).startswith(f"{path}: ")
+
+
+def test_no_descriptor_is_left_open(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for _ in range(5):
+        with pytest.raises(BadInput):
+            read_file(tmp_path / "pipe", 10)
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_a_size_that_is_a_lie() -> None:
+    # Files of the kernel say that they have 0 bytes.
+    with pytest.raises(BadInput, match="more than its 0 bytes"):
+        read_file(Path("/proc/self/environ"), 10**6)
+
+
+def test_a_folder_that_may_not_be_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "stat", refuse)  # who runs tests as root may search everything
+    monkeypatch.setattr(Path, "stat", refuse)
+    assert not is_regular_file(Path("/a/b"))
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("a", "'a'"),
+        (b"a", "'a'"),
+        ("a\nb\x1b\u202e", r"'a\nb\x1b\u202e'"),
+        (b"\xff\0", r"'\xff\x00'"),
+        ("it's", '"it\'s"'),
+        ("x" * 40, f"'{'x' * 40}'"),
+        ("x" * 41, f"'{'x' * 40}'..."),
+        (b"x" * 10**6, f"'{'x' * 40}'..."),
+    ],
+)
+def test_quoted_values(value: str | bytes, expected: str) -> None:
+    assert shown(value) == expected
