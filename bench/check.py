@@ -117,7 +117,7 @@ def _stale_tables(directory: Path, made: list[Table]) -> list[str]:
     stale = []
     for name, text in table_files(made).items():
         path = directory / TABLES / name
-        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        if not path.is_file() or path.read_bytes() != text.encode():
             stale.append(
                 f"{path}: not what the records give; 'bench table {directory}' restores it"
             )

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.record import SCHEMA_VERSION, to_frame
+from bench.record import COLUMNS, SCHEMA_VERSION, to_frame
 from bench.tables import Features
 from bench.work import Job, Result, read_artifact
 from data_prep.failures import BadInput
@@ -42,7 +42,10 @@ def read_records(directory: Path) -> pd.DataFrame:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
         raise BadInput(f"{path}: not readable ({error}); start the run again") from error
-    schema = int((table.schema.metadata or {}).get(_SCHEMA_KEY, b"0"))
+    try:
+        schema = int((table.schema.metadata or {}).get(_SCHEMA_KEY, b"0"))
+    except ValueError as error:
+        raise BadInput(f"{path}: its schema is no number; start the run again") from error
     if schema > SCHEMA_VERSION:
         raise BadInput(
             f"{path}: schema {schema} is newer than {SCHEMA_VERSION}; update pc2pix-bench"
@@ -52,6 +55,9 @@ def read_records(directory: Path) -> pd.DataFrame:
             f"{path}: schema {schema} is older than {SCHEMA_VERSION}; start the run again with its "
             "command, to measure what is new"
         )
+    lacking = [name for name in COLUMNS if name not in table.column_names]
+    if lacking:
+        raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
     return table.to_pandas()
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from bench.lookup import find
 from data_prep.failures import BadInput
+from data_prep.untrusted import is_regular_file
 
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
@@ -181,7 +182,7 @@ def find_method(method_id: str) -> Method:
     """
     name, at, weights = method_id.partition("@")
     if name == "pc2pix" and at and weights.endswith(".safetensors"):
-        if not Path(weights).is_file():
+        if not is_regular_file(Path(weights)):
             raise BadInput(f"{weights}: no such weights file; train one with 'bench train gan'")
         return Method(
             method_id,

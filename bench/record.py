@@ -51,6 +51,9 @@ class Record:
     draw_s: float | None
 
 
+COLUMNS = tuple(  # of `records.parquet`
+    "class" if name == "class_name" else name for name in Record.__dataclass_fields__
+)
 _TYPES = {
     "view": "int32",
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),

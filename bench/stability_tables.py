@@ -81,9 +81,12 @@ def read_outcomes(folder: Path) -> list[Outcome]:
     header = [field.name for field in fields(Outcome)]
     outcomes: list[Outcome] = []
     for path in sorted(folder.glob("stability_*.csv")):
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file)
-            found, rows = reader.fieldnames, [dict[str, Any](row) for row in reader]
+        try:
+            with path.open(encoding="utf-8", newline="") as file:
+                reader = csv.DictReader(file)
+                found, rows = reader.fieldnames, [dict[str, Any](row) for row in reader]
+        except (UnicodeDecodeError, csv.Error):
+            found, rows = None, []
         if found != header or any(row["kind"] not in KINDS for row in rows):
             raise BadInput(f"{path}: not a table of this suite; run it again with --fresh")
         outcomes += [Outcome(**row) for row in rows]

@@ -28,10 +28,12 @@ from typing import Any, TextIO
 from bench.record import SCHEMA_VERSION, Record
 from bench.work import Job, Result, sync_folder, write_whole
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.untrusted import MIB, read_file
 
 MANIFEST = "manifest.json"
 JOURNAL = "journal"
 SET_ASIDE = "set-aside"
+MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 _FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
 
@@ -165,14 +167,21 @@ def read_manifest(directory: Path) -> dict[str, Any]:
     if not path.is_file():
         raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = json.loads(read_file(path, MOST_BYTES))
         schema = int(manifest["schema_version"])
-    except (ValueError, KeyError, TypeError) as error:
+        lacking = [name for name in FIXED if name not in manifest]
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        if isinstance(error, BadInput):
+            raise
         raise BadInput(f"{path}: not a manifest ({error}); move it away and run again") from error
     if schema > SCHEMA_VERSION:
         raise BadInput(
             f"{directory}: written by a newer version (schema {schema}, this one reads up to "
             f"{SCHEMA_VERSION}); update pc2pix-bench or give another --out"
+        )
+    if lacking:
+        raise BadInput(
+            f"{path}: not a manifest (no {', '.join(lacking)}); move it away and run again"
         )
     return manifest
 

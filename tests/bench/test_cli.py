@@ -15,7 +15,7 @@ import bench.run
 from bench.methods import METHODS
 from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
 from bench.store import write_manifest
-from bench.suites import LATENT, SUITES
+from bench.suites import LATENT, STABILITY, SUITES
 from data_prep.conditions import CONDITIONS
 from pc2pix import checkpoint, weight_files
 
@@ -205,7 +205,7 @@ def test_list_names_everything(command):
         sections[title.rstrip(":")] = [entry.split()[0] for entry in entries]
         assert all(entry.startswith("  ") and len(entry.split()) > 1 for entry in entries)
     assert sections == {
-        "suites": [suite.id for suite in (*SUITES, LATENT)],
+        "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY)],
         "methods": [method.id for method in METHODS],
         "conditions": [condition.id for condition in CONDITIONS],
         "metrics": [*IMAGE_METRICS, *(metric.id for metric in SET_METRICS), *CONTROL_METRICS],

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.columns import read_features, read_records, write_features, write_records
-from bench.record import SCHEMA_VERSION, to_frame
+from bench.record import COLUMNS, SCHEMA_VERSION, to_frame
 from bench.work import Result
 from data_prep.failures import BadInput
 
@@ -108,7 +108,7 @@ def test_damaged_records(tmp_path, harm):
 
 def test_newer_records_are_refused(tmp_path):
     path = tmp_path / "records.parquet"
-    table = pa.table({"ssim": [1.0]})
+    table = pa.table({name: [1.0] for name in COLUMNS})
     for schema, refused in ((SCHEMA_VERSION + 1, True), (SCHEMA_VERSION, False)):
         pq.write_table(
             table.replace_schema_metadata({b"pc2pix_bench_schema": str(schema).encode()}), path
@@ -118,6 +118,21 @@ def test_newer_records_are_refused(tmp_path):
                 read_records(tmp_path)
         else:
             assert len(read_records(tmp_path)) == 1
+
+
+def test_records_without_a_column_are_refused(tmp_path):
+    table = pa.table({name: [1.0] for name in COLUMNS}).drop_columns(["condition"])
+    schema = {b"pc2pix_bench_schema": str(SCHEMA_VERSION).encode()}
+    pq.write_table(table.replace_schema_metadata(schema), tmp_path / "records.parquet")
+    with pytest.raises(BadInput, match=r"records.parquet: no column condition; start the run"):
+        read_records(tmp_path)
+
+
+def test_a_schema_that_is_no_number_is_refused(tmp_path):
+    table = pa.table({"ssim": [1.0]}).replace_schema_metadata({b"pc2pix_bench_schema": b"two"})
+    pq.write_table(table, tmp_path / "records.parquet")
+    with pytest.raises(BadInput, match="its schema is no number"):
+        read_records(tmp_path)
 
 
 def test_older_records_are_refused(tmp_path):

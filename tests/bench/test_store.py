@@ -332,7 +332,13 @@ def test_no_manifest(tmp_path, read):
         )
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"schema_version": "new"}', "\xff"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{", "[]", "{}", "\xff", "[" * 10_000),
+        *('{"schema_version": "new"}', '{"schema_version": 1e999}'),
+    ],
+)
 def test_a_damaged_manifest(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text, encoding="latin-1")
     with pytest.raises(BadInput) as error:
@@ -340,14 +346,25 @@ def test_a_damaged_manifest(tmp_path, text):
     assert one_line(error).startswith(f"{tmp_path / 'manifest.json'}: not a manifest (")
 
 
-@pytest.mark.parametrize("manifest", [{"finished": None}, {}])
-def test_a_run_that_was_stopped_is_not_finished(tmp_path, manifest):
-    write_manifest(tmp_path, {"schema_version": SCHEMA_VERSION} | manifest)
+@pytest.mark.parametrize("finished", [{"finished": None}, {}])
+def test_a_run_that_was_stopped_is_not_finished(tmp_path, finished):
+    manifest = make_manifest()
+    del manifest["finished"]
+    write_manifest(tmp_path, manifest | finished)
     with pytest.raises(BadInput) as error:
         read_finished(tmp_path)
     assert one_line(error) == (
         f"{tmp_path}: the run is not finished; start it again with its command"
     )
+
+
+@pytest.mark.parametrize("name", ["suite", "dataset", "views", "seed", "device"])
+def test_a_manifest_that_lacks_something(tmp_path, name):
+    manifest = make_manifest()
+    del manifest[name]
+    write_manifest(tmp_path, manifest)
+    with pytest.raises(BadInput, match=f"not a manifest \\(no {name}\\); move it away"):
+        read_manifest(tmp_path)
 
 
 def test_manifests_are_kept_to_the_letter(tmp_path):

@@ -154,7 +154,5 @@ def test_codes_far_off_are_refused_and_those_of_noisy_clouds_are_not(name):
     outlier = cloud.points.copy()
     outlier[7] = 0, 0, 1e3
     for points in (outlier, 1e3 * cloud.points, cloud.points + np.float32(1e6)):
-        with pytest.raises(
-            StageFailure, match=r"encode: the code lies .* in the unit"
-        ):
+        with pytest.raises(StageFailure, match=r"encode: the code lies .* in the unit"):
             renderer.prepare(PointCloud(points))
