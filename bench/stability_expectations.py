@@ -66,7 +66,7 @@ class Fails:
     kind: Kind = "refused"
 
     def __str__(self) -> str:
-        return f"failed: {self.reason}"
+        return f"failed: {self.reason.rstrip(': ')}"
 
 
 @dataclass(frozen=True)
