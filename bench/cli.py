@@ -1,8 +1,9 @@
 """The command line. Results go to stdout, progress and errors to stderr.
 
-Exit status: 0 done, 1 a regression, a machine that cannot run or a training that diverged, 2
-something the user has to mend, 130 interrupted, 141 nobody reads the output any more. Everything
-but Typer is imported by the command that needs it, so that `--help` and `list` answer at once.
+Exit status: 0 done, 1 a regression, a machine that cannot run, a training that diverged, a method
+that failed on a cloud or a failure that is there no more, 2 something the user has to mend, 130
+interrupted, 141 nobody reads the output any more. Everything but Typer is imported by the command
+that needs it, so that `--help` and `list` answer at once.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ class Commands(TyperGroup):
             print(f"bench: {visible(told)}; see '{command} --help'", file=sys.stderr)
             raise typer.Exit(2) from error
         except KeyboardInterrupt as error:
-            print("bench: interrupted; the same command goes on from here", file=sys.stderr)
+            goes_on = ctx.invoked_subcommand in ("run", "train")
+            hint = "; the same command goes on from here" if goes_on else ""
+            print(f"bench: interrupted{hint}", file=sys.stderr)
             raise typer.Exit(130) from error
         except BrokenPipeError as error:
             for stream in (sys.stdout, sys.stderr):  # Python flushes them when it ends

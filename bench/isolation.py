@@ -71,7 +71,8 @@ def run_tasks(
 
     `work` and the tasks cross process boundaries: a function of a module, and plain values. What
     `work` raises is raised here. Closing the iterator stops all workers at once. Tasks are taken
-    from their iterable as workers get free.
+    from their iterable as workers get free; one that has ended is asked again after each result,
+    so that an iterable may wait for results before it goes on.
     """
     from pebble import ProcessExpired, ProcessPool
 

@@ -244,7 +244,7 @@ def test_simple_questions_load_no_heavy_package(argument):
 def test_help_names_all_commands(command):
     status, out, err = command("--help")
     assert (status, err) == (0, "")
-    for name in ("run", "list", "table", "check", "doctor", "train"):
+    for name in ("run", "list", "table", "check", "render", "shrink", "doctor", "train"):
         assert f"\n  {name} " in out
     for name in ("autoencoder", "gan", "views"):
         assert f"\n  {name} " in command("train", "--help")[1]
