@@ -478,7 +478,7 @@ PAGE = """\
 
 How far the metrics of the benchmark move by what should not matter. Made by
 
-    pip install embreex
+    pip install 'pc2pix-bench[ray-caster]'
     python -m benchmarks.noise_floor --chairs {chairs} --views {views} --seeds {seeds} \
 --condition {condition}
 
