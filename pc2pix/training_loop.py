@@ -147,6 +147,7 @@ def run(
         if writes and (step % cadence.sheet == 0 or last):
             _write_png(out_dir / "sheets" / f"step-{step:06d}.png", trainer.sheet())
             loss_curves.write_loss_curves(losses_csv, out_dir / "losses.png", step)
+    processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
     return path
 
 

@@ -68,12 +68,6 @@ def check(name: str, files: Files, root: Path, outcome: str | None = None) -> st
     return reading.detail
 
 
-@pytest.fixture(scope="module", autouse=True)
-def denormal_numbers():
-    """Trainings, run by other tests, leave them switched off; hypothesis needs them."""
-    torch.set_flush_denormal(False)
-
-
 @pytest.fixture
 def root():
     with playground() as folder:
