@@ -99,7 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="A run some of whose items hang and crash.")
     parser.add_argument("--objects", type=int, default=40)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--time-limit-s", type=float, default=30.0)
+    parser.add_argument("--time-limit-s", type=float, default=15.0)
     parser.add_argument("--memory-limit-gib", type=float, default=2.0)
     options = parser.parse_args()
     limits = Limits(options.time_limit_s, options.memory_limit_gib)
