@@ -25,7 +25,7 @@ from bench.one_thread import one_thread
 from bench.probe import environment
 from bench.progress import progress
 from bench.record import SCHEMA_VERSION
-from bench.run import RUNS, Options, default_name
+from bench.run import RUNS, Options, default_name, refuse
 from bench.store import check_directory, open_journal, set_aside, write_manifest
 from bench.suites import LATENT, LatentSuite
 from bench.views_network import load_views_network
@@ -77,14 +77,15 @@ def run(options: Options, suite: LatentSuite = LATENT) -> LatentRun:
 
 def _check(options: Options) -> Split:
     """The split to be measured. Raises BadInput for wishes that have no meaning here."""
-    for name, value, why in (
-        ("conditions", options.conditions, "clouds have all their 2048 points"),
-        ("views", options.views, "everything is seen from one fixed view"),
-        ("workers", options.workers, "it works in one process"),
-        ("inception-weights", options.inception_weights, "no fid is taken"),
-    ):
-        if value is not None:
-            raise BadInput(f"--{name}: has no meaning for the suite {LATENT.id}, {why}; leave it")
+    refuse(
+        LATENT.id,
+        (
+            ("conditions", options.conditions, "clouds have all their 2048 points"),
+            ("views", options.views, "everything is seen from one fixed view"),
+            ("workers", options.workers, "it works in one process"),
+            ("inception-weights", options.inception_weights, "no fid is taken"),
+        ),
+    )
     if options.limit is not None and options.limit < 1:
         raise BadInput(f"--limit {options.limit}: must be at least 1 (pairs, and triples)")
     dataset = open_dataset(options.dataset)

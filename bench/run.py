@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
@@ -111,6 +111,16 @@ def run(options: Options) -> Finished:
         failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),
         seconds=seconds,
     )
+
+
+def refuse(suite: str, wishes: Iterable[tuple[str, object, str]]) -> None:
+    """For a suite where some options have no meaning: (name, value, why) of each.
+
+    Raises BadInput for the first that was given.
+    """
+    for name, value, why in wishes:
+        if value is not None:
+            raise BadInput(f"--{name}: has no meaning for the suite {suite}, {why}; leave it")
 
 
 def default_name(suite: str, dataset: str) -> str:

@@ -21,7 +21,7 @@ from bench.observations import Observation, observe
 from bench.one_thread import one_thread
 from bench.probe import environment
 from bench.record import SCHEMA_VERSION
-from bench.run import RUNS, Options, default_name, do_jobs
+from bench.run import RUNS, Options, default_name, do_jobs, refuse
 from bench.stability_cases import CASES, TURN_DEG, VIEWS
 from bench.stability_expectations import STATED, outcome
 from bench.stability_figures import write_matrix, write_pictures
@@ -84,14 +84,15 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
 
 def _check(options: Options, suite: StabilitySuite) -> None:
     """Raises BadInput for wishes that have no meaning here."""
-    for name, value, why in (
-        ("conditions", options.conditions, "its cases take their place"),
-        ("views", options.views, "each case has its own"),
-        ("limit", options.limit, "all cases are taken of one object"),
-        ("inception-weights", options.inception_weights, "no fid is taken"),
-    ):
-        if value is not None:
-            raise BadInput(f"--{name}: has no meaning for the suite {suite.id}, {why}; leave it")
+    refuse(
+        suite.id,
+        (
+            ("conditions", options.conditions, "its cases take their place"),
+            ("views", options.views, "each case has its own"),
+            ("limit", options.limit, "all cases are taken of one object"),
+            ("inception-weights", options.inception_weights, "no fid is taken"),
+        ),
+    )
     if options.dataset != "procedural":
         raise BadInput(
             f"--dataset {options.dataset}: the suite {suite.id} states what happens to one "
