@@ -64,6 +64,25 @@ def test_neighbours_and_threads_do_not_matter(renderer, cloud):
     np.testing.assert_allclose(renderer.draw(state, VIEWS[1:2])[0], together[1], rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("name", ["chair", "chair-acgan"])
+def test_bfloat16_draws_nearly_the_same(name):
+    cloud = PointCloud(make_clouds(1, 1024)[0])
+    exact, coarse = load(name), load(name, precision="bfloat16")
+    state = coarse.prepare(cloud)
+    assert torch.equal(state, exact.prepare(cloud))  # the encoder knows of no precision
+    found, expected = coarse.draw(state, VIEWS), exact.draw(state, VIEWS)
+    assert found.dtype == np.float32
+    assert found.min() >= 0
+    assert found.max() <= 1
+    # half a unit of 8 digits is 2e-3 of a value; fifteen roundings in a row, added as errors do
+    assert 1e-5 < np.abs(found - expected).mean() < 2e-3 * 15**0.5
+
+
+def test_unknown_precisions_are_refused(weights_file):
+    with pytest.raises(ValueError, match="precision must be"):
+        load(weights_file, precision="float16")
+
+
 def test_uniform_noise_comes_from_the_rng(weights_file, cloud):
     renderer = load(weights_file, z="uniform")
     state = renderer.prepare(cloud)

@@ -1,0 +1,400 @@
+"""Inference engine: the generator with everything known beforehand worked into its weights.
+
+What it draws is what `pc2pix.model.Generator` draws in evaluation mode, up to rounding; what it
+leaves out is arithmetic:
+
+- BatchNorm behind a convolution (`bn2`) becomes part of that convolution. `bn1` and the last one
+  stay: a ReLU follows them, and the sum that they normalise is wanted as it is by the shortcut.
+- Nearest up-sampling x2 and a 3x3 convolution are four small convolutions on the grid before it,
+  one for each phase (even or odd row, even or odd column) of the result. With the kernel's rows a,
+  b, c and S = a + b + c, in one dimension, they are
+
+      even_i = a x_{i-1} + (b + c) x_i = S x_i - a (x_i - x_{i-1})
+      odd_i  = (a + b) x_i + c x_{i+1} = S x_i + c (x_{i+1} - x_i)
+
+  The middle form is 2x2 products a position for each phase, 16 in all for the 36 written down in
+  Table 1; the form on the right is nine, at the price of differences before and sums behind.
+  `Phases` and `NineProducts` are the two, `Rows` is the former for few channels; which is fastest
+  depends on the number of channels (`upsampled`).
+- The 3x3 convolution to three channels draws 2x2 pixels at once: a 4x4 convolution of stride 2 to
+  twelve channels fills the registers that three leave empty.
+- Of the first dense layer, the part that depends on the cloud is computed once for all views.
+
+Kernels are laid out in memory beforehand, in the layout that oneDNN wants. For that PyTorch has
+operators without a public name (`torch.ops.mkldnn`, behind torch.compile); without them, and on
+other devices, its public convolution is called. Images pass through the later blocks in groups
+that fit the processor's cache.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Sequence
+from typing import Literal, Protocol
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from data_prep.scene import IMAGE_SIZE
+from pc2pix.model import NOISE_DIM, Generator, UpBlock, channels_last, sine_cosine
+
+Precision = Literal["float32", "bfloat16"]
+DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+
+NINE_PRODUCTS_FROM = 128  # channels; below, differences and sums cost more than they save
+VECTOR_BYTES = 64  # a register of AVX-512; what is added in shorter runs is added one by one
+# Of a block's result: stays in the cache with what is made from it. Larger tensors come fresh from
+# the operating system, too, and to touch a new page costs more than to compute what is in it.
+GROUP_BYTES = 2 << 20
+ALL = 1 << 30  # images in a group on other devices: no cache to stay in, and calls are dear
+# Matrices R with R [a, b, c] = the kernel rows in question, see above.
+_PHASE_ROWS = torch.tensor(
+    [[[1.0, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], dtype=torch.float64
+)  # [phase, tap, kernel row]
+_PRODUCT_ROWS = torch.tensor([[-1.0, 0, 0], [1, 1, 1], [0, 0, 1]], dtype=torch.float64)
+
+
+class Convolution:
+    """A convolution with a kernel laid out for a size of input; others are right, too, if slower.
+
+    kernel   [cout, cin, K, K], float64
+    bias     [cout] or None, float64
+    like     shape [B, cin, H, W] of inputs
+    """
+
+    def __init__(
+        self,
+        kernel: Tensor,
+        bias: Tensor | None,
+        like: Sequence[int],
+        dtype: torch.dtype,
+        *,
+        stride: int = 1,
+        padding: int = 0,
+    ) -> None:
+        self.stride = stride
+        self.padding = padding
+        self.bias = None if bias is None else bias.to(dtype)
+        weight = kernel.to(dtype, memory_format=torch.channels_last)
+        self.prepacked = _prepacks(weight)
+        if self.prepacked:
+            weight = torch.ops.mkldnn._reorder_convolution_weight(
+                weight, [padding] * 2, [stride] * 2, [1, 1], 1, list(like)
+            )
+        self.weight = weight
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """[B, cin, H, W] -> [B, cout, H', W'], both channels last."""
+        if not self.prepacked:
+            return functional.conv2d(
+                x, self.weight, self.bias, stride=self.stride, padding=self.padding
+            )
+        return torch.ops.mkldnn._convolution_pointwise(
+            x, self.weight, self.bias, [self.padding] * 2, [self.stride] * 2, [1, 1], 1,
+            "none", [], "",
+        )  # fmt: skip
+
+
+def _prepacks(weight: Tensor) -> bool:
+    if weight.device.type != "cpu" or not torch.backends.mkldnn.is_available():
+        return False
+    if not hasattr(torch.ops.mkldnn, "_convolution_pointwise"):
+        return False
+    return weight.dtype == torch.float32 or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+
+
+class Upsampled(Protocol):
+    """Nearest x2, then a 3x3 convolution, plus a shortcut that is up-sampled likewise."""
+
+    shortcuts: int  # how many times over the channels of the shortcut are wanted
+
+    def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
+        """[B, c, H, W] and [B, shortcuts * c, H, W] -> [B, c, 2H, 2W]."""
+        ...
+
+
+def upsampled(kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> Upsampled:
+    """The fastest form for a kernel [c, c, 3, 3], float64, and inputs of a shape [B, c, H, W]."""
+    channels = like[1]
+    if channels >= NINE_PRODUCTS_FROM:
+        return NineProducts(kernel, like, dtype)
+    if channels * dtype.itemsize < VECTOR_BYTES:
+        return Rows(kernel, like, dtype)
+    return Phases(kernel, like, dtype)
+
+
+class Phases:
+    """`Upsampled` by four 2x2 convolutions. `kernel` is [c, c, 3, 3], float64; no bias."""
+
+    shortcuts = 1
+
+    def __init__(self, kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> None:
+        rows = _PHASE_ROWS.to(kernel.device)
+        kernels = torch.einsum("pru,oiuv,qsv->pqoirs", rows, kernel, rows)
+        self.phases = [
+            (p, q, Convolution(kernels[p, q], None, like, dtype, padding=1))
+            for p in (0, 1)
+            for q in (0, 1)
+        ]
+
+    def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
+        """[B, c, H, W] twice -> [B, c, 2H, 2W]."""
+        h, w = y.shape[2:]
+        out = _doubled(y)
+        for p, q, conv in self.phases:
+            found = conv(y)  # [B, c, H + 1, W + 1]: row i looks at i - 1 and i
+            torch.add(found[:, :, p : p + h, q : q + w], shortcut, out=out[:, :, p::2, q::2])
+        return out
+
+
+class Rows:
+    """`Upsampled` by two 2x3 convolutions, one for even and one for odd rows of the result.
+
+    Each gives the pixels of two columns side by side, so that what is left to do is to interleave
+    whole rows. Of its six taps a column needs four; where channels are few that is the lesser evil.
+    `kernel` is [c, c, 3, 3], float64; no bias.
+    """
+
+    shortcuts = 2
+
+    def __init__(self, kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> None:
+        rows = _PHASE_ROWS.to(kernel.device)
+        columns = rows.new_zeros(2, 3, 3)  # [phase, tap, kernel column]
+        columns[0, :2], columns[1, 1:] = rows
+        kernels = torch.einsum("pru,oiuv,qsv->pqoirs", rows, kernel, columns).flatten(1, 2)
+        self.rows = [Convolution(k, None, like, dtype, padding=1) for k in kernels]
+
+    def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
+        """[B, c, H, W] and [B, 2 c, H, W] -> [B, c, 2H, 2W]."""
+        b, c, h, w = y.shape
+        out = y.new_empty((b, h, 2, w, 2 * c))
+        shortcut = shortcut.permute(0, 2, 3, 1)
+        for p, conv in enumerate(self.rows):
+            found = conv(y).permute(0, 2, 3, 1)  # [B, H + 1, W, 2 c]
+            torch.add(found[:, p : p + h], shortcut, out=out[:, :, p])
+        return out.view(b, 2 * h, 2 * w, c).permute(0, 3, 1, 2)
+
+
+class NineProducts:
+    """`Upsampled` by differences of neighbours. `kernel` is [c, c, 3, 3], float64; no bias."""
+
+    shortcuts = 1
+
+    def __init__(self, kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> None:
+        rows = _PRODUCT_ROWS.to(kernel.device)
+        m = torch.einsum("ru,oiuv,sv->rsoi", rows, kernel, rows)[..., None, None]
+        batch, channels, h, w = like
+
+        def products(kernels: list[Tensor], h: int, w: int) -> Convolution:
+            return Convolution(torch.cat(kernels), None, (batch, channels, h, w), dtype)
+
+        self.plain = products([m[1, 1]], h, w)
+        self.down = products([m[0, 1], m[2, 1]], h + 1, w)
+        self.across = products([m[1, 0], m[1, 2]], h, w + 1)
+        self.both = products([m[0, 0], m[0, 2], m[2, 0], m[2, 2]], h + 1, w + 1)
+
+    def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
+        """[B, c, H, W] twice -> [B, c, 2H, 2W]."""
+        h, w = y.shape[2:]
+        wide = functional.pad(y, (1, 1, 1, 1))
+        steps = wide[:, :, 1:] - wide[:, :, :-1]  # [B, c, H + 1, W + 2], down
+        down = self.down(_dense(steps[..., 1:-1])).chunk(2, dim=1)
+        wide = wide[:, :, 1:-1]
+        across = self.across(_dense(wide[..., 1:] - wide[..., :-1])).chunk(2, dim=1)
+        both = self.both(_dense(steps[..., 1:] - steps[..., :-1])).chunk(4, dim=1)
+        plain = self.plain(y).add_(shortcut)
+        out = _doubled(y)
+        for p in (0, 1):
+            row = plain + down[p][:, :, p : p + h]
+            for q in (0, 1):
+                phase = out[:, :, p::2, q::2]
+                torch.add(row, across[q][..., q : q + w], out=phase)
+                phase += both[2 * p + q][:, :, p : p + h, q : q + w]
+        return out
+
+
+def _doubled(y: Tensor) -> Tensor:
+    b, c, h, w = y.shape
+    return y.new_empty((b, 2 * h, 2 * w, c)).permute(0, 3, 1, 2)
+
+
+def _dense(x: Tensor) -> Tensor:
+    return x.contiguous(memory_format=torch.channels_last)
+
+
+class FoldedBlock:
+    """An `UpBlock` in evaluation mode. `like` is the shape [B, cin, H, W] of its inputs."""
+
+    def __init__(self, block: UpBlock, like: Sequence[int], dtype: torch.dtype) -> None:
+        batch, _, h, w = like
+        self.norm = Norm(block.bn1)
+        conv1, conv2, shortcut = block.conv1, block.conv2, block.shortcut
+        scale, shift = _affine(block.bn2)
+        kernel = conv1.weight.double() * scale[:, None, None, None]
+        self.conv1 = Convolution(kernel, _bias(conv1) * scale + shift, like, dtype, padding=1)
+        # up-sampling leaves a bias what it is, so that of conv2 may come with the shortcut
+        bias = _bias(shortcut) + _bias(conv2)
+        channels = conv2.in_channels
+        self.conv2 = upsampled(conv2.weight.double(), (batch, channels, h, w), dtype)
+        copies = self.conv2.shortcuts
+        kernel = shortcut.weight.double().repeat(copies, 1, 1, 1)
+        self.shortcut = Convolution(kernel, bias.repeat(copies), like, dtype)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """[B, cin, H, W] -> [B, cout, 2H, 2W]."""
+        y = self.conv1(self.norm(x)).relu_()
+        return self.conv2(y, self.shortcut(x))
+
+
+class Norm:
+    """BatchNorm in evaluation mode, then ReLU; the statistics stay in float32."""
+
+    def __init__(self, bn: nn.BatchNorm2d) -> None:
+        scale, shift = (x.float() for x in _affine(bn))
+        self.arguments = torch.zeros_like(scale), torch.ones_like(scale), scale, shift
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Any shape [B, c, H, W]; a new tensor."""
+        return functional.batch_norm(x, *self.arguments, eps=0.0).relu_()
+
+
+class LastLayers:
+    """BatchNorm, ReLU and the convolution to three channels, as pictures in [0, 1]."""
+
+    def __init__(self, generator: Generator, like: Sequence[int], dtype: torch.dtype) -> None:
+        self.norm = Norm(generator.bn)
+        conv = generator.conv
+        kernel = conv.weight.new_zeros((2, 2, 3, conv.in_channels, 4, 4), dtype=torch.float64)
+        for p in (0, 1):  # the pixel's place in its 2x2
+            for q in (0, 1):
+                kernel[p, q, :, :, p : p + 3, q : q + 3] = conv.weight
+        bias = _bias(conv).repeat(4)
+        self.conv = Convolution(kernel.flatten(0, 2), bias, like, dtype, stride=2, padding=1)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """[B, c, H, W] -> float32 [B, H, W, 3]."""
+        x = self.conv(self.norm(x)).permute(0, 2, 3, 1)  # [B, H / 2, W / 2, 12]
+        x = x.unflatten(3, (2, 2, 3)).permute(0, 1, 3, 2, 4, 5)  # [B, H / 2, 2, W / 2, 2, 3]
+        x = x.flatten(3, 4).flatten(1, 2).float()
+        return torch.tanh(x).add_(1).div_(2)
+
+
+class Stack:
+    """Blocks and last layers of a generator, for groups of at most `most` images."""
+
+    def __init__(self, generator: Generator, dtype: torch.dtype, most: int) -> None:
+        self.layers: list[FoldedBlock | LastLayers] = []
+        self.groups: list[int] = []  # images that pass a layer together
+        cpu = generator.conv.weight.device.type == "cpu"
+        size, group = 4, 1
+        with torch.no_grad():
+            for block in generator.blocks:
+                assert isinstance(block, UpBlock)
+                cin, cout = block.conv1.in_channels, block.conv1.out_channels
+                group = max(1, GROUP_BYTES // (cout * 4 * size * size * dtype.itemsize))
+                group = min(group if cpu else ALL, most)
+                self.groups.append(group)
+                self.layers.append(FoldedBlock(block, (group, cin, size, size), dtype))
+                size *= 2
+            self.groups.append(group)
+            like = (group, generator.conv.in_channels, size, size)
+            self.layers.append(LastLayers(generator, like, dtype))
+
+    def draw(self, x: Tensor, out: Tensor, first: int = 0) -> None:
+        """Layers `first` and on of x, into `out`: each group to its end before the next."""
+        if first == len(self.layers):
+            out.copy_(x)
+            return
+        groups = zip(x.split(self.groups[first]), out.split(self.groups[first]), strict=True)
+        for part, place in groups:
+            self.draw(self.layers[first](part), place, first + 1)
+
+
+class FoldedGenerator:
+    """See `fold`."""
+
+    def __init__(self, generator: Generator, precision: Precision) -> None:
+        self.precision: Precision = precision
+        self.dtype = DTYPES[precision]
+        self.generator = copy.deepcopy(generator)
+        self.config = generator.config
+        weight = self.generator.dense.weight.detach()
+        parts = [NOISE_DIM, self.config.latent_dim, 1 + self.config.azimuth_numbers]
+        self.noise, self.code, self.angles = weight.split(parts, dim=1)
+        self.bias = self.generator.dense.bias.detach()
+        self.for_many = Stack(self.generator, self.dtype, ALL)
+
+    @functools.cached_property
+    def for_one(self) -> Stack:
+        """Kernels laid out for a group of 32 images are slow with a single one."""
+        return Stack(self.generator, self.dtype, 1)
+
+    @torch.inference_mode()
+    def __call__(
+        self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
+    ) -> Tensor:
+        """Pictures float32 [V, 128, 128, 3] in [0, 1] of one cloud.
+
+        code                    [1, latent_dim]
+        elevation01, azimuth01  [V, 1], as the generator takes them
+        noise                   [V, 128]; None stands for zeros
+        """
+        azimuth = azimuth01 if self.config.azimuth == "scalar" else sine_cosine(azimuth01)
+        x = functional.linear(code, self.code, self.bias)  # [1, 16 c0]
+        x = x + functional.linear(torch.cat([elevation01, azimuth], dim=1), self.angles)
+        if noise is not None:
+            x += functional.linear(noise, self.noise)
+        x = x.to(self.dtype).unflatten(1, (4, 4, -1)).permute(0, 3, 1, 2)  # [V, c0, 4, 4]
+        out = x.new_empty((len(x), IMAGE_SIZE, IMAGE_SIZE, 3), dtype=torch.float32)
+        (self.for_one if len(x) == 1 else self.for_many).draw(x, out)
+        return out
+
+
+class UnfoldedGenerator:
+    """The generator as it was trained, called like a `FoldedGenerator`: what folding is judged by.
+
+    Float32, channels last. The generator itself, not a copy.
+    """
+
+    def __init__(self, generator: Generator) -> None:
+        self.generator = generator
+        channels_last(generator)
+
+    @torch.inference_mode()
+    def __call__(
+        self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
+    ) -> Tensor:
+        """As `FoldedGenerator`."""
+        count = len(elevation01)
+        if noise is None:
+            noise = code.new_zeros((count, NOISE_DIM))
+        images = self.generator(noise, code.expand(count, -1), elevation01, azimuth01)
+        return ((images + 1) / 2).permute(0, 2, 3, 1).contiguous()
+
+
+def fold(generator: Generator, precision: Precision = "float32") -> FoldedGenerator:
+    """The generator in evaluation mode, for inference, on the device that it is on.
+
+    The weights are copied: what happens to `generator` afterwards changes nothing. float32 draws
+    what the generator draws, up to rounding (some 1e-6 of the range); bfloat16 keeps weights and
+    everything between the layers in 8 binary digits, sums and BatchNorm in float32. On a CPU
+    without bfloat16 that is right, but slow. Raises ValueError for another precision.
+    """
+    if precision not in DTYPES:
+        raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
+    return FoldedGenerator(generator, precision)
+
+
+def _affine(bn: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
+    """Scale and shift [c] of BatchNorm in evaluation mode, float64."""
+    assert bn.running_mean is not None
+    assert bn.running_var is not None
+    scale = bn.weight.double() / torch.sqrt(bn.running_var.double() + bn.eps)
+    return scale, bn.bias.double() - bn.running_mean.double() * scale
+
+
+def _bias(conv: nn.Conv2d) -> Tensor:
+    assert conv.bias is not None
+    return conv.bias.double()

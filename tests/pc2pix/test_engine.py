@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import copy
+
+import pytest
+import torch
+from torch import nn
+from torch.nn import functional
+
+from pc2pix import engine
+from pc2pix.engine import Convolution, NineProducts, Phases, Rows, fold, upsampled
+from pc2pix.model import Generator, ModelConfig
+
+# blocks end with 128, 64, 32, 16 and 8 channels: every form of up-sampling, in both precisions
+SMALL = ModelConfig(width=0.125, latent_dim=4)
+TURNING = ModelConfig(width=0.03, latent_dim=4, azimuth="sine-cosine")
+
+
+def lived_in(config):
+    """A generator in whose BatchNorms and biases no number is 0 or 1; some scales are negative."""
+    torch.manual_seed(0)
+    generator = Generator(config).eval().requires_grad_(False)
+    for module in generator.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            assert module.running_mean is not None
+            assert module.running_var is not None
+            module.running_mean.normal_(0, 0.3)
+            module.running_var.uniform_(0.5, 2)
+            module.weight.normal_(0.8, 0.4)
+            module.bias.normal_(0, 0.3)
+        elif isinstance(module, nn.Conv2d | nn.Linear):
+            assert module.bias is not None
+            module.bias.normal_(0, 0.1)
+    return generator
+
+
+def inputs(config, count):
+    random = torch.Generator().manual_seed(1)
+    code = torch.randn(1, config.latent_dim, generator=random)
+    angles = torch.rand(2, count, 1, generator=random)
+    return code, *angles, 2 * torch.rand(count, 128, generator=random) - 1
+
+
+def drawn(generator, code, elevation01, azimuth01, noise):
+    count = len(elevation01)
+    noise = torch.zeros(count, 128) if noise is None else noise
+    with torch.no_grad():
+        images = generator(noise, code.expand(count, -1), elevation01, azimuth01)
+    return images.permute(0, 2, 3, 1) / 2 + 0.5
+
+
+@pytest.fixture(scope="module", params=[SMALL, TURNING], ids=["small", "turning"])
+def generator(request):
+    return lived_in(request.param)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_float32_draws_what_the_generator_draws(generator, noisy):
+    code, elevation01, azimuth01, noise = inputs(generator.config, 5)
+    given = code, elevation01, azimuth01, noise if noisy else None
+    found = fold(generator)(*given)
+    assert found.shape == (5, 128, 128, 3)
+    assert found.dtype == torch.float32
+    assert found.is_contiguous()
+    expected = drawn(generator, *given)
+    assert expected.std() > 0.05
+    # sums of some 1,000 float32 products in another order, through twelve layers: some 1e-6
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-5)
+
+
+def test_bfloat16_is_bfloat16(generator):
+    given = inputs(generator.config, 3)
+    expected = drawn(generator, *given)
+    found = fold(generator, "bfloat16")(*given)
+    assert found.dtype == torch.float32
+    apart = (found - expected).abs()
+    # half a unit of 8 digits is 2e-3 of a value; fifteen roundings in a row, added as errors do
+    assert 1e-4 < apart.mean() < 2e-3 * 15**0.5
+    assert (found - expected).mean().abs() < 1e-3  # to nearest: no drift
+
+
+@pytest.mark.parametrize("form", [Phases, Rows, NineProducts])
+@pytest.mark.parametrize("shape", [(2, 3, 4, 4), (1, 5, 6, 3), (1, 2, 1, 1)])
+def test_every_form_of_upsampling(monkeypatch, form, shape):
+    monkeypatch.setattr(engine, "_prepacks", lambda weight: False)  # oneDNN has no float64
+    torch.manual_seed(0)
+    channels = shape[1]
+    y, shortcut = torch.randn(2, *shape, dtype=torch.float64)
+    kernel = torch.randn(channels, channels, 3, 3, dtype=torch.float64)
+    conv = form(kernel, shape, torch.float64)
+    found = conv(y, shortcut.repeat(1, conv.shortcuts, 1, 1))
+    expected = functional.conv2d(functional.interpolate(y, scale_factor=2.0), kernel, padding=1)
+    expected += functional.interpolate(shortcut, scale_factor=2.0)
+    assert found.is_contiguous(memory_format=torch.channels_last)
+    assert (found - expected).abs().max() < 1e-13  # some 40 products
+
+
+@pytest.mark.parametrize(
+    ("channels", "dtype", "form"),
+    [
+        (128, torch.float32, NineProducts),
+        (127, torch.float32, Phases),
+        (16, torch.float32, Phases),
+        (15, torch.float32, Rows),
+        (128, torch.bfloat16, NineProducts),
+        (32, torch.bfloat16, Phases),
+        (31, torch.bfloat16, Rows),
+    ],
+)
+def test_the_form_follows_from_the_channels(channels, dtype, form):
+    kernel = torch.zeros(channels, channels, 3, 3, dtype=torch.float64)
+    assert isinstance(upsampled(kernel, (1, channels, 4, 4), dtype), form)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@pytest.mark.parametrize(("size", "stride", "padding"), [(3, 1, 1), (4, 2, 1), (1, 1, 0)])
+def test_prepacked_kernels_are_kernels(monkeypatch, dtype, size, stride, padding):
+    torch.manual_seed(0)
+    kernel, bias = torch.randn(7, 20, size, size).double(), torch.randn(7).double()
+    x = torch.randn(3, 20, 8, 8).to(dtype, memory_format=torch.channels_last)
+    like = (8, 20, 8, 8)
+    fast = Convolution(kernel, bias, like, dtype, stride=stride, padding=padding)
+    monkeypatch.setattr(engine, "_prepacks", lambda weight: False)
+    plain = Convolution(kernel, bias, like, dtype, stride=stride, padding=padding)
+    assert not plain.prepacked
+    # up to 320 products in another order; bfloat16 then rounds values up to 64 to units of 1/4
+    atol = 1e-4 if dtype == torch.float32 else 0.25
+    torch.testing.assert_close(fast(x), plain(x), rtol=0, atol=atol)
+
+
+def test_pytorch_without_the_operators_draws_the_same(monkeypatch):
+    generator = lived_in(TURNING)
+    given = inputs(TURNING, 2)
+    fast = fold(generator)(*given)
+    monkeypatch.setattr(engine, "_prepacks", lambda weight: False)
+    torch.testing.assert_close(fold(generator)(*given), fast, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_groups_are_whole_and_in_order(monkeypatch, precision):
+    generator = lived_in(TURNING)
+    code, elevation01, azimuth01, noise = inputs(TURNING, 5)
+    monkeypatch.setattr(engine, "GROUP_BYTES", 2 * 2 * 128 * 128 * 2 * 2)
+    grouped = fold(generator, precision)
+    assert grouped.for_many.groups[-1] in (2, 4)  # float32 and bfloat16; neither divides 5
+    assert grouped.for_many.groups[0] > 5
+    assert set(grouped.for_one.groups) == {1}
+    together = grouped(code, elevation01, azimuth01, noise)
+    # alone, other kernels may serve: float32 as above, bfloat16 by units of 1/256
+    atol = 1e-5 if precision == "float32" else 0.05
+    for i in range(5):
+        (alone,) = grouped(
+            *(x[i : i + 1] if len(x) > 1 else x for x in (code, elevation01, azimuth01, noise))
+        )
+        torch.testing.assert_close(together[i], alone, rtol=0, atol=atol)
+    assert (together[0] - together[1]).abs().max() > 0.1
+
+
+def test_folding_copies():
+    generator = lived_in(TURNING)
+    given = inputs(TURNING, 2)
+    before = {key: value.clone() for key, value in generator.state_dict().items()}
+    folded = fold(generator)
+    first = folded(*given)
+    for key, value in generator.state_dict().items():
+        assert torch.equal(value, before[key])
+        if value.is_floating_point():
+            value.fill_(0.5)
+    assert torch.equal(folded(*given), first)
+
+
+def test_what_is_not_finite_stays_so():
+    generator = lived_in(SMALL)
+    for layer in (generator.dense, generator.blocks[1].conv1, generator.blocks[4].conv2):
+        broken = copy.deepcopy(generator)
+        twin = dict(zip(generator.modules(), broken.modules(), strict=True))[layer]
+        twin.bias[0] = torch.nan
+        assert fold(broken)(*inputs(SMALL, 1)).isnan().any()
+
+
+def test_other_precisions_are_refused():
+    with pytest.raises(ValueError, match="float32 or bfloat16, got 'float16'"):
+        fold(Generator(TURNING), "float16")  # pyright: ignore[reportArgumentType]
