@@ -15,6 +15,8 @@ from data_prep.failures import MissingDependency
 from data_prep.render import REMEDY
 from data_prep.scene import Mesh, Points
 
+GRID_MARGIN = 1.2  # MeshLab's grid exceeds the box by a tenth at each end
+
 
 class MeshLab:
     """One mesh in a MeshLab document of its own, changed in place by each filter.
@@ -45,11 +47,14 @@ class MeshLab:
         """Normals from the `neighbours` nearest points; their signs are not made to agree."""
         self._apply("compute_normal_for_point_clouds", k=neighbours, flipflag=False)
 
-    def ball_pivoting(self) -> None:
-        """Radius chosen by MeshLab, clustering 20 %, crease angle 90 degrees."""
+    def ball_pivoting(self, radius_percent: float | None = None) -> None:
+        """Clustering 20 %, crease angle 90 degrees; the radius in percent of the box's diagonal.
+
+        None is the script's: MeshLab chooses the radius, from the box and the number of points.
+        """
         self._apply(
             "generate_surface_reconstruction_ball_pivoting",
-            ballradius=self._types.PercentageValue(0),
+            ballradius=self._types.PercentageValue(0 if radius_percent is None else radius_percent),
             clustering=20,
             creasethr=90,
             deletefaces=False,
@@ -65,16 +70,40 @@ class MeshLab:
             selfintersection=True,
         )
 
-    def marching_cubes_apss(self, resolution: int) -> None:
-        """Algebraic point set surface, meshed on a grid of `resolution` cells a side."""
+    def marching_cubes_apss(
+        self, resolution: int, accuracy: float = 1e-4, accurate_normals: bool = True
+    ) -> None:
+        """Algebraic point set surface, meshed on a grid and projected onto it.
+
+        A cell is GRID_MARGIN times the longest side of the points' box (of all points, also of
+        those that no face uses) over `resolution`.
+
+        accuracy          where a projection ends before 15 steps, relative to the mean spacing of
+                          the points. MeshLab 2025.7 takes that spacing from memory it has not
+                          written; at 0 there are always 15 steps, and the mesh depends on no memory
+        accurate_normals  of the vertices; they change no vertex and no face
+        """
         self._apply(
             "generate_marching_cubes_apss",
             filterscale=2.0,
-            projectionaccuracy=1e-4,
+            projectionaccuracy=accuracy,
             maxprojectioniters=15,
             sphericalparameter=1.0,
-            accuratenormal=True,
+            accuratenormal=accurate_normals,
             resolution=resolution,
+        )
+
+    def screened_poisson(self, depth: int) -> None:
+        """Screened Poisson reconstruction on an octree of `depth` levels, from oriented normals.
+
+        On one thread: with more, the mesh changes from run to run. Points without a normal (those
+        that no face uses, after `close_holes`) are left out.
+        """
+        self._apply(
+            "generate_surface_reconstruction_screened_poisson",
+            depth=depth,
+            preclean=True,
+            threads=1,
         )
 
     @property

@@ -15,29 +15,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from baselines.meshlab import MeshLab
+from baselines.stages import (
+    Reconstruction,
+    check_points,
+    draw_reconstruction,
+    finite_part,
+    run,
+)
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.render import render
-from data_prep.scene import Images, Mesh, PointCloud, View
+from data_prep.scene import Images, PointCloud, Points, View
 
 NORMAL_NEIGHBOURS = 10
 MAX_HOLE_EDGES = 30
-
-
-@dataclass(frozen=True)
-class Reconstruction:
-    """A reconstructed mesh with finite vertices, and what had to be mended on the way."""
-
-    mesh: Mesh
-    notes: tuple[str, ...]
+RESOLUTION = 200
 
 
 @dataclass(frozen=True)
 class SurfaceApss:
     """The paper's chain. `resolution` is the number of grid cells a side."""
 
-    resolution: int = 200
+    resolution: int = RESOLUTION
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
         """Reconstruct the surface; no randomness.
@@ -50,28 +48,9 @@ class SurfaceApss:
         `apss`.
         """
         del rng
-        points = cloud.points
-        if len(points) <= NORMAL_NEIGHBOURS:
-            raise StageFailure(
-                "input", f"{len(points)} points; normals need at least {NORMAL_NEIGHBOURS + 1}"
-            )
-        bad = int((~np.isfinite(points)).any(axis=1).sum())
-        if bad:
-            raise StageFailure("input", f"{bad} of {len(points)} points are not finite")
-        meshlab = MeshLab(points)
-        _run("normals", meshlab.estimate_normals, NORMAL_NEIGHBOURS)
-        if not np.isfinite(meshlab.normals()).all():
-            raise StageFailure("normals", "a normal is not finite")
-        _run("ball-pivoting", meshlab.ball_pivoting)
-        if meshlab.face_count == 0:
-            raise StageFailure("ball-pivoting", "no faces")
-        _run("close-holes", meshlab.close_holes, MAX_HOLE_EDGES)
-        if meshlab.face_count == 0:
-            raise StageFailure("close-holes", "no faces")
-        _run("apss", meshlab.marching_cubes_apss, self.resolution)
-        if meshlab.face_count == 0:
-            raise StageFailure("apss", "no faces")
-        return _finite_part(meshlab.mesh(NEUTRAL_GREY))
+        meshlab = closed_surface(cloud.points)
+        run("apss", lambda: meshlab.marching_cubes_apss(self.resolution))
+        return reconstruction("apss", meshlab)
 
     def draw(
         self,
@@ -81,26 +60,33 @@ class SurfaceApss:
     ) -> Images:
         """Render the reconstructed mesh; no randomness."""
         del rng
-        return to_float(render(state.mesh, views))
+        return draw_reconstruction(state, views)
 
 
-def _run(stage: str, step: object, *arguments: int) -> None:
-    try:
-        step(*arguments)  # type: ignore[operator]
-    except RuntimeError as error:
-        raise StageFailure(stage, str(error)) from error
+def closed_surface(points: Points, radius_percent: float | None = None) -> MeshLab:
+    """The chain up to its third stage: points [N, 3] pivoted, and small holes closed.
+
+    The ball's radius is in percent of the diagonal of the cloud's box; None is MeshLab's choice.
+    Raises StageFailure as `SurfaceApss.prepare`, but for the stage `apss`.
+    """
+    check_points(points, NORMAL_NEIGHBOURS + 1, "normals")
+    meshlab = MeshLab(points)
+    run("normals", lambda: meshlab.estimate_normals(NORMAL_NEIGHBOURS))
+    if not np.isfinite(meshlab.normals()).all():
+        raise StageFailure("normals", "a normal is not finite")
+    run("ball-pivoting", lambda: meshlab.ball_pivoting(radius_percent))
+    _require_faces("ball-pivoting", meshlab)
+    run("close-holes", lambda: meshlab.close_holes(MAX_HOLE_EDGES))
+    _require_faces("close-holes", meshlab)
+    return meshlab
 
 
-def _finite_part(mesh: Mesh) -> Reconstruction:
-    finite = np.all(np.isfinite(mesh.vertices), axis=1)
-    if finite.all():
-        return Reconstruction(mesh, ())
-    keep = np.all(finite[mesh.faces], axis=1)
-    if not keep.any():
-        raise StageFailure("apss", "no face with finite vertices")
-    kept = Mesh(
-        np.where(finite[:, None], mesh.vertices, 0.0), mesh.faces[keep], mesh.face_colors[keep]
-    )
-    dropped = len(keep) - int(keep.sum())
-    note = f"apss: {dropped} of {len(keep)} faces dropped, a vertex is not finite"
-    return Reconstruction(kept, (note,) if dropped else ())
+def reconstruction(stage: str, meshlab: MeshLab) -> Reconstruction:
+    """What the last stage has left, in neutral grey. Raises StageFailure where that is nothing."""
+    _require_faces(stage, meshlab)
+    return finite_part(stage, meshlab.mesh(NEUTRAL_GREY))
+
+
+def _require_faces(stage: str, meshlab: MeshLab) -> None:
+    if meshlab.face_count == 0:
+        raise StageFailure(stage, "no faces")

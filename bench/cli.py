@@ -1,9 +1,9 @@
 """The command line. Results go to stdout, progress and errors to stderr.
 
 Exit status: 0 done, 1 a regression, a machine that cannot run, a training that diverged, a method
-that failed on a cloud or a failure that is there no more, 2 something the user has to mend, 130
-interrupted, 141 nobody reads the output any more. Everything but Typer is imported by the command
-that needs it, so that `--help` and `list` answer at once.
+that failed on a cloud, a failure that is there no more or a wish that no method meets, 2 something
+the user has to mend, 130 interrupted, 141 nobody reads the output any more. Everything but Typer is
+imported by the command that needs it, so that `--help` and `list` answer at once.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def run(
     from bench.lookup import find
     from bench.run import Options
     from bench.run import run as run_suite
-    from bench.suites import LATENT, STABILITY, SUITES
+    from bench.suites import LATENT, SPEED, STABILITY, SUITES
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
@@ -141,21 +141,28 @@ def run(
         fresh=fresh,
         inception_weights=inception_weights,
     )
-    chosen = find(suite, (*SUITES, LATENT, STABILITY), "suite")
+    chosen = find(suite, (*SUITES, LATENT, STABILITY, SPEED), "suite")
     if chosen is LATENT:
         _run_latent(options)
         return
     if chosen is STABILITY:
         _run_stability(options)
         return
+    if chosen is SPEED:
+        _run_speed(options)
+        return
     finished = run_suite(options)
     for table in finished.tables:
         print(table.to_markdown())
     print(finished.cost)
+    if finished.trade is not None:
+        print(finished.trade.frontier.to_markdown())
+        print(finished.trade.points.to_markdown())
     stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
+    parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     print(
         f"{finished.done} items done, {finished.reused} from before, {finished.failed} failed "
-        f"({stages})\nresults in {finished.directory}",
+        f"({stages})\ntime of the workers: {parts}\nresults in {finished.directory}",
         file=sys.stderr,
     )
 
@@ -188,16 +195,31 @@ def _run_stability(options: Any) -> None:
     print(f"{finished.seconds:.0f} s\nresults in {finished.directory}", file=sys.stderr)
 
 
+def _run_speed(options: Any) -> None:
+    from bench.speed import run as run_speed
+
+    finished = run_speed(options)
+    for table in finished.tables:
+        print(table)
+    noisy = f", {finished.noisy} while something else ran" if finished.noisy else ""
+    print(
+        f"{finished.done} measurements taken, {finished.reused} from before, "
+        f"{finished.failed} with failures{noisy}; {finished.seconds:.0f} s\n"
+        f"results in {finished.directory}",
+        file=sys.stderr,
+    )
+
+
 @app.command("list")
 def list_all() -> None:
     """Suites, methods, conditions, metrics and datasets."""
     from bench.methods import METHODS, plugin_ids
     from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
-    from bench.suites import LATENT, STABILITY, SUITES
+    from bench.suites import LATENT, SPEED, STABILITY, SUITES
     from data_prep.conditions import CONDITIONS
 
     sections = {
-        "suites": [(s.id, s.about) for s in (*SUITES, LATENT, STABILITY)],
+        "suites": [(s.id, s.about) for s in (*SUITES, LATENT, STABILITY, SPEED)],
         "methods": [
             *((m.id, m.source) for m in METHODS),
             *((id_, "of another installed package") for id_ in plugin_ids()),
@@ -282,12 +304,45 @@ def shrink(
 @app.command()
 def table(directory: RunDirectory) -> None:
     """Make the tables again, from the records alone."""
-    from bench.results import write_tables
+    from bench.results import write_tables, write_trade
     from bench.store import read_finished
 
     read_finished(directory)
     for made in write_tables(directory):
         print(made.to_markdown())
+    if (trade := write_trade(directory)) is not None:
+        print(trade.frontier.to_markdown())
+        print(trade.points.to_markdown())
+
+
+@app.command()
+def recommend(
+    directory: RunDirectory,
+    budget_ms: Annotated[
+        float | None, typer.Option(help="Milliseconds for a cloud with all its views.")
+    ] = None,
+    views: Annotated[
+        int | None, typer.Option(help="Pictures of a cloud; default: as many as in the run.")
+    ] = None,
+    condition: Annotated[
+        str | None, typer.Option(help="One of the run's, in full; default: all, in short.")
+    ] = None,
+    min_ssim: Annotated[float | None, typer.Option(help="The least that will do.")] = None,
+) -> None:
+    """Which method to take for a budget, or a quality: exit 1 if none will do."""
+    from bench import recommend as advice
+    from bench.results import how_timed, read_comparisons
+    from bench.store import read_finished
+
+    manifest = read_finished(directory)
+    wish = advice.make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
+    compared = advice.at_condition(read_comparisons(directory, [advice.METRIC]), condition)
+    print(how_timed(manifest))
+    given = [advice.advise(comparison, wish) for comparison in compared]
+    for line in advice.told(given, wish, manifest["views"], in_full=condition is not None):
+        print(line)
+    if not all(one.meets(wish) for one in given):
+        raise typer.Exit(1)
 
 
 @app.command()

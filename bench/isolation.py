@@ -13,7 +13,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -28,13 +28,18 @@ Result = TypeVar("Result")
 TASKS_PER_WORKER = 400  # then a fresh process: what leaks, leaks no further
 WATCH_EVERY_S = 0.1
 PATIENCE_S = 10.0  # with workers that have nothing left to do
-WORKER_ENVIRONMENT = {
-    # One thread a library.
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "NUMEXPR_NUM_THREADS": "1",
-    "LP_NUM_THREADS": "1",  # Mesa's software rasteriser
+
+
+def thread_counts(threads: int) -> dict[str, str]:
+    """What libraries read from the environment, when they are loaded, to use so many threads."""
+    names = (
+        *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"),
+        "LP_NUM_THREADS",  # Mesa's software rasteriser
+    )
+    return dict.fromkeys(names, str(threads))
+
+
+WORKER_ENVIRONMENT = thread_counts(1) | {
     # MeshLab's APSS reads memory that it has not written: in about half of all processes some
     # vertices end up a rounding error away, and where the surface is ill-conditioned a spike more
     # or less moves SSIM by 0.05. With glibc filling what it hands out (255 is a fill of noughts)
@@ -65,18 +70,23 @@ class Lost:
 
 
 def run_tasks(
-    tasks: Iterable[Task], work: Callable[[Task], Result], workers: int, limits: Limits
+    tasks: Iterable[Task],
+    work: Callable[[Task], Result],
+    workers: int,
+    limits: Limits,
+    environment: Mapping[str, str] = WORKER_ENVIRONMENT,
 ) -> Generator[tuple[Task, Result | Lost], None, None]:
     """Each task with `work(task)`, or with what became of its worker, as they come.
 
     `work` and the tasks cross process boundaries: a function of a module, and plain values. What
     `work` raises is raised here. Closing the iterator stops all workers at once. Tasks are taken
     from their iterable as workers get free; one that has ended is asked again after each result,
-    so that an iterable may wait for results before it goes on.
+    so that an iterable may wait for results before it goes on. `environment` is put on
+    top of this process's own.
     """
     from pebble import ProcessExpired, ProcessPool
 
-    with _environment(WORKER_ENVIRONMENT):  # read by a spawned worker when it starts
+    with _environment(environment):  # read by a spawned worker when it starts
         pool = ProcessPool(
             max_workers=workers,
             max_tasks=TASKS_PER_WORKER,
@@ -165,7 +175,7 @@ def _watch_memory(limit_gib: float) -> Iterator[set[int]]:
 
 
 @contextmanager
-def _environment(changes: dict[str, str]) -> Iterator[None]:
+def _environment(changes: Mapping[str, str]) -> Iterator[None]:
     before = {name: os.environ.get(name) for name in changes}
     os.environ.update(changes)
     try:

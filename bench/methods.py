@@ -1,7 +1,6 @@
 """The methods of the benchmark, as a literal table.
 
-A factory imports its heavy packages when it is called, in the worker that needs them. Importing
-this module needs no package at all, so that `bench list` answers at once.
+Importing this module needs no package at all, so that `bench list` answers at once.
 
 Other packages add methods by entry points of the group `pc2pix_bench.methods`: the name is the
 method's id, the object a `Method`.
@@ -10,12 +9,14 @@ method's id, the object a `Method`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench import loaders
 from bench.lookup import find
+from bench.variants import find_setting
 from data_prep.failures import BadInput
 from data_prep.untrusted import is_regular_file
 
@@ -42,113 +43,77 @@ class Method:
     weights: str | None = None  # of a network: bundled name or file
 
 
-def _pc2pix(weights: str, device: str) -> Renderer:
-    import torch
-
-    import pc2pix
-
-    if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-    return pc2pix.load(weights, device=device)
-
-
-def _pc2pix_identity(weights: str) -> str:
-    from pc2pix.weight_files import file_sha256, find_weights
-
-    return f"torch {_installed('torch')}, weights {file_sha256(find_weights(weights))}"
-
-
-def _pc2pix_file_identity(path: str) -> str:
-    """As above, for a file nobody has vouched for: it is loaded, to be refused before the run."""
-    from pc2pix.weights import load_weights
-
-    return f"torch {_installed('torch')}, weights {load_weights(path).sha256}"
-
-
-def _surface_apss(device: str) -> Renderer:
-    del device
-    from baselines.surface import SurfaceApss
-
-    return SurfaceApss()
-
-
-def _splat(device: str) -> Renderer:
-    del device
-    from baselines.splat import Splat
-
-    return Splat()
-
-
-def _true_mesh(device: str) -> Renderer:
-    del device
-    from baselines.reference import TrueMesh
-
-    return TrueMesh()
-
-
-def _constant(device: str) -> Renderer:
-    del device
-    from baselines.constant import Constant, read_picture
-
-    return Constant(read_picture())
-
-
-def _constant_identity() -> str:
-    """The pixels, not the file: another PNG writer may pack them differently."""
-    from hashlib import sha256
-
-    from baselines.constant import read_picture
-
-    return f"picture {sha256(read_picture().tobytes()).hexdigest()}"
-
-
-def _blank(device: str) -> Renderer:
-    del device
-    from baselines.reference import Blank
-
-    return Blank()
-
-
-def _installed(*packages: str) -> str:
-    from importlib.metadata import version
-
-    return ", ".join(version(package) for package in packages)
-
-
+PC2PIX_VERSION = 4
 METHODS = (
     Method(
         "pc2pix",
-        load=partial(_pc2pix, "chair"),
-        identity=partial(_pc2pix_identity, "chair"),
-        version=3,
+        load=partial(loaders.pc2pix_renderer, "chair"),
+        identity=partial(loaders.pc2pix_identity, "chair"),
+        version=PC2PIX_VERSION,
         source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
         weights="chair",
     ),
     Method(
         "pc2pix@acgan",
-        load=partial(_pc2pix, "chair-acgan"),
-        identity=partial(_pc2pix_identity, "chair-acgan"),
-        version=2,
+        load=partial(loaders.pc2pix_renderer, "chair-acgan"),
+        identity=partial(loaders.pc2pix_identity, "chair-acgan"),
+        version=PC2PIX_VERSION,
         source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
         weights="chair-acgan",
     ),
     Method(
+        "pc2pix@bf16",
+        load=partial(loaders.pc2pix_renderer, "chair", precision="bfloat16"),
+        identity=partial(loaders.pc2pix_identity, "chair"),
+        version=PC2PIX_VERSION,
+        source="pc2pix in bfloat16: twice as fast where the processor has it",
+        weights="chair",
+    ),
+    Method(
         "surface-apss",
-        load=_surface_apss,
-        identity=lambda: f"pymeshlab {_installed('pymeshlab')}",
+        load=partial(loaders.renderer, "baselines.surface:SurfaceApss"),
+        identity=loaders.pymeshlab_identity,
         version=1,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
     ),
     Method(
+        "surface-fit",
+        load=partial(loaders.renderer, "baselines.surface_fit:SurfaceFit"),
+        identity=loaders.pymeshlab_identity,
+        version=1,
+        source="the paper's SR on a grid no finer than the picture can show",
+    ),
+    Method(
+        "surface-bpa",
+        load=partial(loaders.renderer, "baselines.surface_bpa:SurfaceBpa"),
+        identity=loaders.pymeshlab_identity,
+        version=1,
+        source="the paper's SR without its last step: ball pivoting and holes closed",
+    ),
+    Method(
+        "poisson",
+        load=partial(loaders.renderer, "baselines.poisson:Poisson"),
+        identity=loaders.pymeshlab_identity,
+        version=1,
+        source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
+    ),
+    Method(
+        "alpha-shape",
+        load=partial(loaders.renderer, "baselines.alpha_shape:AlphaShape"),
+        identity=loaders.pymeshlab_identity,
+        version=1,
+        source="alpha shape (Edelsbrunner and Muecke 1994)",
+    ),
+    Method(
         "splat",
-        load=_splat,
-        identity=lambda: f"scipy {_installed('scipy')}",
+        load=partial(loaders.renderer, "baselines.splat:Splat"),
+        identity=lambda: f"scipy {loaders.installed('scipy')}",
         version=1,
         source="depth-buffered discs: what a viewer shows",
     ),
     Method(
         "true-mesh",
-        load=_true_mesh,
+        load=partial(loaders.renderer, "baselines.reference:TrueMesh"),
         identity=lambda: "",
         version=1,
         source="the ceiling: the mesh behind the cloud",
@@ -156,17 +121,52 @@ METHODS = (
     ),
     Method(
         "constant",
-        load=_constant,
-        identity=_constant_identity,
+        load=loaders.constant,
+        identity=loaders.constant_identity,
         version=1,
         source="a second floor: the one picture that SSIM likes best on the training set",
     ),
     Method(
         "blank",
-        load=_blank,
+        load=partial(loaders.renderer, "baselines.reference:Blank"),
         identity=lambda: "",
         version=1,
         source="the floor: white pictures; failures are scored as these",
+    ),
+)
+# What nobody would draw with, but a measurement of cost needs beside the others.
+YARDSTICKS = (
+    Method(
+        "pc2pix@unfolded",
+        load=loaders.unfolded,
+        identity=partial(loaders.pc2pix_identity, "chair"),
+        version=PC2PIX_VERSION,
+        source="pc2pix as it was trained, without the inference engine",
+        weights="chair",
+    ),
+    Method(
+        "pc2pix@one-by-one",
+        load=loaders.one_by_one,
+        identity=partial(loaders.pc2pix_identity, "chair"),
+        version=PC2PIX_VERSION,
+        source="pc2pix, a call for each view",
+        weights="chair",
+    ),
+    Method(
+        "pc2pix@paper",
+        load=loaders.widened,
+        identity=partial(loaders.pc2pix_identity, "chair"),
+        version=PC2PIX_VERSION,
+        source="the bundled pc2pix at the paper's width: same pictures, the paper's cost",
+        weights="chair",
+    ),
+    Method(
+        "pc2pix@paper-bf16",
+        load=partial(loaders.widened, precision="bfloat16"),
+        identity=partial(loaders.pc2pix_identity, "chair"),
+        version=PC2PIX_VERSION,
+        source="the same in bfloat16",
+        weights="chair",
     ),
 )
 PLUGINS = "pc2pix_bench.methods"
@@ -175,25 +175,35 @@ FLOORS = ("constant", FLOOR)  # what looks at no cloud
 
 
 def find_method(method_id: str) -> Method:
-    """The method with this id; `pc2pix@FILE.safetensors` is pc2pix with weights of your own.
+    """The method with this id, or a variant of one.
 
-    Raises BadInput for an unknown id (naming the nearest), for a weights file that is missing, and
-    where another package announces a method that it does not have.
+    `pc2pix@FILE.safetensors` is pc2pix with weights of your own, `METHOD@KNOB=VALUE` a method with
+    a knob turned (`bench.variants.KNOBS`).
+
+    Raises BadInput for an unknown id (naming the nearest), a knob or value that there is not, a
+    weights file that is missing, and where another package announces a method that it does not
+    have.
     """
+    if (setting := find_setting(method_id)) is not None:
+        method = find(setting.knob.method, METHODS, "method")
+        source = f"{method.id} with {setting.knob.name} {setting.value:g}"
+        load = partial(loaders.renderer, setting.knob.renderer, **setting.fields)
+        return replace(method, id=method_id, load=load, source=source)
     name, at, weights = method_id.partition("@")
     if name == "pc2pix" and at and weights.endswith(".safetensors"):
         if not is_regular_file(Path(weights)):
             raise BadInput(f"{weights}: no such weights file; train one with 'bench train gan'")
         return Method(
             method_id,
-            load=partial(_pc2pix, weights),
-            identity=partial(_pc2pix_file_identity, weights),
-            version=3,
+            load=partial(loaders.pc2pix_renderer, weights),
+            identity=partial(loaders.pc2pix_file_identity, weights),
+            version=PC2PIX_VERSION,
             source=f"pc2pix with the weights in {weights}",
             weights=weights,
         )
-    if any(method.id == method_id for method in METHODS) or method_id not in plugin_ids():
-        return find(method_id, METHODS, "method")
+    own = (*METHODS, *YARDSTICKS)
+    if any(method.id == method_id for method in own) or method_id not in plugin_ids():
+        return find(method_id, own, "method")
     return _plugin(method_id)
 
 

@@ -42,6 +42,7 @@ IMAGE_METRICS = {
     "contrast": "its component: variance around the mean",
     "structure": "its component: correlation, what the paper argues for",
     "ssim-object": "ssim of the windows centred in the box of the true object; 1 is identical",
+    "silhouette-iou": "what is drawn and what the true object shows: intersection over union",
     "thin-recall": "share of the thin parts of the true object that is drawn",
     "thin-precision": "share of true object in what is drawn beside thin parts",
 }

@@ -6,12 +6,12 @@ The order of the fields is the order of the columns of `records.parquet`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import pandas as pd
 
-SCHEMA_VERSION = 2  # of records, journal and manifest; newer ones are refused, never guessed at
+SCHEMA_VERSION = 3  # of records, journal and manifest; newer ones are refused, never guessed at
 
 Outcome = Literal["ok", "failed", "skipped"]
 GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts
@@ -25,8 +25,8 @@ class Record:
     are None unless the outcome is ok; `ssim_object` and the thin scores also where the picture has
     nothing that they could be taken of (`bench.metric_table.UNDEFINED` says when). `prepare_s` is
     the object's, repeated for each view; `draw_s` is this view's share of drawing all views at
-    once. Times are wall time in seconds, taken while other workers ran: compare them within a run
-    only.
+    once. Times are wall time in seconds; in a run with several workers they were taken while others
+    ran: compare them within a run only.
     """
 
     suite: str
@@ -45,6 +45,7 @@ class Record:
     contrast: float | None
     structure: float | None
     ssim_object: float | None
+    silhouette_iou: float | None = field(default=None, kw_only=True)
     thin_recall: float | None
     thin_precision: float | None
     prepare_s: float | None
@@ -58,7 +59,7 @@ _TYPES = {
     "view": "int32",
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
     **dict.fromkeys(("ssim", "luminance", "contrast", "structure"), "float64"),
-    **dict.fromkeys(("ssim_object", "thin_recall", "thin_precision"), "float64"),
+    **dict.fromkeys(("ssim_object", "silhouette_iou", "thin_recall", "thin_precision"), "float64"),
     **dict.fromkeys(("prepare_s", "draw_s"), "float64"),
 }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,13 @@ from threadpoolctl import threadpool_limits
 
 from bench import markdown
 from bench.columns import read_features, read_records
+from bench.comparison import Comparison, compare
+from bench.frontier_tables import FrontierTable, PointsTable, frontier_table, points_table
 from bench.lookup import find
-from bench.metric_table import JUDGE
+from bench.metric_table import IMAGE_METRICS, JUDGE
 from bench.published import published
 from bench.store import read_manifest
-from bench.suites import LATENT, STABILITY, SUITES
+from bench.suites import LATENT, SPEED, STABILITY, SUITES, Suite
 from bench.tables import (
     Features,
     Table,
@@ -29,6 +33,25 @@ from data_prep.failures import BadInput
 
 TABLES = "tables"
 COST = "cost.md"
+# File names and titles of image, set and detail table: the paper's, and of a suite of our own.
+PAPER_TITLES = (
+    ("table3_ssim", "Table 3: SSIM and its components against the true mesh (higher is better)"),
+    ("table4_fid", "Table 4: Fréchet distances to pictures of the true mesh (lower is better)"),
+    ("table_detail", "Detail: the object alone, and its thin parts (higher is better)"),
+)
+TRADE_TITLES = (
+    ("table_ssim", "SSIM and its components against the true mesh (higher is better)"),
+    ("table_frechet", "Fréchet distances to pictures of the true mesh (lower is better)"),
+    ("table_detail", "Detail: the outline (higher is better)"),
+)
+
+
+@dataclass(frozen=True)
+class Trade:
+    """Quality against cost: the frontier, and what fewer points save."""
+
+    frontier: FrontierTable
+    points: PointsTable
 
 
 def tables(directory: Path) -> list[Table]:
@@ -37,61 +60,29 @@ def tables(directory: Path) -> list[Table]:
     One BLAS thread, so that the last digits are the same however many cores there are. Raises
     BadInput where `directory` is not a finished run.
     """
-    manifest = read_manifest(directory)
-    made_by_the_run = [suite.id for suite in (LATENT, STABILITY)]
-    if manifest.get("suite") in made_by_the_run:
-        raise BadInput(
-            f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
-            f"{directory / TABLES}"
-        )
-    suite = find(str(manifest.get("suite")), SUITES, "suite")
-    records = _in_suite_order(read_records(directory), manifest)
-    paper = published(suite.id)
-    features: dict[str, Features] = {}
-    skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
-    for metric in suite.extractors:
-        found = read_features(directory, metric)
-        if metric not in skipped and found is None:
-            skipped[metric] = "skipped: no features in this run"
-        elif found is not None:
-            features[metric] = found
+    run = _read(directory)
+    images, sets, detail = TRADE_TITLES if run.suite.frontier else PAPER_TITLES
+    paper = published(run.suite.id)
     with threadpool_limits(1):
         made = [
-            image_table(
-                "table3_ssim",
-                "Table 3: SSIM and its components against the true mesh (higher is better)",
-                records,
-                suite,
-                paper,
-            ),
-            set_table(
-                "table4_fid",
-                "Table 4: Fréchet distances to pictures of the true mesh (lower is better)",
-                records,
-                features,
-                skipped,
-                suite,
-                paper,
-            ),
-            detail_table(
-                "table_detail",
-                "Detail: the object alone, and its thin parts (higher is better)",
-                records,
-                suite,
-            ),
+            image_table(*images, run.records, run.suite, paper),
+            set_table(*sets, run.records, run.features, run.skipped, run.suite, paper),
+            detail_table(*detail, run.records, run.suite),
         ]
-        if suite.control_metrics:
+        if run.suite.frontier:
+            made = [replace(table, paper_layout=False) for table in made]
+        if run.suite.control_metrics:
             made.append(
                 control_table(
                     "table_control",
                     "Control: does the picture show the view and the object it should?",
-                    records,
-                    features.get(JUDGE),
-                    skipped.get(JUDGE, ""),
-                    suite,
+                    run.records,
+                    run.features.get(JUDGE),
+                    run.skipped.get(JUDGE, ""),
+                    run.suite,
                 )
             )
-        objectives = dict(manifest.get("objectives", {}))
+        objectives = dict(run.manifest.get("objectives", {}))
         return [with_objectives(table, objectives) for table in made]
 
 
@@ -115,10 +106,54 @@ def write_tables(directory: Path) -> list[Table]:
     return made
 
 
-def cost_table(records: pd.DataFrame) -> str:
+def write_trade(directory: Path) -> Trade | None:
+    """Write the tables of quality against cost beside the others; None for suites without a trade.
+
+    Not among `tables`: times differ from run to run, so nothing is ever compared with them.
+    """
+    run = _read(directory)
+    if not run.suite.frontier:
+        return None
+    metrics = [m for m in run.suite.frontier if m in IMAGE_METRICS or m in run.features]
+    views = int(run.manifest["views"])
+    with threadpool_limits(1):
+        compared = compare(run.records, run.features, metrics)
+        frontier = frontier_table(compared, metrics, views, how_timed(run.manifest))
+        made = Trade(frontier, points_table(compared, metrics, views))
+    for table in (made.frontier, made.points):
+        write_whole(directory / TABLES / f"{table.name}.csv", table.to_csv().encode())
+        write_whole(directory / TABLES / f"{table.name}.md", table.to_markdown().encode())
+    return made
+
+
+def read_comparisons(directory: Path, metrics: Sequence[str]) -> list[Comparison]:
+    """The methods of a finished run, compared by image metrics.
+
+    Raises BadInput where `directory` is no finished run whose pictures were scored.
+    """
+    return compare(_read(directory).records, {}, metrics)
+
+
+def how_timed(manifest: Mapping[str, Any]) -> str:
+    """How the times of a run were taken, in a sentence."""
+    workers = manifest.get("workers")
+    if workers == 1:
+        beside = "nothing beside it"
+    elif workers is None:
+        beside = "it is not known what ran beside it"
+    else:
+        beside = f"{workers} workers at a time: compare costs within this run only"
+    cpu = manifest.get("machine", {}).get("cpu", "an unknown processor")
+    return (
+        f"Wall time of one thread on {markdown.cell(str(cpu))}, {beside}; all {manifest['views']} "
+        "views of a cloud drawn in one call."
+    )
+
+
+def cost_table(records: pd.DataFrame, remark: str) -> str:
     """What the numbers cost, in Markdown: medians in milliseconds, per cloud and per view.
 
-    Not one of the tables: times differ from run to run, and were taken while other workers ran.
+    Not one of the tables: times differ from run to run. `remark` says how they were taken.
     """
     ok = records[records["outcome"] == "ok"]
     per_cloud = ok.drop_duplicates(["method", "condition", "class", "object"])
@@ -126,7 +161,7 @@ def cost_table(records: pd.DataFrame) -> str:
     lines = [
         "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)",
         "",
-        "Taken while other workers ran; compare within this run only.",
+        remark,
         "",
         markdown.row(["method", *map(markdown.cell, conditions)]),
         "|---" * (len(conditions) + 1) + "|",
@@ -143,9 +178,45 @@ def cost_table(records: pd.DataFrame) -> str:
 
 def write_cost(directory: Path) -> str:
     """Write `cost.md` beside the tables, and return it."""
-    text = cost_table(_in_suite_order(read_records(directory), read_manifest(directory)))
+    run = _read(directory)
+    text = cost_table(run.records, how_timed(run.manifest))
     write_whole(directory / COST, text.encode())
     return text
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What a run has left: records in the order of the tables, features by extractor.
+
+    skipped  reasons of the extractors without features
+    """
+
+    suite: Suite
+    manifest: dict[str, Any]
+    records: pd.DataFrame
+    features: dict[str, Features]
+    skipped: dict[str, str]
+
+
+def _read(directory: Path) -> _Run:
+    manifest = read_manifest(directory)
+    made_by_the_run = [suite.id for suite in (LATENT, STABILITY, SPEED)]
+    if manifest.get("suite") in made_by_the_run:
+        raise BadInput(
+            f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
+            f"{directory / TABLES}"
+        )
+    suite = find(str(manifest.get("suite")), SUITES, "suite")
+    records = _in_suite_order(read_records(directory), manifest)
+    features: dict[str, Features] = {}
+    skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
+    for metric in suite.extractors:
+        found = read_features(directory, metric)
+        if metric not in skipped and found is None:
+            skipped[metric] = "skipped: no features in this run"
+        elif found is not None:
+            features[metric] = found
+    return _Run(suite, manifest, records, features, skipped)
 
 
 def _in_suite_order(records: pd.DataFrame, manifest: dict[str, Any]) -> pd.DataFrame:

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from bench import manifest as manifests
 from bench.columns import write_features, write_records
-from bench.figures import write_figures
+from bench.figures import FIGURES, write_figures
+from bench.frontier_figures import write_frontier
 from bench.isolation import Limits
 from bench.lookup import find
 from bench.methods import find_method
@@ -22,7 +23,8 @@ from bench.plan import Plan, Protocol, plan, with_floor
 from bench.pool import run_jobs
 from bench.probe import environment
 from bench.progress import progress
-from bench.results import write_cost, write_tables
+from bench.results import Trade, write_cost, write_tables, write_trade
+from bench.spent import shares
 from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
 from bench.suites import SUITES, Suite
 from bench.tables import Table
@@ -54,15 +56,21 @@ class Options:
 
 @dataclass(frozen=True)
 class Finished:
-    """A complete run: where it is, its tables, and how many items were done now and before."""
+    """A complete run: where it is, its tables, and how many items were done now and before.
+
+    trade   quality against cost; None for a suite without
+    shares  of the workers' time, see `bench.spent.shares`
+    """
 
     directory: Path
     tables: tuple[Table, ...]
     cost: str
+    trade: Trade | None
     done: int
     reused: int
     failed: int
     seconds: dict[str, float]
+    shares: dict[str, float]
 
 
 def run(options: Options) -> Finished:
@@ -70,10 +78,11 @@ def run(options: Options) -> Finished:
 
     Raises BadInput for anything the user has to mend; what was done until then is kept.
     """
+    start = time.perf_counter()
     suite = find(options.suite, SUITES, "suite")
     directory = options.out or RUNS / default_name(suite.id, options.dataset)
     protocol, skipped = _protocol(suite, options)
-    workers = options.workers or manifests.cores()
+    workers = _workers(suite, options)
     todo = plan(protocol, directory)  # refuses weights that cannot be used
     manifest = manifests.describe(protocol, workers, skipped)
     if options.fresh and (old := set_aside(directory)):
@@ -95,21 +104,33 @@ def run(options: Options) -> Finished:
                 write_features(directory, metric, with_pictures)
             tables = write_tables(directory)
             cost = write_cost(directory)
+            trade = write_trade(directory)
         with _timed("figures", seconds):
-            write_figures(directory, tables, with_pictures)
+            if trade is None:
+                write_figures(directory, tables, with_pictures)
+            else:
+                write_frontier(directory / FIGURES, trade.frontier.places)
         for line in journal.damage:
             _say(line)
-        manifest |= {"finished": manifests.now(), "stage_seconds": seconds}
+        spent = (result.spent for result in (*truths.values(), *results.values()))
+        of_workers = shares(spent, workers * (time.perf_counter() - start))
+        manifest |= {
+            "finished": manifests.now(),
+            "stage_seconds": seconds,
+            "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
+        }
         write_manifest(directory, manifest)
     done = _count_new(todo, hopeless, journal)
     return Finished(
         directory,
         tuple(tables),
         cost,
+        trade,
         done=done,
         reused=len(todo.items) - done,
         failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),
         seconds=seconds,
+        shares=of_workers,
     )
 
 
@@ -121,6 +142,18 @@ def refuse(suite: str, wishes: Iterable[tuple[str, object, str]]) -> None:
     for name, value, why in wishes:
         if value is not None:
             raise BadInput(f"--{name}: has no meaning for the suite {suite}, {why}; leave it")
+
+
+def _workers(suite: Suite, options: Options) -> int:
+    """Worker processes: as wished, else all cores; one where times are compared.
+
+    Raises BadInput where that is not what was wished.
+    """
+    if suite.frontier:
+        more = options.workers if options.workers != 1 else None
+        refuse(suite.id, [("workers", more, "whose times are taken with nothing beside them")])
+        return 1
+    return options.workers or manifests.cores()
 
 
 def default_name(suite: str, dataset: str) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.foreground import object_boxes
+from bench.silhouette import silhouette_iou
 from bench.ssim import ssim_per_image_and_box
 from bench.thin_parts import thin_scores
 
@@ -19,6 +20,7 @@ def scores(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> dict[str, N
     thin = thin_scores(truth, pictures)
     return whole._asdict() | {
         "ssim_object": in_box,
+        "silhouette_iou": silhouette_iou(truth, pictures),
         "thin_recall": thin.recall,
         "thin_precision": thin.precision,
     }

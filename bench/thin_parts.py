@@ -10,13 +10,8 @@ SSIM hardly notices them, because they cover few pixels; the user of a picture d
 * An opening also rounds corners. What it takes there is a pixel or two, hence thin pixels count
   only in connected groups of at least 8: as much as the shortest stub, 2 x 4 px.
 * `evaluated` (E) is all of the silhouette within 2 px of a thin pixel, edges and joints included.
-* A pixel counts as drawn if its contrast to white is at least half of that of the true pixel, so
-  that haze draws nothing. Contrast is 255 minus the mean of the channels: by the least channel a
-  saturated colour would have more contrast than any grey can answer, and luma would let yellow
-  vanish. Methods that do not know the colour draw in grey, and must not lose for it where the truth
-  is dark: more contrast than that of the neutral grey (75) is not asked for, so that half of it, a
-  pixel half covered by the lightest face of a grey reconstruction, is always enough. Where the
-  truth is white there is nothing to halve, and the median of E stands in.
+* What counts as drawn, and that haze does not, is said in `bench.foreground`; the median that
+  stands in where the truth is white is that of E.
 
 `recall` is the share of E that is drawn; `precision` the share of true silhouette among what is
 drawn within 4 px of E, so that painting everything is not rewarded.
@@ -24,19 +19,17 @@ drawn within 4 px of E, so that painting everything is not rewarded.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.foreground import contrast, foreground
-
-Masks = NDArray[np.bool_]  # [N, H, W]
+from bench.foreground import Masks, drawn, foreground, require_pairs
 
 LEAST_GROUP = 8  # pixels
 EVALUATED_WITHIN = 2  # pixels from a thin one
 PRECISION_WITHIN = 4  # pixels from an evaluated one
-MOST_ASKED = 75.0  # contrast of data_prep.mesh_files.NEUTRAL_GREY
 # The disc of diameter 4 as offsets (row, column) of its 12 pixels from its upper left corner.
 _DISC = tuple((y, x) for y in range(4) for x in range(4) if (y - 1.5) ** 2 + (x - 1.5) ** 2 <= 4)
 
@@ -57,24 +50,17 @@ def thin_scores(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> ThinSc
 
     Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
     """
-    for images in (truth, pictures):
-        if images.dtype != np.uint8 or images.ndim != 4:
-            found = f"{images.dtype} {list(images.shape)}"
-            raise ValueError(f"images must be uint8 [N, H, W, C], got {found}")
-    if truth.shape != pictures.shape:
-        raise ValueError(f"pictures {list(pictures.shape)} of truths {list(truth.shape)}")
-    part = evaluated(truth)
+    require_pairs(truth, pictures)
+    shown, part = foreground(truth), evaluated(truth)
     recall = np.full(len(truth), np.nan)
     precision = np.full(len(truth), np.nan)
-    for i in np.flatnonzero(part.any(axis=(1, 2))):
-        shown = foreground(truth[i])
-        true_contrast = contrast(truth[i])
-        wanted = np.where(shown, true_contrast, np.median(true_contrast[part[i]]))
-        drawn = contrast(pictures[i]) >= np.minimum(wanted, MOST_ASKED) / 2
-        recall[i] = drawn[part[i]].mean()
-        beside = drawn & _near(part[i], PRECISION_WITHIN)
+    thinned = np.flatnonzero(part.any(axis=(1, 2)))
+    drawn_there = drawn(truth[thinned], pictures[thinned], part[thinned])
+    near = _near(part[thinned], PRECISION_WITHIN)
+    for i, mask, beside in zip(thinned, drawn_there, drawn_there & near, strict=True):
+        recall[i] = mask[part[i]].mean()
         if beside.any():
-            precision[i] = shown[beside].mean()
+            precision[i] = shown[i][beside].mean()
     return ThinScores(recall, precision)
 
 
@@ -98,26 +84,41 @@ def thin(silhouettes: Masks) -> Masks:
 
 def _opened(masks: Masks) -> Masks:
     """Morphological opening of [N, H, W] by the disc; beyond the frame is background."""
-    _, height, width = masks.shape
-    padded = np.pad(masks, ((0, 0), (3, 3), (3, 3)))
-    fits = np.ones((len(masks), height + 3, width + 3), np.bool_)  # by upper left corner
-    for y, x in _DISC:
-        fits &= padded[:, y : y + height + 3, x : x + width + 3]
-    opened = np.zeros_like(padded)
-    for y, x in _DISC:
-        opened[:, y : y + height + 3, x : x + width + 3] |= fits
-    return opened[:, 3:-3, 3:-3]
+    flat, inner, width = _flattened(masks, 3)
+    offsets = [y * width + x for y, x in _DISC]
+    n = max(flat.size - max(offsets), 0)  # 0: there are no masks
+    fits = np.ones(n, np.bool_)  # by upper left corner
+    for offset in offsets:
+        fits &= flat[offset : offset + n]
+    opened = np.zeros_like(flat)
+    for offset in offsets:
+        opened[offset : offset + n] |= fits
+    return inner(opened)
 
 
 def _near(masks: Masks, radius: int) -> Masks:
-    """The pixels of [..., H, W] whose centres are within `radius` px of one in the mask."""
-    height, width = masks.shape[-2:]
-    margin = [(0, 0)] * (masks.ndim - 2) + [(radius, radius)] * 2
-    padded = np.pad(masks, margin)
-    near = np.zeros_like(masks)
+    """The pixels of [N, H, W] whose centres are within `radius` px of one in the mask."""
+    flat, inner, width = _flattened(masks, radius)
+    near = np.zeros_like(flat)
+    margin = radius * width + radius
+    middle = near[margin : near.size - margin]
     for y in range(-radius, radius + 1):
         for x in range(-radius, radius + 1):
             if y * y + x * x <= radius * radius:
-                top, left = radius + y, radius + x
-                near |= padded[..., top : top + height, left : left + width]
-    return near
+                first = margin + y * width + x
+                middle |= flat[first : first + middle.size]
+    return inner(near)
+
+
+def _flattened(masks: Masks, margin: int) -> tuple[Masks, Callable[[Masks], Masks], int]:
+    """Masks with a margin of background, as one long row; the way back; the length of its rows.
+
+    A step of up to `margin` px in any direction is then one along the row, from any pixel: at the
+    end of a line it ends in a margin. Long rows are what NumPy is fast at.
+    """
+    padded = np.pad(masks, ((0, 0), (margin, margin), (margin, margin)))
+
+    def inner(flat: Masks) -> Masks:
+        return flat.reshape(padded.shape)[:, margin:-margin, margin:-margin]
+
+    return padded.ravel(), inner, padded.shape[2]

@@ -24,6 +24,7 @@ from bench.methods import FLOORS, Method, find_method
 from bench.metric_table import Extractor, find_extractor
 from bench.record import GROUND_TRUTH, Record
 from bench.scores import scores
+from bench.spent import NOTHING, Spent, Stopwatch
 from data_prep.conditions import Perturbation
 from data_prep.datasets import SceneObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
@@ -66,6 +67,7 @@ class Job:
 class Result:
     """What became of a job. `artifact_sha256` is None where there are no pictures.
 
+    `spent` is noughts for a job that was done by an earlier start, or whose worker died.
     `unusable` is set where going on with other jobs of its kind makes no sense (a library or
     weights file is missing): the run ends with this message.
     """
@@ -74,6 +76,7 @@ class Result:
     records: tuple[Record, ...]
     artifact_sha256: str | None
     unusable: str | None = None
+    spent: Spent = NOTHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +91,16 @@ class Drawn:
 
 def do(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
+    watch = Stopwatch()
+    result = _do(job, watch)
+    return replace(result, spent=watch.spent())
+
+
+def _do(job: Job, watch: Stopwatch) -> Result:
     try:
         if job.method == GROUND_TRUTH:
-            return _draw_ground_truth(job)
-        return _run_method(job)
+            return _draw_ground_truth(job, watch)
+        return _run_method(job, watch)
     except (MissingDependency, CannotWrite) as error:
         return replace(failed(job, str(error)), unusable=str(error))
     except (Exception, SystemExit) as error:  # a method may call exit(); the run goes on
@@ -120,11 +129,12 @@ def read_artifact(path: Path) -> dict[str, NDArray[Any]]:
         return dict(arrays)
 
 
-def _draw_ground_truth(job: Job) -> Result:
-    from data_prep.render import render
+def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:
+    with watch.on("rendering"):
+        from data_prep.render import render
 
-    pictures = render(job.object.load(), job.views)
-    sha = _write_artifact(job, pictures)
+        pictures = render(job.object.load(), job.views)
+    sha = _write_artifact(job, pictures, watch)
     return Result(job.key, tuple(_records(job, "ok")), sha)
 
 
@@ -133,22 +143,26 @@ def _first_line(error: BaseException) -> str:
     return lines[0] if lines else "no message"
 
 
-def _run_method(job: Job) -> Result:
+def _run_method(job: Job, watch: Stopwatch) -> Result:
     method = find_method(job.method)
     try:
-        renderer = load_renderer(job.method, job.device)
+        with watch.on("methods"):
+            renderer = load_renderer(job.method, job.device)
     except BadInput as error:  # unusable weights fail every item alike
         return replace(failed(job, str(error)), unusable=str(error))
     truth = None if job.reference is None else read_artifact(job.reference)["images"]
-    drawn = draw(method, renderer, cloud_of(job), job.views, rng_of(job), job.batch, truth)
+    cloud, rng = cloud_of(job), rng_of(job)
+    with watch.on("methods"):
+        drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
     records = _records(job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s)
     if truth is not None:
-        scored = scores(truth, drawn.pictures)
+        with watch.on("metrics"):
+            scored = scores(truth, drawn.pictures)
         records = [
             replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
             for i, record in enumerate(records)
         ]
-    sha = _write_artifact(job, drawn.pictures)
+    sha = _write_artifact(job, drawn.pictures, watch)
     return Result(job.key, tuple(records), sha)
 
 
@@ -238,10 +252,11 @@ def _checked(images: NDArray[np.float32], count: int) -> Pictures:
     return to_uint8(images)
 
 
-def _write_artifact(job: Job, pictures: Pictures) -> str:
+def _write_artifact(job: Job, pictures: Pictures, watch: Stopwatch) -> str:
     arrays: dict[str, NDArray[Any]] = {"images": pictures}
-    for extractor, weights in job.features:
-        arrays[extractor] = _extractor(extractor, weights)(pictures)
+    with watch.on("metrics"):
+        for extractor, weights in job.features:
+            arrays[extractor] = _extractor(extractor, weights)(pictures)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
@@ -306,6 +321,7 @@ def _records(
             contrast=None,
             structure=None,
             ssim_object=None,
+            silhouette_iou=None,
             thin_recall=None,
             thin_precision=None,
             prepare_s=prepare_s,

@@ -5,9 +5,9 @@
 The plain network (`benchmarks.plain_loop.PlainGenerator`: float32, contiguous memory, nearest
 up-sampling and then a 3x3 convolution, BatchNorm as modules) and both precisions of
 `pc2pix.engine` draw the same views of one cloud in turns (A, B, C, A, B, C ...) in one process;
-every line gives medians over the rounds, ratios and the smallest and largest ratio of a round.
-Weights of the paper's width are random, which is no matter for time; those of `lite` are the
-bundled ones.
+every line gives medians over the rounds, ratios and the smallest and largest ratio of a round. The
+module as it is trained (up-sampling and convolution in one, channels last) takes its turn, too. The
+network of the paper's width is the bundled one made wider (`pc2pix.widen`): it draws the same.
 
 The machine's rate is that of one well-shaped convolution (RATE_SHAPE), its kernel prepacked; the
 share is the rate of a whole picture beside it. It counts the products of Table 1 once the zeros and
@@ -25,6 +25,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from statistics import median
 from typing import Any
@@ -41,13 +42,16 @@ from data_prep.randomness import generator as random_numbers
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import View
-from pc2pix.engine import DTYPES, Convolution, fold
-from pc2pix.model import GENERATOR_CHANNELS, NOISE_DIM, PAPER, Generator
+from pc2pix.engine import DTYPES, Convolution, UnfoldedGenerator, fold
+from pc2pix.model import GENERATOR_CHANNELS, NOISE_DIM, Generator
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import Weights, load_weights
+from pc2pix.widen import widen
 
 RATE_SHAPE = (20, 512, 16, 16)  # 3x3, to as many channels
 WEIGHTS = "chair"
+TO_PAPER_WIDTH = 4
+PLAIN = "plain float32"
 Draw = Callable[[], torch.Tensor]
 
 
@@ -64,18 +68,20 @@ def main() -> None:
     loads = ", ".join(f"{load:.2f}" for load in os.getloadavg())
     print(f"torch {torch.__version__}, {given.threads} thread(s), load of the machine {loads}")
     weights = load_weights(WEIGHTS)
+    wide = replace(weights, generator=widen(weights.generator, TO_PAPER_WIDTH))
+    sets = {"paper": wide, "lite": weights}
     torch.manual_seed(0)
     with torch.inference_mode():
         rates = dict(zip(DTYPES, measure_rates(given.rounds), strict=True))
         for name, rate in rates.items():
             print(f"{name} convolution: {rate / 1e9:.0f} GFLOP/s")
-        networks = {"paper": Generator(PAPER).eval(), f"lite ({WEIGHTS})": weights.generator}
         print(f"\n{'ms an image':<34}{'median':>9}{'ratio':>8}  {'of a round':<13}{'share':>7}")
-        for name, network in networks.items():
+        for name, of_width in sets.items():
             for batch in map(int, given.batches.split(",")):
-                report_speed(name, network, batch, given.rounds, rates)
+                report_speed(name, of_width.generator, batch, given.rounds, rates)
     if given.chairs:
-        report_exactness(weights, given.chairs, given.views)
+        for name, of_width in sets.items():
+            report_exactness(name, of_width, given.chairs, given.views)
 
 
 def report_speed(
@@ -86,7 +92,11 @@ def report_speed(
     code = torch.randn(1, config.latent_dim)
     elevation01, azimuth01 = torch.rand(2, batch, 1)
     plain = plain_draw(network, code, elevation01, azimuth01)
-    draws = {"plain float32": plain}
+    unfolded = UnfoldedGenerator(network)
+    draws = {
+        PLAIN: plain,
+        "module float32": lambda: unfolded(code, elevation01, azimuth01),
+    }
     for precision in DTYPES:
         folded = fold(network, precision)
         draws[f"folded {precision}"] = lambda folded=folded: folded(code, elevation01, azimuth01)
@@ -94,14 +104,14 @@ def report_speed(
     expected = plain()
     products = products_an_image([config.scaled(c) for c in GENERATOR_CHANNELS])
     for title, taken in seconds.items():
-        ratios = [a / b for a, b in zip(seconds["plain float32"], taken, strict=True)]
+        ratios = [a / b for a, b in zip(seconds[PLAIN], taken, strict=True)]
         rate = 2 * products * batch / median(taken)
         line = f"{name}, batch {batch}, {title}"
         line = f"{line:<34}{1e3 * median(taken) / batch:9.2f}"
-        if title != "plain float32":
+        if title != PLAIN:
             apart = float((draws[title]() - expected).abs().max())
-            ratio = median(seconds["plain float32"]) / median(taken)
-            share = rate / rates[title.removeprefix("folded ")]
+            ratio = median(seconds[PLAIN]) / median(taken)
+            share = rate / rates[title.split()[1]]
             line += f"{ratio:8.2f}  {min(ratios):5.2f}-{max(ratios):<7.2f}{share:7.0%}"
             line += f"  largest difference {apart:.1e}"
         print(line, flush=True)
@@ -159,7 +169,7 @@ def products_an_image(channels: list[int]) -> int:
     return total + 9 * 3 * channels[-1] * pixels
 
 
-def report_exactness(weights: Weights, chairs: int, views: int) -> None:
+def report_exactness(name: str, weights: Weights, chairs: int, views: int) -> None:
     """Largest differences and |dSSIM| of the folded networks, on validation chairs."""
     exact: list[NDArray[np.float32]] = []
     found: dict[str, list[NDArray[np.float32]]] = {precision: [] for precision in DTYPES}
@@ -183,7 +193,7 @@ def report_exactness(weights: Weights, chairs: int, views: int) -> None:
         true.append(render(mesh, shown))
     expected, truth = np.concatenate(exact), np.concatenate(true)
     scores = ssim_per_image(to_uint8(expected), truth).ssim
-    print(f"\n{chairs} chairs x {views} views; plain network: SSIM {scores.mean():.4f} on average")
+    print(f"\n{name}, {chairs} chairs x {views} views; SSIM of the plain one {scores.mean():.4f}")
     for precision, pictures in found.items():
         drawn = np.concatenate(pictures)
         apart = np.abs(drawn - expected)

@@ -3,13 +3,8 @@
 // direction, on facets seen from either side. No specular term, no shadow, no texture
 // (the Blender set-up of roatienza/pc2pix@23b7b46d).
 in vec3 eye_position;
-#ifdef COLOR_0_LOC
 flat in vec3 face_color;
-#endif
 out vec4 frag_color;
-
-struct Material { vec4 base_color_factor; };
-uniform Material material;
 
 const float GAMMA = 2.2;
 
@@ -19,11 +14,6 @@ void main() {
     float area = length(facet);
     // The light comes from +Z in eye space. A facet too small to have a normal counts as facing it.
     float cosine = area > 0.0 ? abs(facet.z) / area : 1.0;
-#ifdef COLOR_0_LOC
-    vec3 color = face_color;
-#else
-    vec3 color = material.base_color_factor.rgb;
-#endif
     // Light is linear, colours are sRGB (as a pure power law): c^g * cos, back to c * cos^(1/g).
-    frag_color = vec4(color * pow(min(cosine, 1.0), 1.0 / GAMMA), 1.0);
+    frag_color = vec4(face_color * pow(min(cosine, 1.0), 1.0 / GAMMA), 1.0);
 }

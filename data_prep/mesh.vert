@@ -1,23 +1,16 @@
 #version 330 core
-// Names of attributes and uniforms are pyrender's (0.1.45): it binds them by name.
 layout(location = 0) in vec3 position;
-#ifdef COLOR_0_LOC
-layout(location = COLOR_0_LOC) in vec4 color_0;
-flat out vec3 face_color;
-#endif
-layout(location = INST_M_LOC) in mat4 inst_m;
+layout(location = 1) in vec3 color;
 
-uniform mat4 M;
-uniform mat4 V;
-uniform mat4 P;
+uniform mat4 world_to_camera;
+uniform mat4 camera_to_clip;
 
 out vec3 eye_position;
+flat out vec3 face_color;
 
 void main() {
-    vec4 eye = V * M * inst_m * vec4(position, 1.0);
+    vec4 eye = world_to_camera * vec4(position, 1.0);
     eye_position = eye.xyz;
-    gl_Position = P * eye;
-#ifdef COLOR_0_LOC
-    face_color = color_0.rgb;
-#endif
+    face_color = color;
+    gl_Position = camera_to_clip * eye;
 }

@@ -1,20 +1,28 @@
-"""Pictures of meshes: pyrender on EGL, with one shader that does what the scene requires.
+"""Pictures of meshes by OpenGL (EGL), with one shader that does what the scene requires.
 
-pyrender 0.1.45 is the last release; four of its quirks are dealt with here and nowhere else: it
-reads `np.infty` (gone in NumPy 2), it takes an integer background for black, its stock shader
-neither shades the back of a face nor omits the specular term, and it imports an interactive viewer
-that nobody here uses but which needs pyglet and libGLU. One GL context is made per process
-and reused. OpenGL keeps global state: one thread only.
+pyrender 0.1.45, the last release, makes the context; drawing goes past it. Its renderer reads back
+a depth buffer that nobody wants, looks programs and uniforms up anew for every view, multiplies
+every vertex by two identity matrices, and does not shade the back of a face;
+`benchmarks/render_speed.py` has both side by side. Here a mesh is uploaded once, its views are
+drawn one after another into one small multisampled buffer, which stays in the processor's cache,
+and resolved into one sheet, which is read back once.
+
+Importing pyrender imports an interactive viewer that nobody here uses but which needs pyglet and
+libGLU; it is left out. One GL context is made per process and reused. OpenGL keeps global state:
+one thread only.
 """
 
 from __future__ import annotations
 
 import atexit
+import ctypes
 import functools
+import math
 import os
 import sys
 import types
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +34,12 @@ from data_prep.failures import MissingDependency
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
-SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag, by pyrender's names
+SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag
+SAMPLES = 4  # a pixel
+# Reconstructions may leave the unit sphere; what lies outside this range is cut off.
+NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
+SHEET_VIEWS = 32  # one above the other: 4,096 pixels, of the 16,384 that any OpenGL 4.1 can do
+POSITION, COLOUR = 0, 1  # attributes of a vertex, three float32 each
 DEBIAN_PACKAGES = {  # and the library each is installed for; `.ci/libraries` installs the same
     "libegl1": "libEGL.so.1",
     "libgl1": "libGL.so.1",
@@ -50,24 +63,16 @@ def render(mesh: Mesh, views: Sequence[View]) -> NDArray[np.uint8]:
     if not np.isfinite(mesh.vertices).all():
         raise ValueError("render: the mesh has non-finite vertices")
     images = np.full((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
-    if len(mesh.faces) == 0:
+    if len(mesh.faces) == 0 or len(views) == 0:
         return images
-    pyrender, renderer = _context()
-    scene = pyrender.Scene(bg_color=[1.0, 1.0, 1.0, 1.0])
-    scene.add(pyrender.Mesh([_primitive(pyrender, mesh)]))
-    camera = scene.add(
-        pyrender.PerspectiveCamera(
-            yfov=FIELD_OF_VIEW_RAD,
-            aspectRatio=1.0,
-            # Reconstructions may leave the unit sphere; what lies outside this range is cut off.
-            znear=0.05 * CAMERA_DISTANCE,
-            zfar=2.5 * CAMERA_DISTANCE,
-        )
-    )
-    flags = pyrender.RenderFlags.SKIP_CULL_FACES
-    for image, view in zip(images, views, strict=True):
-        scene.set_pose(camera, camera_to_world(view))
-        image[:] = renderer.render(scene, flags=flags)[0]
+    context = _context()
+    context.make_current()
+    context.upload(*_vertices_of_one_colour(mesh))
+    matrices = _world_to_camera(views)
+    for start in range(0, len(views), SHEET_VIEWS):
+        stop = start + SHEET_VIEWS
+        context.draw(matrices[start:stop], mesh.faces.size)
+        images[start:stop] = context.read(len(images[start:stop]))
     return images
 
 
@@ -76,53 +81,156 @@ def gl_renderer() -> str:
 
     Raises MissingDependency where no GL context can be made.
     """
-    _, renderer = _context()
-    from OpenGL import GL
-
-    renderer._platform.make_current()
-    try:
-        name, version = GL.glGetString(GL.GL_RENDERER), GL.glGetString(GL.GL_VERSION)
-    finally:
-        renderer._platform.make_uncurrent()
+    context = _context()
+    context.make_current()
+    gl = context.gl
+    name, version = gl.glGetString(gl.GL_RENDERER), gl.glGetString(gl.GL_VERSION)
     return " / ".join(bytes(text or b"unknown").decode() for text in (name, version))
 
 
-def _primitive(pyrender: Any, mesh: Mesh) -> Any:
-    colors = mesh.face_colors.astype(np.float32) / np.float32(255.0)
-    if (colors == colors[0]).all():
-        material = pyrender.MetallicRoughnessMaterial(baseColorFactor=[*colors[0].tolist(), 1.0])
-        return pyrender.Primitive(
-            positions=mesh.vertices, indices=mesh.faces.astype(np.uint32), material=material
-        )
-    # A colour per face: no vertex can be shared between faces of different colours.
-    opaque = np.concatenate([colors, np.ones((len(colors), 1), np.float32)], axis=1)
-    return pyrender.Primitive(
-        positions=mesh.vertices[mesh.faces].reshape(-1, 3),
-        color_0=np.repeat(opaque, 3, axis=0),
-        material=pyrender.MetallicRoughnessMaterial(),
-    )
+def _vertices_of_one_colour(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Vertices [V, 6] with the colour of their faces (x, y, z, r, g, b), and faces [F, 3] of them.
+
+    A vertex that faces of different colours share is one that no colour fits: then every face gets
+    vertices of its own.
+    """
+    positions, faces = mesh.vertices, mesh.faces
+    face_colors = mesh.face_colors.astype(np.float32) / np.float32(255.0)
+    colors = np.zeros((len(positions), 3), np.float32)
+    colors[faces] = face_colors[:, None]
+    if not (colors[faces] == face_colors[:, None]).all():
+        positions, colors = positions[faces].reshape(-1, 3), np.repeat(face_colors, 3, axis=0)
+        faces = np.arange(faces.size)
+    return np.concatenate([positions, colors], axis=1), faces.astype(np.uint32)
+
+
+def _world_to_camera(views: Sequence[View]) -> NDArray[np.float32]:
+    """Matrices [V, 4, 4]."""
+    poses = np.stack([camera_to_world(view) for view in views])
+    return np.linalg.inv(poses).astype(np.float32)
+
+
+def _projection() -> NDArray[np.float64]:
+    """OpenGL's matrix [4, 4] of the project's camera: what it sees to -1..1, near to far."""
+    scale = 1.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
+    matrix = np.diag([scale, scale, (FAR + NEAR) / (NEAR - FAR), 0.0])
+    matrix[2, 3] = 2 * FAR * NEAR / (NEAR - FAR)
+    matrix[3, 2] = -1.0
+    return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class _Context:
+    """The one GL context: its state is set when it is made, and nothing else changes it."""
+
+    gl: Any  # PyOpenGL has no types
+    platform: Any
+    view_matrix: int  # uniform
+    multisampled: int  # frame buffers
+    sheet: int
+
+    def make_current(self) -> None:
+        self.platform.make_current()
+
+    def upload(self, vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> None:
+        """In place of the mesh before it."""
+        gl = self.gl
+        gl.glBufferData(gl.GL_ARRAY_BUFFER, vertices.nbytes, vertices, gl.GL_STATIC_DRAW)
+        gl.glBufferData(gl.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, faces, gl.GL_STATIC_DRAW)
+
+    def draw(self, world_to_camera: NDArray[np.float32], indices: int) -> None:
+        """Views [V, 4, 4], at most SHEET_VIEWS, of the uploaded mesh."""
+        gl, size = self.gl, IMAGE_SIZE
+        for place, matrix in enumerate(world_to_camera):
+            gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self.multisampled)
+            gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
+            gl.glUniformMatrix4fv(self.view_matrix, 1, gl.GL_TRUE, matrix)
+            gl.glDrawElements(gl.GL_TRIANGLES, indices, gl.GL_UNSIGNED_INT, ctypes.c_void_p(0))
+            gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, self.sheet)
+            bottom, top = size * place, size * (place + 1)
+            gl.glBlitFramebuffer(
+                *(0, 0, size, size), *(0, bottom, size, top), gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST
+            )
+
+    def read(self, count: int) -> NDArray[np.uint8]:
+        """The first pictures of the sheet, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
+        gl, size = self.gl, IMAGE_SIZE
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.sheet)
+        pixels = gl.glReadPixels(0, 0, size, size * count, gl.GL_RGB, gl.GL_UNSIGNED_BYTE)
+        # OpenGL counts rows from below.
+        return np.frombuffer(pixels, np.uint8).reshape(count, size, size, 3)[:, ::-1]
 
 
 @functools.cache
-def _context() -> tuple[Any, Any]:  # pyrender has no types
-    # Not a default that the environment may change: pyrender draws without anti-aliasing on OSMesa.
+def _context() -> _Context:
+    # Not a default that the environment may change: OSMesa draws other pictures.
     os.environ["PYOPENGL_PLATFORM"] = "egl"
-    np.infty = np.inf  # type: ignore[attr-defined]  # noqa: NPY201
     viewer = types.ModuleType("pyrender.viewer")
     viewer.Viewer = None  # type: ignore[attr-defined]
     sys.modules.setdefault(viewer.__name__, viewer)
     try:
-        import pyrender
-        from pyrender.shader_program import ShaderProgramCache
+        from OpenGL import GL
+        from OpenGL.GL import shaders
+        from pyrender.platforms.egl import EGLPlatform, get_device_by_index
 
-        renderer: Any = pyrender.OffscreenRenderer(IMAGE_SIZE, IMAGE_SIZE)
+        device = get_device_by_index(int(os.environ.get("EGL_DEVICE_ID", "0")))
+        platform = EGLPlatform(IMAGE_SIZE, IMAGE_SIZE, device)
+        platform.init_context()  # and makes it current
+        context = _set_up(GL, shaders, platform)
     except ModuleNotFoundError as error:
+        package = str(error.name).partition(".")[0]
         raise MissingDependency(
-            f"rendering needs the package {error.name}: run 'make install'"
+            f"rendering needs the package {package}: run 'make install'"
         ) from error
     except Exception as error:  # PyOpenGL reports a missing library in many ways
         raise MissingDependency(f"no OpenGL context ({error}): {REMEDY}") from error
     # While Python can still import: what PyOpenGL does after that ends in complaints on stderr.
-    atexit.register(renderer.delete)
-    renderer._renderer._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
-    return pyrender, renderer
+    atexit.register(platform.delete_context)
+    return context
+
+
+def _set_up(gl: Any, shaders: Any, platform: Any) -> _Context:
+    """All state of the context that is the same for any mesh and view."""
+    size = IMAGE_SIZE
+    multisampled = gl.glGenFramebuffers(1)
+    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, multisampled)
+    for attachment, pixel in (
+        (gl.GL_COLOR_ATTACHMENT0, gl.GL_RGBA8),
+        (gl.GL_DEPTH_ATTACHMENT, gl.GL_DEPTH_COMPONENT24),
+    ):
+        _attach(gl, attachment)
+        gl.glRenderbufferStorageMultisample(gl.GL_RENDERBUFFER, SAMPLES, pixel, size, size)
+    gl.glEnable(gl.GL_DEPTH_TEST)
+    gl.glViewport(0, 0, size, size)
+    gl.glClearColor(1.0, 1.0, 1.0, 1.0)
+
+    gl.glBindVertexArray(gl.glGenVertexArrays(1))
+    gl.glBindBuffer(gl.GL_ELEMENT_ARRAY_BUFFER, gl.glGenBuffers(1))
+    gl.glBindBuffer(gl.GL_ARRAY_BUFFER, gl.glGenBuffers(1))
+    for attribute in (POSITION, COLOUR):
+        start = ctypes.c_void_p(12 * attribute)
+        gl.glVertexAttribPointer(attribute, 3, gl.GL_FLOAT, gl.GL_FALSE, 24, start)
+        gl.glEnableVertexAttribArray(attribute)
+
+    program = shaders.compileProgram(
+        shaders.compileShader((SHADERS / "mesh.vert").read_text(), gl.GL_VERTEX_SHADER),
+        shaders.compileShader((SHADERS / "mesh.frag").read_text(), gl.GL_FRAGMENT_SHADER),
+    )
+    gl.glUseProgram(program)
+    projection = gl.glGetUniformLocation(program, "camera_to_clip")
+    gl.glUniformMatrix4fv(projection, 1, gl.GL_TRUE, _projection().astype(np.float32))
+
+    sheet = gl.glGenFramebuffers(1)
+    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, sheet)
+    _attach(gl, gl.GL_COLOR_ATTACHMENT0)
+    gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, gl.GL_RGBA8, size, size * SHEET_VIEWS)
+
+    view_matrix = gl.glGetUniformLocation(program, "world_to_camera")
+    return _Context(gl, platform, view_matrix, multisampled, sheet)
+
+
+def _attach(gl: Any, attachment: int) -> None:
+    """A new render buffer to the bound frame buffer; it stays bound, for its storage."""
+    buffer = gl.glGenRenderbuffers(1)
+    gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
+    gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, attachment, gl.GL_RENDERBUFFER, buffer)

@@ -77,7 +77,9 @@ class Pc2pixRenderer:
             raise StageFailure("encode", "the cloud has non-finite points")
         fed = pick_points(cloud.points)[None] if self.encoder.cloud_size else parts(cloud.points)
         points = torch.tensor(fed, dtype=torch.float32, device=self.device)
-        code = self.encoder(points).mean(dim=0, keepdim=True)
+        # One part after the other: together they would not fit the cache, and most of the time
+        # would go into pages fresh from the operating system.
+        code = torch.cat([self.encoder(part[None]) for part in points]).mean(dim=0, keepdim=True)
         code = (code - self.code_mean) / self.code_std
         if not code.isfinite().all():
             raise StageFailure("encode", "the code is not finite")

@@ -8,7 +8,7 @@ import numpy as np
 import pymeshlab
 import pytest
 
-from baselines.meshlab import MeshLab
+from baselines.meshlab import GRID_MARGIN, MeshLab
 from data_prep.failures import BadInput, MissingDependency
 
 # ball-pivoting-close-holes-mc-rotate.mlx of roatienza/pc2pix@23b7b46d, without its rotations.
@@ -51,6 +51,7 @@ FILTERS = {
         "accuratenormal",
         "resolution",
     },
+    "generate_surface_reconstruction_screened_poisson": {"depth", "preclean", "threads"},
 }
 
 
@@ -92,6 +93,62 @@ def test_ball_radius_suits_the_cloud(scale: float) -> None:
     # A triangulation of a sphere has 2 V - 4 faces. A radius of twice the best one would skip
     # points, half of it would leave gaps everywhere.
     assert 0.98 * (2 * 400 - 4) < meshlab.face_count <= 2 * 400 - 4
+
+
+@pytest.mark.parametrize(("radius", "falls"), [(0.56, True), (0.59, False), (0.8, False)])
+def test_ball_radius_is_a_share_of_the_diagonal(radius: float, falls: bool) -> None:
+    # Equilateral triangles of side 1: a ball rests on three points if it is larger than their
+    # circumcircle, 1 / sqrt 3 = 0.577.
+    row, column = np.mgrid[:15, :15]
+    points = np.stack([column + 0.5 * (row % 2), row * 3**0.5 / 2, np.zeros_like(row)], axis=-1)
+    diagonal = np.hypot(14.5, 14 * 3**0.5 / 2)
+    meshlab = MeshLab(points.reshape(-1, 3).astype(np.float32))
+    meshlab.estimate_normals(10)
+    meshlab.ball_pivoting(100 * radius / diagonal)
+    assert meshlab.face_count == (0 if falls else 2 * 14**2)
+
+
+def ellipsoid() -> np.ndarray:
+    """Longest along Y, and off the origin; more points than cells, so that none has a gap."""
+    index = np.arange(3000) + 0.5
+    y, angle = 1 - index / 1500, np.pi * (1 + 5**0.5) * index
+    ring = np.sqrt(1 - y * y)
+    points = np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+    return (points * [0.5, 0.8, 0.4] + [0.1, 0.2, 0.3]).astype(np.float32)
+
+
+@pytest.mark.parametrize("resolution", [30, 61])
+def test_a_cell_is_a_share_of_the_longest_side(resolution: int) -> None:
+    points = ellipsoid()
+    meshlab = MeshLab(points)
+    meshlab.estimate_normals(10)
+    meshlab.ball_pivoting()
+    meshlab.close_holes(30)
+    meshlab.marching_cubes_apss(resolution)
+    # Vertices arise on the edges of cells, a third of them on those along each axis; the others
+    # keep a whole number of cells in that coordinate, but for the little that projection moves
+    # them. The mean of exp(2 pi i x / cell) is then 2/3, and near 0 for any other cell.
+    vertices = meshlab.mesh((0, 0, 0)).vertices.astype(np.float64)
+    longest = np.ptp(points[:, 1])
+    for axis in range(3):
+        corner = points[:, axis].min() - np.ptp(points[:, axis]) * (GRID_MARGIN - 1) / 2
+        for margin in (GRID_MARGIN, 1.1, 1.15, 1.25, 1.3):
+            cells = (vertices[:, axis] - corner) * resolution / (margin * longest)
+            share = np.exp(2j * np.pi * cells).mean().real
+            assert (share > 0.4) == (margin == GRID_MARGIN)
+
+
+def test_rough_normals_and_no_accuracy_change_nothing_seen() -> None:
+    found = []
+    for options in ({}, {"accurate_normals": False}):
+        meshlab = MeshLab(ellipsoid())
+        meshlab.estimate_normals(10)
+        meshlab.ball_pivoting()
+        meshlab.close_holes(30)
+        meshlab.marching_cubes_apss(40, 0.0, **options)
+        found.append(meshlab.mesh((0, 0, 0)))
+    np.testing.assert_array_equal(found[0].vertices, found[1].vertices)
+    np.testing.assert_array_equal(found[0].faces, found[1].faces)
 
 
 @pytest.mark.parametrize("name", FILTERS)

@@ -227,7 +227,8 @@ class FakeMeshLab:
     def estimate_normals(self, neighbours: int) -> None:
         self._stage(f"normals {neighbours}", 0)
 
-    def ball_pivoting(self) -> None:
+    def ball_pivoting(self, radius_percent: float | None) -> None:
+        assert radius_percent is None
         self._stage("ball-pivoting", 1)
 
     def close_holes(self, max_edges: int) -> None:

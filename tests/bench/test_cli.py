@@ -15,7 +15,7 @@ import bench.run
 from bench.methods import METHODS
 from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
 from bench.store import write_manifest
-from bench.suites import LATENT, STABILITY, SUITES
+from bench.suites import LATENT, SPEED, STABILITY, SUITES
 from data_prep.conditions import CONDITIONS
 from pc2pix import checkpoint, weight_files
 
@@ -47,7 +47,7 @@ def test_unknown_suite(command, no_machine):
     assert (status, out) == (2, "")
     assert err == (
         "bench: unknown suite 'chair-robustnes': did you mean 'chair-robustness'? "
-        "there are chair-robustness, latent, stability\n"
+        "there are chair-robustness, speed-accuracy, latent, stability, speed\n"
     )
 
 
@@ -167,7 +167,7 @@ def test_inception_weights_that_are_not(command, no_machine, tmp_path):
         ({"dataset": "folder:x"}, "holds a run of dataset 'folder:x', not 'procedural'; give an"),
         ({"seed": 3}, "holds a run of seed 3, not 0; give another --out, or --fresh to start"),
         ({"views": 7}, "holds a run of views 7, not 2; give another --out, or --fresh to start"),
-        ({"schema_version": 99}, "written by a newer version (schema 99, this one reads up to 2)"),
+        ({"schema_version": 99}, "written by a newer version (schema 99, this one reads up to 3)"),
     ],
 )
 def test_folders_of_other_runs(command, no_machine, tmp_path, change, told):
@@ -205,7 +205,7 @@ def test_list_names_everything(command):
         sections[title.rstrip(":")] = [entry.split()[0] for entry in entries]
         assert all(entry.startswith("  ") and len(entry.split()) > 1 for entry in entries)
     assert sections == {
-        "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY)],
+        "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
         "methods": [method.id for method in METHODS],
         "conditions": [condition.id for condition in CONDITIONS],
         "metrics": [*IMAGE_METRICS, *(metric.id for metric in SET_METRICS), *CONTROL_METRICS],
@@ -244,7 +244,8 @@ def test_simple_questions_load_no_heavy_package(argument):
 def test_help_names_all_commands(command):
     status, out, err = command("--help")
     assert (status, err) == (0, "")
-    for name in ("run", "list", "table", "check", "render", "shrink", "doctor", "train"):
+    commands = ("run", "list", "table", "check", "recommend", "render", "shrink", "doctor", "train")
+    for name in commands:
         assert f"\n  {name} " in out
     for name in ("autoencoder", "gan", "views"):
         assert f"\n  {name} " in command("train", "--help")[1]

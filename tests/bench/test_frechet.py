@@ -11,10 +11,12 @@ import pytest
 import scipy.linalg
 
 from bench.frechet import (
+    LeftOut,
     TooFewSamples,
     centred,
     centred_to_frechet,
     frechet_interval,
+    left_out_to_interval,
 )
 from bench.metrics import frechet_distance
 
@@ -285,6 +287,65 @@ def test_interval_is_the_jackknife_of_its_definition():
     error = 1.96 * np.sqrt(5 * np.var(thetas))
     low, high = frechet_interval(x, y, groups, groups)
     assert (low, high) == pytest.approx((max(theta - error, 0.0), theta + error), rel=1e-10)
+
+
+def by_leaving_out(x, y, groups_x, groups_y):
+    """The interval from its definition: a distance of its own for every object."""
+    thetas = [
+        frechet_distance(x[groups_x != group], y[groups_y != group])
+        for group in np.union1d(groups_x, groups_y)
+    ]
+    error = 1.96 * np.sqrt((len(thetas) - 1) * np.var(thetas))
+    theta = frechet_distance(x, y)
+    return max(theta - error, 0.0), theta + error
+
+
+# objects, views, features: more rows than features, as many, fewer, fewer without an object
+@pytest.mark.parametrize("shape", [(8, 5, 12), (8, 5, 40), (8, 5, 64), (8, 5, 38), (8, 1, 400)])
+@pytest.mark.parametrize("gone", [None, 5])
+def test_interval_shares_what_it_may(shape, gone):
+    n_objects, n_views, d = shape
+    x, groups = views_of_objects(0, n_objects, n_views, d)
+    y, _ = views_of_objects(1, n_objects, n_views, d, offset=0.3)
+    kept = groups != gone  # the method failed on one object
+    order = np.random.default_rng(2).permutation(len(y))  # rows need not stand side by side
+    x, groups_x, y, groups_y = x[kept], groups[kept], y[order], groups[order]
+    low, high = frechet_interval(x, y, groups_x, groups_y)
+    expected = by_leaving_out(x, y, groups_x, groups_y)
+    # The error of a distance, for g of them: under the root g ROUNDING of the traces.
+    close = 1.96 * n_objects * ROUNDING * traces(x, y)
+    assert (low, high) == pytest.approx(expected, rel=0, abs=close)
+    assert low < high
+
+
+def test_a_set_is_compared_with_many(monkeypatch):
+    y, groups = views_of_objects(0, 6, 4, d=5)
+    sets = [views_of_objects(seed, 6, 4, d=5)[0] for seed in (1, 2, 3)]
+    expected = [frechet_interval(x, y, groups, groups) for x in sets]
+    calls = []
+    original = np.linalg.qr
+
+    def counted(*args, **named):
+        calls.append(args[0].shape)
+        return original(*args, **named)
+
+    monkeypatch.setattr(np.linalg, "qr", counted)
+    truth = LeftOut(y, groups)
+    found = [left_out_to_interval(LeftOut(x, groups), truth) for x in sets]
+    assert found == expected
+    assert calls.count((24, 5)) == 4  # each set as a whole
+    assert calls.count((20, 5)) == 6 * 4  # and without each object: the truth once
+    assert truth.whole.mean.tolist() == y.mean(axis=0).tolist()
+
+
+def test_large_factors_are_not_kept(monkeypatch):
+    monkeypatch.setattr("bench.frechet._KEPT_FACTOR", 5 * 5 * 8 - 1)
+    y, groups = views_of_objects(0, 6, 4, d=5)
+    truth = LeftOut(y, groups)
+    assert truth.without(0) is not truth.without(0)
+    monkeypatch.setattr("bench.frechet._KEPT_FACTOR", 5 * 5 * 8)
+    assert truth.without(0) is truth.without(0)
+    np.testing.assert_array_equal(truth.without(0).mean, y[4:].mean(axis=0))
 
 
 def test_interval_covers_the_distance_of_the_populations():

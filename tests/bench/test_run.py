@@ -150,12 +150,18 @@ def test_what_is_printed(finished):
     for name in ("table3_ssim.md", "table4_fid.md", "table_detail.md", "table_control.md"):
         assert (directory / "tables" / name).read_text() in done.stdout
     assert (directory / "cost.md").read_text() in done.stdout
-    *progress, summary, where = done.stderr.splitlines()
+    *progress, summary, shares, where = done.stderr.splitlines()
     pattern = r"(ground truth|chair-robustness): \d+/\d+ done, 0 failed, \d+ s, about \d+ s left"
     assert all(re.fullmatch(pattern, line) for line in progress)
     for end in ("ground truth: 3/3 done, 0 failed, ", "chair-robustness: 24/24 done, 0 failed, "):
         assert sum(line.startswith(end) for line in progress) == 1
     assert summary.startswith("24 items done, 0 from before, 0 failed (ground truth ")
+    parts = re.fullmatch(
+        r"time of the workers: methods (\d+)%, metrics (\d+)%, rendering (\d+)%, harness (\d+)%",
+        shares,
+    )
+    assert parts
+    assert 98 <= sum(map(int, parts.groups())) <= 102  # four numbers, each rounded by a half
     assert where == f"results in {directory}"
 
 

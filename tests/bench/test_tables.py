@@ -612,7 +612,8 @@ def test_cost_is_the_median_over_clouds():
         for view in range(views)
     ]
     records += [make_failed(obj="d"), make_failed("blank", "512")]
-    lines = cost_table(to_frame(records)).splitlines()
+    lines = cost_table(to_frame(records), "Taken in a hurry.").splitlines()
+    assert lines[2] == "Taken in a hurry."
     assert lines[4:] == [
         "| method | 512 | 2048 |",
         "|---|---|---|",

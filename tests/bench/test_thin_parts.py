@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from bench.foreground import contrast, foreground, object_boxes
-from bench.thin_parts import MOST_ASKED, evaluated, thin, thin_scores
+from bench.foreground import MOST_ASKED, contrast, foreground, object_boxes
+from bench.thin_parts import evaluated, thin, thin_scores
 from data_prep.images import blank
 from data_prep.mesh_files import NEUTRAL_GREY
 
@@ -232,6 +232,7 @@ def test_pictures_do_not_depend_on_each_other():
     np.testing.assert_array_equal(together.recall, [one.recall[0] for one in alone])
     np.testing.assert_array_equal(together.precision, [one.precision[0] for one in alone])
     assert together.recall.tolist()[::2] == [0.5, 0.5]
+    assert [values.tolist() for values in thin_scores(blank(0), blank(0))] == [[], []]
 
 
 def test_names_what_it_refuses():

@@ -14,6 +14,7 @@ from bench.foreground import object_boxes
 from bench.methods import METHODS, Method
 from bench.metric_table import VIEWS_WEIGHTS
 from bench.metrics import ssim
+from bench.spent import Spent
 from bench.ssim import ssim_per_image_and_box
 from bench.views_network import load_views_network, view_features
 from bench.work import cloud_of, do, read_artifact
@@ -220,11 +221,53 @@ def test_notes_are_kept(measure):
     assert [record.notes for record in result.records] == ["3 faces dropped; 1 hole"] * 2
 
 
+class Clock:
+    """Stands still unless something is said to take time."""
+
+    def __init__(self):
+        self.now = 10.0
+
+    def __call__(self):
+        return self.now
+
+    def taking(self, seconds, function):
+        """The function, which takes so long."""
+
+        def slow(*given):
+            self.now += seconds
+            return function(*given)
+
+        return slow
+
+
 def test_times_are_taken_apart(measure, monkeypatch):
-    clock = iter([10.0, 10.25, 11.25])  # start, prepared, drawn
-    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
-    _, result = measure(Fake())
+    clock = Clock()
+    monkeypatch.setattr(time, "perf_counter", clock)
+    fake = Fake()
+    fake.prepare = clock.taking(0.25, fake.prepare)
+    fake.draw = clock.taking(1.0, fake.draw)
+    for name, seconds in (("scores", 2.0), ("cloud_of", 4.0), ("read_artifact", 8.0)):
+        monkeypatch.setattr(bench.work, name, clock.taking(seconds, getattr(bench.work, name)))
+    _, result = measure(fake, load=clock.taking(16.0, lambda device: fake))
     assert [(record.prepare_s, record.draw_s) for record in result.records] == [(0.25, 0.5)] * 2
+    assert result.spent == Spent(methods=17.25, metrics=2.0, rendering=0.0, harness=12.0)
+
+
+def test_time_before_a_failure_counts(measure, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(time, "perf_counter", clock)
+    failing = Failing(StageFailure("encode", "no"))
+    failing.prepare = clock.taking(0.5, failing.prepare)
+    _, result = measure(failing)
+    assert outcomes(result) == {("failed", "encode: no")}
+    assert result.spent == Spent(methods=0.5)
+
+
+def test_the_time_of_the_ground_truth_is_rendering(tmp_path, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(time, "perf_counter", clock)
+    monkeypatch.setattr("data_prep.render.render", clock.taking(3.0, render))
+    assert do(make_truth(tmp_path)).spent == Spent(rendering=3.0)
 
 
 @pytest.mark.parametrize("sees_mesh", [False, True])

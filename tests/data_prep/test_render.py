@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 
 from data_prep.camera import camera_to_world, project
 from data_prep.chairs import chair
-from data_prep.render import gl_renderer, render
+from data_prep.render import SHEET_VIEWS, gl_renderer, render
 from data_prep.scene import Mesh, View
 from data_prep.solids import box, join
 
@@ -69,7 +69,6 @@ def picture(mesh: Mesh, view: View = FRONT) -> np.ndarray:
 
 
 def test_background_is_exactly_white() -> None:
-    # pyrender takes an integer background for black: the first pixel tells.
     image = picture(plate(half=0.2))
     assert image[0, 0].tolist() == [255, 255, 255]
     reach = 232 * 0.2 / 4 + CLEAR_PX
@@ -357,6 +356,42 @@ def test_views_do_not_depend_on_their_neighbours() -> None:
     apart = np.concatenate([render(mesh, [view]) for view in reversed(VIEWS)])[::-1]
     np.testing.assert_array_equal(at_once, apart)
     assert len({image.tobytes() for image in at_once}) == len(VIEWS)
+
+
+def test_views_may_be_more_than_a_sheet_holds() -> None:
+    mesh = chair(np.random.default_rng(1))
+    one_by_one = np.concatenate([render(mesh, [view]) for view in VIEWS])
+    for count in (SHEET_VIEWS - 1, SHEET_VIEWS, SHEET_VIEWS + 1, 2 * SHEET_VIEWS + 3):
+        which = np.arange(count) % len(VIEWS)
+        np.testing.assert_array_equal(
+            render(mesh, [VIEWS[i] for i in which]), one_by_one[which], strict=True
+        )
+
+
+def test_pictures_do_not_depend_on_the_mesh_before() -> None:
+    small, large = plate(), sphere(4, (10, 20, 30))
+    expected = [render(mesh, VIEWS) for mesh in (small, large, small)]
+    np.testing.assert_array_equal(expected[0], expected[2])
+    assert not np.array_equal(expected[0], expected[1])
+
+
+def test_colours_at_shared_vertices() -> None:
+    """Faces of one colour may share vertices; those of two must not mix. Either way one picture."""
+    shared = chair(np.random.default_rng(1))
+    own = Mesh(
+        shared.vertices[shared.faces].reshape(-1, 3),
+        np.arange(shared.faces.size).reshape(-1, 3),
+        shared.face_colors,
+    )
+    np.testing.assert_array_equal(render(shared, VIEWS), render(own, VIEWS))
+    # Two facets in one plane with an edge in common, on either side of the middle.
+    halves = Mesh([[0, -1, 0], [0, 1, 0], [1, 0, 0], [-1, 0, 0]], [[0, 1, 2], [0, 1, 3]], BOTH)
+    image = picture(halves)
+    assert image[64, 61].tolist() == BOTH[0]  # +x is on the left of the front
+    assert image[64, 66].tolist() == BOTH[1]
+
+
+BOTH = [[200, 0, 0], [0, 0, 200]]
 
 
 def test_plus_and_minus_180_are_one_picture() -> None:

@@ -1,0 +1,68 @@
+"""What all reconstructions share: checks between the stages, and what they hand on in the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.failures import StageFailure
+from data_prep.images import to_float
+from data_prep.render import render
+from data_prep.scene import Images, Mesh, Points, View
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A reconstructed mesh with finite vertices, and what had to be mended on the way."""
+
+    mesh: Mesh
+    notes: tuple[str, ...]
+
+
+def draw_reconstruction(state: Reconstruction, views: Sequence[View]) -> Images:
+    """Pictures [V, IMAGE_SIZE, IMAGE_SIZE, 3] of the reconstructed mesh."""
+    return to_float(render(state.mesh, views))
+
+
+def check_points(points: Points, least: int, what: str) -> None:
+    """Raises StageFailure("input", ...) below `least` points, which `what` needs, and where one of
+    points [N, 3] is not finite."""
+    if len(points) < least:
+        raise StageFailure("input", f"{len(points)} points; {what} need at least {least}")
+    bad = int((~np.isfinite(points)).any(axis=1).sum())
+    if bad:
+        raise StageFailure("input", f"{bad} of {len(points)} points are not finite")
+
+
+def run(stage: str, step: Callable[[], None]) -> None:
+    """Take a step of MeshLab. Raises StageFailure(stage, ...) where it refuses."""
+    try:
+        step()
+    except RuntimeError as error:
+        raise StageFailure(stage, str(error)) from error
+
+
+def finite_part(stage: str, mesh: Mesh) -> Reconstruction:
+    """`mesh` without the faces that have a vertex that is not finite; their number is noted.
+
+    Raises StageFailure(stage, ...) where no face is left.
+    """
+    finite = np.all(np.isfinite(mesh.vertices), axis=1)
+    if finite.all():
+        return Reconstruction(mesh, ())
+    keep = np.all(finite[mesh.faces], axis=1)
+    if not keep.any():
+        raise StageFailure(stage, "no face with finite vertices")
+    vertices = np.where(finite[:, None], mesh.vertices, 0.0)
+    dropped = len(keep) - int(keep.sum())
+    note = f"{stage}: {dropped} of {len(keep)} faces dropped, a vertex is not finite"
+    return Reconstruction(kept_faces(mesh, keep, vertices), (note,) if dropped else ())
+
+
+def kept_faces(mesh: Mesh, keep: NDArray[np.bool_], vertices: Points | None = None) -> Mesh:
+    """The faces of `mesh` where `keep` [F] holds; on `vertices` [V, 3], if these are given."""
+    vertices = mesh.vertices if vertices is None else vertices
+    return Mesh(vertices, mesh.faces[keep], mesh.face_colors[keep])

@@ -1,0 +1,88 @@
+"""The measurements of the suite `speed`: each method under each condition, with each number of
+threads. Nothing is run; our own sources are read, to see whether old times are of the same code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from bench.lookup import find
+from bench.plan import digest, method_identity
+from bench.speed_measure import Unit
+from bench.speed_samples import FORM
+from bench.suites import SpeedSuite
+from data_prep.conditions import CONDITIONS
+from data_prep.datasets import SceneObject
+
+ROOT = Path(__file__).resolve().parents[1]
+TIMED = (  # what decides how long something takes
+    *("data_prep", "baselines", "pc2pix"),
+    *(f"bench/{name}.py" for name in ("methods", "loaders", "variants", "speed_measure")),
+)
+SUFFIXES = (".py", ".vert", ".frag")
+
+
+def speed_units(
+    suite: SpeedSuite,
+    methods: Sequence[str],
+    conditions: Sequence[str],
+    objects: Sequence[SceneObject],
+    threads: Sequence[int],
+    views: int,
+    seed: int,
+    device: str,
+    circumstances: Mapping[str, Any],
+) -> list[Unit]:
+    """One unit per method, condition and number of threads, in the order in which they are taken.
+
+    `circumstances` is whatever else times depend on: versions, machine, drivers. Raises BadInput
+    for an unknown method or condition.
+    """
+    common = [
+        *(FORM, suite.id, sources_sha256(), circumstances, views, seed),
+        *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
+        [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],
+    ]
+    units = []
+    for method in methods:
+        identity = [method, method_identity(method, device)]
+        for name in conditions:
+            condition = find(name, CONDITIONS, "condition")
+            of_cloud = [condition.id, repr(condition.perturbation)]
+            units += [
+                Unit(
+                    key=digest([common, identity, of_cloud, count]),
+                    suite=suite,
+                    method=method,
+                    condition=condition.id,
+                    perturbation=condition.perturbation,
+                    objects=tuple(objects),
+                    threads=count,
+                    views=views,
+                    seed=seed,
+                    device=device,
+                )
+                for count in threads
+            ]
+    return units
+
+
+def sources_sha256(root: Path = ROOT) -> str:
+    """Checksum of all code under `root` that is timed.
+
+    `Method.version` is raised when pictures change; times also change where they do not.
+    """
+    files = [
+        path
+        for name in TIMED
+        for path in ((root / name).rglob("*") if (root / name).is_dir() else [root / name])
+        if path.suffix in SUFFIXES
+    ]
+    lines = (
+        f"{path.relative_to(root)} {sha256(path.read_bytes()).hexdigest()}"
+        for path in sorted(files)
+    )
+    return sha256("\n".join(lines).encode()).hexdigest()

@@ -1,0 +1,101 @@
+"""What the suite `speed` writes down: every timed call, one file per measurement.
+
+`measurements/KEY.json` holds the fields of `Measurement` and the version of this form. It is
+written whole or not at all; what cannot be read, or is of another version, is measured again.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from bench.work import write_whole
+from data_prep.untrusted import MIB, read_file
+
+FORM = 1  # of the files; part of their keys
+MOST_BYTES = 64 * MIB
+
+Stage = Literal["load", "prepare", "draw"]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One timed call.
+
+    cloud   its object, "chair/test-0000"; empty for "load", which needs none
+    round   0: the first call of its kind in its process, cold; from 1 on warm
+    views   drawn in the call; 0 for other stages
+    wall_s  seconds that went by
+    core_s  seconds of processor time of the whole process, all threads together
+    """
+
+    cloud: str
+    round: int
+    stage: Stage
+    views: int
+    wall_s: float
+    core_s: float
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A cloud that a method could not be measured on, and why."""
+
+    cloud: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A method with a number of threads under a condition, in a process of its own.
+
+    key              names everything that the times depend on
+    views            the larger of the two batches
+    clouds           that were to be drawn; those in `failures` were not, or not to the end
+    device           "cpu", or the name of the GPU that was used
+    idle_mib         most memory (resident) that the process had before the method was loaded
+    peak_mib         and at the end; None where it did not live to tell
+    elsewhere_cores  cores that were busy with something else meanwhile, on average; None likewise
+    """
+
+    key: str
+    method: str
+    condition: str
+    threads: int
+    views: int
+    clouds: int
+    device: str
+    samples: tuple[Sample, ...]
+    failures: tuple[Failure, ...]
+    idle_mib: float | None
+    peak_mib: float | None
+    elsewhere_cores: float | None
+
+
+def measurement_path(directory: Path, key: str) -> Path:
+    """Where the measurement of a key has its place."""
+    return directory / "measurements" / f"{key}.json"
+
+
+def write_measurement(directory: Path, measurement: Measurement) -> None:
+    """Write a measurement down; when this returns, a power cut cannot take it back."""
+    text = json.dumps({"form": FORM} | asdict(measurement), ensure_ascii=False)
+    write_whole(measurement_path(directory, measurement.key), text.encode())
+
+
+def read_measurement(directory: Path, key: str) -> Measurement | None:
+    """The measurement of a key; None where there is none that can be used."""
+    path = measurement_path(directory, key)
+    if not path.is_file():
+        return None
+    try:
+        found: dict[str, Any] = json.loads(read_file(path, MOST_BYTES))
+        if found.pop("form") != FORM or found["key"] != key:
+            return None
+        found["samples"] = tuple(Sample(**sample) for sample in found["samples"])
+        found["failures"] = tuple(Failure(**failure) for failure in found["failures"])
+        return Measurement(**found)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None

@@ -1,0 +1,127 @@
+"""Methods with one knob turned: `surface-apss@resolution=64`, `poisson@depth=5`.
+
+What may be turned stands in a literal table; the method itself says what a knob does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from data_prep.failures import BadInput
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A number that a method's class takes as a field.
+
+    method         the id of the method that has it
+    name           in ids of variants
+    renderer       module and class: "baselines.surface:SurfaceApss"
+    field          of the class
+    low, high      the values that are taken, both included
+    whole          whether only whole numbers are
+    about          what it is, with its unit
+    """
+
+    method: str
+    name: str
+    renderer: str
+    field: str
+    low: float
+    high: float
+    whole: bool
+    about: str
+
+
+KNOBS = (
+    Knob(
+        "surface-apss",
+        "resolution",
+        "baselines.surface:SurfaceApss",
+        "resolution",
+        10,
+        400,
+        True,
+        "grid cells along the longest side of the cloud",
+    ),
+    Knob(
+        "surface-bpa",
+        "radius",
+        "baselines.surface_bpa:SurfaceBpa",
+        "radius_percent",
+        0.1,
+        20,
+        False,
+        "of the ball, in percent of the diagonal of the cloud's box",
+    ),
+    Knob(
+        "poisson",
+        "depth",
+        "baselines.poisson:Poisson",
+        "depth",
+        3,
+        10,
+        True,
+        "levels of the octree",
+    ),
+    Knob(
+        "alpha-shape",
+        "alpha",
+        "baselines.alpha_shape:AlphaShape",
+        "alpha_percent",
+        0.1,
+        50,
+        False,
+        "radius of the ball, in percent of the diagonal of the cloud's box",
+    ),
+    Knob(
+        "splat",
+        "spread",
+        "baselines.splat:Splat",
+        "spread",
+        0.1,
+        10,
+        False,
+        "factor on the radius of the discs",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A knob and what it is set to."""
+
+    knob: Knob
+    value: float
+
+    @property
+    def fields(self) -> dict[str, float]:
+        """What the renderer's class is given."""
+        return {self.knob.field: self.value}
+
+
+def find_setting(method_id: str) -> Setting | None:
+    """What an id of the form METHOD@KNOB=VALUE says; None for an id of another form.
+
+    Raises BadInput for a knob that the method does not have, and for a value out of its range.
+    """
+    method, at, turned = method_id.partition("@")
+    name, equals, text = turned.partition("=")
+    if not (at and equals) or method_id.endswith(".safetensors"):
+        return None
+    knob = next((k for k in KNOBS if (k.method, k.name) == (method, name)), None)
+    if knob is None:
+        there = ", ".join(f"{k.method}@{k.name}=..." for k in KNOBS)
+        raise BadInput(f"unknown variant '{method_id}': there are {there}")
+    try:
+        value = int(text) if knob.whole else float(text)
+    except ValueError:
+        value = math.nan
+    if not knob.low <= value <= knob.high:
+        kind = "whole number" if knob.whole else "number"
+        raise BadInput(
+            f"'{method_id}': {name} must be a {kind} from {knob.low:g} to {knob.high:g}, "
+            f"not '{text}'"
+        )
+    return Setting(knob, value)

@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import hashlib
+import itertools
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+from baselines.alpha_shape import AlphaShape, alpha_faces, circumradius, smallest_sphere
+from data_prep.failures import StageFailure
+from data_prep.images import to_float
+from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.render import render
+from data_prep.scene import PointCloud, View
+
+
+def exposed(points: np.ndarray, radius: float) -> set[tuple[int, ...]]:
+    """The definition: triangles that a ball of `radius` touches from outside, with no point in it.
+
+    It goes through all triples, and knows nothing of Delaunay.
+    """
+    found = set()
+    for triple in itertools.combinations(range(len(points)), 3):
+        a, b, c = points[list(triple)]
+        normal = np.cross(b - a, c - a)
+        # The centre of the circumcircle, from |x - a| = |x - b| = |x - c| in the plane.
+        rows = np.array([b - a, c - a, normal])
+        target = [(b @ b - a @ a) / 2, (c @ c - a @ a) / 2, normal @ a]
+        centre = np.linalg.solve(rows, target)
+        height = radius**2 - ((a - centre) ** 2).sum()
+        if height < 0:
+            continue
+        others = np.delete(points, triple, axis=0)
+        for side in (1, -1):
+            ball = centre + side * math.sqrt(height) * normal / np.linalg.norm(normal)
+            if (((others - ball) ** 2).sum(axis=1) > radius**2).all():
+                found.add(triple)
+    return found
+
+
+def found_faces(points: np.ndarray, radius: float) -> list[tuple[int, ...]]:
+    cells = Delaunay(points)
+    faces = alpha_faces(points, cells.simplices, cells.neighbors, radius)
+    return [tuple(sorted(face)) for face in faces.tolist()]
+
+
+@pytest.mark.parametrize("flat", [1.0, 0.15])  # a ball, and a thick sheet with single triangles
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("radius", [0.25, 0.4, 0.6, 1.0, 5.0])
+def test_the_faces_are_those_that_a_ball_can_touch(seed: int, radius: float, flat: float) -> None:
+    points = np.random.default_rng(seed).uniform(-1, 1, (22, 3)) * [1, 1, flat]
+    faces = found_faces(points, radius)
+    assert len(faces) == len(set(faces))
+    assert set(faces) == exposed(points, radius)
+
+
+def test_a_huge_ball_leaves_the_convex_hull() -> None:
+    points = np.random.default_rng(0).normal(size=(60, 3))
+    hull = {tuple(sorted(face)) for face in Delaunay(points).convex_hull.tolist()}
+    assert set(found_faces(points, 1e6)) == hull
+
+
+def test_circumscribed_spheres() -> None:
+    regular = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], np.float64)
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float64)
+    found = circumradius(np.stack([regular, 3 * regular + 7, flat]))
+    np.testing.assert_allclose(found[:2], [math.sqrt(3), 3 * math.sqrt(3)], rtol=1e-12)
+    assert not found[2] <= 1e9
+    right = np.array([[0, 0, 1], [3, 0, 1], [0, 4, 1]], np.float64)  # its hypotenuse is 5
+    centre, radius = smallest_sphere(np.stack([right, right - 2]))
+    np.testing.assert_allclose(centre, [[1.5, 2, 1], [-0.5, 0, -1]], atol=1e-12)
+    np.testing.assert_allclose(radius, 2.5, rtol=1e-12)
+
+
+def lattice_sphere(count: int = 1000) -> np.ndarray:
+    index = np.arange(count) + 0.5
+    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
+    ring = np.sqrt(1 - y * y)
+    return 0.7 * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_a_sphere_is_closed_at_any_scale(scale: float) -> None:
+    # The diagonal of its box is 2.42; 5 % of it, 0.12, is more than the 0.08 between points.
+    state = AlphaShape().prepare(PointCloud(scale * lattice_sphere()))
+    outer = state.mesh.faces
+    edges = np.sort(outer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all()
+    # Outside: a triangulation of all points. A ball fits inside too, and sees the same faces.
+    assert len(outer) == 2 * 1000 - 4
+    assert (state.mesh.face_colors == NEUTRAL_GREY).all()
+    assert state.notes == ()
+
+
+def test_alpha_is_a_share_of_the_diagonal() -> None:
+    # A regular tetrahedron of side sqrt 2 in a box of diagonal sqrt 3: the circumcircles of its
+    # faces have radius sqrt(2 / 3), which is 47.1 % of that.
+    cloud = PointCloud(np.append(np.eye(3), [[1, 1, 1]], axis=0))
+    assert len(AlphaShape(alpha_percent=47.2).prepare(cloud).mesh.faces) == 4
+    with pytest.raises(StageFailure, match=r"no triangle fits a ball of radius 0\.814"):
+        AlphaShape(alpha_percent=47.0).prepare(cloud)
+
+
+def test_pictures_are_the_meshs_and_no_randomness_is_used() -> None:
+    cloud = PointCloud(lattice_sphere())
+    state = AlphaShape().prepare(cloud)
+    views = [View(10, 20), View(-100, 0)]
+    images = AlphaShape().draw(state, views, np.random.default_rng(1))
+    np.testing.assert_array_equal(images, to_float(render(state.mesh, views)))
+    again = AlphaShape().prepare(cloud, np.random.default_rng(2))
+    np.testing.assert_array_equal(state.mesh.faces, again.mesh.faces)
+    np.testing.assert_array_equal(state.mesh.vertices, cloud.points)
+
+
+NOISE = """
+import hashlib, numpy as np
+from baselines.alpha_shape import AlphaShape
+from data_prep.scene import PointCloud
+points = np.random.default_rng(0).normal(size=(500, 3))
+faces = AlphaShape().prepare(PointCloud(points)).mesh.faces
+print(hashlib.sha256(np.ascontiguousarray(faces).tobytes()).hexdigest())
+"""
+
+
+def test_same_faces_in_another_process() -> None:
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    faces = AlphaShape().prepare(PointCloud(points)).mesh.faces
+    here = hashlib.sha256(np.ascontiguousarray(faces).tobytes()).hexdigest()
+    done = subprocess.run(
+        [sys.executable, "-c", NOISE], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout == here + "\n"  # and nothing else is printed
+
+
+@pytest.mark.parametrize(
+    ("points", "stage", "problem"),
+    [
+        (np.eye(3), "input", "3 points; tetrahedra need at least 4"),
+        (np.append(np.eye(3), [[0, 0, np.inf]], axis=0), "input", "1 of 4 points are not finite"),
+        (np.full((50, 3), 0.3), "delaunay", "QH"),
+        (np.linspace(0, 1, 50)[:, None] * [1, 2, 3], "delaunay", "QH"),
+        (np.random.default_rng(0).uniform(size=(50, 3)) * [1, 1, 0], "delaunay", "QH"),
+        (np.append(np.eye(3), [[1, 1, 1]], axis=0), "alpha-shape", "no triangle fits a ball"),
+    ],
+)
+def test_failures_are_named(points: np.ndarray, stage: str, problem: str) -> None:
+    with pytest.raises(StageFailure, match=problem) as failure:
+        AlphaShape().prepare(PointCloud(points))
+    assert failure.value.stage == stage
+    assert "\n" not in failure.value.problem

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from baselines import surface
+from baselines.meshlab import MeshLab
+from baselines.poisson import Poisson, trimmed
+from baselines.surface import closed_surface
+from data_prep.chairs import chair
+from data_prep.failures import StageFailure
+from data_prep.images import to_float
+from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.render import render
+from data_prep.sampling import face_areas, sample_surface
+from data_prep.scene import Mesh, PointCloud, View
+
+RADIUS = 0.7
+
+
+def lattice_sphere(count: int = 2048) -> np.ndarray:
+    index = np.arange(count) + 0.5
+    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
+    ring = np.sqrt(1 - y * y)
+    return RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+
+
+def test_a_sphere() -> None:
+    state = Poisson(depth=6).prepare(PointCloud(lattice_sphere()))
+    # A cell is 1.1 * 2 * 0.7 / 2^6 = 0.024; linear interpolation of a quadratic in a cell is off by
+    # at most its sag, cell^2 / (8 r) = 1e-4, and screening pulls the surface to the points, which a
+    # flat facet between them leaves by spacing^2 / (8 r) = 3e-4. Ten times that is not seen.
+    error = np.linalg.norm(state.mesh.vertices.astype(np.float64), axis=1) - RADIUS
+    assert np.abs(error).max() < 4e-3
+    edges = np.sort(state.mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()  # nothing was trimmed
+    assert (state.mesh.face_colors == NEUTRAL_GREY).all()
+
+
+def test_points_without_a_normal_are_left_out() -> None:
+    rng = np.random.default_rng(5)
+    points = sample_surface(chair(rng), rng).points[::4]
+    # Two points of this chair have none, by MeshLab 2025.7, and it would refuse the cloud.
+    assert (np.linalg.norm(closed_surface(points).normals(), axis=1) == 0).any()
+    assert len(Poisson(depth=5).prepare(PointCloud(points)).mesh.faces) > 100
+
+
+def test_a_bowl_stays_open() -> None:
+    points = lattice_sphere(4096)
+    points = points[points[:, 1] < 0]
+    spacing = math.sqrt(4 * math.pi * RADIUS**2 / 4096)
+    area = face_areas(Poisson(depth=6).prepare(PointCloud(points)).mesh).sum()
+    # Half a sphere, and a rim at most twice as wide as the spacing; Poisson alone closes it with a
+    # lid of at least pi r^2, half as much again.
+    rim = 2 * math.pi * RADIUS * 2 * spacing
+    assert area == pytest.approx(2 * math.pi * RADIUS**2, abs=rim)
+    assert rim < math.pi * RADIUS**2 / 2
+
+
+def test_what_is_far_from_the_points_is_trimmed() -> None:
+    # A square lattice of unit spacing: at an inner point the 16 nearest places are itself, 4 at 1,
+    # 4 at sqrt 2, 4 at 2, and 3 of 8 at sqrt 5: half of that is the spacing.
+    row, column = np.mgrid[:30, :30]
+    points = np.stack([row, column, np.zeros_like(row)], axis=-1).reshape(-1, 3).astype(np.float32)
+    spacing = math.sqrt(5) / 2
+    heights = np.array([0.0, 0.99, 1.01, 5.0]) * spacing
+    corners = np.array([[10, 10, 0], [11, 10, 0], [10, 11, 0]], np.float64)
+    vertices = np.concatenate([corners + np.array([0, 0, height]) for height in heights])
+    faces = np.arange(12).reshape(4, 3)
+    colors = np.arange(12).reshape(4, 3)
+    whole = Mesh(vertices, [*faces, [0, 1, 8]], [*colors, [9, 9, 9]])
+    kept = trimmed(whole, points)
+    assert kept.faces.tolist() == faces[:2].tolist()  # not the one with one far corner
+    assert kept.face_colors.tolist() == colors[:2].tolist()
+    with pytest.raises(StageFailure, match=r"no face within the spacing of the points, 1\.12"):
+        trimmed(Mesh(vertices, faces[2:], colors[2:]), points)
+
+
+CHAIR = """
+import hashlib, numpy as np
+from baselines.poisson import Poisson
+from data_prep.chairs import chair
+from data_prep.sampling import sample_surface
+rng = np.random.default_rng(3)
+mesh = Poisson().prepare(sample_surface(chair(rng), rng)).mesh
+print(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())
+"""
+
+
+def chair_cloud() -> PointCloud:
+    rng = np.random.default_rng(3)
+    return sample_surface(chair(rng), rng)
+
+
+def test_same_mesh_in_any_process_with_any_number_of_threads() -> None:
+    found = set()
+    for seed in (1, 2):
+        mesh = Poisson().prepare(chair_cloud(), np.random.default_rng(seed)).mesh
+        found.add(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())
+    for threads in ("1", "2"):
+        done = subprocess.run(
+            [sys.executable, "-c", CHAIR],
+            env=os.environ | {"OMP_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        )
+        found.add(done.stdout.strip())
+    assert len(found) == 1
+
+
+def test_deeper_is_finer_and_pictures_are_the_meshs() -> None:
+    coarse, fine = (Poisson(depth).prepare(chair_cloud()) for depth in (5, 6))
+    assert len(fine.mesh.faces) > 2 * len(coarse.mesh.faces)
+    views = [View(10, 20), View(-100, 0)]
+    np.testing.assert_array_equal(Poisson().draw(fine, views), to_float(render(fine.mesh, views)))
+
+
+@pytest.mark.parametrize(
+    ("points", "stage"),
+    [
+        (np.zeros((10, 3)), "input"),
+        (np.append(np.zeros((20, 3)), [[0, np.inf, 0]], axis=0), "input"),
+        (np.linspace(0, 1, 50)[:, None] * [1, 0, 0], "ball-pivoting"),
+        (np.full((50, 3), 0.3), "poisson"),
+    ],
+)
+def test_failures_are_named(points: np.ndarray, stage: str) -> None:
+    with pytest.raises(StageFailure) as failure:
+        Poisson().prepare(PointCloud(points))
+    assert failure.value.stage == stage
+
+
+def test_what_meshlab_refuses_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Refuses(MeshLab):
+        def screened_poisson(self, depth: int) -> None:
+            raise RuntimeError(f"no depth {depth} today")
+
+    monkeypatch.setattr(surface, "MeshLab", Refuses)
+    with pytest.raises(StageFailure, match="poisson: no depth 4 today"):
+        Poisson(depth=4).prepare(PointCloud(lattice_sphere(200)))

@@ -1,0 +1,200 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.comparison import Comparison, Estimate, Quality
+from bench.frontier import pareto, places, point_count, thinned
+from bench.statistics import mean_interval
+
+NAN, INF = float("nan"), float("inf")
+
+
+def by_definition(cost, quality):
+    """Each against each, in the words of the definition."""
+    on = []
+    for i in range(len(cost)):
+        beaten = False
+        for j in range(len(cost)):
+            no_dearer, no_worse = cost[j] <= cost[i], quality[j] >= quality[i]
+            beaten |= no_dearer and no_worse and (cost[j], quality[j]) != (cost[i], quality[i])
+        on.append(np.isfinite(cost[i]) and np.isfinite(quality[i]) and not beaten)
+    return on
+
+
+# Few values, so that ties are frequent.
+VALUE = st.sampled_from([0.0, 1.0, 2.0, 3.0, NAN])
+
+
+@given(st.lists(st.tuples(VALUE, VALUE), max_size=8))
+def test_pareto_by_its_definition(pairs):
+    cost, quality = np.array(pairs, float).reshape(-1, 2).T
+    assert pareto(cost, quality).tolist() == by_definition(cost, quality)
+
+
+def test_pareto_of_many():
+    cost, quality = np.random.default_rng(0).random((2, 300))
+    found = pareto(cost, quality)
+    assert found.tolist() == by_definition(cost, quality)
+    order = np.argsort(cost)
+    best_so_far = np.maximum.accumulate(quality[order])
+    assert found[order].tolist() == (quality[order] == best_so_far).tolist()
+    assert 1 < found.sum() < 30
+
+
+@pytest.mark.parametrize(
+    ("cost", "quality", "expected"),
+    [
+        ([], [], []),
+        ([1], [1], [True]),
+        ([1, 2], [1, 2], [True, True]),
+        ([1, 2], [2, 1], [True, False]),
+        ([1, 1], [1, 1], [True, True]),  # equals keep each other company
+        ([1, 1], [1, 2], [False, True]),  # at equal cost the better
+        ([1, 2], [1, 1], [True, False]),  # of equal quality the cheaper
+        ([NAN, 2], [5, 1], [False, True]),
+        ([1, 2], [NAN, 1], [False, True]),
+        ([1, 2, 3, 4], [1, 3, 2, 4], [True, True, False, True]),
+    ],
+)
+def test_pareto_by_hand(cost, quality, expected):
+    assert pareto(np.array(cost, float), np.array(quality, float)).tolist() == expected
+
+
+# --- verdicts -------------------------------------------------------------------------------------
+
+
+def comparison(methods, metric="ssim", condition="2048"):
+    """Methods by (seconds to prepare, seconds to draw, score of each object)."""
+    count = len(next(iter(methods.values()))[2])
+    qualities = {
+        name: Quality(metric, Estimate(float(np.mean(scores)), NAN, NAN), np.array(scores, float))
+        for name, (_, _, scores) in methods.items()
+    }
+    return Comparison(
+        condition,
+        "chair",
+        tuple("abcdefgh"[:count]),
+        {name: np.full(count, prepare_s) for name, (prepare_s, _, _) in methods.items()},
+        {name: np.full(count, draw_s) for name, (_, draw_s, _) in methods.items()},
+        dict.fromkeys(methods, (count, count)),
+        {metric: qualities},
+    )
+
+
+FIELD = {
+    "splat": (0.001, 0.001, (0.5, 0.6, 0.7, 0.6)),
+    "poisson": (0.1, 0.001, (0.8, 0.9, 0.7, 0.8)),
+    # clearly worse than poisson, object by object
+    "surface-bpa": (0.2, 0.001, (0.7, 0.8, 0.6, 0.7)),
+    # worse on the mean, better on one object
+    "surface-fit": (0.3, 0.001, (0.5, 0.95, 0.8, 0.75)),
+    # better, and 20 views are cheaper than 20 of surface-apss
+    "pc2pix": (0.01, 0.025, (0.9, 0.9, 0.9, 0.9)),
+    "surface-apss": (1.0, 0.001, (0.9, 0.9, 0.9, 0.9)),
+    "alpha-shape": (NAN, NAN, (0.4, 0.4, 0.4, 0.4)),
+    "true-mesh": (0.0, 0.0, (1, 1, 1, 1)),
+    "constant": (0.0, 0.0, (0.4, 0.4, 0.4, 0.4)),
+    "blank": (0.0, 0.0, (0.4, 0.4, 0.4, 0.4)),
+}
+
+
+def verdicts(made):
+    return {place.method: (place.verdict, place.rival) for place in made}
+
+
+def test_verdicts_with_twenty_views():
+    # ms: splat 21, poisson 120, bpa 220, fit 320, pc2pix 510, apss 1020
+    made = places(comparison(FIELD), ["ssim"], 20)
+    assert verdicts(made) == {
+        "splat": ("frontier", ""),
+        "poisson": ("frontier", ""),
+        "surface-bpa": ("dominated", "poisson"),
+        "surface-fit": ("tied", "poisson"),
+        "pc2pix": ("frontier", ""),
+        "surface-apss": ("tied", "pc2pix"),
+        "alpha-shape": ("no value", ""),
+        "true-mesh": ("reference", ""),
+        "constant": ("reference", ""),
+        "blank": ("reference", ""),
+    }
+    costs = {place.method: place.cost_ms.value for place in made}
+    assert costs["pc2pix"] == pytest.approx(10 + 20 * 25, rel=1e-12)
+    assert [place.method for place in made] == list(FIELD)
+
+
+def test_the_frontier_depends_on_the_number_of_views():
+    # ms: splat 2, pc2pix 35, poisson 101, ...
+    one = verdicts(places(comparison(FIELD), ["ssim"], 1))
+    assert one["poisson"] == ("dominated", "pc2pix")
+    assert one["surface-bpa"] == ("dominated", "pc2pix")
+    # ms: poisson 1100, apss 2000, pc2pix 25010
+    many = verdicts(places(comparison(FIELD), ["ssim"], 1000))
+    assert many["surface-apss"] == ("frontier", "")
+    assert many["pc2pix"] == ("tied", "surface-apss")
+
+
+def test_of_distances_less_is_better():
+    distances = {
+        "splat": (0.001, 0, (9.0, 9.2, 9.1, 9.1)),
+        "poisson": (0.1, 0, (5.0, 5.1, 5.2, 5.1)),
+        "pc2pix": (0.2, 0, (7.0, 7.1, 7.2, 7.1)),
+    }
+    assert verdicts(places(comparison(distances, "fd-views"), ["fd-views"], 1)) == {
+        "splat": ("frontier", ""),
+        "poisson": ("frontier", ""),
+        "pc2pix": ("dominated", "poisson"),
+    }
+
+
+def test_what_no_table_shows_decides_nothing():
+    nearly = {
+        "pc2pix": (0.1, 0, (0.9, 0.8, 0.7)),
+        "pc2pix@unfolded": (0.2, 0, (0.9 + 1e-6, 0.8 + 1e-6, 0.7 + 1e-6)),
+        "pc2pix@paper": (0.3, 0, (0.9 - 1e-6, 0.8 - 1e-6, 0.7 - 1e-6)),
+    }
+    found = verdicts(places(comparison(nearly), ["ssim"], 1))
+    assert [verdict for verdict, _ in found.values()] == ["frontier", "tied", "tied"]
+
+
+def test_one_object_shows_nothing_clearly():
+    alone = {name: (p, d, scores[:1]) for name, (p, d, scores) in FIELD.items()}
+    found = {verdict for verdict, _ in verdicts(places(comparison(alone), ["ssim"], 20)).values()}
+    assert "dominated" not in found
+    assert "tied" in found
+
+
+# --- fewer points ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("condition", "count"),
+    [("2048", 2048), ("1024", 1024), ("512", 512), ("noise-0.05", None), ("odd", None)],
+)
+def test_point_counts(condition, count):
+    assert point_count(condition) == count
+
+
+def test_what_fewer_points_lose_and_save():
+    full = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
+    fewer = {"splat": (0.0005, 0.0005, (0.4, 0.3, 0.5, 0.6)), "blank": FIELD["blank"]}
+    few = comparison(fewer, condition="512")
+    noisy = comparison(FIELD, condition="noise-0.05")
+    whole, less = thinned([few, noisy, full], ["ssim"], 20)[::-1]
+    assert (whole.condition, whole.points, tuple(whole.lost)) == ("2048", 2048, (0, 0, 0))
+    assert (less.method, less.points) == ("splat", 512)
+    assert less.cost_ms.value == pytest.approx(0.5 + 20 * 0.5, rel=1e-12)
+    assert less.lost.value == pytest.approx((0.1 + 0.3 + 0.2 + 0.0) / 4, abs=1e-15)
+    expected = mean_interval(np.array(FIELD["splat"][2]) - np.array(fewer["splat"][2]))
+    assert tuple(less.lost[1:]) == expected
+
+
+def test_without_the_same_objects_at_full_size_nothing_is_said():
+    few = comparison(FIELD, condition="512")
+    assert thinned([few], ["ssim"], 20) == []
+    other = replace(comparison(FIELD), objects=tuple("efgh"))
+    assert [row.points for row in thinned([other, few], ["ssim"], 20)] == [2048] * 7

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.speed_costs import BreakEven, Cost, break_even
+
+RECONSTRUCTION = Cost(prepare=1000.0, draw_one=60.0, draw_batch=1000.0, batch=20)
+NETWORK = Cost(prepare=10.0, draw_one=110.0, draw_batch=1200.0, batch=20)
+
+
+def test_one_view_and_whole_batches_are_as_measured():
+    assert NETWORK.total(1) == 10 + 110
+    assert NETWORK.total(20) == 10 + 1200
+    assert NETWORK.total(60) == 10 + 3 * 1200
+    assert NETWORK.per_picture(40) == (10 + 2 * 1200) / 40
+
+
+def test_between_them_a_call_grows_evenly():
+    cost = Cost(prepare=5.0, draw_one=10.0, draw_batch=48.0, batch=20)  # 10, 12, 14, ... 48
+    assert [cost.total(v) for v in (2, 3, 19)] == pytest.approx([17, 19, 51])
+    assert cost.per_picture(2) == pytest.approx(8.5)
+
+
+def test_a_batch_of_one_is_a_call_a_view():
+    cost = Cost(prepare=5.0, draw_one=2.0, draw_batch=2.0, batch=1)
+    assert [cost.total(v) for v in (1, 2, 10)] == [7, 9, 25]
+
+
+def test_reconstruct_once_draw_many_against_a_network_per_view():
+    """Beyond a batch 1000 + 50 V against 10 + 60 V: equal at 99."""
+    assert break_even(RECONSTRUCTION, NETWORK) == BreakEven("from", (pytest.approx(99),))
+    assert break_even(NETWORK, RECONSTRUCTION) == BreakEven("up to", (pytest.approx(99),))
+
+
+def test_break_even_within_the_first_batch():
+    """11 + 2 V against 3 + 4 V up to the batch of 10: equal at 4; beyond, the order stays."""
+    slow_start = Cost(prepare=11.0, draw_one=2.0, draw_batch=20.0, batch=10)
+    quick_start = Cost(prepare=3.0, draw_one=4.0, draw_batch=40.0, batch=10)
+    assert break_even(slow_start, quick_start) == BreakEven("from", (pytest.approx(4),))
+    assert break_even(quick_start, slow_start) == BreakEven("up to", (pytest.approx(4),))
+
+
+def test_two_break_evens():
+    """11 + (V - 1) against 6 + 17/9 (V - 1) up to 10 views: equal at 6 5/8. Beyond them 2 V
+    against 5 + 1.8 V: equal at 25."""
+    good_at_batches = Cost(prepare=0.0, draw_one=11.0, draw_batch=20.0, batch=10)
+    other = Cost(prepare=5.0, draw_one=1.0, draw_batch=18.0, batch=10)
+    equal = (pytest.approx(6.625), pytest.approx(25))
+    assert break_even(good_at_batches, other) == BreakEven("between", equal)
+    assert break_even(other, good_at_batches) == BreakEven("outside", equal)
+
+
+@pytest.mark.parametrize("batch", [1, 20])
+def test_always_and_never(batch):
+    cheap = Cost(1.0, 2.0, 2.0 * batch, batch)
+    dear = Cost(2.0, 3.0, 3.0 * batch, batch)
+    assert break_even(cheap, dear) == BreakEven("always", ())
+    assert break_even(dear, cheap) == BreakEven("never", ())
+    assert break_even(cheap, cheap) == BreakEven("never", ())
+
+
+def test_the_same_draw_leaves_the_preparation_to_decide():
+    assert break_even(Cost(1.0, 3.0, 60.0, 20), Cost(2.0, 3.0, 60.0, 20)).cheaper == "always"
+
+
+def test_a_tie_at_one_view_is_decided_by_what_follows():
+    # 3 + 2 V and 1 + 4 V
+    first, second = Cost(3.0, 2.0, 20.0, 10), Cost(1.0, 4.0, 40.0, 10)
+    assert first.total(1) == second.total(1) == 5
+    assert break_even(first, second) == BreakEven("always", ())
+    assert break_even(second, first) == BreakEven("never", ())
+
+
+def test_different_batches_are_not_compared():
+    with pytest.raises(ValueError, match="batches of 20 and of 10"):
+        break_even(NETWORK, Cost(1.0, 1.0, 1.0, 10))
+
+
+times = st.floats(0.01, 100.0)
+
+
+@st.composite
+def costs(draw):
+    return Cost(draw(times), draw(times), draw(times), 20)
+
+
+@given(costs(), costs())
+def test_the_verdict_is_what_the_totals_say(cost, rival):
+    """Against the totals themselves, between and beyond the break-evens."""
+    found = break_even(cost, rival)
+    swapped = break_even(rival, cost)
+    assert found.views == pytest.approx(swapped.views)
+    edges = [1.0, *found.views, 2 * max((20.0, *found.views))]
+    assert edges == sorted(edges)
+    signs = []
+    for low, high in pairwise(edges):
+        middle = math.sqrt(low * high)
+        signs.append(cost.total(middle) < rival.total(middle))
+    expected = {
+        "always": [True],
+        "never": [False],
+        "up to": [True, False],
+        "from": [False, True],
+        "between": [False, True, False],
+        "outside": [True, False, True],
+    }
+    narrow = any(high - low < 1e-6 * high for low, high in pairwise(edges))
+    nearly = abs(cost.total(20) - rival.total(20)) < 1e-9 * cost.total(20)
+    assert narrow or nearly or signs == expected[found.cheaper]

@@ -1,0 +1,357 @@
+"""Tables of the suite `speed` from samples made by hand."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.published import published
+from bench.speed_costs import Cost
+from bench.speed_figures import spread, write_amortised
+from bench.speed_markdown import amortised_markdown, speed_markdown, verdict
+from bench.speed_samples import Failure, Measurement, Sample
+from bench.speed_summaries import Value, speedups, summarise
+from bench.speed_tables import (
+    AmortisedRow,
+    BreakEvenRow,
+    Machine,
+    SpeedRow,
+    amortised_rows,
+    break_even_rows,
+    samples_to_csv,
+    speed_rows,
+    to_csv,
+)
+from bench.suites import SPEED
+
+MACHINE = Machine("some cpu", 2)
+SUITE = replace(SPEED, rivals=("slow",), amortised=(1, 4, 8))
+
+
+def measurement(method="slow", prepare=(0.9, 1.0, 5.0), one=(0.1, 0.3, 0.2), batch=0.4, **changes):
+    """Calls of 1 and of 4 views; processor time is twice the clock's; cold calls take 8 s."""
+    warm = [
+        *(("prepare", 0, s) for s in prepare),
+        *(("draw", 1, s) for s in one),
+        *(("draw", 4, batch) for _ in one),
+    ]
+    samples = [
+        *(Sample("chair/a", 0, stage, int(stage == "draw"), 8.0, 16.0) for stage in STAGES),
+        *(Sample("chair/a", 1, stage, views, s, 2 * s) for stage, views, s in warm),
+    ]
+    made = Measurement(
+        key="k",
+        method=method,
+        condition="2048",
+        threads=1,
+        views=4,
+        clouds=3,
+        device="cpu",
+        samples=tuple(samples),
+        failures=(),
+        idle_mib=50.0,
+        peak_mib=75.0,
+        elsewhere_cores=0.0,
+    )
+    return replace(made, **changes)
+
+
+STAGES = ("load", "prepare", "draw")
+SLOW = summarise(measurement())  # 1 + 0.2, and 1 + 0.4 for 4 views
+QUICK = summarise(measurement("quick", prepare=(0.1,) * 3, one=(0.2,) * 3, batch=1.0))
+LOST = summarise(
+    measurement(
+        "lost",
+        samples=(),
+        failures=tuple(Failure(f"chair/{name}", "timeout: too long") for name in "abc"),
+        idle_mib=None,
+        peak_mib=None,
+        elsewhere_cores=None,
+    )
+)
+ALL = [SLOW, QUICK, LOST]
+PAPER = {
+    ("all", "picture-ms", "2048", "slow"): 180.0,
+    ("all", "picture-ms", "2048", "quick"): 20.0,
+    ("all", "picture-speedup", "2048", "quick"): 9.0,
+}
+
+
+# --- numbers --------------------------------------------------------------------------------------
+
+
+def test_medians_in_milliseconds():
+    assert {name: found.value for name, found in SLOW.values.items()} == pytest.approx(
+        {
+            **dict.fromkeys(("cold-load-ms", "cold-prepare-ms", "cold-draw-ms"), 8000.0),
+            "cold-picture-ms": 24000.0,
+            "prepare-ms": 1000.0,
+            "prepare-p95-ms": 4600.0,  # 0.9 of the way from 1 to 5 s
+            "prepare-core-ms": 2000.0,
+            "draw-1-ms": 200.0,
+            "draw-1-p95-ms": 290.0,
+            "draw-1-core-ms": 400.0,
+            "draw-4-ms": 100.0,  # a view's share
+            "draw-4-p95-ms": 100.0,
+            "draw-4-core-ms": 200.0,
+            "picture-of-1-ms": 1200.0,
+            "picture-of-1-core-ms": 2400.0,
+            "picture-of-4-ms": 350.0,
+            "picture-of-4-core-ms": 700.0,
+            "peak-mib": 75.0,
+            "idle-mib": 50.0,
+        }
+    )
+    counts = {name: found.n for name, found in SLOW.values.items()}
+    assert (counts["cold-picture-ms"], counts["prepare-ms"], counts["peak-mib"]) == (1, 3, 1)
+    assert (SLOW.wall, SLOW.core) == (Cost(1.0, 0.2, 0.4, 4), Cost(2.0, 0.4, 0.8, 4))
+
+
+def test_one_view_a_call_has_no_second_batch():
+    single = measurement(views=1)
+    values = summarise(replace(single, samples=tuple(s for s in single.samples if s.views < 2)))
+    assert not [name for name in values.values if "4" in name]
+    assert values.wall == Cost(1.0, 0.2, 0.2, 1)
+
+
+def test_a_lost_measurement_has_no_number():
+    assert all(math.isnan(found.value) and not found.n for found in LOST.values.values())
+    assert (LOST.wall, LOST.core, LOST.n_ok) == (None, None, 0)
+    assert LOST.reason == "timeout: too long"
+
+
+def test_clouds_that_failed_are_counted_once():
+    twice = (Failure("chair/a", "b"), Failure("chair/a", "c"))
+    found = summarise(measurement(failures=twice))
+    assert (found.n_ok, found.reason) == (2, "b; c")
+
+
+def test_speedups_are_of_the_rival_over_the_method():
+    """1.2 s against 0.3 s alone, 0.35 s against 0.275 s among four."""
+    assert speedups(QUICK, SLOW) == {
+        "picture-of-1-speedup": Value(pytest.approx(4.0), 3),
+        "picture-of-4-speedup": Value(pytest.approx(0.35 / 0.275), 3),
+    }
+    assert speedups(QUICK, None) == speedups(LOST, SLOW) == speedups(SLOW, LOST) == {}
+
+
+def test_rows_say_all_that_they_were_taken_under():
+    rows = speed_rows(ALL, SUITE, MACHINE, PAPER)
+    by = {(row.method, row.metric): row for row in rows}
+    assert by["slow", "prepare-ms"] == SpeedRow(
+        *("speed", "slow", "2048", 1, "prepare-ms"),
+        *(pytest.approx(1000.0), 3, 3, 3, ""),
+        *(pytest.approx(math.nan, nan_ok=True), 0.0, "cpu", "some cpu", 2),
+    )
+    assert by["slow", "picture-of-1-speedup"].value == 1.0
+    quoted = {key: row.paper for key, row in by.items() if math.isfinite(row.paper)}
+    assert quoted == {
+        ("slow", "picture-of-4-ms"): 180.0,
+        ("quick", "picture-of-4-ms"): 20.0,
+        ("quick", "picture-of-4-speedup"): 9.0,
+    }
+    lost = by["lost", "prepare-ms"]
+    assert (lost.n, lost.n_ok, lost.clouds, lost.reason) == (0, 0, 3, "timeout: too long")
+
+
+def test_the_published_values_are_about_methods_of_the_suite():
+    paper = published(SPEED.id)
+    assert {key[-1] for key in paper} <= set(SPEED.methods)
+    assert {value for key, value in paper.items() if key[1] == "picture-ms"} == {20.0, 180.0}
+
+
+def test_amortised():
+    rows = amortised_rows(ALL, SUITE)
+    assert {(r.method, r.views): r.wall_ms for r in rows} == pytest.approx(
+        {
+            ("slow", 1): 1200.0,
+            ("slow", 4): 350.0,
+            ("slow", 8): 225.0,
+            ("quick", 1): 300.0,
+            ("quick", 4): 275.0,
+            ("quick", 8): 262.5,
+        }
+    )
+    assert [r.core_ms for r in rows] == pytest.approx([2 * r.wall_ms for r in rows])
+
+
+def test_break_even():
+    """1 + 0.1 V against 0.1 + 0.25 V: equal at 6 views."""
+    (row,) = break_even_rows(ALL, SUITE)
+    assert row == BreakEvenRow(
+        *("speed", "quick", "slow", "2048", 1, "up to"),
+        *(pytest.approx(6.0), pytest.approx(math.nan, nan_ok=True)),
+    )
+    both = replace(SUITE, rivals=("slow", "quick", "lost"))
+    pairs = [(r.method, r.rival, r.cheaper) for r in break_even_rows(ALL, both)]
+    assert pairs == [("slow", "quick", "from"), ("quick", "slow", "up to")]
+
+
+def test_only_what_was_taken_alike_is_compared():
+    faster = summarise(measurement("quick", threads=2))
+    other = summarise(measurement("quick", condition="512"))
+    assert break_even_rows([SLOW, faster, other], SUITE) == []
+    rows = speed_rows([SLOW, faster, other], SUITE, MACHINE, PAPER)
+    assert {r.method for r in rows if r.metric.endswith("speedup")} == {"slow"}
+
+
+# --- text -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("cheaper", "views", "second", "told"),
+    [
+        ("always", math.nan, math.nan, "any"),
+        ("never", math.nan, math.nan, "none"),
+        ("up to", 6.5, math.nan, "1 to 6"),
+        ("up to", 6.0, math.nan, "1 to 5"),  # at 6 both cost the same
+        ("up to", 1.5, math.nan, "1"),
+        ("from", 6.5, math.nan, "7 and more"),
+        ("from", 6.0, math.nan, "7 and more"),
+        ("between", 2.5, 6.0, "3 to 5"),
+        ("between", 2.5, 2.8, "none"),
+        ("outside", 2.5, 6.0, "1 to 2, 7 and more"),
+    ],
+)
+def test_verdicts_in_whole_views(cheaper, views, second, told):
+    row = BreakEvenRow("speed", "a", "b", "2048", 1, cheaper, views, second)
+    assert verdict(row) == told
+
+
+def test_markdown_of_times():
+    text = speed_markdown(ALL, SUITE, MACHINE, PAPER)
+    assert "On some cpu, 2 cores; device cpu." in text
+    lines = text.splitlines()
+    assert "| method | as published | alone, 1 thread | one of 4, 1 thread |" in lines
+    assert "| slow | *180* | 1200 | 350 |" in lines
+    assert "| quick | *20 (9x)* | 300 (4x) | 275 (1.27x) |" in lines
+    assert "| lost | - | failed | failed |" in lines
+    assert "| slow | 1000 (4600) | 200 (290) | 100 (100) | 2400 | 700 |  |" in lines
+    assert "| lost | - (-) | - (-) | - (-) | - | - | 0/3 clouds |" in lines
+    assert "| slow | 8000 | 8000 | 8000 | 24000 | 75 (50) |" in lines
+    assert "* lost, 2048, 1 thread, chair/b: failed, timeout: too long" in lines
+    assert "\\*" not in text
+    assert "GTX 1060" not in speed_markdown(ALL, SUITE, MACHINE, {})
+
+
+@pytest.mark.parametrize(("cores", "marked"), [(0.25, False), (0.26, True), (None, False)])
+def test_times_beside_other_work_are_marked(cores, marked):
+    noisy = summarise(measurement("quick", elsewhere_cores=cores))
+    text = speed_markdown([SLOW, noisy], SUITE, MACHINE, {})
+    assert ("| quick \\* |" in text) == marked
+    assert ("take these times again" in text) == marked
+    assert "| slow \\*" not in text
+
+
+def test_markdown_of_the_amortised(monkeypatch):
+    named = {"slow": "surface-apss", "quick": "pc2pix", "free": "true-mesh", "lost": "splat"}
+    free = summarise(measurement("free", prepare=(0.0,), one=(0.001,), batch=0.004))
+    renamed = [
+        replace(s, measurement=replace(s.measurement, method=named[s.measurement.method]))
+        for s in (*ALL, free)
+    ]
+    text = amortised_markdown(renamed, replace(SUITE, rivals=("surface-apss",)))
+    lines = text.splitlines()
+    assert "| method | 1 | 4 | 8 |" in lines
+    assert "| surface-apss | 1200 | 350 | **225** |" in lines
+    assert "| pc2pix | **300** | **275** | 262 |" in lines
+    assert "| true-mesh | 1 | 1 | 1 |" in lines  # sees the mesh: no rival
+    assert "| method | surface-apss |" in lines
+    assert "| pc2pix | 1 to 5 |" in lines
+    assert "splat" not in text
+
+
+def test_csv_is_tidy():
+    rows = speed_rows(ALL, SUITE, MACHINE, PAPER)
+    read = list(csv.DictReader(io.StringIO(to_csv(SpeedRow, rows))))
+    assert len(read) == len(rows)
+    assert list(read[0])[:6] == ["suite", "method", "condition", "threads", "metric", "value"]
+    lost = [row for row in read if row["method"] == "lost"]
+    assert {(row["value"], row["elsewhere_cores"], row["n_ok"]) for row in lost} == {("", "", "0")}
+    amortised = to_csv(AmortisedRow, amortised_rows(ALL, SUITE)).splitlines()
+    assert amortised[:2] == [
+        "suite,method,condition,threads,views,wall_ms,core_ms",
+        "speed,slow,2048,1,1,1200,2400",
+    ]
+    equal = to_csv(BreakEvenRow, break_even_rows(ALL, SUITE)).splitlines()
+    assert equal[1] == "speed,quick,slow,2048,1,up to,6,"
+    samples = samples_to_csv(s.measurement for s in ALL).splitlines()
+    assert samples[0] == "method,condition,threads,cloud,round,stage,views,wall_s,core_s"
+    assert samples[4] == "slow,2048,1,chair/a,1,prepare,0,0.9,1.8"
+    assert len(samples) == 1 + 2 * (3 + 9)
+
+
+# --- figure ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Draws the figure; its axes."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    kept = []
+    monkeypatch.setattr(plt, "close", kept.append)
+
+    def draw(summaries):
+        write_amortised(tmp_path / "amortised.png", summaries, SUITE)
+        assert (tmp_path / "amortised.png").read_bytes().startswith(b"\x89PNG")
+        return kept[-1].axes
+
+    yield draw
+    monkeypatch.undo()
+    plt.close("all")
+
+
+def test_a_line_for_each_method_with_its_name(drawn):
+    (axis,) = drawn(ALL)
+    lines = {line.get_label(): line for line in axis.get_lines()}
+    slow = lines["slow"]
+    assert slow.get_xdata()[[0, -1]] == pytest.approx([1, 8])
+    assert np.array(slow.get_ydata())[[0, -1]] == pytest.approx([1200, 225])
+    assert {text.get_text() for text in axis.texts} == {"slow", "quick"}
+    rings = [line for line in axis.get_lines() if line.get_markerfacecolor() == "none"]
+    ((x, y),) = [ring.get_xydata()[0] for ring in rings]
+    assert (x, y) == pytest.approx((6.0, 1600 / 6))
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+    assert axis.get_title() == "2048, 1 thread"
+
+
+def test_a_panel_for_each_condition_and_number_of_threads(drawn):
+    summaries = [
+        summarise(measurement(threads=threads, condition=condition))
+        for condition in ("2048", "512")
+        for threads in (1, 2)
+    ]
+    assert [axis.get_title() for axis in drawn(summaries)] == [
+        *("2048, 1 thread", "2048, 2 threads", "512, 1 thread", "512, 2 threads"),
+    ]
+
+
+def test_without_a_cost_there_is_no_figure(tmp_path):
+    write_amortised(tmp_path / "none.png", [LOST], SUITE)
+    assert not (tmp_path / "none.png").exists()
+
+
+def test_labels_keep_apart():
+    assert spread([0.1, 0.5], 0.1) == [0.1, 0.5]
+    assert spread([0.5, 0.5], 0.1) == pytest.approx([0.45, 0.55])
+    assert spread([0.52, 0.5, 0.51], 0.1) == pytest.approx([0.61, 0.41, 0.51])
+    assert spread([], 0.1) == []
+
+
+@given(st.lists(st.floats(0, 1), max_size=8))
+def test_labels_keep_their_order_and_their_mean(places):
+    moved = spread(places, 0.1)
+    order = sorted(range(len(places)), key=lambda i: places[i])
+    gaps = np.diff([moved[i] for i in order])
+    assert (gaps >= 0.1 - 1e-9).all()
+    assert sum(moved) == pytest.approx(sum(places))  # least squares keeps it
