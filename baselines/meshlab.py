@@ -44,7 +44,10 @@ class MeshLab:
             raise RuntimeError(" ".join(str(error).split())) from error
 
     def estimate_normals(self, neighbours: int) -> None:
-        """Normals from the `neighbours` nearest points; their signs are not made to agree."""
+        """Normals from the `neighbours` nearest points.
+
+        Their signs are made to agree from neighbour to neighbour; which side is outside stays open.
+        """
         self._apply("compute_normal_for_point_clouds", k=neighbours, flipflag=False)
 
     def ball_pivoting(self, radius_percent: float | None = None) -> None:

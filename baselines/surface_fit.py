@@ -17,8 +17,7 @@ Normals APSS moves vertices onto the surface in 15 steps, always, which takes no
 What it changes: the domain ends two spacings beyond the last point, and a fine grid carries the
 surface to its end, as a rim that the object does not have. A cell that is not wholly within is left
 out, so that coarse cells trim the rim. That is two thirds of why `surface-fit` scores higher than
-`surface-apss` (with the silhouettes of the one and the shading of the other, both ways); the rest
-is that facets smaller than a pixel are shaded as noise.
+`surface-apss`: so much is gained by its silhouettes with the shading of the other.
 
 What does not pay, and is not done: ball pivoting and the closing of holes have to stay, for they
 drop a tenth of the points, and the normals that APSS gets are those of the closed mesh. Decimation

@@ -545,7 +545,7 @@ DEFECTS = (
         "clean points of a box: APSS writes vertices that are not finite",
         _clean_box_gives_nan,
         r"^[1-9]\d* of \d+ vertices are not finite",
-        "`surface._finite_part`: their faces are dropped, and counted in the notes",
+        "`stages.finite_part`: their faces are dropped, and counted in the notes",
     ),
     Defect(
         "apss-reads-unwritten-memory",
@@ -625,7 +625,7 @@ DEFECTS = (
         "a white background in integers comes out black",
         _integers_are_black,
         r"^background [01], and 255 from floats",
-        "`render.render`, which gives it in floats",
+        "`render.render`, which clears by OpenGL itself, in floats",
     ),
     Defect(
         "numpy-2-unknown",
@@ -633,7 +633,7 @@ DEFECTS = (
         "the extent of a scene reads np.infty, which NumPy 2 has not",
         _numpy_2_is_unknown,
         r"^raises AttributeError: .*np\.infty",
-        "`render._context`, which puts the name back",
+        "`render.render`, which makes no scene of pyrender's",
     ),
     Defect(
         "nan-vertex-vanishes",
@@ -657,7 +657,7 @@ DEFECTS = (
         "deleting one of two renderers breaks the other",
         _renderers_share_a_display,
         r"^the other one raises EGLError",
-        "`render._context`: one renderer a process, never deleted",
+        "`render._context`: one context a process, deleted only at its exit",
     ),
     Defect(
         "vertices-merged",

@@ -93,14 +93,14 @@ METHODS = (
     Method(
         "poisson",
         load=partial(loaders.renderer, "baselines.poisson:Poisson"),
-        identity=loaders.pymeshlab_identity,
+        identity=lambda: f"{loaders.pymeshlab_identity()}, scipy {loaders.installed('scipy')}",
         version=1,
         source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
     ),
     Method(
         "alpha-shape",
         load=partial(loaders.renderer, "baselines.alpha_shape:AlphaShape"),
-        identity=loaders.pymeshlab_identity,
+        identity=lambda: f"scipy {loaders.installed('scipy')}",
         version=1,
         source="alpha shape (Edelsbrunner and Muecke 1994)",
     ),

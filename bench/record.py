@@ -6,7 +6,7 @@ The order of the fields is the order of the columns of `records.parquet`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import pandas as pd
@@ -45,7 +45,7 @@ class Record:
     contrast: float | None
     structure: float | None
     ssim_object: float | None
-    silhouette_iou: float | None = field(default=None, kw_only=True)
+    silhouette_iou: float | None
     thin_recall: float | None
     thin_precision: float | None
     prepare_s: float | None

@@ -37,7 +37,7 @@ COST = "cost.md"
 PAPER_TITLES = (
     ("table3_ssim", "Table 3: SSIM and its components against the true mesh (higher is better)"),
     ("table4_fid", "Table 4: Fréchet distances to pictures of the true mesh (lower is better)"),
-    ("table_detail", "Detail: the object alone, and its thin parts (higher is better)"),
+    ("table_detail", "Detail: the object alone, its outline and its thin parts (higher is better)"),
 )
 TRADE_TITLES = (
     ("table_ssim", "SSIM and its components against the true mesh (higher is better)"),

@@ -23,18 +23,28 @@ from bench.metric_cases_angles import ANGLE_CASES
 from bench.metric_cases_frechet import FRECHET_CASES
 from bench.metric_cases_inputs import INPUT_CASES
 from bench.metric_cases_networks import NETWORK_CASES, extractor
+from bench.metric_cases_silhouette import SILHOUETTE_CASES
 from bench.metric_cases_ssim import SSIM_CASES
 from bench.metric_cases_thin import THIN_CASES
 from bench.metric_pictures import Pictures
 from bench.metric_table import JUDGE
 from bench.one_thread import one_thread
 from bench.outcomes import Kind, Outcome
+from bench.silhouette import silhouette_iou
 from bench.ssim import ssim_per_image, ssim_per_image_and_box
 from bench.thin_parts import thin_scores
 
 Floats = NDArray[np.float64]
 
-CASES = SSIM_CASES + THIN_CASES + INPUT_CASES + NETWORK_CASES + FRECHET_CASES + ANGLE_CASES
+CASES = (
+    SSIM_CASES
+    + THIN_CASES
+    + SILHOUETTE_CASES
+    + INPUT_CASES
+    + NETWORK_CASES
+    + FRECHET_CASES
+    + ANGLE_CASES
+)
 DISTANCES = (FRECHET, *FD_VIEWS)
 
 
@@ -130,6 +140,7 @@ METRICS: Mapping[str, Callable[[Any, Any], Any]] = {
     "contrast": lambda a, b: ssim_per_image(a, b).contrast,
     "structure": lambda a, b: ssim_per_image(a, b).structure,
     "ssim-object": _ssim_object,
+    "silhouette-iou": silhouette_iou,
     "thin-recall": lambda a, b: thin_scores(a, b).recall,
     "thin-precision": lambda a, b: thin_scores(a, b).precision,
     FRECHET: frechet_distance,

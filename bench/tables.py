@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench import control, markdown
-from bench.frechet import frechet_distance, frechet_interval
+from bench.frechet import LeftOut, centred_to_frechet, frechet_distance, left_out_to_interval
 from bench.methods import FLOOR
 from bench.metric_table import UNDEFINED, column
 from bench.record import GROUND_TRUTH
@@ -179,13 +179,15 @@ def _floor_of_failed(
     cell: tuple[str, str, str], group: pd.DataFrame, records: pd.DataFrame
 ) -> pd.DataFrame:
     """The floor's records of the pictures that failed in a cell, where it has them."""
+    failed = group[group["outcome"] == "failed"]
+    if failed.empty:
+        return records.iloc[:0]
     floor = records[
         (records["method"] == FLOOR)
         & (records["condition"] == cell[1])
         & (records["outcome"] == "ok")
         & (records["class"] == cell[2])
     ]
-    failed = group[group["outcome"] == "failed"]
     return floor.merge(failed[["object", "view"]], on=["object", "view"])
 
 
@@ -298,11 +300,12 @@ def set_table(
     """
     made = []
     for metric in suite.set_metrics:
+        truths: dict[str, LeftOut] = {}
         for cell, group in _cells(records):
             if metric in skipped:
                 value, interval, with_blank, note = NAN, (NAN, NAN), NAN, skipped[metric]
             else:
-                value, interval, with_blank, note = _distances(cell, features[metric])
+                value, interval, with_blank, note = _distances(cell, features[metric], truths)
             made.append(
                 _row(suite, cell, metric, value, interval, group, published, with_blank, note)
             )
@@ -310,25 +313,34 @@ def set_table(
 
 
 def _distances(
-    cell: tuple[str, str, str], features: Features
+    cell: tuple[str, str, str], features: Features, truths: dict[str, LeftOut]
 ) -> tuple[float, tuple[float, float], float, str]:
+    """Value, interval, value with the floor's pictures in place of failed ones, why there is none.
+
+    `truths` keeps the true pictures by class, for the next cell in which none failed.
+    """
     method, condition, class_name = cell
     drawn = features.pictures(method, condition, class_name)
     if len(drawn) < 2:
         return NAN, (NAN, NAN), NAN, "fewer than two pictures"
     truth = (GROUND_TRUTH, "", class_name)
-    x, y = features.of(*cell, drawn), features.of(*truth, drawn)
-    objects = np.array([obj for obj, _ in drawn])
-    value = frechet_distance(x, y)
-    interval = frechet_interval(x, y, objects, objects)
+    x, objects = features.of(*cell, drawn), np.array([obj for obj, _ in drawn])
     wanted = set(features.pictures(*truth)) - set(drawn)
+    true = truths.get(class_name) if not wanted else None
+    if true is None:
+        true = LeftOut(features.of(*truth, drawn), objects)
+        if not wanted:
+            truths[class_name] = true
+    left_out = LeftOut(x, objects)
+    value = centred_to_frechet(left_out.whole, true.whole)
+    interval = left_out_to_interval(left_out, true)
     floor = (FLOOR, condition, class_name)
     missing = sorted(wanted & set(features.pictures(*floor)))
     if not missing:
         return value, interval, value, ""
     with_blank = frechet_distance(
         np.concatenate([x, features.of(*floor, missing)]),
-        np.concatenate([y, features.of(*truth, missing)]),
+        features.of(*truth, [*drawn, *missing]),
     )
     return value, interval, with_blank, ""
 

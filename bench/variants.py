@@ -46,6 +46,16 @@ KNOBS = (
         "grid cells along the longest side of the cloud",
     ),
     Knob(
+        "surface-fit",
+        "cell",
+        "baselines.surface_fit:SurfaceFit",
+        "cell_px",
+        0.5,
+        4,
+        False,
+        "side of a grid cell, in pixels at the origin",
+    ),
+    Knob(
         "surface-bpa",
         "radius",
         "baselines.surface_bpa:SurfaceBpa",

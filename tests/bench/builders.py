@@ -44,6 +44,7 @@ def make_record(method="splat", condition="2048", obj="a", view=0, **changes) ->
         contrast=0.8,
         structure=0.7,
         ssim_object=0.4,
+        silhouette_iou=0.55,
         thin_recall=0.3,
         thin_precision=0.6,
         prepare_s=0.25,

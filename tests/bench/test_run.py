@@ -134,7 +134,7 @@ def test_ceiling_and_floor(finished):
         assert row.note.startswith("skipped: weights; ") == (row.metric == "fid")
     thin = {(r.method, r.condition, r.metric): r for r in detail.rows}
     for condition in ("2048", "noise-0.10"):
-        for metric in ("ssim-object", "thin-recall", "thin-precision"):
+        for metric in ("ssim-object", "silhouette-iou", "thin-recall", "thin-precision"):
             assert thin["true-mesh", condition, metric].value == 1.0
             assert 0 < thin["splat", condition, metric].value < 1
         assert thin["blank", condition, "thin-recall"].value == 0.0

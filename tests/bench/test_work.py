@@ -120,7 +120,7 @@ def test_the_truth_itself_scores_exactly_one(measure, tmp_path):
     write_artifact(make_truth(tmp_path), seed=1)
     truth = read_artifact(make_truth(tmp_path).artifact)["images"]
     _, result = measure(Fake(to_float(truth)))
-    names = (*SSIM, "ssim_object")
+    names = (*SSIM, "ssim_object", "silhouette_iou")
     assert all(getattr(record, name) == 1.0 for record in result.records for name in names)
 
 
