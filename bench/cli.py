@@ -212,10 +212,11 @@ def _run_speed(options: Any) -> None:
 
 @app.command("list")
 def list_all() -> None:
-    """Suites, methods, conditions, metrics and datasets."""
-    from bench.methods import METHODS, plugin_ids
+    """Suites, methods and their variants, conditions, metrics and datasets."""
+    from bench.methods import METHODS, YARDSTICKS, plugin_ids
     from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
     from bench.suites import LATENT, SPEED, STABILITY, SUITES
+    from bench.variants import KNOBS
     from data_prep.conditions import CONDITIONS
 
     sections = {
@@ -223,6 +224,10 @@ def list_all() -> None:
         "methods": [
             *((m.id, m.source) for m in METHODS),
             *((id_, "of another installed package") for id_ in plugin_ids()),
+        ],
+        "variants": [
+            *((f"{k.method}@{k.name}=", f"{k.low:g} to {k.high:g}: {k.about}") for k in KNOBS),
+            *((m.id, m.source) for m in YARDSTICKS),
         ],
         "conditions": [(c.id, c.source) for c in CONDITIONS],
         "metrics": [
@@ -239,7 +244,7 @@ def list_all() -> None:
     for title, entries in sections.items():
         print(f"{title}:")
         for name, about in entries:
-            print(f"  {name:<17} {about}")
+            print(f"  {name:<25} {about}")
 
 
 @app.command()

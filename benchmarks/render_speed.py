@@ -2,27 +2,31 @@
 
     python -m benchmarks.render_speed [--views 20] [--rounds 7] [--faces 400000] [--processes 2]
 
-For procedural chairs (validation split) and for spheres of more and more faces: what a call costs
-once (set-up: vertices, upload), and for each view (drawing, which ends with the resolved picture;
-and reading it back), in ms of processor time; views/s of whole calls of `data_prep.render.render`;
-and how many times the time of that `benchmarks.plain_pyrender` takes, which gives the same
-pictures. All of them draw in turns (A, B, C, A, B, C ...) in one process; numbers are medians over
-the rounds, with the smallest and largest ratio of a round. Where embreex is installed, so does the
-ray-caster (`benchmarks.ray_caster`, 4 samples a pixel), which includes building its tree.
+For procedural chairs (validation split) and for spheres of more and more faces, in ms of processor
+time: what a call of `data_prep.render.render` costs once (set-up: vertices, upload), and for each
+view (drawing, which ends with the resolved picture; and reading it back); whole calls, as views/s;
+and how many times their time the same pictures take by pyrender itself
+(`benchmarks.plain_pyrender`), and, where embreex is installed, by the ray-caster
+(`benchmarks.ray_caster`, 4 samples a pixel, building its tree included). Each of the three has a
+process of its own (two GL contexts in one process slow each other down); they take turns (A, B, C,
+A, B, C ...), and numbers are medians over the rounds, with the smallest and largest ratio of a
+round.
 
-Then the chairs again in one process and in as many as asked for at once, each with one thread: all
-views/s on the clock. Leave the machine alone meanwhile. Mesa's rasteriser has a thread of its own
-(LP_NUM_THREADS=1, as in the workers of a run), which works while the process waits for it.
+Then whole calls in one process and in as many as asked for at once, each with one thread: all
+views/s on the clock. Leave the machine alone meanwhile.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import multiprocessing
 import os
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from importlib.util import find_spec
+from multiprocessing.pool import Pool
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -41,7 +45,11 @@ from data_prep.scene import Mesh, View
 
 CHAIRS = 24
 SUBDIVISIONS = range(1, 8)  # of an icosahedron: 20 x 4^n faces
+ON_THE_CLOCK = 4  # subdivisions: 5,120 faces, about the most that a true mesh has
 SECONDS = 5.0  # that processes draw at once
+
+
+Draw = Callable[[Mesh, Sequence[View]], object]
 
 
 class Parts(NamedTuple):
@@ -63,18 +71,38 @@ def main() -> None:
     os.environ.update(WORKER_ENVIRONMENT)  # Mesa reads it when the context is made
     loads = ", ".join(f"{load:.2f}" for load in os.getloadavg())
     print(f"{gl_renderer()}; load of the machine {loads}")
-    views = random_views(given.views, generator("render-speed"))
-    chairs = procedural_chairs()
-    print(f"{CHAIRS} procedural chairs: {describe(chairs)}\n")
+    spheres = [n for n in SUBDIVISIONS if 20 * 4**n <= given.faces]
+    print(f"{CHAIRS} procedural chairs: {describe(meshes_of(0))}\n")
     print(HEADER)
-    report("chairs", chairs, views, given.rounds)
-    for subdivisions in SUBDIVISIONS:
-        if 20 * 4**subdivisions <= given.faces:
-            ball = sphere(subdivisions)
-            report(f"sphere, {len(ball.faces):,} faces", [ball], views, given.rounds)
+    with ExitStack() as stack:
+        spawn = multiprocessing.get_context("spawn")
+        pools = [stack.enter_context(spawn.Pool(1)) for _ in renderers()]
+        for what in (0, *spheres):
+            print(line(what, pools, given.views, given.rounds), flush=True)
     print()
-    for processes in sorted({1, given.processes}):
-        print(f"{processes} process(es): {at_once(processes, given.views):.0f} views/s of chairs")
+    for what in (0, ON_THE_CLOCK):
+        for processes in sorted({1, given.processes}):
+            rate = at_once(processes, what, given.views)
+            print(f"{name_of(what)}: {processes} process(es) {rate:.0f} views/s on the clock")
+
+
+def renderers() -> list[Draw]:
+    """Ours, pyrender's, and the ray-caster where it is installed."""
+    found: list[Draw] = [render, render_plainly]
+    if find_spec("embreex"):
+        found.append(lambda mesh, views: cast(mesh, views, OPENGL))
+    return found
+
+
+@functools.cache
+def meshes_of(what: int) -> list[Mesh]:
+    """The chairs for 0, else the sphere of so many subdivisions."""
+    return [sphere(what)] if what else procedural_chairs()
+
+
+def name_of(what: int) -> str:
+    """For a line of the table."""
+    return f"sphere, {20 * 4**what:,} faces" if what else "chairs"
 
 
 def procedural_chairs() -> list[Mesh]:
@@ -96,44 +124,49 @@ def describe(meshes: Sequence[Mesh]) -> str:
 
 HEADER = (
     f"{'':<24}{'set-up':>8}{'drawing':>9}{'reading':>9}{'views/s':>9}"
-    f"{'pyrender':>11}  {'of a round':<13}{'ray-caster':>11}\n"
+    f"{'pyrender':>11}  {'of a round':<13}{'ray-caster':>11}  of a round\n"
     f"{'':<24}{'ms':>8}{'ms/view':>9}{'ms/view':>9}{'':>9}{'x time':>11}  {'':<13}{'x time':>11}"
 )
 
 
-def report(name: str, meshes: Sequence[Mesh], views: Sequence[View], rounds: int) -> None:
-    """One line of the table."""
-    draws: list[Callable[[Mesh], object]] = [
-        lambda mesh: render(mesh, views),
-        lambda mesh: render_plainly(mesh, views),
-    ]
-    if find_spec("embreex"):
-        draws.append(lambda mesh: cast(mesh, views, OPENGL))
-    own, plain, *rays = in_turns(draws, meshes, rounds)
-    sheet = views[: renderer.SHEET_VIEWS]
-    parts = [parts_of(mesh, sheet) for _ in range(rounds) for mesh in meshes]
+def line(what: int, pools: Sequence[Pool], views: int, rounds: int) -> str:
+    """One line of the table; the first pool is ours."""
+    own, plain, *rays = in_turns(pools, what, views, rounds)
+    parts = pools[0].apply(_parts, (what, views, rounds))
     set_up, drawing, reading = (1e3 * median(taken) for taken in zip(*parts, strict=True))
-    ratios = [b / a for a, b in zip(own, plain, strict=True)]
-    line = f"{name:<24}{set_up:8.2f}{drawing / len(sheet):9.3f}{reading / len(sheet):9.3f}"
-    line += f"{len(meshes) * len(views) / median(own):9.0f}{median(ratios):11.2f}"
-    line += f"  {min(ratios):5.2f}-{max(ratios):<7.2f}"
-    if rays:
-        line += f"{median(rays[0]) / median(own):11.2f}"
-    print(line, flush=True)
+    count = min(views, renderer.SHEET_VIEWS)
+    text = f"{name_of(what):<24}{set_up:8.2f}{drawing / count:9.3f}{reading / count:9.3f}"
+    text += f"{len(meshes_of(what)) * views / median(own):9.0f}"
+    for others in (plain, *rays):
+        ratios = [b / a for a, b in zip(own, others, strict=True)]
+        text += f"{median(ratios):11.2f}  {f'{min(ratios):.2f}-{max(ratios):.2f}':<13}"
+    return text.rstrip()
 
 
-def in_turns(
-    draws: Sequence[Callable[[Mesh], object]], meshes: Sequence[Mesh], rounds: int
-) -> list[list[float]]:
-    """Seconds of processor time that each takes for all meshes, by round; one more comes first."""
-    seconds: list[list[float]] = [[] for _ in draws]
-    for _ in range(rounds + 1):
-        for draw, kept in zip(draws, seconds, strict=True):
-            start = time.process_time()
-            for mesh in meshes:
-                draw(mesh)
-            kept.append(time.process_time() - start)
-    return [kept[1:] for kept in seconds]
+def in_turns(pools: Sequence[Pool], what: int, views: int, rounds: int) -> list[list[float]]:
+    """Seconds of processor time by renderer and round, for all meshes; one more round is first."""
+    taken = [
+        [pool.apply(_seconds, (i, what, views)) for i, pool in enumerate(pools)]
+        for _ in range(rounds + 1)
+    ]
+    return [list(seconds) for seconds in zip(*taken[1:], strict=True)]
+
+
+def _seconds(index: int, what: int, views: int) -> float:
+    draw, shown, meshes = renderers()[index], _views(views), meshes_of(what)
+    start = time.process_time()
+    for mesh in meshes:
+        draw(mesh, shown)
+    return time.process_time() - start
+
+
+def _parts(what: int, views: int, rounds: int) -> list[Parts]:
+    sheet = _views(views)[: renderer.SHEET_VIEWS]
+    return [parts_of(mesh, sheet) for _ in range(rounds) for mesh in meshes_of(what)]
+
+
+def _views(count: int) -> tuple[View, ...]:
+    return random_views(count, generator("render-speed"))
 
 
 def parts_of(mesh: Mesh, views: Sequence[View]) -> Parts:
@@ -153,12 +186,12 @@ def parts_of(mesh: Mesh, views: Sequence[View]) -> Parts:
     return Parts(*np.diff(clock).tolist())
 
 
-def at_once(processes: int, views: int) -> float:
-    """Views of chairs a second that so many processes draw together."""
+def at_once(processes: int, what: int, views: int) -> float:
+    """Views a second that so many processes draw together."""
     context = multiprocessing.get_context("spawn")
     start = context.Barrier(processes)
     with context.Pool(processes, _share_barrier, (start,)) as pool:
-        return sum(pool.map(_draw_for_a_while, [views] * processes, chunksize=1))
+        return sum(pool.starmap(_draw_for_a_while, [(what, views)] * processes, chunksize=1))
 
 
 _barrier: Any = None  # of the processes of a pool, which have no other way to get one
@@ -169,15 +202,15 @@ def _share_barrier(barrier: Any) -> None:
     _barrier = barrier
 
 
-def _draw_for_a_while(count: int) -> float:
+def _draw_for_a_while(what: int, count: int) -> float:
     """Views a second on the clock, of one process beside the others."""
-    chairs, views = procedural_chairs(), random_views(count, generator("render-speed"))
-    render(chairs[0], views)
+    meshes, views = meshes_of(what), _views(count)
+    render(meshes[0], views)
     drawn = 0
     _barrier.wait()
     start = time.perf_counter()
     while time.perf_counter() - start < SECONDS:
-        for mesh in chairs:
+        for mesh in meshes:
             drawn += len(render(mesh, views))
     return drawn / (time.perf_counter() - start)
 

@@ -12,10 +12,11 @@ import pytest
 import torch
 
 import bench.run
-from bench.methods import METHODS
+from bench.methods import METHODS, YARDSTICKS
 from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
 from bench.store import write_manifest
 from bench.suites import LATENT, SPEED, STABILITY, SUITES
+from bench.variants import KNOBS
 from data_prep.conditions import CONDITIONS
 from pc2pix import checkpoint, weight_files
 
@@ -207,6 +208,10 @@ def test_list_names_everything(command):
     assert sections == {
         "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
         "methods": [method.id for method in METHODS],
+        "variants": [
+            *(f"{knob.method}@{knob.name}=" for knob in KNOBS),
+            *(method.id for method in YARDSTICKS),
+        ],
         "conditions": [condition.id for condition in CONDITIONS],
         "metrics": [*IMAGE_METRICS, *(metric.id for metric in SET_METRICS), *CONTROL_METRICS],
         "datasets": ["procedural", "procedural:validation", "folder:PATH"],

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.plain_pyrender import render_plainly
-from benchmarks.render_speed import describe, in_turns, parts_of, procedural_chairs, sphere
+from benchmarks.render_speed import (
+    describe,
+    in_turns,
+    parts_of,
+    procedural_chairs,
+    renderers,
+    sphere,
+)
 from data_prep.datasets import ProceduralObject
 from data_prep.render import SHEET_VIEWS, render
 from data_prep.sampling import random_views
@@ -50,12 +57,30 @@ def test_spheres_and_chairs():
     assert describe(chairs[:1]) == (f"{(n := len(chairs[0].faces))} to {n} faces, median {n}")
 
 
-def test_every_draw_takes_its_turn():
+class FakePool:
+    """Takes a second more at each call."""
+
+    def __init__(self, name: str, calls: list[str]) -> None:
+        self.name, self.calls = name, calls
+
+    def apply(self, function: object, given: tuple[int, int, int]) -> float:
+        self.calls.append(f"{self.name}{given}")
+        return float(len(self.calls))
+
+
+def test_every_renderer_takes_its_turn_and_the_first_round_does_not_count():
     calls: list[str] = []
-    draws = [lambda mesh: calls.append(f"a{mesh}"), lambda mesh: calls.append(f"b{mesh}")]
-    seconds = in_turns(draws, [1, 2], rounds=2)  # type: ignore[arg-type, list-item]
-    assert calls == ["a1", "a2", "b1", "b2"] * 3
-    assert [len(taken) for taken in seconds] == [2, 2]
+    seconds = in_turns([FakePool("a", calls), FakePool("b", calls)], 4, 20, rounds=2)  # type: ignore[list-item]
+    assert calls == ["a(0, 4, 20)", "b(1, 4, 20)"] * 3
+    assert seconds == [[3.0, 5.0], [4.0, 6.0]]
+
+
+def test_all_renderers_draw_the_same_sphere():
+    ball, views = sphere(3), random_views(3, RNG)
+    ours, plain, *rays = (np.asarray(draw(ball, views), np.float64) for draw in renderers())
+    np.testing.assert_array_equal(ours, plain)
+    for cast in rays:  # other places of the samples: 0.02 % of the pixels, see ray_caster
+        assert np.abs(cast - ours).mean() < 0.1
 
 
 def test_parts_leave_the_renderer_as_it_was():
