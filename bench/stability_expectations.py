@@ -140,6 +140,80 @@ def _repeated(why: str) -> dict[str, Expectation]:
     }
 
 
+def _surface_fit() -> dict[str, Expectation]:
+    left = Fails(r"input: \d+ of \d+ points are left")
+    return {
+        **{f"{n}-points": Fails(f"input: {n} points; normals need") for n in range(5)},
+        **dict.fromkeys(("all-equal", "int", *_SMALL, *_LARGE, *_SHIFTS), left),
+        "collinear": Fails("ball-pivoting: no faces"),
+        "coplanar": Fails("apss: no faces"),
+        # What lies beyond the camera is left out; the cubes of the others stay where they are.
+        **dict.fromkeys(_FAR, Agrees("plain", 0.1)),
+        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
+        "rows-twice": Agrees("every-2nd", EXACT_MEAN, EXACT_MOST),
+        "rows-4-times": Agrees("every-4th", EXACT_MEAN, EXACT_MOST),
+        **{
+            case: Changes(like, 0.5, _CHAOS)
+            for case, like in (("float16", "plain"), ("turned", "plain"))
+        },
+        "millimetres": Changes("normalised", 0.5, _CHAOS),
+    }
+
+
+def _mesh_of_the_points() -> dict[str, Expectation]:
+    """Of ball pivoting and what is built on it."""
+    slow = Either((Fails("timeout: ", "contained"), Draws()), "ball pivoting takes minutes")
+    return {
+        **{f"{n}-points": Fails(f"input: {n} points; normals need") for n in range(5)},
+        **dict.fromkeys(("100000-points", "1000000-points"), slow),
+        **dict.fromkeys(("collinear", *_FAR), Fails("ball-pivoting: no faces")),
+        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
+        **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS), _BLANK),
+        **_repeated("ten neighbours are fewer places, and normals go wrong"),
+        **{
+            case: Changes(like, 0.5, _CHAOS)
+            for case, like in (
+                ("float16", "plain"),
+                ("shuffled", "plain"),
+                ("turned", "plain"),
+                ("millimetres", "normalised"),
+            )
+        },
+    }
+
+
+def _surface_bpa() -> dict[str, Expectation]:
+    far = Either((Draws(), Fails("draw: . of 4 pictures are blank")), "few points are in sight")
+    return _mesh_of_the_points() | {
+        "all-equal": _BLANK,
+        "int": _BLANK,
+        "noise-10": far,
+    }
+
+
+def _poisson() -> dict[str, Expectation]:
+    return _mesh_of_the_points() | {
+        "all-equal": Fails("poisson: no faces"),
+        "int": Fails("poisson: no faces"),
+    }
+
+
+def _alpha_shape() -> dict[str, Expectation]:
+    flat = Fails("delaunay: QH")
+    return {
+        **{f"{n}-points": Fails(f"input: {n} points; tetrahedra need") for n in range(4)},
+        **dict.fromkeys(("4-points", "16-points"), Fails("alpha-shape: no triangle fits")),
+        **dict.fromkeys(("all-equal", "collinear", "coplanar", "int", "outlier-1e30"), flat),
+        **dict.fromkeys(
+            ("outlier-1e3", "outlier-1e6"), Changes("plain", 1.0, "alpha grows with the box")
+        ),
+        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
+        **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _BLANK),
+        "rows-twice": Agrees("every-2nd", EXACT_MEAN, EXACT_MOST),
+        "rows-4-times": Agrees("every-4th", EXACT_MEAN, EXACT_MOST),
+    }
+
+
 def _pc2pix() -> dict[str, Expectation]:
     off = Fails("encode: the code lies ")
     return {
@@ -182,7 +256,12 @@ def _splat() -> dict[str, Expectation]:
 # By method, the cases that are not simply drawn, and do not simply agree.
 STATED: Mapping[str, Mapping[str, Expectation]] = {
     "surface-apss": _surface(),
+    "surface-fit": _surface_fit(),
+    "surface-bpa": _surface_bpa(),
+    "poisson": _poisson(),
+    "alpha-shape": _alpha_shape(),
     "pc2pix": _pc2pix(),
+    "pc2pix@bf16": _pc2pix(),
     "pc2pix@acgan": _pc2pix_acgan(),
     "splat": _splat(),
     "true-mesh": {},
