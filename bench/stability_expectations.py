@@ -163,12 +163,14 @@ def _surface_fit() -> dict[str, Expectation]:
 def _mesh_of_the_points() -> dict[str, Expectation]:
     """Of ball pivoting and what is built on it."""
     slow = Either((Fails("timeout: ", "contained"), Draws()), "ball pivoting takes minutes")
+    far = Either((Draws(), Fails("draw: . of 4 pictures are blank")), "few points are in sight")
     return {
         **{f"{n}-points": Fails(f"input: {n} points; normals need") for n in range(5)},
         **dict.fromkeys(("100000-points", "1000000-points"), slow),
         **dict.fromkeys(("collinear", *_FAR), Fails("ball-pivoting: no faces")),
         **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
         **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS), _BLANK),
+        **dict.fromkeys(("noise-5", "noise-10"), far),
         **_repeated("ten neighbours are fewer places, and normals go wrong"),
         **{
             case: Changes(like, 0.5, _CHAOS)
@@ -183,12 +185,7 @@ def _mesh_of_the_points() -> dict[str, Expectation]:
 
 
 def _surface_bpa() -> dict[str, Expectation]:
-    far = Either((Draws(), Fails("draw: . of 4 pictures are blank")), "few points are in sight")
-    return _mesh_of_the_points() | {
-        "all-equal": _BLANK,
-        "int": _BLANK,
-        "noise-10": far,
-    }
+    return _mesh_of_the_points() | {"all-equal": _BLANK, "int": _BLANK}
 
 
 def _poisson() -> dict[str, Expectation]:
@@ -200,6 +197,7 @@ def _poisson() -> dict[str, Expectation]:
 
 def _alpha_shape() -> dict[str, Expectation]:
     flat = Fails("delaunay: QH")
+    slow = Either((Fails("timeout: ", "contained"), Draws()), "Delaunay takes a minute")
     return {
         **{f"{n}-points": Fails(f"input: {n} points; tetrahedra need") for n in range(4)},
         **dict.fromkeys(("4-points", "16-points"), Fails("alpha-shape: no triangle fits")),
@@ -211,6 +209,9 @@ def _alpha_shape() -> dict[str, Expectation]:
         **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _BLANK),
         "rows-twice": Agrees("every-2nd", EXACT_MEAN, EXACT_MOST),
         "rows-4-times": Agrees("every-4th", EXACT_MEAN, EXACT_MOST),
+        "1000000-points": slow,
+        # Rounding decides which of several balls through nearly the same points is the empty one.
+        "turned": Agrees("plain", 0.5),
     }
 
 
@@ -225,6 +226,14 @@ def _pc2pix() -> dict[str, Expectation]:
         "rows-twice": Agrees("every-2nd", 1.0),
         "rows-4-times": Agrees("every-4th", 1.0),
         "turned": Changes("plain", 1.0, _POSE),
+    }
+
+
+def _pc2pix_bf16() -> dict[str, Expectation]:
+    # The same code but for the seventh digit, and bfloat16 has three: single pixels move by more.
+    return _pc2pix() | {
+        "all-equal": Agrees("1-points", EXACT_MEAN),
+        "azimuth+180": Agrees("azimuth-180", EXACT_MEAN),
     }
 
 
@@ -261,7 +270,7 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
     "poisson": _poisson(),
     "alpha-shape": _alpha_shape(),
     "pc2pix": _pc2pix(),
-    "pc2pix@bf16": _pc2pix(),
+    "pc2pix@bf16": _pc2pix_bf16(),
     "pc2pix@acgan": _pc2pix_acgan(),
     "splat": _splat(),
     "true-mesh": {},
