@@ -315,7 +315,9 @@ def no_networks(monkeypatch):
 def test_interrupted(tmp_path):
     directory = tmp_path / "run"
     arguments = ("run", "--suite", "chair-robustness", "--methods", "splat", "--views", "20")
-    with start(arguments, directory, NO_NETWORKS + BENCH[-1]) as process:
+    # What a shell starts in the background ignores SIGINT, and so do its children.
+    heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    with start(arguments, directory, heeding + NO_NETWORKS + BENCH[-1]) as process:
         wait_for(process, lambda: lines_in_journal(directory) >= 1)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         _, err = process.communicate()
