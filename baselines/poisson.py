@@ -13,22 +13,21 @@ Trimming     Faces with a vertex farther from all points than the cloud's spacin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from baselines.stages import Reconstruction, draw_reconstruction, kept_faces, run
+from baselines.stages import DrawsReconstruction, Reconstruction, kept_faces, run
 from baselines.surface import closed_surface, reconstruction
 from data_prep.failures import StageFailure
-from data_prep.scene import Images, Mesh, PointCloud, Points, View
+from data_prep.scene import Mesh, PointCloud, Points
 
 SPACING_NEIGHBOURS = 16
 
 
 @dataclass(frozen=True)
-class Poisson:
+class Poisson(DrawsReconstruction):
     """`depth` is the number of levels of the octree: 2^depth cells a side at the finest.
 
     On validation chairs under the five conditions mean SSIM is 0.722, 0.726 and 0.730 at depths 5,
@@ -49,16 +48,6 @@ class Poisson:
         run("poisson", lambda: meshlab.screened_poisson(self.depth))
         whole = reconstruction("poisson", meshlab)
         return Reconstruction(trimmed(whole.mesh, cloud.points), whole.notes)
-
-    def draw(
-        self,
-        state: Reconstruction,
-        views: Sequence[View],
-        rng: np.random.Generator | None = None,
-    ) -> Images:
-        """Render the reconstructed mesh; no randomness."""
-        del rng
-        return draw_reconstruction(state, views)
 
 
 def trimmed(mesh: Mesh, points: Points) -> Mesh:

@@ -22,9 +22,18 @@ class Reconstruction:
     notes: tuple[str, ...]
 
 
-def draw_reconstruction(state: Reconstruction, views: Sequence[View]) -> Images:
-    """Pictures [V, IMAGE_SIZE, IMAGE_SIZE, 3] of the reconstructed mesh."""
-    return to_float(render(state.mesh, views))
+class DrawsReconstruction:
+    """The second half of every method whose `prepare` gives a Reconstruction."""
+
+    def draw(
+        self,
+        state: Reconstruction,
+        views: Sequence[View],
+        rng: np.random.Generator | None = None,
+    ) -> Images:
+        """Render the reconstructed mesh; no randomness."""
+        del rng
+        return to_float(render(state.mesh, views))
 
 
 def check_points(points: Points, least: int, what: str) -> None:

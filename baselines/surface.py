@@ -9,22 +9,21 @@ left out (a grid of cubes is mapped onto itself by such a turn).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from baselines.meshlab import MeshLab
 from baselines.stages import (
+    DrawsReconstruction,
     Reconstruction,
     check_points,
-    draw_reconstruction,
     finite_part,
     run,
 )
 from data_prep.failures import StageFailure
 from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.scene import Images, PointCloud, Points, View
+from data_prep.scene import PointCloud, Points
 
 NORMAL_NEIGHBOURS = 10
 MAX_HOLE_EDGES = 30
@@ -32,7 +31,7 @@ RESOLUTION = 200
 
 
 @dataclass(frozen=True)
-class SurfaceApss:
+class SurfaceApss(DrawsReconstruction):
     """The paper's chain. `resolution` is the number of grid cells a side."""
 
     resolution: int = RESOLUTION
@@ -51,16 +50,6 @@ class SurfaceApss:
         meshlab = closed_surface(cloud.points)
         run("apss", lambda: meshlab.marching_cubes_apss(self.resolution))
         return reconstruction("apss", meshlab)
-
-    def draw(
-        self,
-        state: Reconstruction,
-        views: Sequence[View],
-        rng: np.random.Generator | None = None,
-    ) -> Images:
-        """Render the reconstructed mesh; no randomness."""
-        del rng
-        return draw_reconstruction(state, views)
 
 
 def closed_surface(points: Points, radius_percent: float | None = None) -> MeshLab:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.stages import Reconstruction, draw_reconstruction
+from baselines.stages import DrawsReconstruction, Reconstruction
 from baselines.surface import closed_surface, reconstruction
-from data_prep.scene import Images, PointCloud, View
+from data_prep.scene import PointCloud
 
 
 @dataclass(frozen=True)
-class SurfaceBpa:
+class SurfaceBpa(DrawsReconstruction):
     """Ball pivoting (Bernardini et al. 1999), radius in percent of the diagonal of the cloud's box.
 
     None is MeshLab's choice, which grows as the points get fewer. No fixed radius does as well on
@@ -30,13 +29,3 @@ class SurfaceBpa:
         """
         del rng
         return reconstruction("close-holes", closed_surface(cloud.points, self.radius_percent))
-
-    def draw(
-        self,
-        state: Reconstruction,
-        views: Sequence[View],
-        rng: np.random.Generator | None = None,
-    ) -> Images:
-        """Render the reconstructed mesh; no randomness."""
-        del rng
-        return draw_reconstruction(state, views)

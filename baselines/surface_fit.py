@@ -27,23 +27,22 @@ drop a tenth of the points, and the normals that APSS gets are those of the clos
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from baselines.meshlab import GRID_MARGIN
-from baselines.stages import Reconstruction, check_points, draw_reconstruction, run
+from baselines.stages import DrawsReconstruction, Reconstruction, check_points, run
 from baselines.surface import NORMAL_NEIGHBOURS, RESOLUTION, closed_surface, reconstruction
 from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX
 from data_prep.failures import StageFailure
-from data_prep.scene import Images, PointCloud, Points, View
+from data_prep.scene import PointCloud, Points
 
 FOOTPRINT = CAMERA_DISTANCE / FOCAL_PX
 
 
 @dataclass(frozen=True)
-class SurfaceFit:
+class SurfaceFit(DrawsReconstruction):
     """The paper's chain on a grid whose cells are `cell_px` pixels at the origin.
 
     On validation chairs SSIM of the full cloud is the same to 0.002 from 1.5 to 2.25 pixels, 0.004
@@ -80,16 +79,6 @@ class SurfaceFit:
         far = len(cloud) - len(near)
         note = f"input: {far} of {len(cloud)} points left out, they lie beyond the camera"
         return Reconstruction(result.mesh, ((note,) if far else ()) + result.notes)
-
-    def draw(
-        self,
-        state: Reconstruction,
-        views: Sequence[View],
-        rng: np.random.Generator | None = None,
-    ) -> Images:
-        """Render the reconstructed mesh; no randomness."""
-        del rng
-        return draw_reconstruction(state, views)
 
 
 def in_sight(points: Points) -> Points:

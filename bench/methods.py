@@ -44,30 +44,38 @@ class Method:
 
 
 PC2PIX_VERSION = 4
+
+
+def _network(
+    method_id: str, load: Callable[[str], Renderer], source: str, weights: str = loaders.BUNDLED
+) -> Method:
+    """pc2pix with bundled weights."""
+    return Method(
+        method_id,
+        load=load,
+        identity=partial(loaders.pc2pix_identity, weights),
+        version=PC2PIX_VERSION,
+        source=source,
+        weights=weights,
+    )
+
+
 METHODS = (
-    Method(
+    _network(
         "pc2pix",
         load=partial(loaders.pc2pix_renderer, "chair"),
-        identity=partial(loaders.pc2pix_identity, "chair"),
-        version=PC2PIX_VERSION,
         source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
-        weights="chair",
     ),
-    Method(
+    _network(
         "pc2pix@acgan",
         load=partial(loaders.pc2pix_renderer, "chair-acgan"),
-        identity=partial(loaders.pc2pix_identity, "chair-acgan"),
-        version=PC2PIX_VERSION,
         source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
         weights="chair-acgan",
     ),
-    Method(
+    _network(
         "pc2pix@bf16",
         load=partial(loaders.pc2pix_renderer, "chair", precision="bfloat16"),
-        identity=partial(loaders.pc2pix_identity, "chair"),
-        version=PC2PIX_VERSION,
         source="pc2pix in bfloat16: twice as fast where the processor has it",
-        weights="chair",
     ),
     Method(
         "surface-apss",
@@ -136,37 +144,25 @@ METHODS = (
 )
 # What nobody would draw with, but a measurement of cost needs beside the others.
 YARDSTICKS = (
-    Method(
+    _network(
         "pc2pix@unfolded",
         load=loaders.unfolded,
-        identity=partial(loaders.pc2pix_identity, "chair"),
-        version=PC2PIX_VERSION,
         source="pc2pix as it was trained, without the inference engine",
-        weights="chair",
     ),
-    Method(
+    _network(
         "pc2pix@one-by-one",
         load=loaders.one_by_one,
-        identity=partial(loaders.pc2pix_identity, "chair"),
-        version=PC2PIX_VERSION,
         source="pc2pix, a call for each view",
-        weights="chair",
     ),
-    Method(
+    _network(
         "pc2pix@paper",
         load=loaders.widened,
-        identity=partial(loaders.pc2pix_identity, "chair"),
-        version=PC2PIX_VERSION,
         source="the bundled pc2pix at the paper's width: same pictures, the paper's cost",
-        weights="chair",
     ),
-    Method(
+    _network(
         "pc2pix@paper-bf16",
         load=partial(loaders.widened, precision="bfloat16"),
-        identity=partial(loaders.pc2pix_identity, "chair"),
-        version=PC2PIX_VERSION,
         source="the same in bfloat16",
-        weights="chair",
     ),
 )
 PLUGINS = "pc2pix_bench.methods"

@@ -111,9 +111,9 @@ def write_trade(directory: Path) -> Trade | None:
 
     Not among `tables`: times differ from run to run, so nothing is ever compared with them.
     """
-    run = _read(directory)
-    if not run.suite.frontier:
+    if not _suite(directory, read_manifest(directory)).frontier:
         return None
+    run = _read(directory)
     metrics = [m for m in run.suite.frontier if m in IMAGE_METRICS or m in run.features]
     views = int(run.manifest["views"])
     with threadpool_limits(1):
@@ -178,8 +178,9 @@ def cost_table(records: pd.DataFrame, remark: str) -> str:
 
 def write_cost(directory: Path) -> str:
     """Write `cost.md` beside the tables, and return it."""
-    run = _read(directory)
-    text = cost_table(run.records, how_timed(run.manifest))
+    manifest = read_manifest(directory)
+    records = _in_suite_order(read_records(directory), manifest)
+    text = cost_table(records, how_timed(manifest))
     write_whole(directory / COST, text.encode())
     return text
 
@@ -198,15 +199,20 @@ class _Run:
     skipped: dict[str, str]
 
 
-def _read(directory: Path) -> _Run:
-    manifest = read_manifest(directory)
+def _suite(directory: Path, manifest: Mapping[str, Any]) -> Suite:
+    """The suite of a run. Raises BadInput for one that makes its tables itself."""
     made_by_the_run = [suite.id for suite in (LATENT, STABILITY, SPEED)]
     if manifest.get("suite") in made_by_the_run:
         raise BadInput(
             f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
             f"{directory / TABLES}"
         )
-    suite = find(str(manifest.get("suite")), SUITES, "suite")
+    return find(str(manifest.get("suite")), SUITES, "suite")
+
+
+def _read(directory: Path) -> _Run:
+    manifest = read_manifest(directory)
+    suite = _suite(directory, manifest)
     records = _in_suite_order(read_records(directory), manifest)
     features: dict[str, Features] = {}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))

@@ -34,6 +34,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from bench.loaders import BUNDLED, TO_PAPER_WIDTH
 from bench.ssim import ssim_per_image
 from benchmarks.plain_loop import PlainGenerator, Target
 from data_prep.datasets import ProceduralObject
@@ -49,8 +50,6 @@ from pc2pix.weights import Weights, load_weights
 from pc2pix.widen import widen
 
 RATE_SHAPE = (20, 512, 16, 16)  # 3x3, to as many channels
-WEIGHTS = "chair"
-TO_PAPER_WIDTH = 4
 PLAIN = "plain float32"
 Draw = Callable[[], torch.Tensor]
 
@@ -67,7 +66,7 @@ def main() -> None:
     torch.set_num_threads(given.threads)
     loads = ", ".join(f"{load:.2f}" for load in os.getloadavg())
     print(f"torch {torch.__version__}, {given.threads} thread(s), load of the machine {loads}")
-    weights = load_weights(WEIGHTS)
+    weights = load_weights(BUNDLED)
     wide = replace(weights, generator=widen(weights.generator, TO_PAPER_WIDTH))
     sets = {"paper": wide, "lite": weights}
     torch.manual_seed(0)
