@@ -16,9 +16,9 @@ from bench.metric_table import VIEWS_WEIGHTS
 from bench.train import training_set
 from bench.views_network import ViewsNetwork
 from bench.work import write_whole
-from data_prep.chair_spec import BACKS, FAMILIES, draw_chair_spec
 from data_prep.datasets import ProceduralObject, Split
 from data_prep.randomness import generator
+from data_prep.shapes.chair_spec import BACKS, FAMILIES, draw_chair_spec
 from data_prep.training_set import TrainingSet
 
 BATCH = 64

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from safetensors.torch import load_file
 from torch import Tensor, nn
 
-from data_prep.chair_spec import BACKS, FAMILIES
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
+from data_prep.shapes.chair_spec import BACKS, FAMILIES
 
 FEATURES = 64
 BATCH = 20

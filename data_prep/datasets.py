@@ -13,15 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from data_prep import chairs
 from data_prep.failures import BadInput
 from data_prep.mesh_files import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_mesh
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
+from data_prep.shapes.catalogue import CLASSES
 from data_prep.untrusted import MIB, is_regular_file, open_file, shown
 
 Split = Literal["train", "validation", "test"]
-PROCEDURAL_CLASSES = {"chair": chairs.chair}
 PROCEDURAL_VERSION = 1  # raise when a shape changes: finished work is then done again
 
 
@@ -67,7 +66,7 @@ class ProceduralObject:
     def load(self) -> Mesh:
         """Draw the object."""
         rng = generator("procedural", self.class_name, self.split, self.index)
-        return PROCEDURAL_CLASSES[self.class_name](rng)
+        return CLASSES[self.class_name].draw(rng).mesh()
 
 
 @dataclass(frozen=True)
@@ -147,9 +146,9 @@ def open_dataset(spec: str) -> Dataset:
     Raises BadInput for an unknown kind, a missing folder, or one without a mesh file.
     """
     if spec == "procedural":
-        return Dataset("procedural", tuple(PROCEDURAL_CLASSES), None)
+        return Dataset("procedural", tuple(CLASSES), None)
     if spec == "procedural:validation":
-        return Dataset(spec, tuple(PROCEDURAL_CLASSES), None, measured="validation")
+        return Dataset(spec, tuple(CLASSES), None, measured="validation")
     kind, colon, location = spec.partition(":")
     if kind != "folder" or not colon or not location:
         raise BadInput(

@@ -14,7 +14,7 @@ from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.normalise import normalise, normalise_points
 from data_prep.sampling import sample_surface
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud
-from data_prep.solids import box, join
+from data_prep.shapes.solids import box, join
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ from baselines import surface
 from baselines.meshlab import MeshLab
 from baselines.poisson import Poisson, trimmed
 from baselines.surface import closed_surface
-from data_prep.chairs import chair
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
 from data_prep.sampling import face_areas, sample_surface
 from data_prep.scene import Mesh, PointCloud, View
+from data_prep.shapes.chairs import chair
 
 RADIUS = 0.7
 
@@ -85,7 +85,7 @@ def test_what_is_far_from_the_points_is_trimmed() -> None:
 CHAIR = """
 import hashlib, numpy as np
 from baselines.poisson import Poisson
-from data_prep.chairs import chair
+from data_prep.shapes.chairs import chair
 from data_prep.sampling import sample_surface
 rng = np.random.default_rng(3)
 mesh = Poisson().prepare(sample_surface(chair(rng), rng)).mesh

@@ -13,14 +13,14 @@ import pytest
 from baselines import surface
 from baselines.meshlab import MeshLab
 from baselines.surface import Reconstruction, SurfaceApss
-from data_prep.chairs import chair
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import Mesh, PointCloud, View
-from data_prep.solids import box, join
+from data_prep.shapes.chairs import chair
+from data_prep.shapes.solids import box, join
 
 RADIUS = 0.7
 
@@ -129,7 +129,7 @@ def test_scale_does_not_matter(scale: float) -> None:
 CHAIR = """
 import hashlib, numpy as np
 from baselines.surface import SurfaceApss
-from data_prep.chairs import chair
+from data_prep.shapes.chairs import chair
 from data_prep.sampling import sample_surface
 rng = np.random.default_rng(3)
 mesh = SurfaceApss(resolution=60).prepare(sample_surface(chair(rng), rng)).mesh

@@ -5,13 +5,13 @@ import pytest
 
 from baselines.surface import closed_surface
 from baselines.surface_bpa import SurfaceBpa
-from data_prep.chairs import chair
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
+from data_prep.shapes.chairs import chair
 
 
 def chair_cloud() -> PointCloud:

@@ -36,7 +36,7 @@ from data_prep.failures import BadInput
 from data_prep.render import render
 from data_prep.sampling import random_views
 from data_prep.scene import Mesh, View
-from data_prep.solids import box, join
+from data_prep.shapes.solids import box, join
 
 FRONT = View(0, 0)
 VIEWS = (View(180, 90), *random_views(5, np.random.default_rng(4)))

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_prep.datasets import PROCEDURAL_CLASSES, Dataset, MeshFile, ProceduralObject, open_dataset
+from data_prep.datasets import Dataset, MeshFile, ProceduralObject, open_dataset
 from data_prep.failures import BadInput
 from data_prep.mesh_files import LOADER_VERSION
 from data_prep.scene import Mesh
+from data_prep.shapes.catalogue import CLASSES
 
 SPLITS = ("train", "validation", "test")
 
@@ -35,7 +36,7 @@ def ids(dataset: Dataset, class_name: str, limit: int | None = None) -> list[str
 # --- procedural -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("class_name", sorted(PROCEDURAL_CLASSES))
+@pytest.mark.parametrize("class_name", sorted(CLASSES))
 def test_splits_share_no_object(class_name: str) -> None:
     count = 50 if class_name == "chair" else 5
     dataset = open_dataset("procedural")
@@ -63,7 +64,7 @@ def test_procedural_chairs_are_pinned() -> None:
 def test_procedural_set_has_no_end() -> None:
     dataset = open_dataset("procedural")
     assert dataset.finite is None
-    assert dataset.classes == tuple(PROCEDURAL_CLASSES)
+    assert dataset.classes == tuple(CLASSES)
     assert "chair" in dataset.classes
     assert ids(dataset, "chair", 3) == ["test-0000", "test-0001", "test-0002"]
     assert len(ids(dataset, "chair")) == 5

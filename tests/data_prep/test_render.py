@@ -13,10 +13,10 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from data_prep.camera import camera_to_world, project
-from data_prep.chairs import chair
 from data_prep.render import SHEET_VIEWS, gl_renderer, render
 from data_prep.scene import Mesh, View
-from data_prep.solids import box, join
+from data_prep.shapes.chairs import chair
+from data_prep.shapes.solids import box, join
 
 FRONT = View(0, 0)
 VIEWS = [View(0, 0), View(35, 20), View(-120, -40), View(180, 0), View(10, 90), View(-77, -90)]
@@ -402,7 +402,7 @@ def test_plus_and_minus_180_are_one_picture() -> None:
 
 SCENE = """
 import hashlib, numpy as np
-from data_prep.chairs import chair
+from data_prep.shapes.chairs import chair
 from data_prep.render import render
 from data_prep.scene import View
 mesh = chair(np.random.default_rng(7))

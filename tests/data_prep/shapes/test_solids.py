@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_prep.solids import (
+from data_prep.shapes.solids import (
     Part,
     box,
     curved_panel,

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_prep.chair_spec import BACK_WEIGHTS, FAMILY_WEIGHTS, LIGHTEST
-from data_prep.chairs import (
+from data_prep.scene import Mesh
+from data_prep.shapes.chair_spec import BACK_WEIGHTS, FAMILY_WEIGHTS
+from data_prep.shapes.chairs import (
     BACKS,
     FAMILIES,
     ChairSpec,
@@ -17,8 +18,8 @@ from data_prep.chairs import (
     chair_parts,
     draw_chair_spec,
 )
-from data_prep.scene import Mesh
-from data_prep.solids import Part
+from data_prep.shapes.materials import LIGHTEST
+from data_prep.shapes.solids import Part
 
 # Half a unit in the last place of 1 in each of three coordinates; see test_normalise.
 ROUNDING = float(np.finfo(np.float32).eps)

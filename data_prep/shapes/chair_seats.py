@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.chair_spec import ChairSpec
-from data_prep.solids import Part, Vectors, polygon, rectangle, rim, rounded, slab
+from data_prep.shapes.chair_spec import ChairSpec
+from data_prep.shapes.solids import Part, Vectors, polygon, rectangle, rim, rounded, slab
 
 # Families whose cushion is let into a frame of rails; elsewhere the whole seat is upholstered.
 FRAMED = ("four-leg", "rocker")

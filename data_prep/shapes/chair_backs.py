@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from data_prep.chair_seats import Layout, bar_section
-from data_prep.chair_spec import ChairSpec
-from data_prep.solids import (
+from data_prep.shapes.chair_seats import Layout, bar_section
+from data_prep.shapes.chair_spec import ChairSpec
+from data_prep.shapes.solids import (
     Part,
     Vectors,
     box,

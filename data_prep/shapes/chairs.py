@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.armchairs import armchair_parts
-from data_prep.chair_backs import arm_parts, back_parts
-from data_prep.chair_bases import base_parts
-from data_prep.chair_seats import lay_out, seat_parts
-from data_prep.chair_spec import BACKS, FAMILIES, ChairSpec, draw_chair_spec
 from data_prep.normalise import normalise
 from data_prep.scene import Mesh
-from data_prep.solids import Part, join
+from data_prep.shapes.armchairs import armchair_parts
+from data_prep.shapes.chair_backs import arm_parts, back_parts
+from data_prep.shapes.chair_bases import base_parts
+from data_prep.shapes.chair_seats import lay_out, seat_parts
+from data_prep.shapes.chair_spec import BACKS, FAMILIES, ChairSpec, draw_chair_spec
+from data_prep.shapes.shape_class import Drawn, ShapeClass
+from data_prep.shapes.solids import Part, join
 
 __all__ = [
     "BACKS",
+    "CLASS",
     "FAMILIES",
     "ChairSpec",
     "build_chair",
@@ -49,3 +51,11 @@ def chair_parts(spec: ChairSpec) -> list[Part]:
         *back_parts(spec, layout),
         *arm_parts(spec, layout),
     ]
+
+
+def _draw(rng: np.random.Generator) -> Drawn:
+    spec = draw_chair_spec(rng)
+    return Drawn(spec.family, tuple(chair_parts(spec)))
+
+
+CLASS = ShapeClass("chair", FAMILIES, _draw)

@@ -6,13 +6,14 @@ Lengths are in metres, as furniture is measured; the finished shape is normalise
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeVar, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
-from data_prep.solids import Color
+from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.shapes.materials import shade
+from data_prep.shapes.solids import Color
 
-T = TypeVar("T")
 Family = Literal[
     "four-leg", "pedestal", "sled", "rocker", "cantilever", "armchair", "stool", "bar-stool"
 ]
@@ -184,42 +185,6 @@ PROPORTIONS: dict[Family, Proportions] = {
     ),
 }
 
-# Colours of real furniture. The background is white, so nothing is lighter than LIGHTEST.
-LIGHTEST = 230
-MATERIALS: dict[str, tuple[Color, ...]] = {
-    "wood": (
-        (214, 178, 130),
-        (193, 154, 107),
-        (164, 114, 66),
-        (139, 94, 52),
-        (108, 70, 40),
-        (76, 50, 34),
-    ),
-    "paint": ((222, 218, 206), (96, 116, 98), (62, 76, 94), (164, 60, 48), (44, 44, 46)),
-    "dark-metal": ((38, 38, 42), (58, 60, 64), (28, 28, 31)),
-    "chrome": ((178, 182, 187), (152, 157, 162), (198, 201, 204)),
-    "office-fabric": ((40, 42, 48), (44, 70, 122), (108, 111, 116), (146, 40, 44), (62, 64, 70)),
-    "leather": ((38, 33, 31), (94, 60, 40), (154, 106, 68), (202, 178, 144), (222, 218, 210)),
-    "upholstery": (
-        (122, 116, 106),
-        (172, 152, 126),
-        (200, 190, 172),
-        (78, 94, 114),
-        (98, 112, 90),
-        (142, 62, 56),
-        (64, 66, 72),
-        (168, 124, 62),
-    ),
-    "plastic": (
-        (192, 50, 44),
-        (220, 122, 48),
-        (224, 184, 68),
-        (66, 130, 92),
-        (46, 102, 160),
-        (222, 222, 218),
-        (44, 44, 48),
-    ),
-}
 FRAME_WEIGHTS: dict[Family, dict[str, float]] = {
     "four-leg": {"wood": 0.75, "paint": 0.17, "dark-metal": 0.08},
     "pedestal": {"dark-metal": 0.75, "chrome": 0.25},
@@ -263,52 +228,34 @@ BACK_LIKE_SEAT: dict[Back, float] = {
 def draw_chair_spec(rng: np.random.Generator) -> ChairSpec:
     """A chair at random: the family first, then what suits it."""
 
-    def pick(weights: dict[T, float]) -> T:
-        values, chances = list(weights), np.cumsum(list(weights.values()))
-        place = int(np.searchsorted(chances, rng.random() * chances[-1], side="right"))
-        return values[min(place, len(values) - 1)]
-
-    def chance(probability: float) -> bool:
-        return bool(rng.random() < probability)
-
-    def uniform(low_high: tuple[float, float]) -> float:
-        return float(rng.uniform(*low_high))
-
-    def shade(material: str) -> Color:
-        choices = MATERIALS[material]
-        base = np.array(choices[int(rng.integers(len(choices)))], dtype=np.float64)
-        jittered = base * rng.uniform(0.9, 1.1) + rng.uniform(-6, 6, size=3)
-        red, green, blue = np.clip(np.rint(jittered), 12, LIGHTEST).astype(int).tolist()
-        return red, green, blue
-
-    family = pick(FAMILY_WEIGHTS)
-    back = pick(BACK_WEIGHTS[family])
-    seat = pick(SEAT_WEIGHTS[family])
-    base: Base = pick(BASE_WEIGHTS[family]) if family in BASE_WEIGHTS else "legs"
+    family = pick(rng, FAMILY_WEIGHTS)
+    back = pick(rng, BACK_WEIGHTS[family])
+    seat = pick(rng, SEAT_WEIGHTS[family])
+    base: Base = pick(rng, BASE_WEIGHTS[family]) if family in BASE_WEIGHTS else "legs"
     stretchers: Stretchers = (
-        pick(STRETCHER_WEIGHTS[family]) if family in STRETCHER_WEIGHTS else "none"
+        pick(rng, STRETCHER_WEIGHTS[family]) if family in STRETCHER_WEIGHTS else "none"
     )
-    legs = 3 if family == "stool" and seat == "round" and chance(0.5) else 4
-    cushion = chance(CUSHION_CHANCE[family])
-    apron = chance(APRON_CHANCE.get(family, 0.0))
-    posts = chance(POST_CHANCE.get(back, 0.0))
-    arms = chance(ARM_CHANCE.get(family, 0.0)) and seat != "round"
+    legs = 3 if family == "stool" and seat == "round" and chance(rng, 0.5) else 4
+    cushion = chance(rng, CUSHION_CHANCE[family])
+    apron = chance(rng, APRON_CHANCE.get(family, 0.0))
+    posts = chance(rng, POST_CHANCE.get(back, 0.0))
+    arms = chance(rng, ARM_CHANCE.get(family, 0.0)) and seat != "round"
 
     # A disc is cast or spun: a bar stool on one is never of wood.
     metal = FRAME_WEIGHTS["pedestal"] if base == "disc" else FRAME_WEIGHTS[family]
-    frame_color = shade(pick(metal))
+    frame_color = shade(rng, pick(rng, metal))
     if cushion and family in CUSHION_COLOR_WEIGHTS:
-        seat_material = pick(CUSHION_COLOR_WEIGHTS[family])
+        seat_material = pick(rng, CUSHION_COLOR_WEIGHTS[family])
     else:
-        seat_material = pick(SEAT_COLOR_WEIGHTS[family])
-    seat_color = frame_color if seat_material == "frame" else shade(seat_material)
-    back_color = seat_color if chance(BACK_LIKE_SEAT[back]) else frame_color
+        seat_material = pick(rng, SEAT_COLOR_WEIGHTS[family])
+    seat_color = frame_color if seat_material == "frame" else shade(rng, seat_material)
+    back_color = seat_color if chance(rng, BACK_LIKE_SEAT[back]) else frame_color
     if family == "armchair":
-        back_color = seat_color if chance(0.75) else shade("upholstery")
+        back_color = seat_color if chance(rng, 0.75) else shade(rng, "upholstery")
 
     sizes = PROPORTIONS[family]
-    seat_width_m = uniform(sizes.seat_width_m)
-    back_height_m = uniform(sizes.back_height_m)
+    seat_width_m = uniform(rng, sizes.seat_width_m)
+    back_height_m = uniform(rng, sizes.back_height_m)
     bars_by_back = {"slatted": (3, 6), "spindle": (5, 9), "ladder": (2, 5)}
     low, high = bars_by_back.get(back, (0, 0))
     return ChairSpec(
@@ -318,31 +265,31 @@ def draw_chair_spec(rng: np.random.Generator) -> ChairSpec:
         base=base,
         legs=legs,
         stretchers=stretchers,
-        round_legs=chance(0.5),
+        round_legs=chance(rng, 0.5),
         posts=posts,
         cushion=cushion,
         apron=apron,
         arms=arms,
-        seat_height_m=uniform(sizes.seat_height_m),
+        seat_height_m=uniform(rng, sizes.seat_height_m),
         seat_width_m=seat_width_m,
         # A seat is about as deep as it is wide; free draws would make benches and tongues.
-        seat_depth_m=seat_width_m * uniform((0.86, 1.08)),
-        seat_thickness_m=uniform((0.022, 0.050)),
-        cushion_m=uniform((0.035, 0.075)),
+        seat_depth_m=seat_width_m * uniform(rng, (0.86, 1.08)),
+        seat_thickness_m=uniform(rng, (0.022, 0.050)),
+        cushion_m=uniform(rng, (0.035, 0.075)),
         back_height_m=back_height_m,
-        back_thickness_m=uniform((0.018, 0.045)),
-        rake_deg=uniform(sizes.rake_deg),
-        bend_rad=uniform((0.35, 1.25)),
-        gap_m=uniform((0.06, 0.45 * back_height_m + 0.06)),
-        rear=uniform((0.74, 0.92)),
-        leg_m=uniform(sizes.leg_m),
-        leg_taper=uniform((0.55, 1.0)),
-        splay_deg=uniform(sizes.splay_deg),
-        reach_m=uniform((0.26, 0.33)),
+        back_thickness_m=uniform(rng, (0.018, 0.045)),
+        rake_deg=uniform(rng, sizes.rake_deg),
+        bend_rad=uniform(rng, (0.35, 1.25)),
+        gap_m=uniform(rng, (0.06, 0.45 * back_height_m + 0.06)),
+        rear=uniform(rng, (0.74, 0.92)),
+        leg_m=uniform(rng, sizes.leg_m),
+        leg_taper=uniform(rng, (0.55, 1.0)),
+        splay_deg=uniform(rng, sizes.splay_deg),
+        reach_m=uniform(rng, (0.26, 0.33)),
         bars=int(rng.integers(low, high + 1)),
-        bar_m=uniform((0.014, 0.030)),
-        arm_height_m=uniform((0.17, 0.25)),
-        arm_width_m=uniform((0.035, 0.060)),
+        bar_m=uniform(rng, (0.014, 0.030)),
+        arm_height_m=uniform(rng, (0.17, 0.25)),
+        arm_width_m=uniform(rng, (0.035, 0.060)),
         frame_color=frame_color,
         seat_color=seat_color,
         back_color=back_color,

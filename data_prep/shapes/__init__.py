@@ -1,0 +1,1 @@
+"""The procedural set: thirteen classes of parametric shapes, nothing to download."""
