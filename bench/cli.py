@@ -415,8 +415,12 @@ class Azimuth(StrEnum):
 
 
 DatasetOption = Annotated[str, typer.Option(help="procedural (its train split) or folder:PATH.")]
-ClassOption = Annotated[str, typer.Option("--class", help="The class to train on.")]
-ObjectsOption = Annotated[int | None, typer.Option(help="Number of objects; default 1500 or all.")]
+ClassOption = Annotated[
+    str, typer.Option("--class", help="What to train on: a class, several (a,b), or all.")
+]
+ObjectsOption = Annotated[
+    int | None, typer.Option(help="Objects of each class; default 1500 or all.")
+]
 StepsOption = Annotated[int, typer.Option(help="Steps in all, those before a resume included.")]
 AugmentOption = Annotated[
     bool, typer.Option("--augment", help="Show the encoder noise and fewer points.")
@@ -452,8 +456,8 @@ def train_autoencoder(
     from bench.train import train_autoencoder as train
 
     options = TrainingOptions(
-        dataset, class_name, objects, steps, batch, augment, precision.value, device.value, seed,
-        threads, out,
+        dataset, _classes(class_name), objects, steps, batch, augment, precision.value,
+        device.value, seed, threads, out,
     )  # fmt: skip
     _print_once(train(options, NetworkOptions(width.value, encoder.value, latent), learning_rate))
 
@@ -491,8 +495,8 @@ def train_gan(
     from bench.train import train_gan as train
 
     options = TrainingOptions(
-        dataset, class_name, objects, steps, batch, augment, precision.value, device.value, seed,
-        threads, out,
+        dataset, _classes(class_name), objects, steps, batch, augment, precision.value,
+        device.value, seed, threads, out,
     )  # fmt: skip
     gan = GanOptions(autoencoder, views, objective, azimuth.value, warm_up, generator_lr)
     _print_once(train(options, gan))
@@ -578,6 +582,11 @@ def _names(text: str | None) -> tuple[str, ...] | None:
     if not names:
         raise _bad(f"'{text}': expected names separated by commas")
     return names
+
+
+def _classes(text: str) -> tuple[str, ...]:
+    """The classes to train on; none stands for all."""
+    return () if text == "all" else _names(text) or ()
 
 
 def _bad(message: str) -> Exception:

@@ -25,10 +25,14 @@ DATA_SEED = 0
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """What all trainings have in common; `steps` counts from the beginning, not from a resume."""
+    """What all trainings have in common; `steps` counts from the beginning, not from a resume.
+
+    classes  to train on; empty: all that the dataset has
+    objects  of each class
+    """
 
     dataset: str
-    class_name: str
+    classes: tuple[str, ...]
     objects: int | None
     steps: int
     batch: int
@@ -72,7 +76,7 @@ def train_autoencoder(
     from pc2pix.train_autoencoder import train_autoencoder as train
 
     _set_threads(options.threads)
-    clouds = training_clouds(_objects(options))
+    clouds = training_clouds(training_objects(options))
     config = AutoencoderConfig(
         model=replace(
             {"lite": LITE, "paper": PAPER}[networks.width],
@@ -103,7 +107,7 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
 
     _set_threads(options.threads)
     encoder = load_encoder(gan.autoencoder)
-    made = training_set(_objects(options), gan.views)
+    made = training_set(training_objects(options), gan.views)
     config = GanConfig(
         model=replace(encoder.config, azimuth=gan.azimuth),
         objective=gan.objective,
@@ -151,9 +155,14 @@ def _progress(title: str, total: int) -> AbstractContextManager[Callable[[int], 
     return progress(title, total) if is_first() else nullcontext(lambda failed: None)
 
 
-def _objects(options: TrainingOptions) -> tuple[SceneObject, ...]:
+def training_objects(options: TrainingOptions) -> tuple[SceneObject, ...]:
+    """The objects to train on, class by class. Raises BadInput where there are none."""
     dataset = open_dataset(options.dataset)
-    objects = dataset.objects(options.class_name, options.objects, DEFAULT_OBJECTS, "train")
+    objects = tuple(
+        obj
+        for name in options.classes or dataset.classes or ("",)  # a folder may have no classes
+        for obj in dataset.objects(name, options.objects, DEFAULT_OBJECTS, "train")
+    )
     if not objects:
         raise BadInput(f"--objects {options.objects}: training needs at least one object")
     return objects

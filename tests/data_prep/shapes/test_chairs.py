@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from data_prep.shapes.chairs import (
     draw_chair_spec,
 )
 from data_prep.shapes.materials import LIGHTEST
-from data_prep.shapes.solids import Part
+from tests.data_prep.shapes.solid_checks import afloat, shared_planes
 
 # Half a unit in the last place of 1 in each of three coordinates; see test_normalise.
 ROUNDING = float(np.finfo(np.float32).eps)
@@ -163,62 +162,14 @@ def test_stands_on_the_floor(varied: list[ChairSpec]) -> None:
         assert abs(lowest) < 0.02, (spec.family, lowest)  # metres; runners are 2-3 cm thick
 
 
-def winding(points: np.ndarray, part: Part) -> np.ndarray:
-    """Winding number of a closed part about points (Van Oosterom & Strackee 1983): 1 inside."""
-    a, b, c = (part.vertices[None, part.faces[:, i]] - points[:, None] for i in range(3))
-    la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
-    triple = (a * np.cross(b, c)).sum(2)
-    rest = la * lb * lc + (a * b).sum(2) * lc + (b * c).sum(2) * la + (a * c).sum(2) * lb
-    return (2 * np.arctan2(triple, rest)).sum(1) / (4 * np.pi)
-
-
-def probes(part: Part) -> np.ndarray:
-    """Vertices, middles of edges and of faces: an end sunk into another part has one inside it."""
-    corners = part.vertices[part.faces]
-    edges = (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2
-    return np.concatenate([part.vertices, edges, corners.mean(axis=1)])
-
-
 def test_nothing_floats(varied: list[ChairSpec]) -> None:
-    """Every part sinks into a part that is held: touching is not enough, gaps fail."""
     for spec in varied[::2]:
-        parts = chair_parts(spec)
-        points = [probes(part) for part in parts]
-        held = np.eye(len(parts), dtype=bool)
-        for i, j in itertools.permutations(range(len(parts)), 2):
-            low, high = parts[j].vertices.min(axis=0), parts[j].vertices.max(axis=0)
-            near = points[i][((points[i] > low) & (points[i] < high)).all(axis=1)]
-            if not held[i, j] and len(near) and (winding(near, parts[j]) > 0.5).any():
-                held[i, j] = held[j, i] = True
-        reached = np.linalg.matrix_power(held.astype(float), len(parts))[0] > 0
-        assert reached.all(), (spec.family, spec.back, np.flatnonzero(~reached))
+        assert afloat(chair_parts(spec)) == [], (spec.family, spec.back)
 
 
 def test_no_two_colours_in_one_plane(varied: list[ChairSpec]) -> None:
-    """Overlapping faces of different colours in one plane would flicker from view to view.
-
-    A depth buffer of 24 bits with its near plane at 0.2 tells 4**2 / (0.2 * 2**24) = 5e-6 apart at
-    the object; 2e-5 keeps clear of that.
-    """
     for spec in varied:
-        planes = []
-        for part in chair_parts(spec):
-            corners = part.vertices[part.faces]
-            normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-            offset = (normal * corners[:, 0]).sum(axis=1)
-            planes.append((part.color, normal, offset, corners.min(axis=1), corners.max(axis=1)))
-        for one, other in itertools.combinations(planes, 2):
-            if one[0] == other[0]:
-                continue
-            same = (one[1] @ other[1].T > 1 - 1e-5) & (
-                np.abs(one[2][:, None] - other[2][None]) < 2e-5
-            )
-            i, j = np.nonzero(same)
-            shared = np.minimum(one[4][i], other[4][j]) - np.maximum(one[3][i], other[3][j])
-            # Boxes around the faces that meet in all directions, in two of them by over 3 mm.
-            meet = (np.sort(shared, axis=1) > (-2e-5, 0.003, 0.003)).all(axis=1)
-            assert not meet.any(), spec
+        assert shared_planes(chair_parts(spec), size=1.0) == [], spec  # metres: about the radius
 
 
 def test_one_to_three_colours_and_none_vanishes(meshes: list[Mesh]) -> None:

@@ -1,0 +1,75 @@
+"""Checks that every procedural class has to pass; see test_catalogue and test_chairs."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from data_prep.shapes.solids import Part
+
+
+def afloat(parts: Sequence[Part]) -> list[int]:
+    """Parts that no chain of parts sunk into each other joins to the first.
+
+    Touching is not enough: what touches in floats has a gap in another view.
+    """
+    probed = [probes(part) for part in parts]
+    held = np.eye(len(parts), dtype=bool)
+    for i, j in itertools.permutations(range(len(parts)), 2):
+        low, high = parts[j].vertices.min(axis=0), parts[j].vertices.max(axis=0)
+        near = probed[i][((probed[i] > low) & (probed[i] < high)).all(axis=1)]
+        if not held[i, j] and len(near) and (winding(near, parts[j]) > 0.5).any():
+            held[i, j] = held[j, i] = True
+    reached = np.linalg.matrix_power(held.astype(float), len(parts))[0] > 0
+    return np.flatnonzero(~reached).tolist()
+
+
+def shared_planes(parts: Sequence[Part], size: float) -> list[tuple[int, int]]:
+    """Pairs of parts with overlapping faces of different colours in one plane: these flicker.
+
+    A depth buffer of 24 bits with its near plane at 0.2 tells 4**2 / (0.2 * 2**24) = 5e-6 apart at
+    an object of radius 1; 2e-5 keeps clear of that. `size` is the object's radius. Faces meet
+    where the boxes around them do, in two directions by over 0.3 % of it.
+    """
+    slack = 2e-5 * size
+    planes = []
+    for part in parts:
+        corners = part.vertices[part.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        offset = (normal * corners[:, 0]).sum(axis=1)
+        planes.append((part.color, normal, offset, corners.min(axis=1), corners.max(axis=1)))
+    found = []
+    for (a, one), (b, other) in itertools.combinations(enumerate(planes), 2):
+        if one[0] == other[0]:
+            continue
+        same = (one[1] @ other[1].T > 1 - 1e-5) & (np.abs(one[2][:, None] - other[2][None]) < slack)
+        i, j = np.nonzero(same)
+        shared = np.minimum(one[4][i], other[4][j]) - np.maximum(one[3][i], other[3][j])
+        if (np.sort(shared, axis=1) > (-slack, 0.003 * size, 0.003 * size)).all(axis=1).any():
+            found.append((a, b))
+    return found
+
+
+def radius(parts: Sequence[Part]) -> float:
+    """Half of the diagonal of the box around all parts."""
+    vertices = np.concatenate([part.vertices for part in parts])
+    return float(np.linalg.norm(np.ptp(vertices, axis=0))) / 2
+
+
+def winding(points: np.ndarray, part: Part) -> np.ndarray:
+    """Winding number of a closed part about points (Van Oosterom & Strackee 1983): 1 inside."""
+    a, b, c = (part.vertices[None, part.faces[:, i]] - points[:, None] for i in range(3))
+    la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
+    triple = (a * np.cross(b, c)).sum(2)
+    rest = la * lb * lc + (a * b).sum(2) * lc + (b * c).sum(2) * la + (a * c).sum(2) * lb
+    return (2 * np.arctan2(triple, rest)).sum(1) / (4 * np.pi)
+
+
+def probes(part: Part) -> np.ndarray:
+    """Vertices, middles of edges and of faces: an end sunk into another part has one inside it."""
+    corners = part.vertices[part.faces]
+    edges = (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2
+    return np.concatenate([part.vertices, edges, corners.mean(axis=1)])

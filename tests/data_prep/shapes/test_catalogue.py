@@ -1,0 +1,153 @@
+"""What holds for every class of the procedural set."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+import trimesh
+
+from data_prep.datasets import ProceduralObject
+from data_prep.randomness import generator
+from data_prep.scene import Mesh
+from data_prep.shapes.catalogue import CLASSES
+from data_prep.shapes.materials import LIGHTEST
+from data_prep.shapes.shape_class import Drawn
+from tests.data_prep.shapes.solid_checks import afloat, radius, shared_planes
+
+PAPER = (
+    *("airplane", "bench", "cabinet", "car", "chair", "display", "lamp"),
+    *("loudspeaker", "rifle", "sofa", "table", "telephone", "vessel"),
+)
+PER_FAMILY = 4
+Objects = dict[str, list[Drawn]]
+
+
+@pytest.fixture(params=CLASSES)
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def drawn() -> Objects:
+    """400 objects of each class."""
+    rngs = {name: np.random.default_rng(4) for name in CLASSES}
+    return {n: [CLASSES[n].draw(rngs[n]) for _ in range(400)] for n in CLASSES}
+
+
+@pytest.fixture
+def varied(drawn: Objects, name: str) -> list[Drawn]:
+    """Some of each structural family."""
+    chosen = []
+    for family in CLASSES[name].families:
+        chosen += [obj for obj in drawn[name] if obj.family == family][:PER_FAMILY]
+    return chosen
+
+
+@pytest.fixture
+def meshes(varied: list[Drawn]) -> list[Mesh]:
+    return [obj.mesh() for obj in varied]
+
+
+def test_the_papers_thirteen_in_its_order() -> None:
+    assert tuple(CLASSES) == PAPER
+    assert all(CLASSES[name].name == name for name in PAPER)
+
+
+def test_four_families_or_more_and_all_of_them_appear(drawn: Objects, name: str) -> None:
+    families = CLASSES[name].families
+    counts = Counter(obj.family for obj in drawn[name])
+    assert len(families) >= 4
+    assert len(set(families)) == len(families)
+    assert set(counts) == set(families)
+    assert min(counts.values()) >= 8  # 2 %
+
+
+def test_one_stream_one_object(name: str) -> None:
+    first, again, other = (
+        CLASSES[name].draw(np.random.default_rng(seed)).mesh() for seed in (5, 5, 6)
+    )
+    assert first.vertices.tobytes() == again.vertices.tobytes()
+    assert first.faces.tobytes() == again.faces.tobytes()
+    assert first.face_colors.tobytes() == again.face_colors.tobytes()
+    assert first.vertices.tobytes() != other.vertices.tobytes()
+
+
+def test_objects_of_the_dataset_are_those_of_the_catalogue(name: str) -> None:
+    mesh = ProceduralObject(name, "train", 3).load()
+    same = CLASSES[name].draw(generator("procedural", name, "train", 3)).mesh()
+    assert mesh.vertices.tobytes() == same.vertices.tobytes()
+
+
+def test_no_object_comes_twice(drawn: Objects, name: str) -> None:
+    seen = {obj.mesh().vertices.tobytes() for obj in drawn[name][:100]}
+    assert len(seen) == 100
+
+
+def test_parts_are_closed_and_outward(varied: list[Drawn]) -> None:
+    for obj in varied:
+        for number, part in enumerate(obj.parts):
+            judged = trimesh.Trimesh(part.vertices, part.faces, process=False)
+            what = (obj.family, number)
+            assert judged.is_watertight, what
+            assert judged.is_winding_consistent, what
+            assert judged.volume > 0, what
+
+
+def test_nothing_floats(varied: list[Drawn]) -> None:
+    for obj in varied:
+        assert afloat(obj.parts) == [], obj.family
+
+
+def test_no_two_colours_in_one_plane(varied: list[Drawn]) -> None:
+    for obj in varied:
+        assert shared_planes(obj.parts, radius(obj.parts)) == [], obj.family
+
+
+def test_normalised(meshes: list[Mesh]) -> None:
+    for mesh in meshes:
+        vertices = mesh.vertices.astype(np.float64)
+        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        # Half a unit in the last place of 1 in each of three coordinates; see test_normalise.
+        rounding = float(np.finfo(np.float32).eps)
+        assert np.abs(centre).max() <= rounding
+        assert abs(np.linalg.norm(vertices, axis=1).max() - 1) <= rounding
+
+
+def test_no_finer_than_a_picture_shows(meshes: list[Mesh]) -> None:
+    for mesh in meshes:
+        assert 50 <= len(mesh.faces) <= 4000
+
+
+def test_colours_leave_the_background_free(meshes: list[Mesh]) -> None:
+    for mesh in meshes:
+        colors = np.unique(mesh.face_colors, axis=0)
+        assert 12 <= colors.min() <= colors.max() <= LIGHTEST
+        assert len(colors) <= 8
+
+
+def test_no_face_without_area(meshes: list[Mesh]) -> None:
+    for mesh in meshes:
+        corners = mesh.vertices[mesh.faces].astype(np.float64)
+        sides = corners[:, 1:] - corners[:, :1]
+        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+        # A slim face of a thin rod is about 0.005 x 0.01; rounding leaves 1e-7 x 0.01 of none.
+        assert area.min() > 1e-8
+
+
+def test_colour_is_partly_predictable_from_the_family(drawn: Objects, name: str) -> None:
+    """The family removes some of the variance of the mean colour, and never all of it."""
+    colors = np.array([_mean_colour(obj) for obj in drawn[name]])
+    families = np.array([obj.family for obj in drawn[name]])
+    within = np.zeros(3)
+    for family in CLASSES[name].families:
+        mine = families == family
+        within += colors[mine].var(axis=0) * mine.mean()
+    assert 0.1 < within.sum() / colors.var(axis=0).sum() < 1.0
+
+
+def _mean_colour(obj: Drawn) -> np.ndarray:
+    """By number of faces: a statistic, not what an eye would see."""
+    weights = np.array([len(part.faces) for part in obj.parts], dtype=float)
+    return np.average([part.color for part in obj.parts], axis=0, weights=weights)
