@@ -435,6 +435,17 @@ def _neighbour_that_is_not_there() -> str:
     return f"neighbour {np.ravel(index)[0]} of 1 point, at {np.ravel(distance)[0]}"
 
 
+def _tree_without_end() -> str:
+    import torch
+    from scipy.spatial import KDTree
+
+    points = np.random.default_rng(0).uniform(size=(100, 3))
+    points[:60, 0] = 0.0
+    points[60:, 0] *= 4.0
+    torch.set_flush_denormal(True)
+    return f"a tree of {KDTree(points).n} points"
+
+
 def _bootstrap_of_equal_values() -> str:
     from scipy.stats import bootstrap
 
@@ -722,6 +733,14 @@ DEFECTS = (
         _matrix_root_turns_complex,
         r"^(complex|negative): ",
         "`frechet.centred_to_frechet`: singular values of the features, and no covariance",
+    ),
+    Defect(
+        "tree-of-half-a-plane-crash",
+        "scipy",
+        "KDTree steps from a median of 0 to a denormal number; flushed to 0, that goes on for ever",
+        _tree_without_end,
+        r"^crash: the worker died \(SIG",
+        "`losses.chamfer`, which splits in the middle: trainings flush denormals",
     ),
     Defect(
         "neighbour-that-is-not-there",

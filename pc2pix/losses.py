@@ -51,7 +51,10 @@ def _nearest(a: Tensor, b: Tensor) -> Tensor:
         return torch.zeros(a.shape[:2], dtype=torch.int64)  # the result is NaN or infinite anyway
     threads = torch.get_num_threads()
     pairs = zip(a.numpy(), b.numpy(), strict=True)
-    found = [KDTree(to).query(of, workers=threads)[1] for of, to in pairs]
+    # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one plane),
+    # SciPy 1.17 steps to the next number, a denormal one, which trainings flush to 0; without end.
+    trees = ((of, KDTree(to, balanced_tree=False)) for of, to in pairs)
+    found = [tree.query(of, workers=threads)[1] for of, tree in trees]
     return torch.from_numpy(np.stack(found))
 
 

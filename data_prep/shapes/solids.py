@@ -273,3 +273,10 @@ def join(parts: Sequence[Part]) -> Mesh:
         np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
         np.repeat(np.array([part.color for part in parts], dtype=np.uint8), counts, axis=0),
     )
+
+
+def turned(part: Part, yaw_rad: float) -> Part:
+    """The part turned about the y axis by `yaw_rad` (its +z towards +x)."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    turn = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+    return Part(part.vertices @ turn, part.faces, part.color)

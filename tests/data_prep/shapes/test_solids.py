@@ -25,6 +25,7 @@ from data_prep.shapes.solids import (
     slab,
     sweep,
     tube,
+    turned,
 )
 
 GREY = (120, 121, 122)
@@ -102,9 +103,9 @@ def test_frustum(sides: int) -> None:
     slant = math.hypot(height, (low - high) * math.cos(math.pi / sides))
     edges = polygon_edge(sides, low) + polygon_edge(sides, high)
     expected_area = a + b + sides * edges / 2 * slant
-    turned = lathe([(low, 0), (high, height)], GREY, sides=sides)
+    conical = lathe([(low, 0), (high, height)], GREY, sides=sides)
     standing = post((0, 0, 0), (0, height, 0), polygon(sides, low), polygon(sides, high), GREY)
-    for part in (turned, standing):
+    for part in (conical, standing):
         assert solid(part).volume == pytest.approx(
             height / 3 * (a + b + math.sqrt(a * b)), rel=EXACT
         )
@@ -192,6 +193,13 @@ def test_moved_leans_backwards_then_shifts() -> None:
     np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [1, 3, 2])
     rod = post((0, 0, 0), (0, 1, 0), rectangle(0.1, 0.1), rectangle(0.1, 0.1), GREY)
     assert moved(rod, (0, 0, 0), tilt_rad=0.3).vertices[:, 2].mean() > 0
+
+
+def test_turned_brings_plus_z_to_plus_x() -> None:
+    part = turned(box((0, 5, 2), (1, 2, 3), GREY), math.pi / 2)
+    np.testing.assert_allclose(part.vertices.min(axis=0), [0.5, 4, -0.5], atol=EXACT)
+    np.testing.assert_allclose(part.vertices.max(axis=0), [3.5, 6, 0.5], atol=EXACT)
+    assert abs(signed_volume(part.vertices, part.faces) - 6) < 10 * EXACT
 
 
 def test_join_keeps_parts_apart() -> None:
