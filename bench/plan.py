@@ -16,8 +16,8 @@ from bench.suites import Suite
 from bench.work import Job
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
 from data_prep.datasets import PROCEDURAL_VERSION, SceneObject
+from data_prep.failures import BadInput
 from data_prep.randomness import generator
-from data_prep.sampling import random_views
 from data_prep.scene import View
 
 SCORES_VERSION = 1  # raise when a change alters a score
@@ -56,15 +56,16 @@ class Plan:
 def plan(protocol: Protocol, directory: Path) -> Plan:
     """All jobs of a run, in the order in which they are started: object by object.
 
-    Raises BadInput for unknown methods and conditions.
+    Raises BadInput for unknown methods and conditions, for bare clouds, which cannot be scored, and
+    for more views than objects have pictures.
     """
+    _refuse_bare_clouds(protocol)
     conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
     identities = {m: method_identity(m, protocol.device) for m in protocol.methods}
     references, items = [], []
     for obj in protocol.objects:
-        views = random_views(
-            protocol.views, generator(protocol.seed, "views", obj.class_name, obj.object_id)
-        )
+        rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
+        views = obj.views(protocol.views, rng)
         common = _common_identity(protocol, obj, views)
         truth = _job(protocol, directory, obj, views, GROUND_TRUTH, "", Unchanged(), [common], None)
         references.append(truth)
@@ -84,6 +85,16 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
             for method in protocol.methods
         ]
     return Plan(tuple(references), tuple(items))
+
+
+def _refuse_bare_clouds(protocol: Protocol) -> None:
+    bare = [obj for obj in protocol.objects if not obj.has_truth]
+    if bare:
+        raise BadInput(
+            f"{protocol.dataset}: {bare[0].class_name}/{bare[0].object_id} is a bare cloud "
+            f"({len(bare)} of {len(protocol.objects)} are), without mesh or pictures to score "
+            "against; draw it with 'bench render'"
+        )
 
 
 def with_floor(methods: Sequence[str]) -> tuple[str, ...]:

@@ -26,7 +26,6 @@ from data_prep.conditions import Perturbation
 from data_prep.datasets import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
-from data_prep.sampling import random_views, sample_surface
 from data_prep.scene import PointCloud, Renderer, View
 
 Value = TypeVar("Value")
@@ -126,12 +125,12 @@ def subjects_of(unit: Unit) -> tuple[list[Subject], list[Failure]]:
         names = (obj.class_name, obj.object_id)
         name = "/".join(names)
         try:
-            cloud = sample_surface(obj.load(), generator(unit.seed, "cloud", *names))
+            cloud = obj.cloud(generator(unit.seed, "cloud", *names))
             cloud = unit.perturbation.apply(cloud, generator(unit.seed, unit.condition, *names))
         except BadInput as error:
             failures.append(Failure(name, reason_of(error)))
             continue
-        views = random_views(unit.views, generator(unit.seed, "views", *names))
+        views = obj.views(unit.views, generator(unit.seed, "views", *names))
         of_method = (unit.seed, "method", unit.method, unit.condition, *names)
         subjects.append(Subject(name, cloud, views, lambda key=of_method: generator(*key)))
     return subjects, failures

@@ -15,7 +15,6 @@ from bench.progress import progress
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
-from data_prep.sampling import sample_surface
 from data_prep.training_set import TrainingSet, make_training_set
 
 DEFAULT_OBJECTS = 1500
@@ -131,14 +130,17 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
 
 
 def training_clouds(objects: tuple[SceneObject, ...]) -> NDArray[np.float32]:
-    """Clouds [N, CLOUD_POINTS, 3], with progress. The same objects give the same clouds."""
-    clouds = np.empty((len(objects), CLOUD_POINTS, 3), np.float32)
+    """Clouds [N, M, 3], with progress. The same objects give the same clouds.
+
+    M is CLOUD_POINTS, or what the objects have where they are clouds themselves.
+    """
+    clouds = []
     with _progress("sampling", len(objects)) as advance:
-        for i, obj in enumerate(objects):
+        for obj in objects:
             rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
-            clouds[i] = sample_surface(obj.load(), rng, CLOUD_POINTS).points
+            clouds.append(obj.cloud(rng, CLOUD_POINTS).points)
             advance(0)
-    return clouds
+    return np.stack(clouds)
 
 
 def training_set(objects: tuple[SceneObject, ...], views: int) -> TrainingSet:

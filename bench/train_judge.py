@@ -31,7 +31,7 @@ from bench.judge_network import (
 )
 from bench.train import training_set
 from bench.work import write_whole
-from data_prep.datasets import ProceduralObject, SceneObject, Split
+from data_prep.datasets import MeshObject, ProceduralObject, SceneObject, Split
 from data_prep.failures import BadInput
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.scene import Mesh
@@ -292,7 +292,7 @@ def pictures(split: Split, count: int, views: int) -> Pictures:
 
 
 @dataclass(frozen=True)
-class Unpainted:
+class Unpainted(MeshObject):
     """An object in uniform grey, with the name of the original: hence seen from the same views."""
 
     original: SceneObject

@@ -26,12 +26,11 @@ from bench.record import GROUND_TRUTH, Record
 from bench.scores import scores
 from bench.spent import NOTHING, Spent, Stopwatch
 from data_prep.conditions import Perturbation
-from data_prep.datasets import SceneObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
-from data_prep.sampling import sample_surface
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, View
+from data_prep.scene_objects import SceneObject
 
 Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
 
@@ -131,9 +130,7 @@ def read_artifact(path: Path) -> dict[str, NDArray[Any]]:
 
 def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:
     with watch.on("rendering"):
-        from data_prep.render import render
-
-        pictures = render(job.object.load(), job.views)
+        pictures = job.object.truth(job.views)
     sha = _write_artifact(job, pictures, watch)
     return Result(job.key, tuple(_records(job, "ok")), sha)
 
@@ -226,7 +223,7 @@ def _or_none(score: np.float64) -> float | None:
 
 def cloud_of(job: Job) -> PointCloud:
     """The perturbed cloud. It depends on seed, object and condition, never on the method."""
-    sampled = sample_surface(job.object.load(), generator(job.seed, "cloud", *_identity(job)))
+    sampled = job.object.cloud(generator(job.seed, "cloud", *_identity(job)))
     return job.perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
 
 

@@ -1,7 +1,8 @@
 """Point clouds from and to files.
 
-Formats: PLY (the vertices' x, y, z), NPY, and text in columns (XYZ, TXT, CSV). Nothing a file says
-about its size is believed: memory is only ever taken for values that are there.
+Formats: PLY (the vertices' x, y, z), NPY, text in columns (XYZ, TXT, CSV, PTS), and those of
+scanners (`scan_files`). But for the latter, nothing that a file says about its size is believed:
+memory is only ever taken for values that are there.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.scan_files import SCAN_SUFFIXES, load_scan
 from data_prep.scene import Points
 from data_prep.untrusted import MIB, read_file, shown
 
@@ -40,10 +42,14 @@ def load_points(path: Path) -> CloudPoints:
     PLY    ascii or binary, either byte order; whatever stands beside x, y, z is passed over
     NPY    an array of real numbers of shape [N, 3]
     text   the first three columns, separated by white space or commas; # begins a comment
+    PTS    as text; lines of a single whole number, the counts of its parts, are passed over
+    LAS, LAZ, E57, PCD  see `data_prep.scan_files`; large ones are thinned out
 
     N may be 0 and values may be NaN or infinite: judging a cloud is up to who uses it. Raises
     BadInput, naming file, value and remedy, for anything else.
     """
+    if path.suffix.lower() in SCAN_SUFFIXES:
+        return load_scan(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise BadInput(
@@ -251,6 +257,15 @@ def _read_text(data: bytes) -> CloudPoints:
     return np.array(values, np.float64).reshape(-1, 3)
 
 
+def _read_pts(data: bytes) -> CloudPoints:
+    """Leica's counts are believed as little as others: what is there is read."""
+    lines = (b"#" if _COUNT.fullmatch(line.strip()) else line for line in data.split(b"\n"))
+    return _read_text(b"\n".join(lines))
+
+
+_COUNT = re.compile(rb"[0-9]{1,12}")
+
+
 def _lines(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Numbered lines, from 1."""
     if len(data) > MOST_TEXT_BYTES:
@@ -291,5 +306,6 @@ _READERS = {
     ".xyz": _read_text,
     ".txt": _read_text,
     ".csv": _read_text,
+    ".pts": _read_pts,
 }
-CLOUD_SUFFIXES = tuple(_READERS)
+CLOUD_SUFFIXES = (*_READERS, *SCAN_SUFFIXES)

@@ -1,4 +1,4 @@
-"""The files that a mesh may name: materials, textures and buffers in its own folder, nothing else.
+"""The files that a mesh may name: materials, textures and buffers of its own, nothing else.
 
 trimesh before 5.0 read whatever path a mesh gave, and no version asks what kind of file stands
 there.
@@ -19,11 +19,14 @@ class Companions(Resolver):
     """Regular files in `folder` and below, of `most_bytes` together; links may not lead out.
 
     Names are taken as trimesh 5 takes them: a path that leads out of the folder stands for the file
-    of that name in it. URLs are such paths, so that the net is never asked.
+    of that name in it. URLs are such paths, so that the net is never asked. Where the files of one
+    mesh lie in several folders (ShapeNetCore.v2: models/ and images/), `within` is what they have
+    in common, and paths may lead anywhere in it.
     """
 
-    def __init__(self, folder: Path, most_bytes: int) -> None:
+    def __init__(self, folder: Path, most_bytes: int, within: Path | None = None) -> None:
         self._folder = folder.resolve()
+        self._within = (within or folder).resolve()
         self._left = most_bytes
 
     def get(self, key: str) -> bytes:
@@ -34,7 +37,7 @@ class Companions(Resolver):
                 path = (self._folder / candidate).resolve()
             except (OSError, ValueError, RuntimeError):  # too long, a NUL, links in a circle
                 continue
-            if path.is_relative_to(self._folder) and is_regular_file(path):
+            if path.is_relative_to(self._within) and is_regular_file(path):
                 data = read_file(path, self._left)
                 self._left -= len(data)
                 return data

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
 from data_prep.normalise import normalise
+from data_prep.orientations import OURS, Orientation
 from data_prep.sampling import face_areas
 from data_prep.scene import Mesh
 from data_prep.untrusted import open_file
@@ -35,12 +36,13 @@ MOST_NOUGHTS = 2**24  # numbers that a glTF leaves out, which stands for noughts
 
 
 @np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
-def load_mesh(path: Path) -> Mesh:
+def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None = None) -> Mesh:
     """The file's mesh, normalised to the unit sphere.
 
-    The file's axes are kept: +Y has to be up and the front has to look towards -Z already. Vertices
-    are not merged (trimesh would, and change the surface). Materials, textures and buffers are read
-    from the mesh's own folder only.
+    Unless another `orientation` is given, the file's axes are kept: +Y has to be up and the front
+    has to look towards -Z already. Vertices are not merged (trimesh would, and change the surface).
+    Materials, textures and buffers are read from the mesh's own folder only, or from anywhere in
+    `within`, a folder above it.
 
     Raises BadInput, naming the file: missing, no regular file, too large, not a mesh, no faces,
     non-finite vertices, no extent, no area. Time and memory grow with what the file holds, not with
@@ -52,7 +54,7 @@ def load_mesh(path: Path) -> Mesh:
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of libraries, about files; what matters is raised below
         try:
-            parts = _parts(file, path)
+            parts = _parts(file, path, within)
         except BadInput:
             raise
         except Exception as error:  # trimesh raises whatever its parsers raise
@@ -64,7 +66,7 @@ def load_mesh(path: Path) -> Mesh:
         if not parts:
             raise BadInput(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
         try:
-            mesh = normalise(_joined(parts))
+            mesh = normalise(_turned(_joined(parts), orientation))
         except ValueError as error:
             raise BadInput(f"{path}: {error}") from error
     if not face_areas(mesh).any():
@@ -72,7 +74,7 @@ def load_mesh(path: Path) -> Mesh:
     return mesh
 
 
-def _parts(file: BinaryIO, path: Path) -> list[Any]:
+def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     """The trimesh.Trimesh parts with faces, each where its node puts it."""
     import trimesh
     from PIL import EpsImagePlugin
@@ -84,9 +86,8 @@ def _parts(file: BinaryIO, path: Path) -> list[Any]:
     kind = path.suffix.lower()
     if kind in (".glb", ".gltf"):
         _check_gltf(file, kind)
-    scene = trimesh.load_scene(
-        file, file_type=kind, resolver=Companions(path.parent, MOST_BYTES), process=False
-    )
+    companions = Companions(path.parent, MOST_BYTES, within)
+    scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
     for geometry in scene.geometry.values():
         material = getattr(getattr(geometry, "visual", None), "material", None)
         for picture in (getattr(material, name, None) for name in _TEXTURES):
@@ -146,6 +147,10 @@ def _joined(parts: Sequence[Any]) -> Mesh:
         np.concatenate([part.faces + o for part, o in zip(parts, offsets, strict=True)]),
         np.concatenate([_face_colors(part) for part in parts]),
     )
+
+
+def _turned(mesh: Mesh, orientation: Orientation) -> Mesh:
+    return Mesh(orientation.to_ours(mesh.vertices), mesh.faces, mesh.face_colors)
 
 
 def _face_colors(part: Any) -> NDArray[np.uint8]:

@@ -7,7 +7,6 @@ parts of paths, so nothing that could lead out of the dataset's folder is taken 
 from __future__ import annotations
 
 import json
-import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +14,11 @@ from typing import Any
 
 from data_prep.failures import BadInput
 from data_prep.scene import View
-from data_prep.untrusted import MIB, read_file, shown
+from data_prep.untrusted import MIB, plain_name, plain_text, read_file, shown
 
 MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
 MOST_SPLIT_BYTES = 64 * MIB  # the original's largest, of 43,783 objects, has 2
 MOST_COLUMNS = 16
-MOST_ID_LENGTH = 200
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def read_split(path: Path) -> dict[str, PaperClass]:
     try:
         if not isinstance(tree, dict) or not tree:
             raise ValueError("no classes")
-        return {_id(synset): _paper_class(synset, entry) for synset, entry in tree.items()}
+        return {plain_name(synset): _paper_class(synset, entry) for synset, entry in tree.items()}
     except ValueError as error:
         raise BadInput(
             f"{path}: {error}; expected {{synset: {{name, train: [ids], test: [ids]}}}}"
@@ -105,33 +103,11 @@ def _paper_class(synset: str, entry: Any) -> PaperClass:
         ids = entry.get(split)
         if not isinstance(ids, list):
             raise ValueError(f"class {shown(synset)} has no list {split!r}")
-        splits[split] = tuple(_id(value) for value in ids)
+        splits[split] = tuple(plain_name(value) for value in ids)
     twice = _first_double(splits["train"] + splits["test"])
     if twice is not None:
         raise ValueError(f"class {shown(synset)} lists {shown(twice)} twice")
-    return PaperClass(_label(entry["name"]), **splits)
-
-
-def _id(value: Any) -> str:
-    """The value, where it can be nothing but the name of a file or folder."""
-    name = _label(value)
-    if name in (".", "..") or "/" in name or "\\" in name:
-        raise ValueError(f"{shown(name)} is a path, not an id")
-    return name
-
-
-def _label(value: Any) -> str:
-    """The value, where it is a text of sane length without control characters.
-
-    Category C of Unicode: control and format characters, surrogates, what is not assigned.
-    """
-    if not isinstance(value, str):
-        raise ValueError(f"{shown(repr(value))} is not a text")
-    if not 1 <= len(value) <= MOST_ID_LENGTH:
-        raise ValueError(f"{shown(value)} has {len(value)} characters, not 1..{MOST_ID_LENGTH}")
-    if any(unicodedata.category(c).startswith("C") for c in value):
-        raise ValueError(f"{shown(ascii(value))} has characters that cannot be seen")
-    return value
+    return PaperClass(plain_text(entry["name"]), **splits)
 
 
 def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

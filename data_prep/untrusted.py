@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import os
 import stat
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 from data_prep.failures import BadInput
 
 MIB = 2**20
+MOST_NAME_LENGTH = 200
 
 
 def is_regular_file(path: Path) -> bool:
@@ -75,6 +78,32 @@ def shown(value: str | bytes, most: int = 40) -> str:
     cut = value if len(value) <= most else value[:most]
     text = repr(cut).removeprefix("b")
     return text if cut is value else f"{text}..."
+
+
+def plain_name(value: Any) -> str:
+    """The value, where it can be nothing but the name of a file or folder.
+
+    Raises ValueError: no text as in `plain_text`, "." or "..", or a path.
+    """
+    name = plain_text(value)
+    if name in (".", "..") or "/" in name or "\\" in name:
+        raise ValueError(f"{shown(name)} is a path, not an id")
+    return name
+
+
+def plain_text(value: Any) -> str:
+    """The value, where it is a text of sane length without control characters.
+
+    Category C of Unicode: control and format characters, surrogates, what is not assigned. Raises
+    ValueError.
+    """
+    if not isinstance(value, str):
+        raise ValueError(f"{shown(repr(value))} is not a text")
+    if not 1 <= len(value) <= MOST_NAME_LENGTH:
+        raise ValueError(f"{shown(value)} has {len(value)} characters, not 1..{MOST_NAME_LENGTH}")
+    if any(unicodedata.category(c).startswith("C") for c in value):
+        raise ValueError(f"{shown(ascii(value))} has characters that cannot be seen")
+    return value
 
 
 def _why(error: OSError | ValueError) -> str:

@@ -13,11 +13,12 @@ import numpy as np
 
 from data_prep.failures import BadInput
 from data_prep.scene import Mesh
+from data_prep.scene_objects import MeshObject
 
 
 @dataclass(frozen=True)
-class Tetrahedron:
-    """A `data_prep.datasets.SceneObject` that is cheap to make and to draw."""
+class Tetrahedron(MeshObject):
+    """A `data_prep.scene_objects.SceneObject` that is cheap to make and to draw."""
 
     object_id: str = "a"
     class_name: str = "chair"

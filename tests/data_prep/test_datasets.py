@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_prep.datasets import Dataset, MeshFile, ProceduralObject, open_dataset
+from data_prep.datasets import Dataset, MeshFile, ProceduralObject, layout_of, open_dataset
 from data_prep.failures import BadInput
 from data_prep.mesh_files import LOADER_VERSION
 from data_prep.scene import Mesh
@@ -146,6 +146,73 @@ def test_home_is_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert len(open_dataset("folder:~/meshes").finite) == 1
 
 
+# --- bare clouds ----------------------------------------------------------------------------------
+
+
+def test_clouds_are_taken_where_there_is_no_mesh(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-7, 9, (3000, 3))
+    (tmp_path / "chair").mkdir()
+    np.save(tmp_path / "chair" / "a.npy", points)
+    np.savetxt(tmp_path / "chair" / "b.xyz", points[:10])
+    (tmp_path / "readme.txt").touch()
+    dataset = open_dataset(f"folder:{tmp_path}")
+    assert dataset.classes == ("chair",)
+    many, few = dataset.objects("chair", None, 5)
+    assert (many.object_id, many.has_truth) == ("a.npy", False)
+    cloud = many.cloud(np.random.default_rng(1)).points
+    assert len(np.unique(cloud, axis=0)) == len(cloud) == 2048
+    # The whole was brought to the unit sphere, not the part: rows of the one are of the other.
+    whole = many.cloud(rng, 3000).points
+    assert np.abs(whole).max() <= 1
+    assert np.linalg.norm(whole, axis=1).max() == pytest.approx(1.0, abs=2.0**-23)
+    rows = [int(np.flatnonzero((whole == p).all(axis=1))[0]) for p in cloud]
+    assert rows == sorted(rows)
+    assert many.cloud(np.random.default_rng(2)).points.tolist() != cloud.tolist()
+    assert len(few.cloud(rng)) == 10
+    for refuse in (many.load, lambda: many.truth(many.views(2, rng))):
+        with pytest.raises(BadInput, match=r"a\.npy: a bare cloud has no"):
+            refuse()
+    before = many.fingerprint()
+    np.save(tmp_path / "chair" / "a.npy", points[:100])
+    assert many.fingerprint() != before
+    write_box(tmp_path / "chair" / "mesh.ply")  # the clouds beside a mesh are left alone
+    assert ids(open_dataset(f"folder:{tmp_path}"), "chair") == ["mesh.ply"]
+
+
+def test_a_bare_cloud_that_cannot_be_used(tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text("1 2 3\n1 2 3\n")
+    (obj,) = open_dataset(f"folder:{tmp_path}").finite
+    with pytest.raises(BadInput, match=r"a\.xyz: all 2 points are equal"):
+        obj.cloud(np.random.default_rng(0))
+
+
+def test_which_layout_a_folder_has(tmp_path: Path) -> None:
+    write_box(tmp_path / "mine" / "chair" / "a.ply")
+    for path in (
+        "one/03001627/a/model.obj",
+        "two/03001627/a/models/model_normalized.obj",
+        "forty/chair/test/chair_0001.off",
+        "lists/modelnet40_test.txt",
+        "paper/shape_net_core_uniform_samples_2048/03001627/a.ply",
+        "numbers/03001627/a.ply",
+    ):
+        (tmp_path / path).parent.mkdir(parents=True)
+        (tmp_path / path).touch()
+    found = {name.name: layout_of(str(name)) for name in tmp_path.iterdir()}
+    assert found == {
+        "mine": "folder",
+        "one": "shapenet",
+        "two": "shapenet",
+        "forty": "modelnet",
+        "lists": "modelnet",
+        "paper": "paper",
+        "numbers": "folder",
+    }
+    with pytest.raises(BadInput, match="no such folder"):
+        layout_of(str(tmp_path / "gone"))
+
+
 # --- fingerprints ---------------------------------------------------------------------------------
 
 
@@ -234,7 +301,8 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
 def test_unknown_datasets(spec: str) -> None:
     with pytest.raises(
         BadInput,
-        match=r"^unknown dataset '.*': use procedural, procedural:validation or folder:PATH$",
+        match=r"^unknown dataset '.*': use procedural, procedural:validation, folder:PATH, "
+        r"shapenet:PATH, modelnet:PATH or paper:PATH$",
     ):
         open_dataset(spec)
 

@@ -1,0 +1,64 @@
+"""A dataset: objects by class and split, and what was understood of the place they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from data_prep.failures import BadInput
+from data_prep.scene_objects import SceneObject, Split
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Objects by class. `classes` is empty where the source does not tell classes apart.
+
+    finite       all objects; None: as many as one asks `endless` for
+    splits       the objects of each split; empty where the source has none: all are taken
+    measured     the split that is taken where none is asked for
+    layout       what the source looks like, in words
+    orientation  how its objects stood, and what was done about it
+    irregular    what is missing or odd, a line each; nothing of it keeps the dataset from its use
+    """
+
+    id: str
+    classes: tuple[str, ...]
+    finite: tuple[SceneObject, ...] | None
+    splits: Mapping[Split, tuple[SceneObject, ...]] = field(default_factory=dict)
+    measured: Split = "test"
+    layout: str = ""
+    orientation: str = ""
+    irregular: tuple[str, ...] = ()
+    endless: Callable[[str, Split, int], SceneObject] | None = None
+
+    def objects(
+        self,
+        class_name: str,
+        limit: int | None,
+        endless_limit: int,
+        split: Split | None = None,
+    ) -> tuple[SceneObject, ...]:
+        """The first `limit` objects of a class, in a fixed order.
+
+        Without a limit: all there are, or `endless_limit` where the source has no end. A source
+        without splits gives the same objects for each; one without classes gives all its objects
+        for any class. Raises BadInput for a class that the source does not have, and for a split
+        that has none of it.
+        """
+        split = split or self.measured
+        if self.classes and class_name not in self.classes:
+            raise BadInput(
+                f"{self.id}: no class '{class_name}' (a sub-folder of that name); "
+                f"found {', '.join(self.classes)}"
+            )
+        if self.endless is not None:
+            count = endless_limit if limit is None else limit
+            return tuple(self.endless(class_name, split, i) for i in range(count))
+        pool = self.splits.get(split, ()) if self.splits else self.finite or ()
+        found = tuple(o for o in pool if not self.classes or o.class_name == class_name)
+        if not found:
+            there = ", ".join(name for name, objects in self.splits.items() if objects)
+            raise BadInput(
+                f"{self.id}: no {class_name} in the split '{split}'; there are objects in {there}"
+            )
+        return found[:limit]

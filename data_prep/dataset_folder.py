@@ -1,0 +1,105 @@
+"""A folder of one's own: meshes, or bare clouds; sub-folders are classes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.cloud_files import CLOUD_SUFFIXES, MOST_BYTES, load_points
+from data_prep.dataset import Dataset
+from data_prep.failures import BadInput
+from data_prep.fingerprints import fingerprint_of
+from data_prep.folders import files_below
+from data_prep.mesh_files import SUFFIXES
+from data_prep.normalise import normalise_points
+from data_prep.orientations import OURS
+from data_prep.sampling import random_views
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+from data_prep.scene_objects import SceneObject
+from data_prep.stored_meshes import MeshFile
+
+# A .ply may be either: it is taken for a mesh. A .txt is more often something to read.
+BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
+
+
+@dataclass(frozen=True)
+class BareCloud:
+    """A cloud without mesh or pictures: it can be drawn, but there is nothing to score against."""
+
+    class_name: str
+    object_id: str
+    path: Path
+
+    @property
+    def has_truth(self) -> bool:
+        """No."""
+        return False
+
+    def fingerprint(self) -> str:
+        """Checksum of the file."""
+        return fingerprint_of("cloud", self.path, tuple, MOST_BYTES)
+
+    def load(self) -> Mesh:
+        """Raises BadInput: there is none."""
+        raise BadInput(f"{self.path}: a bare cloud has no mesh; give a mesh")
+
+    def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+        """The cloud, brought to the unit sphere; a random subset in the file's order where it has
+        more than `count` points."""
+        points = load_points(self.path)
+        try:
+            cloud = normalise_points(points)
+        except BadInput as error:
+            raise BadInput(f"{self.path}: {error}") from error
+        if len(cloud) <= count:
+            return cloud
+        rows = np.sort(rng.choice(len(cloud), size=count, replace=False))
+        return PointCloud(cloud.points[rows])
+
+    def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
+        """Views drawn at random."""
+        return random_views(count, rng)
+
+    def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
+        """Raises BadInput: there is none."""
+        raise BadInput(f"{self.path}: a bare cloud has no true pictures; draw it with bench render")
+
+
+def folder_dataset(spec: str, root: Path) -> Dataset:
+    """All meshes below a folder; where there is none, all clouds.
+
+    Sub-folders that hold such files are classes (and files beside them are left alone); a folder
+    without such has no classes. Raises BadInput where there is neither a mesh nor a cloud.
+    """
+    files, kind = files_below(root, SUFFIXES), "meshes"
+    make: Callable[[str, str, Path], SceneObject] = MeshFile
+    if not files:
+        files, kind, make = files_below(root, BARE_SUFFIXES), "bare clouds", BareCloud
+    if not files:
+        raise BadInput(
+            f"{root}: no mesh in this folder; expected {', '.join(SUFFIXES)} "
+            f"(or clouds: {', '.join(BARE_SUFFIXES)})"
+        )
+    nested = tuple(file for file in files if file.parent != root)
+    layout = f"a folder of {kind}" + (", sub-folders are classes" if nested else "")
+    if not nested:
+        name = root.resolve().name
+        flat = tuple(make(name, file.name, file) for file in files)
+        return Dataset(spec, (), flat, layout=layout, orientation=OURS.told)
+    objects = []
+    for file in nested:
+        class_name, *rest = file.relative_to(root).parts
+        objects.append(make(class_name, "/".join(rest), file))
+    beside = len(files) - len(nested)
+    return Dataset(
+        spec,
+        tuple(sorted({obj.class_name for obj in objects})),
+        tuple(objects),
+        layout=layout,
+        orientation=OURS.told,
+        irregular=(f"{beside} files beside the sub-folders are left alone",) if beside else (),
+    )

@@ -1,0 +1,156 @@
+"""ModelNet10 and ModelNet40: OFF files, up +Z.
+
+    <class>/train/<class>_0001.off, <class>/test/...    as published, and as aligned by hand
+    <class>/<class>_0001.off, with modelnet40_train.txt, modelnet40_test.txt: an id a line
+
+The front is not stated anywhere and taken to be -Y, after a chair and a toilet (see
+`orientations.MODELNET`). ModelNet10 and the ModelNet40 of lmb-freiburg/orion are aligned; in the
+original ModelNet40 the azimuth is as it came.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from data_prep.dataset import Dataset
+from data_prep.failures import BadInput
+from data_prep.folders import files_below, folders_in
+from data_prep.orientations import MODELNET
+from data_prep.scene_objects import SceneObject, Split
+from data_prep.split_lists import differences
+from data_prep.stored_meshes import PlacedMesh
+from data_prep.untrusted import MIB, is_regular_file, plain_name, read_file
+
+MOST_LIST_BYTES = 4 * MIB  # 12,311 ids are 0.2
+SPLITS: Sequence[Split] = ("train", "test")
+_LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt")
+
+
+def is_modelnet(root: Path) -> bool:
+    """Whether a folder looks like ModelNet: split lists, or classes with train and test."""
+    if _list_files(root):
+        return True
+    return any(
+        (folder / split).is_dir() and next(iter(_off_files(folder / split)), None)
+        for folder in folders_in(root)
+        for split in SPLITS
+    )
+
+
+def modelnet_dataset(spec: str, root: Path) -> Dataset:
+    """The objects of all classes in a folder; their ids are the names of their files.
+
+    Splits are the folders train and test, else the lists; without either all objects are in one.
+    An object that a list names and the disk has not is one that fails.
+
+    Raises BadInput where there is no OFF file in a class, and for lists that cannot be read.
+    """
+    classes = {folder.name: folder for folder in folders_in(root)}
+    by_folder = any((folder / split).is_dir() for folder in classes.values() for split in SPLITS)
+    irregular: list[str] = []
+    objects: list[SceneObject] = []
+    splits: dict[Split, list[SceneObject]] = {}
+    names: dict[str, list[str]] = {}
+    if by_folder:
+        for class_name, folder in classes.items():
+            for split in SPLITS:
+                found = [_object(class_name, p) for p in _off_files(folder / split)]
+                splits.setdefault(split, []).extend(found)
+                objects += found
+            both = {o.object_id for o in splits["train"] if o.class_name == class_name}
+            both &= {o.object_id for o in splits["test"] if o.class_name == class_name}
+            if both:
+                irregular.append(f"{class_name}: {len(both)} ids are in train and in test")
+            if beside := len(_off_files(folder)):
+                irregular.append(f"{class_name}: {beside} files beside train and test are left out")
+        layout = "ModelNet, with folders train and test"
+    else:
+        for class_name, folder in classes.items():
+            found = [_object(class_name, p) for p in _off_files(folder)]
+            names[class_name] = [o.object_id for o in found]
+            objects += found
+        layout = "ModelNet, without splits"
+        lists = _read_lists(root, irregular)
+        if lists:
+            layout = "ModelNet, with split lists"
+            known = {(o.class_name, o.object_id): o for o in objects}
+            for class_name, folder in classes.items():
+                own = _of_class(class_name, lists)
+                irregular += [f"{class_name}: {d}" for d in differences(own, names[class_name])]
+                for split, ids in own.items():
+                    splits.setdefault(split, []).extend(
+                        known.get((class_name, i)) or _object(class_name, folder / f"{i}.off")
+                        for i in ids
+                    )
+    if not objects:
+        raise BadInput(
+            f"{root}: no ModelNet here; expected <class>/train/<class>_0001.off or "
+            "<class>/<class>_0001.off"
+        )
+    return Dataset(
+        spec,
+        tuple(sorted({obj.class_name for obj in objects})),
+        tuple(objects),
+        splits={split: tuple(found) for split, found in splits.items()},
+        layout=layout,
+        orientation=MODELNET.told,
+        irregular=tuple(irregular),
+    )
+
+
+def _off_files(folder: Path) -> tuple[Path, ...]:
+    """Those directly in a folder; none where it is not there."""
+    if not folder.is_dir():
+        return ()
+    return tuple(path for path in files_below(folder, (".off",)) if path.parent == folder)
+
+
+def _object(class_name: str, path: Path) -> PlacedMesh:
+    return PlacedMesh(class_name, path.stem, path, path.parent, MODELNET)
+
+
+def _of_class(class_name: str, lists: Mapping[Split, Sequence[str]]) -> dict[Split, list[str]]:
+    """The ids of a class: "night_stand_0001" is a night_stand."""
+    return {
+        split: [i for i in ids if i.rpartition("_")[0] == class_name]
+        for split, ids in lists.items()
+    }
+
+
+def _list_files(root: Path) -> dict[str, dict[Split, Path]]:
+    """Split lists by the name of the set."""
+    found: dict[str, dict[Split, Path]] = {}
+    for path in sorted(root.glob("modelnet*.txt")):
+        if (match := _LIST.fullmatch(path.name)) and is_regular_file(path):
+            split: Split = "train" if match[2] == "train" else "test"
+            found.setdefault(match[1], {})[split] = path
+    return found
+
+
+def _read_lists(root: Path, irregular: list[str]) -> dict[Split, list[str]]:
+    """Ids by split; empty where there are no lists. Appends ids that are there twice."""
+    files = _list_files(root)
+    if not files:
+        return {}
+    # modelnet10 is a part of modelnet40: where both lists are there, the larger one counts.
+    name = max(files, key=lambda set_name: int(set_name.removeprefix("modelnet")))
+    lists: dict[Split, list[str]] = {}
+    seen: set[str] = set()
+    for split, path in sorted(files[name].items(), reverse=True):  # train before test
+        try:
+            text = read_file(path, MOST_LIST_BYTES).decode("utf-8-sig")
+            ids = [plain_name(line.strip()) for line in text.splitlines() if line.strip()]
+        except ValueError as error:
+            if isinstance(error, BadInput):
+                raise
+            raise BadInput(f"{path}: {error}; expected an id a line") from None
+        lists[split] = []
+        for object_id in ids:
+            if object_id in seen:
+                irregular.append(f"{path.name}: {object_id} is listed again and left out")
+                continue
+            seen.add(object_id)
+            lists[split].append(object_id)
+    return lists

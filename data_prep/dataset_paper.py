@@ -1,0 +1,222 @@
+"""The paper's own data: clouds, pictures and cameras, in the layout that the original code unpacks.
+
+    <class>_exp.json, all_exp.json                                   splits
+    shape_net_core_uniform_samples_2048/<synset>/<id>.ply            clouds of 2,048 points
+    shapenet_release/renders/<synset>/<id>/render_<k>_128.png        pictures, k = 0..19, RGBA
+    shapenet_release/renders/<synset>/<id>/view.txt                  cameras, line k of picture k
+
+Placement. Clouds are ShapeNetCore.v1 with +Z up, as Blender imports it: the original's rotations
+say so (`orientations.PAPER`), because the surfaces that it reconstructs, turned twice, are drawn by
+a camera whose position is turned back. Their coordinates are twice as large here: the pictures show
+the sphere of radius 0.5 from distance 2, ours that of radius 1 from distance 4. Clouds are not
+normalised again, or they would no longer fit their pictures.
+
+Angles. An azimuth of 0 stands on the clouds' +X, the front, and grows anticlockwise as seen from
+above: x = cos a cos e, y = sin a cos e, z = sin e, as in the rendering scripts of the time (Su et
+al. 2015), whose view files have the same columns. Ours grows clockwise, so the sign is changed. The
+data was not at hand to confirm this; `bench data inspect` counts the points of the clouds that fall
+on the objects in the pictures, for this reading of the angles and for the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.cloud_files import MOST_BYTES, load_points
+from data_prep.dataset import Dataset
+from data_prep.failures import BadInput
+from data_prep.fingerprints import fingerprint_of
+from data_prep.folders import folders_in
+from data_prep.orientations import PAPER
+from data_prep.paper_files import PaperClass, read_split, read_views
+from data_prep.picture_file import read_picture
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+from data_prep.scene_objects import SceneObject, Split
+from data_prep.split_lists import differences, listed
+from data_prep.synsets import class_names
+from data_prep.untrusted import is_regular_file
+
+CLOUDS = Path("shape_net_core_uniform_samples_2048")
+RENDERS = Path("shapenet_release/renders")
+SPLIT_SUFFIX = "_exp.json"
+ALL_CLASSES = f"all{SPLIT_SUFFIX}"
+PICTURES = 20
+VIEWS = "view.txt"
+RADIUS = 0.5  # of the sphere that pictures show, in the units of the clouds
+_SPLITS: Sequence[Split] = ("train", "test")
+
+
+@dataclass(frozen=True)
+class PaperObject:
+    """A cloud with 20 pictures and their cameras; there is no mesh.
+
+    An object is used as a whole: where the cloud, the cameras or one of the pictures that are asked
+    for is missing or damaged, it fails with that reason in all its views.
+    """
+
+    class_name: str
+    object_id: str
+    cloud_file: Path
+    renders: Path
+
+    @property
+    def has_truth(self) -> bool:
+        """Yes: its pictures."""
+        return True
+
+    def fingerprint(self) -> str:
+        """Checksum of the cloud, the cameras and the pictures."""
+        version = f"paper {PAPER.columns} {PAPER.signs}"
+        return fingerprint_of(version, self.cloud_file, self._companions, MOST_BYTES)
+
+    def load(self) -> Mesh:
+        """Raises BadInput: there is none."""
+        raise BadInput(
+            f"{self.cloud_file}: a cloud with pictures has no mesh; take shapenet:PATH for meshes"
+        )
+
+    def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+        """The file's 2,048 points in its order; fewer where fewer are asked for, drawn at random.
+
+        Raises BadInput, naming the file, for any other number of points and for values that are not
+        finite.
+        """
+        points = load_points(self.cloud_file)
+        if len(points) != CLOUD_SIZE:
+            raise BadInput(f"{self.cloud_file}: {len(points)} points, expected {CLOUD_SIZE}")
+        if not np.isfinite(points).all():
+            raise BadInput(f"{self.cloud_file}: points that are not finite; fetch it again")
+        with np.errstate(over="ignore"):
+            ours = (PAPER.to_ours(points) / RADIUS).astype(np.float32)
+        if count < CLOUD_SIZE:
+            ours = ours[np.sort(rng.choice(CLOUD_SIZE, size=count, replace=False))]
+        return PointCloud(ours)
+
+    def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
+        """The cameras of the first `count` pictures; views of the front where they cannot be read.
+
+        Raises BadInput for more than there are pictures.
+        """
+        del rng
+        if count > PICTURES:
+            raise BadInput(
+                f"--views {count}: an object of this dataset has {PICTURES} pictures; give at most "
+                f"--views {PICTURES}"
+            )
+        try:
+            return self.cameras(count)
+        except BadInput:  # `truth` says why
+            return (View(0.0, 0.0),) * count
+
+    def cameras(self, count: int) -> tuple[View, ...]:
+        """The first cameras of view.txt in our angles. Raises BadInput where there are fewer."""
+        path = self.renders / VIEWS
+        found = read_views(path)
+        if len(found) < count:
+            raise BadInput(f"{path}: {len(found)} lines, and {count} pictures are wanted")
+        return tuple(
+            View(math.remainder(-view.azimuth_deg, 360.0), view.elevation_deg)
+            for view in found[:count]
+        )
+
+    def picture_files(self) -> tuple[Path, ...]:
+        """Where its pictures have their place."""
+        return tuple(self.renders / picture_name(k) for k in range(PICTURES))
+
+    def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
+        """The first pictures. Raises BadInput where one, or a camera, cannot be had."""
+        if self.cameras(len(views)) != tuple(views):
+            raise BadInput(f"{self.renders / VIEWS}: has changed since the run began; start again")
+        return np.stack([read_picture(path)[0] for path in self.picture_files()[: len(views)]])
+
+    def _companions(self) -> Iterator[Path]:
+        for path in (self.renders / VIEWS, *self.picture_files()):
+            if is_regular_file(path):
+                yield path
+
+
+def picture_name(number: int) -> str:
+    """The file of a picture."""
+    return f"render_{number}_128.png"
+
+
+def is_paper(root: Path) -> bool:
+    """Whether a folder looks like the paper's data."""
+    return (root / CLOUDS).is_dir() or (root / RENDERS).is_dir()
+
+
+def paper_dataset(spec: str, root: Path) -> Dataset:
+    """The objects that the split files of a folder name.
+
+    A class that has a split file of its own takes that, the others all_exp.json. Classes have the
+    names of the 13 of the paper, else the first name in the split file. What a split names and the
+    disk has not is an object that fails.
+
+    Raises BadInput where there is no split file, or one cannot be read.
+    """
+    files = _split_files(root)
+    if not files:
+        raise BadInput(
+            f"{root}: no split file here; expected chair{SPLIT_SUFFIX} or {ALL_CLASSES} beside "
+            f"{CLOUDS}/ and {RENDERS.parent}/"
+        )
+    irregular: list[str] = []
+    classes: dict[str, PaperClass] = {}
+    for path in files:
+        for synset, paper_class in read_split(path).items():
+            if synset not in classes:
+                classes[synset] = paper_class
+            elif (classes[synset].train, classes[synset].test) != (
+                paper_class.train,
+                paper_class.test,
+            ):
+                irregular.append(f"{path.name}: another split of {synset}; not used")
+    names = class_names({synset: found.name for synset, found in classes.items()})
+    splits: dict[Split, list[SceneObject]] = {split: [] for split in _SPLITS}
+    for synset, paper_class in sorted(classes.items(), key=lambda item: names[item[0]]):
+        named: Mapping[Split, Sequence[str]] = {
+            "train": paper_class.train,
+            "test": paper_class.test,
+        }
+        for split, ids in named.items():
+            splits[split] += [_object(root, names[synset], synset, i) for i in ids]
+        irregular += _not_there(root, names[synset], synset, named)
+    return Dataset(
+        spec,
+        tuple(sorted(names.values())),
+        tuple(obj for split in _SPLITS for obj in splits[split]),
+        splits={split: tuple(splits[split]) for split in _SPLITS},
+        layout=f"the paper's clouds and pictures, split by {listed([path.name for path in files])}",
+        orientation=PAPER.told + ", twice as large",
+        irregular=tuple(irregular),
+    )
+
+
+def _object(root: Path, class_name: str, synset: str, object_id: str) -> PaperObject:
+    cloud = root / CLOUDS / synset / f"{object_id}.ply"
+    return PaperObject(class_name, object_id, cloud, root / RENDERS / synset / object_id)
+
+
+def _split_files(root: Path) -> tuple[Path, ...]:
+    """Those of single classes first."""
+    found = (path for path in sorted(root.glob(f"*{SPLIT_SUFFIX}")) if is_regular_file(path))
+    return tuple(sorted(found, key=lambda path: path.name == ALL_CLASSES))
+
+
+def _not_there(
+    root: Path, class_name: str, synset: str, named: Mapping[Split, Sequence[str]]
+) -> list[str]:
+    """What the split and the folders of a class do not agree on."""
+    clouds, renders = root / CLOUDS / synset, root / RENDERS / synset
+    there = [p.stem for p in sorted(clouds.glob("*.ply"))] if clouds.is_dir() else []
+    pictured = [p.name for p in folders_in(renders)] if renders.is_dir() else []
+    return [
+        *(f"{class_name}, clouds: {line}" for line in differences(named, there)),
+        *(f"{class_name}, pictures: {line}" for line in differences(named, pictured)),
+    ]

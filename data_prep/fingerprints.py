@@ -1,0 +1,41 @@
+"""Checksums of the files behind an object: they change whenever one of these does."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from data_prep.failures import BadInput
+from data_prep.untrusted import MIB, open_file
+
+
+def fingerprint_of(
+    version: str,
+    file: Path,
+    companions: Callable[[], Iterable[Path]],
+    most_bytes: int,
+) -> str:
+    """sha256 of a version, a file and its companions, these with their names.
+
+    Where one cannot be read, a text that says so ("unreadable: no such file").
+    """
+    digest = hashlib.sha256(version.encode())
+    path = file
+    try:
+        _update(digest, path, most_bytes)
+        for path in companions():
+            digest.update(os.fsencode(path.name))
+            _update(digest, path, most_bytes)
+    except (BadInput, OSError) as error:
+        return "unreadable: " + str(error).removeprefix(f"{path}: ")
+    return digest.hexdigest()
+
+
+def _update(digest: Any, path: Path, most_bytes: int) -> None:
+    """Feed a file to a hash, piece by piece."""
+    with open_file(path, most_bytes) as file:
+        while piece := file.read(MIB):
+            digest.update(piece)
