@@ -1,39 +1,51 @@
-"""A picture of a cloud in a file, by any method: `bench render`.
+"""Pictures of a cloud in a file, by any method.
 
 The file is read and the method runs in a worker process: neither is trusted.
 """
 
 from __future__ import annotations
 
-import io
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.cloud_dots import draw_dots
 from bench.isolation import Limits, Lost, run_tasks
 from bench.methods import Method, find_method
-from bench.work import Pictures, draw, load_renderer, reason_of, write_whole
+from bench.work import Pictures, draw, load_renderer, reason_of
 from data_prep.cloud_files import load_points
-from data_prep.failures import BadInput, CannotWrite, MissingDependency
+from data_prep.failures import BadInput, MissingDependency
 from data_prep.normalise import normalise_points
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, View
+from data_prep.upright import upright
 
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 
 
 @dataclass(frozen=True)
 class CloudFile:
-    """A file with points: as they are (in float32), or brought to the unit sphere."""
+    """A file with points, and how they become a cloud.
+
+    as_is      keep their units (in float32), else they are brought to the unit sphere
+    up, front  of the file's axes, see `data_prep.upright`
+    most       of more points so many are chosen at random, the same each time; None: all are kept
+    """
 
     path: Path
     as_is: bool
+    up: str = "y"
+    front: str | None = None
+    most: int | None = None
 
     def load(self) -> PointCloud:
         """Raises BadInput for what is no cloud, or cannot be brought to the unit sphere."""
-        points = load_points(self.path)
+        points = upright(load_points(self.path), self.up, self.front)
+        if self.most is not None and len(points) > self.most:
+            chosen = generator("render", "points").choice(len(points), self.most, replace=False)
+            points = points[np.sort(chosen)]
         if self.as_is:
             with np.errstate(over="ignore"):  # beyond float32 is infinite
                 return PointCloud(points.astype(np.float32))
@@ -55,6 +67,16 @@ class Drawing:
     device: str = "auto"
     batch: int | None = None
     rng: np.random.Generator | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """What is wanted of a cloud: its points themselves, seen from there."""
+
+    views: tuple[View, ...]
+
+
+Wanted = Drawing | Dots
 
 
 @dataclass(frozen=True)
@@ -88,9 +110,23 @@ def draw_file(file: CloudFile, drawing: Drawing) -> Pictures | Failed:
 
     Raises BadInput for a file that cannot be used, and a method that cannot be had.
     """
-    find_drawer(drawing.method)
-    ((_, drawn),) = run_tasks([(file, drawing)], _load_and_draw, 1, LIMITS)
-    return Failed(drawn.reason) if isinstance(drawn, Lost) else drawn
+    ((_, drawn),) = draw_each(file, [drawing], 1)
+    return drawn
+
+
+def draw_each(
+    file: CloudFile, wanted: Sequence[Wanted], workers: int
+) -> Iterator[tuple[Wanted, Pictures | Failed]]:
+    """All that is wanted of a file, as it comes; each reads the file for itself.
+
+    Raises BadInput as `draw_file`, for a method before anything is drawn.
+    """
+    for one in wanted:
+        if isinstance(one, Drawing):
+            find_drawer(one.method)
+    tasks = [(file, one) for one in wanted]
+    for (_, one), drawn in run_tasks(tasks, _load_and_draw, workers, LIMITS):
+        yield one, Failed(drawn.reason) if isinstance(drawn, Lost) else drawn
 
 
 def draw_cloud(cloud: PointCloud, drawing: Drawing) -> Pictures | Failed:
@@ -110,26 +146,9 @@ def draw_cloud(cloud: PointCloud, drawing: Drawing) -> Pictures | Failed:
     return drawn.pictures
 
 
-def check_name(path: Path) -> None:
-    """Raises BadInput for a name that is not a PNG's."""
-    if path.suffix.lower() != ".png":
-        raise BadInput(f"{path}: pictures are written as PNG; give a name that ends in .png")
-
-
-def write_png(picture: NDArray[np.uint8], path: Path) -> None:
-    """Write [H, W, 3], whole or not at all. Raises CannotWrite."""
-    from PIL import Image
-
-    buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, "PNG")
-    try:
-        write_whole(path, buffer.getvalue())
-    except OSError as error:
-        raise CannotWrite(
-            f"{path}: cannot be written ({error.strerror}); make room, or give another -o"
-        ) from error
-
-
-def _load_and_draw(task: tuple[CloudFile, Drawing]) -> Pictures | Failed:
-    file, drawing = task
-    return draw_cloud(file.load(), drawing)
+def _load_and_draw(task: tuple[CloudFile, Wanted]) -> Pictures | Failed:
+    file, wanted = task
+    cloud = file.load()
+    if isinstance(wanted, Dots):
+        return draw_dots(cloud.points, wanted.views)
+    return draw_cloud(cloud, wanted)

@@ -1,16 +1,29 @@
-"""pc2pix (Atienza 2019): pictures of point clouds drawn by a network. See `load`."""
+"""pc2pix (Atienza 2019): pictures of point clouds drawn by a network.
+
+`draw_cloud` and `turntable` make pictures of points, `load` a renderer with weights of your choice.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from pc2pix.engine import Precision
+    from pc2pix.pictures import draw_cloud, turntable
     from pc2pix.renderer import NoisePolicy, Pc2pixRenderer
 
-__all__ = ["load"]
+__all__ = ["draw_cloud", "load", "turntable"]
+
+
+def __getattr__(name: str) -> Any:
+    """What needs NumPy is imported when it is asked for: the command line has no time for it."""
+    if name not in ("draw_cloud", "turntable"):
+        raise AttributeError(f"module 'pc2pix' has no attribute '{name}'")
+    from pc2pix import pictures
+
+    return getattr(pictures, name)
 
 
 def load(

@@ -82,6 +82,13 @@ def slow(points, views, rng, pictures):
     return pictures
 
 
+def round_(points, views, rng, pictures):
+    """Half the azimuth and 90, so that a whole turn has room in the grey levels."""
+    for picture, view in zip(pictures, views, strict=True):
+        picture[0, 0] = (view.azimuth_deg / 2 + 90) / 255
+    return pictures
+
+
 def process_number(points, views, rng, pictures):
     raise StageFailure(f"process-{os.getpid()}", "here")
 
@@ -118,6 +125,7 @@ CHECKS = (
     several_views,
     unlucky,
     slow,
+    round_,
     process_number,
 )
 PLUGINS = {
@@ -125,7 +133,7 @@ PLUGINS = {
     "fake-no-licence": no_licence,
     "fake-no-weights": no_weights,
     **{f"fake-{fault}": partial(load_faulty, fault) for fault in FAULTS},
-    **{f"fake-{c.__name__.replace('_', '-')}": partial(load_check, c) for c in CHECKS},
+    **{f"fake-{c.__name__.strip('_').replace('_', '-')}": partial(load_check, c) for c in CHECKS},
 }
 for _id, _load in PLUGINS.items():
     globals()[_id.replace("-", "_")] = announced(_id, _load)

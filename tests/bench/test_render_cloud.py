@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import os
 import subprocess
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import plugin_methods
@@ -9,8 +11,11 @@ import pytest
 from PIL import Image
 
 import bench.render_cloud
+from bench.cloud_dots import draw_dots
 from bench.isolation import Limits
 from bench.render_cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
+from bench.render_command import Wish, remedied, views_of
+from bench.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.suites import SUITES
 from data_prep.cloud_files import save_ply
 from data_prep.randomness import generator
@@ -131,15 +136,161 @@ def test_another_package_is_found_by_the_command_itself(cloud, tmp_path):
     assert not (tmp_path / "out.png").exists()
 
 
+# --- clouds of other conventions, and large ones --------------------------------------------------
+
+
+def test_axes_of_the_file(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    np.savetxt(path, [[1, 2, 3], [-1, -2, -3]])
+    as_is = CloudFile(path, as_is=True, up="z").load().points
+    assert as_is.tolist() == [[-1, 3, 2], [1, -3, -2]]
+    front = CloudFile(path, as_is=True, up="z", front="x").load().points
+    assert front.tolist() == [[-2, 3, -1], [2, -3, 1]]
+
+
+def test_the_command_turns_the_cloud(command, tmp_path):
+    """The same cloud in another convention is the same picture."""
+    points = generator("test").uniform(-0.5, 0.5, (300, 3))
+    np.save(tmp_path / "ours.npy", points)
+    np.save(tmp_path / "theirs.npy", np.stack([-points[:, 2], -points[:, 0], points[:, 1]], 1))
+    for name, axes in (("ours", ()), ("theirs", ("--up", "z", "--front", "x"))):
+        out = ("-o", tmp_path / f"{name}.png")
+        status = command("render", tmp_path / f"{name}.npy", "--method", "splat", *axes, *out)[0]
+        assert status == 0
+    assert np.array_equal(read(tmp_path / "ours.png"), read(tmp_path / "theirs.png"))
+
+
+def test_some_of_many_points(tmp_path):
+    path = tmp_path / "cloud.npy"
+    np.save(path, np.arange(3000.0).reshape(-1, 3))
+    some = CloudFile(path, as_is=True, most=100).load().points
+    assert len(some) == 100
+    assert (np.diff(some[:, 0]) >= 3).all()  # in the file's order, none twice
+    assert np.ptp(some[:, 0]) > 2400  # from all over it
+    assert np.array_equal(CloudFile(path, as_is=True, most=100).load().points, some)
+    for most in (None, 1000, 1001):
+        assert len(CloudFile(path, as_is=True, most=most).load()) == 1000
+    brought = CloudFile(path, as_is=False, most=100).load().points
+    assert np.linalg.norm(brought, axis=1).max() == pytest.approx(1, abs=1e-6)
+
+
+def test_the_command_takes_some_points(command, plugins, cloud, tmp_path):
+    out = tmp_path / "out.png"
+    some = ("--points", "2", "--as-is", "-o", out)
+    assert command("render", cloud, "--method", "fake-healthy", *some)[0] == 0
+    assert told(out)[2] == 2
+
+
+# --- sheets and turntables ------------------------------------------------------------------------
+
+
+def sheet_tiles(path, frame=0):
+    """Pictures of a sheet of one row, at their own size."""
+    with Image.open(path) as picture:
+        picture.seek(frame)
+        pixels = np.asarray(picture.convert("RGB"))
+    side, step = 256, 256 + MARGIN
+    lefts = range(MARGIN, pixels.shape[1] - side, step)
+    top = MARGIN + LABEL_HEIGHT
+    return [pixels[top : top + side : 2, left : left + side : 2] for left in lefts]
+
+
+def test_a_sheet_shows_the_cloud_and_every_method(command, plugins, cloud, tmp_path):
+    out = tmp_path / "sheet.png"
+    done = command("render", cloud, "--method", "fake-healthy, splat,splat", "-o", out)
+    assert done[:2] == (0, f"{out}\n")
+    assert done[2].startswith("drawing: 3/3 done, 0 failed")
+    dots, healthy, splat = sheet_tiles(out)
+    points = CloudFile(cloud, as_is=False).load()
+    view = (View(30.0, 20.0),)
+    assert np.array_equal(dots, draw_dots(points.points, view)[0])
+    assert healthy[0, :4, 0].tolist() == [30, 20, 3, 10]
+    alone = draw_cloud(points, Drawing("splat", view))
+    assert not isinstance(alone, Failed)
+    assert np.array_equal(splat, alone[0])
+
+
+def test_of_several_some_may_fail(command, plugins, cloud, tmp_path):
+    """Like the items of a run: named, shown, and no error of the command."""
+    out = tmp_path / "sheet.png"
+    methods = "fake-healthy,fake-segfault,fake-exception"
+    status, printed, err = command("render", cloud, "--method", methods, "-o", out)
+    assert (status, printed) == (0, f"{out}\n")
+    assert err.splitlines()[-2:] == [
+        "bench: fake-segfault: crash: the worker died (SIGSEGV)",
+        "bench: fake-exception: ValueError: 12 of 34 parts are missing",
+    ]
+    _, healthy, *failed = sheet_tiles(out)
+    assert healthy[0, 0, 0] == 30
+    assert [tuple(tile[0, 0]) for tile in failed] == [PROBLEM_GROUND] * 2
+
+
+def test_where_all_fail_nothing_is_written(command, plugins, cloud, tmp_path):
+    out = tmp_path / "sheet.png"
+    methods = "fake-exception,fake-blank,fake-exception"
+    status, printed, err = command("render", cloud, "--method", methods, "-o", out)
+    assert (status, printed) == (1, "")
+    *_, first, second = err.splitlines()
+    assert first.startswith("bench: fake-exception: ValueError: ")
+    assert second == "bench: fake-blank: draw: 1 of 1 pictures are blank"
+    assert [path.name for path in tmp_path.iterdir()] == ["cloud.ply"]
+
+
+def test_a_turntable_goes_round_from_the_azimuth(command, plugins, cloud, tmp_path):
+    """The pictures tell the azimuth modulo 256 grey levels; a loop does not repeat its first."""
+    out = tmp_path / "turn.apng"
+    turn = ("--frames", "5", "--azimuth", "-10", "--elevation", "15", "-o", out)
+    assert command("render", cloud, "--method", "fake-round", *turn)[:2] == (0, f"{out}\n")
+    with Image.open(out) as film:
+        assert (film.n_frames, film.size) == (5, (128, 128))
+        told = []
+        for i in range(5):
+            film.seek(i)
+            told.append(np.asarray(film.convert("RGB"))[0, :2, 0].tolist())
+    assert told == [[85 + 72 * i // 2, 15] for i in range(5)]
+
+
+def test_a_turntable_of_several_methods(command, cloud, tmp_path):
+    out = tmp_path / "turn.gif"
+    chosen = ("--method", "splat,blank", "--frames", "4", "-o", out)
+    assert command("render", cloud, *chosen)[:2] == (0, f"{out}\n")
+    points = CloudFile(cloud, as_is=False).load()
+    views = tuple(View(30.0 + 90 * i, 20.0) for i in range(4))
+    splats = draw_cloud(points, Drawing("splat", views))
+    assert not isinstance(splats, Failed)
+    for i, expected in enumerate(splats):  # grey on white: few colours, and the GIF has them all
+        _, splat, blank = sheet_tiles(out, i)
+        assert np.array_equal(splat, expected)
+        assert (blank == 255).all()
+
+
+def test_a_turntable_has_36_frames(cloud):
+    wish = Wish(CloudFile(cloud, as_is=True), ("splat",), 10.0, 0.0, Path("turn.webp"))
+    azimuths = [view.azimuth_deg for view in views_of(wish)]
+    assert azimuths == [10.0 + 10 * i for i in range(36)]
+    assert views_of(replace(wish, out=Path("picture.png"))) == (View(10.0, 0.0),)
+
+
+def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
+    whole, some = CloudFile(cloud, as_is=True), CloudFile(cloud, as_is=True, most=9)
+    late = Failed("timeout: no result within 120 s")
+    assert remedied(late, whole) == f"{late.reason}; --points 20000 would take less"
+    assert remedied(late, some) == late.reason
+    assert remedied(Failed("draw: blank"), whole) == "draw: blank"
+
+
 # --- failures -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("method", "reason"),
     [
-        ("fake-hang", "timeout: no result within 8 s"),
+        ("fake-hang", "timeout: no result within 8 s; --points 20000 would take less"),
         ("fake-segfault", "crash: the worker died (SIGSEGV)"),
-        ("fake-memory-hog", "memory: the worker used more than 1 GiB"),
+        (
+            "fake-memory-hog",
+            "memory: the worker used more than 1 GiB; --points 20000 would take less",
+        ),
         ("fake-exception", "ValueError: 12 of 34 parts are missing"),
         (
             "fake-wrong-shape",
@@ -183,11 +334,21 @@ def test_what_cannot_be_used_is_the_users_to_mend(command, plugins, cloud, tmp_p
         (("--elevation", "91"), "no such view: elevation_deg must lie in -90..90, got 91.0"),
         (("--elevation", "nan"), "no such view: elevation_deg must lie in -90..90, got nan"),
         (("--azimuth", "left"), "Invalid value for '--azimuth': "),
+        (("--up", "w"), "up 'w': no axis; give one of x, -x, y, -y, z, -z"),
+        (("--up", "z", "--front", "-z"), "front '-z': along up, which is 'z'; give one of x, "),
+        (("--points", "0"), "--points 0: must be at least 1"),
+        (("--frames", "12"), f"--frames 12: {out[1]} is one picture; give a turntable's name, .g"),
+        (("--frames", "1", "-o", "turn.gif"), "--frames 1: must be 2 to 120"),
+        (("--frames", "121", "-o", "turn.gif"), "--frames 121: must be 2 to 120"),
+        (("--method", " , "), "' , ': expected names separated by commas"),
+        (("--method", "blank,splta"), "unknown method 'splta': did you mean 'splat'?"),
+        (("--method", "fake-healthy,fake-no-library"), "no libGL: install libgl1"),
     ]:
         assert refused(command, cloud, *blank, *out, *wrong).startswith(problem)
     jpeg = tmp_path / "out.jpg"
     assert refused(command, cloud, *blank, "-o", jpeg) == (
-        f"{jpeg}: pictures are written as PNG; give a name that ends in .png"
+        f"{jpeg}: pictures are written as PNG, turntables as GIF, WebP or APNG; give a name that "
+        "ends in .png, .gif, .webp or .apng"
     )
     assert [path.name for path in tmp_path.iterdir()] == ["cloud.ply"]
 

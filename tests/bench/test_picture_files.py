@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from bench.picture_files import frame_ms, in_one_palette, moves, write_pictures
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.randomness import generator
+
+
+def frames_of(path):
+    """All frames in RGB, and how long each stays."""
+    with Image.open(path) as film:
+        frames, durations = [], []
+        for i in range(getattr(film, "n_frames", 1)):
+            film.seek(i)
+            frames.append(np.asarray(film.convert("RGB")))
+            durations.append(film.info.get("duration"))
+        return np.stack(frames), durations, film.info.get("loop")
+
+
+def noise(count, colours):
+    """Frames on white, each other than the one before, in so many colours at most."""
+    rng = generator("test")
+    palette = rng.integers(0, 255, (colours, 3), dtype=np.uint8)
+    frames = np.full((count, 40, 50, 3), 255, np.uint8)
+    frames[:, 10:30, 10:30] = palette[rng.integers(0, colours, (count, 20, 20))]
+    return frames
+
+
+def test_one_picture(tmp_path):
+    picture = noise(1, 5000)
+    write_pictures(picture, tmp_path / "new" / "OUT.PNG")
+    with Image.open(tmp_path / "new" / "OUT.PNG") as written:
+        assert (written.format, written.mode) == ("PNG", "RGB")
+        assert not getattr(written, "is_animated", False)
+        assert np.array_equal(np.asarray(written), picture[0])
+
+
+@pytest.mark.parametrize(("suffix", "colours"), [("gif", 255), ("webp", 5000), ("apng", 5000)])
+def test_films_loop_and_show_what_they_were_given(tmp_path, suffix, colours):
+    """A GIF in as many colours as there may be: white and 255 others."""
+    given = noise(12, colours)
+    write_pictures(given, tmp_path / f"turn.{suffix}")
+    frames, durations, loop = frames_of(tmp_path / f"turn.{suffix}")
+    assert np.array_equal(frames, given)
+    assert loop == 0  # for ever
+    assert durations == [300] * 12
+
+
+def test_a_gif_of_more_colours_keeps_white_and_is_near():
+    """36 colours a side of the cube in the plane blue = 100: cells of 7 levels, at best."""
+    levels = np.linspace(0, 250, 36).astype(np.uint8)
+    frame = np.full((1, 40, 36, 3), 255, np.uint8)
+    frame[0, :36, :, 0], frame[0, :36, :, 1] = np.meshgrid(levels, levels)
+    frame[0, :36, :, 2] = 100
+    (image,) = in_one_palette(frame)
+    shown = np.asarray(image.convert("RGB")).astype(int)
+    assert (shown[36:] == 255).all()
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 200
+    # 1,296 colours, 255 cells of some 5: within a cell of 3 x 2 steps none is farther than its
+    # half diagonal, 13; cells of a median cut are up to twice as long.
+    assert np.linalg.norm(shown[:36] - frame[0, :36], axis=2).max() < 26
+
+
+def test_greys_keep_their_shades_beside_many_colours():
+    """50 greys of 400 pixels each, 5,000 colours of one: by pixels the greys are four fifths.
+
+    Were all colours alike, the greys would get 1 in 100 places of the palette, two or three, and
+    lie 20 levels off on average; weighted by roots they have 20 times as much of it.
+    """
+    frame = generator("test").integers(0, 255, (1, 100, 250, 3), dtype=np.uint8)
+    greys = np.repeat(np.arange(5, 255, 5), 400).astype(np.uint8)
+    frame.reshape(-1, 3)[:20_000] = greys[:, None]
+    (image,) = in_one_palette(frame)
+    shown = np.asarray(image.convert("RGB")).reshape(-1, 3)[:20_000].astype(int)
+    assert np.abs(shown - greys[:, None]).mean() < 5  # the step between two of them
+
+
+def test_still_pixels_do_not_flicker():
+    """One colour, while all others change from frame to frame: it has one index."""
+    frames = generator("test").integers(0, 255, (5, 30, 30, 3), dtype=np.uint8)
+    frames[:, :3, :3] = (200, 30, 100)
+    images = in_one_palette(frames)
+    assert len({bytes(image.getpalette()) for image in images}) == 1
+    assert len({index for image in images for index in np.asarray(image)[:3, :3].ravel()}) == 1
+
+
+def test_white_frames_are_white():
+    (image,) = in_one_palette(np.full((1, 8, 8, 3), 255, np.uint8))
+    assert (np.asarray(image.convert("RGB")) == 255).all()
+
+
+@pytest.mark.parametrize(
+    ("frames", "milliseconds"), [(2, 1800), (12, 300), (36, 100), (72, 50), (90, 40), (120, 40)]
+)
+def test_a_turn_takes_its_time(frames, milliseconds):
+    """3.6 s, and never more than 25 frames a second."""
+    assert frame_ms(frames) == milliseconds
+
+
+def test_names():
+    assert [moves(Path(name)) for name in ("a.png", "a.GIF", "b/a.webp", "a.apng")] == [
+        *(False, True, True, True)
+    ]
+    with pytest.raises(BadInput, match=r"a\.jpg: pictures are written as PNG, turntables as GIF"):
+        moves(Path("a.jpg"))
+
+
+def test_what_cannot_be_written_leaves_nothing(tmp_path):
+    (tmp_path / "folder.gif").mkdir()
+    with pytest.raises(CannotWrite, match="make room, or give another -o"):
+        write_pictures(noise(3, 9), tmp_path / "folder.gif")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.gif"]

@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import ImageFont
+
+from bench.sheet import (
+    INK,
+    LABEL_HEIGHT,
+    LABEL_PX,
+    MARGIN,
+    PROBLEM_GROUND,
+    PROBLEM_INK,
+    Tile,
+    columns_of,
+    draw_sheet,
+    shortened,
+    wrapped,
+)
+
+STEP = 128 + MARGIN  # to the next tile, unscaled
+
+
+def plain(*greys):
+    """A frame of each of these greys."""
+    return np.repeat(np.array(greys, np.uint8), 128 * 128 * 3).reshape(-1, 128, 128, 3)
+
+
+def picture_at(frame, row, column, scale=1):
+    side = scale * 128
+    top = MARGIN + row * (side + LABEL_HEIGHT + MARGIN) + LABEL_HEIGHT
+    left = MARGIN + column * (side + MARGIN)
+    return frame[top : top + side, left : left + side]
+
+
+def label_at(frame, row, column):
+    top = MARGIN + row * (STEP + LABEL_HEIGHT)
+    return frame[top : top + LABEL_HEIGHT, MARGIN + column * STEP :][:, :128]
+
+
+def test_tiles_stand_row_by_row_with_white_between():
+    frames = draw_sheet([Tile("", plain(10)), Tile("", plain(20)), Tile("", plain(30))], 2, 1)
+    assert frames.shape == (1, MARGIN + 2 * (STEP + LABEL_HEIGHT), MARGIN + 2 * STEP, 3)
+    for place, grey in (((0, 0), 10), ((0, 1), 20), ((1, 0), 30), ((1, 1), 255)):
+        assert (picture_at(frames[0], *place) == grey).all()
+    assert (frames < 255).all(axis=3).sum() == 3 * 128 * 128
+
+
+def test_every_frame_shows_its_pictures():
+    moving, other = plain(1, 2, 3), plain(4, 5, 6)
+    frames = draw_sheet([Tile("a", moving), Tile("b", other)], 2, 1)
+    assert [picture_at(f, 0, 0)[0, 0, 0] for f in frames] == [1, 2, 3]
+    assert [picture_at(f, 0, 1)[0, 0, 0] for f in frames] == [4, 5, 6]
+    assert (label_at(frames[0], 0, 1) == label_at(frames[2], 0, 1)).all()
+
+
+def test_pixels_become_squares():
+    picture = np.arange(128 * 128 * 3, dtype=np.uint32).astype(np.uint8).reshape(1, 128, 128, 3)
+    frame = draw_sheet([Tile("", picture)], 1, 3)[0]
+    shown = picture_at(frame, 0, 0, scale=3)
+    for down in range(3):
+        for right in range(3):
+            assert (shown[down::3, right::3] == picture[0]).all()
+
+
+def test_a_label_is_over_its_own_picture_only():
+    frame = draw_sheet([Tile("i" * 300, plain(255)), Tile("", plain(255))], 2, 1)[0]
+    assert (label_at(frame, 0, 0).min(axis=(0, 1)) == INK).all()
+    blank = frame.copy()
+    label_at(blank, 0, 0)[:] = 255
+    assert (blank == 255).all()
+
+
+def test_a_reason_stands_in_place_of_the_pictures_in_every_frame():
+    """A long one, too: what has no room is left out."""
+    reason = "stage: " + 500 * "points and holes "
+    frames = draw_sheet([Tile("", reason), Tile("", plain(7, 8))], 2, 1)
+    told = picture_at(frames[0], 0, 0)
+    assert (frames[1][:, : MARGIN + STEP] == frames[0][:, : MARGIN + STEP]).all()
+    assert (told[0, 0] == PROBLEM_GROUND).all()
+    assert (told.reshape(-1, 3) == PROBLEM_INK).all(axis=1).any()
+    framed = told.copy()
+    framed[MARGIN:-MARGIN, MARGIN:-MARGIN] = PROBLEM_GROUND
+    assert (framed == PROBLEM_GROUND).all()
+    assert picture_at(frames[1], 0, 1)[0, 0, 0] == 8
+
+
+def test_reasons_alone_are_one_frame():
+    assert len(draw_sheet([Tile("a", "x: y"), Tile("b", "")], 2, 1)) == 1
+
+
+def test_tiles_of_different_lengths_are_refused():
+    with pytest.raises(ValueError, match=r"tiles have \[1, 2\] frames"):
+        draw_sheet([Tile("", plain(1)), Tile("", plain(1, 2))], 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("count", "columns"), [(1, 1), (2, 2), (5, 5), (6, 3), (7, 4), (9, 5), (10, 5), (11, 4)]
+)
+def test_rows_are_equally_long(count, columns):
+    assert columns_of(count) == columns
+
+
+# --- text -----------------------------------------------------------------------------------------
+
+
+def width(text):
+    return ImageFont.load_default(LABEL_PX).getlength(text)
+
+
+def test_what_fits_is_not_shortened():
+    assert shortened("surface-apss", LABEL_PX, width("surface-apss")) == "surface-apss"
+    assert shortened("", LABEL_PX, 0) == ""
+
+
+def test_a_longer_text_keeps_its_ends():
+    text = "pc2pix@training/gan/weights.safetensors"
+    short = shortened(text, LABEL_PX, 128)
+    start, _, end = short.partition("…")
+    assert width(short) <= 128
+    assert text.startswith(start)
+    assert text.endswith(end)
+    assert 0 <= len(end) - len(start) <= 1 or 0 <= len(start) - len(end) <= 1
+    longer = text[: len(start) + 1] + "…" + text[len(text) - len(end) - 1 :]
+    assert width(longer) > 128
+
+
+def test_words_go_into_lines():
+    lines = wrapped("three words of ten", LABEL_PX, width("three words"))
+    assert lines == ["three words", "of ten"]
+    assert wrapped("", LABEL_PX, 50) == []
+
+
+def test_a_long_word_is_shortened_in_a_line_of_its_own():
+    first, second = wrapped(f"a {'x' * 100}", LABEL_PX, 60)
+    assert first == "a"
+    assert second.startswith("x")
+    assert "…" in second
+    assert width(second) <= 60

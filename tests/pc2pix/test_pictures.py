@@ -1,0 +1,162 @@
+"""`pc2pix.draw_cloud` and `pc2pix.turntable`, and the examples of docs/python.md."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import pc2pix
+from bench.metrics import ssim
+from data_prep.cloud_files import load_points, save_ply
+from data_prep.failures import BadInput, StageFailure
+from data_prep.images import to_uint8
+from data_prep.normalise import normalise_points
+from data_prep.randomness import generator
+from data_prep.scene import View
+
+PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+
+
+class Telling:
+    """Stands for a renderer: its pictures are white but for the view and the cloud it was given."""
+
+    def prepare(self, cloud):
+        return cloud.points
+
+    def draw(self, state, views):
+        self.given = state
+        images = np.ones((len(views), 128, 128, 3), np.float32)
+        for image, view in zip(images, views, strict=True):
+            image[0, 0] = view.azimuth_deg / 255
+            image[0, 1] = view.elevation_deg / 255
+        return images
+
+
+@pytest.fixture(scope="module")
+def points():
+    return generator("test").normal(size=(300, 3)) * (1, 2, 3)
+
+
+def test_a_picture_is_what_the_bundled_network_draws(points):
+    renderer = pc2pix.load("chair")
+    cloud = normalise_points(points)
+    (expected,) = renderer.draw(renderer.prepare(cloud), [View(-50.0, 10.0)])
+    picture = pc2pix.draw_cloud(points, -50, 10)
+    assert picture.dtype == np.uint8
+    assert np.array_equal(picture, to_uint8(expected))
+
+
+def test_views(points):
+    teller = Telling()
+    picture = pc2pix.draw_cloud(points, renderer=teller)
+    assert (picture[0, 0, 0], picture[0, 1, 0]) == (30, 20)
+    turned = pc2pix.turntable(points, 8, 15, renderer=teller)
+    assert turned[:, 0, 0, 0].tolist() == [0, 45, 90, 135, 180, 225, 255, 255]  # clipped at 255
+    assert (turned[:, 0, 1, 0] == 15).all()
+    assert pc2pix.turntable(points, renderer=teller).shape == (36, 128, 128, 3)
+    assert pc2pix.turntable(points, 0, renderer=teller).shape == (0, 128, 128, 3)
+
+
+def test_points_of_any_units_and_types(points):
+    teller = Telling()
+    pc2pix.draw_cloud(points, renderer=teller)
+    ours = teller.given
+    assert np.array_equal(ours, normalise_points(points).points)
+    pc2pix.draw_cloud((points * 1024 + 4096).tolist(), renderer=teller)
+    # 1024 rounds nothing; the sum rounds at 2**-40 of coordinates whose radius is some 2**12.
+    np.testing.assert_allclose(teller.given, ours, rtol=0, atol=1e-6)
+    whole = np.array([[0, 0, 0], [200, 0, 0], [0, 100, 0]], np.uint8)
+    pc2pix.draw_cloud(whole, up="-y", renderer=teller)  # no sign for uint8
+    assert teller.given[:, 1].tolist() == pytest.approx([0.4472136, 0.4472136, -0.4472136])
+
+
+def test_axes(points):
+    teller = Telling()
+    pc2pix.draw_cloud(points, renderer=teller)
+    ours = teller.given
+    x, y, z = points.T
+    pc2pix.draw_cloud(np.stack([-x, z, y], axis=1), up="z", front="-y", renderer=teller)
+    assert np.array_equal(teller.given, ours)
+    pc2pix.turntable(np.stack([-z, -x, y], axis=1), 1, up="z", front="x", renderer=teller)
+    assert np.array_equal(teller.given, ours)
+
+
+def test_the_bundled_weights_are_read_once(points, monkeypatch):
+    pc2pix.draw_cloud(points)
+    monkeypatch.setattr(pc2pix, "load", None)
+    assert pc2pix.draw_cloud(points).shape == (128, 128, 3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (np.zeros((0, 3)), "the cloud has no points"),
+        ([[1, 2, 3], [1, 2, 3]], "all 2 points are equal"),
+        ([[0, 0, np.inf], [1, 2, 3]], "the cloud has 1 non-finite points of 2"),
+    ],
+)
+def test_clouds_that_are_none(wrong, told):
+    with pytest.raises(BadInput, match=told):
+        pc2pix.draw_cloud(wrong)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((5, 2)), np.zeros(3), [["a", "b", "c"]], [[1j, 0, 0]]])
+def test_what_is_no_array_of_points(wrong):
+    with pytest.raises(ValueError, match=r"points: expected real numbers \[N, 3\], got"):
+        pc2pix.draw_cloud(wrong)
+
+
+def test_axes_and_angles_that_there_are_not(points):
+    with pytest.raises(BadInput, match="up 'w': no axis"):
+        pc2pix.draw_cloud(points, up="w")
+    with pytest.raises(ValueError, match=r"elevation_deg must lie in -90\.\.90"):
+        pc2pix.turntable(points, elevation_deg=91)
+
+
+def test_what_the_network_cannot_make_sense_of_fails_by_name(points):
+    """A lone outlier shrinks the rest to a dot."""
+
+    class Refusing(Telling):
+        def prepare(self, cloud):
+            raise StageFailure("encode", "the code lies 64 standard deviations off")
+
+    with pytest.raises(StageFailure, match="encode: the code lies 64"):
+        pc2pix.draw_cloud(points, renderer=Refusing())
+
+
+def test_the_package_is_light_and_says_what_it_has():
+    code = (
+        "import sys, pc2pix; assert not {'numpy', 'torch'} & set(sys.modules); "
+        "assert pc2pix.draw_cloud and pc2pix.turntable; assert 'torch' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match="module 'pc2pix' has no attribute 'draw'"):
+        pc2pix.draw  # noqa: B018
+
+
+def test_the_examples_of_the_page(tmp_path, points):
+    save_ply(points.astype(np.float32), tmp_path / "cloud.ply")
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert len(blocks) == 5
+    script = tmp_path / "example.py"
+    script.write_text("\n".join(blocks) + "\nassert other.shape == picture.shape\n")
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    expected = pc2pix.draw_cloud(load_points(tmp_path / "cloud.ply"), 30, 20)
+    blank = np.full_like(expected, 255)
+    assert float(done.stdout) == pytest.approx(ssim(expected[None], blank[None]).ssim, abs=1e-4)
+    with Image.open(tmp_path / "picture.png") as picture:
+        # Another process may have another number of threads: a grey level by rounding.
+        np.testing.assert_allclose(np.asarray(picture).astype(int), expected, rtol=0, atol=1)
+    with Image.open(tmp_path / "turn.gif") as turn:
+        assert (turn.n_frames, turn.size) == (36, (128, 128))
+    with Image.open(tmp_path / "surface.png") as surface:
+        assert (np.asarray(surface) < 255).any()

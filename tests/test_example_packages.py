@@ -1,0 +1,143 @@
+"""The packages of docs/extending.md: installed as their authors would, and found by commands."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from data_prep.cloud_files import save_ply
+from data_prep.datasets import open_dataset
+from data_prep.render import render
+from data_prep.scene import View
+
+REPOSITORY = Path(__file__).parent.parent
+EXAMPLES = REPOSITORY / "examples"
+FILES = {
+    "method": ("pyproject.toml", "convex_hull.py"),
+    "metric": ("pyproject.toml", "pixel_error.py"),
+}
+CORNERS = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3), np.float32).reshape(3, -1).T
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """The command line where both packages are installed."""
+    folder = tmp_path_factory.mktemp("packages")
+    # Copied: a build leaves files beside its source.
+    sources = [shutil.copytree(EXAMPLES / name, folder / name) for name in FILES]
+    pip = (sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    offline = ("--no-index", "--no-deps", "--no-build-isolation")
+    subprocess.run([*pip, *offline, "--target", folder / "site", *sources], check=True)
+    paths = os.pathsep.join((str(folder / "site"), str(REPOSITORY)))
+
+    def run(*arguments):
+        command = (sys.executable, "-c", "from bench.cli import main; main()", *map(str, arguments))
+        environment = os.environ | {"PYTHONPATH": paths, "XDG_CACHE_HOME": str(folder)}
+        return subprocess.run(
+            command, capture_output=True, text=True, check=False, env=environment, cwd=folder
+        )
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def run_folder(bench, tmp_path_factory):
+    """A run of the method, beside the ceiling and the floor: 2 objects x 2 views x 2 conditions."""
+    out = tmp_path_factory.mktemp("run") / "run"
+    chosen = ("--methods", "convex-hull,true-mesh", "--conditions", "2048,noise-0.10")
+    small = ("--limit", "2", "--views", "2", "--workers", "2", "--out", out)
+    done = bench("run", "--suite", "chair-robustness", *chosen, *small)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_they_are_small(name):
+    """The issue: a complete third-party package of under 60 lines."""
+    files = sorted(path for path in (EXAMPLES / name).rglob("*") if path.is_file())
+    assert {path.name for path in files} == set(FILES[name])
+    assert sum(len(path.read_text().splitlines()) for path in files) < 60
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_page_shows_them(name):
+    page = (REPOSITORY / "docs" / "extending.md").read_text()
+    for language, file in zip(("toml", "python"), FILES[name], strict=True):
+        assert f"```{language}\n{(EXAMPLES / name / file).read_text()}```" in page
+
+
+def test_they_are_listed(bench):
+    listed = bench("list").stdout.splitlines()
+    assert "  convex-hull               of another installed package" in listed
+    assert "  pixel-error               of another installed package; see 'bench score'" in listed
+
+
+def test_the_method_is_run_and_stands_in_the_tables(run_folder):
+    table = pd.read_csv(run_folder / "tables" / "table3_ssim.csv").set_index(["method", "metric"])
+    ssim = table.loc[("convex-hull", "ssim")].set_index("condition")
+    assert list(ssim.index) == ["2048", "noise-0.10"]
+    assert (ssim["n_ok"] == 4).all()
+    assert (ssim["n"] == 4).all()
+    # A hull under noise is larger, and neither is a chair.
+    assert 0 < ssim["value"]["noise-0.10"] < ssim["value"]["2048"] < 1
+
+
+def test_the_metric_is_taken_of_the_run(bench, run_folder):
+    """Of the pictures themselves, by the arithmetic of its closed form: nought for the truth, and
+    for white pictures how dark the truth is."""
+    before = {path: path.read_bytes() for path in (run_folder / "tables").iterdir()}
+    done = bench("score", run_folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    markdown = (run_folder / "tables" / "metric_pixel-error.md").read_text()
+    assert done.stdout.strip() == markdown.strip()
+    assert markdown.startswith("# pixel-error, version 1: mean absolute difference of pixels in ")
+    assert "(lower is better)" in markdown.splitlines()[0]
+    rows = pd.read_csv(run_folder / "tables" / "metric_pixel-error.csv")
+    assert set(rows["metric"]) == {"pixel-error"}
+    assert (rows["n_ok"] == rows["n"]).all()
+    value = rows.set_index(["method", "condition"])["value"]
+    assert (value["true-mesh"] == 0).all()
+    records = pd.read_parquet(run_folder / "records.parquet")
+    truths = []
+    for shape in open_dataset("procedural").objects("chair", 2, 2):
+        of_shape = records[(records["method"] == "blank") & (records["object"] == shape.object_id)]
+        angles = of_shape[["azimuth_deg", "elevation_deg"]].drop_duplicates()
+        truths.append(render(shape.load(), [View(*pair) for pair in angles.to_numpy()]))
+    assert value["blank", "2048"] == pytest.approx(255 - np.mean(truths), abs=1e-6)
+    assert value["convex-hull", "noise-0.10"] > value["convex-hull", "2048"] > 0
+    after = {path: path.read_bytes() for path in before}
+    assert after == before
+
+
+def test_it_draws_a_cloud(bench, tmp_path):
+    """The hull of a cube's corners seen from the front is a square: its near face, unshaded.
+
+    The camera stands at 4 from the middle of a cube whose corners are at radius 1: the near face,
+    2/sqrt(3) wide, is at 4 - 1/sqrt(3). 232 px of focal length make that 78.3 px.
+    """
+    save_ply(CORNERS, tmp_path / "cube.ply")
+    front = ("--azimuth", "0", "--elevation", "0", "-o", tmp_path / "cube.png")
+    done = bench("render", tmp_path / "cube.ply", "--method", "convex-hull", *front)
+    assert (done.returncode, done.stderr) == (0, "")
+    with Image.open(tmp_path / "cube.png") as picture:
+        pixels = np.asarray(picture)[:, :, 0]
+    rows, columns = np.nonzero(pixels == 160)
+    wide, high = np.ptp(columns) + 1, np.ptp(rows) + 1
+    assert (wide, high) == (78, 78)  # whole pixels; the outermost ones are smoothed
+    assert len(rows) == 78 * 78
+
+
+def test_what_it_cannot_draw_fails_by_its_name(bench, tmp_path):
+    save_ply(CORNERS[:3], tmp_path / "three.ply")
+    out = tmp_path / "three.png"
+    done = bench("render", tmp_path / "three.ply", "--method", "convex-hull", "-o", out)
+    assert done.returncode == 1
+    assert done.stderr.startswith("bench: convex-hull: hull: QH6214 qhull input error: not enough")

@@ -1,0 +1,59 @@
+"""The commands of docs/rendering.md, as they stand there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+PAGE = Path(__file__).parents[1] / "docs" / "rendering.md"
+BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
+FRAMES = {"chair.png": 1, "sheet.png": 1, "turntable.gif": 36, "lying.png": 1}
+TILES = {"chair.png": None, "sheet.png": 5, "turntable.gif": 4, "lying.png": None}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where all of them have been run, in their order."""
+    place = tmp_path_factory.mktemp("rendering")
+    (script,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    subprocess.run([sys.executable, "-c", script], cwd=place, check=True)
+    for line in re.findall(r"^bench (render .*)$", PAGE.read_text(), re.MULTILINE):
+        subprocess.run([*BENCH, *shlex.split(line)], cwd=place, check=True)
+    return place
+
+
+def test_they_make_what_the_page_shows(folder):
+    made = {path.name for path in folder.iterdir()}
+    assert made == {"chair.ply", *FRAMES}
+    for name, frames in FRAMES.items():
+        with Image.open(folder / name) as picture:
+            assert getattr(picture, "n_frames", 1) == frames
+            tiles = TILES[name]
+            # 256 px a tile, 6 px of margin around each, 18 px for the label
+            size = (128, 128) if tiles is None else (tiles * 262 + 6, 256 + 18 + 2 * 6)
+            assert picture.size == size
+
+
+def test_the_pictures_of_the_page_are_of_these_commands(folder):
+    """Sheet of the page: dots and splats, which depend on no driver and no rounding."""
+    with (
+        Image.open(PAGE.parent / "render-sheet.png") as shown,
+        Image.open(folder / "sheet.png") as made,
+    ):
+        theirs, ours = (np.asarray(picture.convert("RGB"))[24:280] for picture in (shown, made))
+    for tile in (0, 2):
+        left = 6 + tile * 262
+        assert np.array_equal(theirs[:, left : left + 256], ours[:, left : left + 256])
+
+
+def test_the_turntable_of_the_page_is_small():
+    """The issue's limits: pictures that a page can carry."""
+    assert (PAGE.parent / "turntable.gif").stat().st_size < 1_000_000
+    assert (PAGE.parent / "render-sheet.png").stat().st_size < 600_000
