@@ -9,6 +9,7 @@ imported by the command that needs it, so that `--help` and `list` answer at onc
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -70,6 +71,8 @@ app = typer.Typer(
 )
 train_app = typer.Typer(help="Train the networks.", no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(train_app, name="train")
+data_app = typer.Typer(help="Look at datasets.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(data_app, name="data")
 
 RunDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a finished run.")]
 
@@ -91,7 +94,11 @@ def main() -> None:
 def run(
     suite: Annotated[str, typer.Option(help="The suite, see 'bench list'.")],
     dataset: Annotated[
-        str, typer.Option(help="procedural, or folder:PATH (sub-folders are classes).")
+        str,
+        typer.Option(
+            help="procedural, folder:PATH (sub-folders are classes), shapenet:PATH, modelnet:PATH "
+            "or paper:PATH; see 'bench data inspect PATH'."
+        ),
     ] = "procedural",
     methods: Annotated[
         str | None, typer.Option(help="Comma-separated; blank is always measured.")
@@ -158,6 +165,8 @@ def run(
     if finished.trade is not None:
         print(finished.trade.frontier.to_markdown())
         print(finished.trade.points.to_markdown())
+    if finished.orderings is not None:
+        print(finished.orderings.to_markdown())
     stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     print(
@@ -213,8 +222,15 @@ def _run_speed(options: Any) -> None:
 @app.command("list")
 def list_all() -> None:
     """Suites, methods and their variants, conditions, metrics and datasets."""
+    from bench.image_metric import metric_ids
     from bench.methods import METHODS, YARDSTICKS, plugin_ids
-    from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
+    from bench.metric_table import (
+        CONTROL_METRICS,
+        IMAGE_METRICS,
+        KERNEL_METRICS,
+        RECOGNITION_METRICS,
+        SET_METRICS,
+    )
     from bench.suites import LATENT, SPEED, STABILITY, SUITES
     from bench.variants import KNOBS
     from data_prep.conditions import CONDITIONS
@@ -233,12 +249,18 @@ def list_all() -> None:
         "metrics": [
             *IMAGE_METRICS.items(),
             *((m.id, m.about) for m in SET_METRICS),
+            *((name, about) for name, (_, about) in KERNEL_METRICS.items()),
+            *RECOGNITION_METRICS.items(),
             *CONTROL_METRICS.items(),
+            *((id_, "of another installed package; see 'bench score'") for id_ in metric_ids()),
         ],
         "datasets": [
             ("procedural", "parametric shapes, nothing to download (the default); test split"),
             ("procedural:validation", "the same, on the split for making choices"),
             ("folder:PATH", "your meshes; sub-folders are classes"),
+            ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv where that is there"),
+            ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),
+            ("paper:PATH", "clouds, 20 pictures each and their cameras, as the paper's code has"),
         ],
     }
     for title, entries in sections.items():
@@ -249,29 +271,53 @@ def list_all() -> None:
 
 @app.command()
 def render(
-    cloud: Annotated[Path, typer.Argument(metavar="CLOUD", help="PLY, NPY, XYZ, TXT or CSV.")],
-    method: Annotated[str, typer.Option(help="What draws it, see 'bench list'.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The picture, a PNG.")],
+    cloud: Annotated[
+        Path,
+        typer.Argument(metavar="CLOUD", help="PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD."),
+    ],
+    method: Annotated[
+        str, typer.Option(help="What draws it, see 'bench list'; several make a sheet: a,b.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="The picture, .png; or a turntable, .gif, .webp, .apng."),
+    ],
     azimuth: Annotated[float, typer.Option(help="Degrees; 0 is the front.")] = 30.0,
     elevation: Annotated[float, typer.Option(help="Degrees, -90 to 90; 0 is level.")] = 20.0,
+    frames: Annotated[
+        int | None, typer.Option(help="Of a turntable, from the azimuth all around; default: 36.")
+    ] = None,
+    up: Annotated[
+        str, typer.Option(help="The file's axis that points up: z for most scans.")
+    ] = "y",
+    front: Annotated[
+        str | None, typer.Option(help="Its axis to the front; default: -z, or -y where z is up.")
+    ] = None,
+    points: Annotated[
+        int | None, typer.Option(help="At most so many, chosen at random; default: all.")
+    ] = None,
     device: Annotated[Device, typer.Option(help="Where networks run.")] = Device.auto,
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Do not bring the cloud to the unit sphere.")
     ] = False,
 ) -> None:
-    """Draw a picture of a point cloud in a file: exit 1 where the method fails."""
-    from bench import render_cloud
+    """Draw a point cloud in a file: exit 1 where the method fails, of several where all do.
 
-    render_cloud.check_name(out)
-    view = render_cloud.make_view(azimuth, elevation)
-    drawn = render_cloud.draw_file(
-        render_cloud.CloudFile(cloud, as_is),
-        render_cloud.Drawing(method, (view,), device.value),
-    )
-    if isinstance(drawn, render_cloud.Failed):
-        print(f"bench: {method}: {drawn.reason}", file=sys.stderr)
+    A method gets all points, 120 s and 4 GiB. Of many points pc2pix takes 8 x 1,024, surface-fit
+    what the picture can show; for other reconstructions 100,000 are half a minute's work.
+    """
+    from bench.markdown import visible
+    from bench.render_cloud import CloudFile
+    from bench.render_command import Wish
+    from bench.render_command import render as render_wish
+
+    methods = _names(method) or ()
+    file = CloudFile(cloud, as_is, up, front, points)
+    failed = render_wish(Wish(file, methods, azimuth, elevation, out, frames, device.value))
+    for name, reason in failed.items():
+        print(f"bench: {visible(f'{name}: {reason}')}", file=sys.stderr)
+    if len(failed) == len(set(methods)):
         raise typer.Exit(1)
-    render_cloud.write_png(drawn[0], out)
     print(out)
 
 
@@ -309,7 +355,7 @@ def shrink(
 @app.command()
 def table(directory: RunDirectory) -> None:
     """Make the tables again, from the records alone."""
-    from bench.results import write_tables, write_trade
+    from bench.results import write_orderings, write_tables, write_trade
     from bench.store import read_finished
 
     read_finished(directory)
@@ -318,6 +364,39 @@ def table(directory: RunDirectory) -> None:
     if (trade := write_trade(directory)) is not None:
         print(trade.frontier.to_markdown())
         print(trade.points.to_markdown())
+    if (ordered := write_orderings(directory)) is not None:
+        print(ordered.to_markdown())
+
+
+@app.command()
+def report(
+    directory: RunDirectory,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The file; default: DIR/report.html.")
+    ] = None,
+) -> None:
+    """Make one HTML file of a run: tables, curves, pictures, worst cases, failures; offline."""
+    from bench.report import write_report
+
+    print(write_report(directory, out))
+
+
+@app.command("score")
+def score_pictures(
+    directory: RunDirectory,
+    metrics: Annotated[
+        str | None, typer.Option(help="Comma-separated; default: all of installed packages.")
+    ] = None,
+) -> None:
+    """Take metrics of other packages of a finished run's pictures; print their tables."""
+    from bench.image_metric import metric_ids
+    from bench.score import score
+
+    chosen = _names(metrics) or metric_ids()
+    if not chosen:
+        raise _bad("no installed package adds a metric; see docs/extending.md")
+    for made in score(directory, chosen):
+        print(made.to_markdown())
 
 
 @app.command()
@@ -352,14 +431,25 @@ def recommend(
 
 @app.command()
 def check(
-    directory: RunDirectory,
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR", help="Finished runs; several with --claims.")
+    ],
     bless: Annotated[
         bool, typer.Option("--bless", help="Make this run's values the golden ones.")
+    ] = False,
+    claims: Annotated[
+        bool, typer.Option("--claims", help="What the runs say about the paper's claims.")
     ] = False,
 ) -> None:
     """Compare a run with the golden values: exit 0 if all agree, 1 if one does not."""
     from bench import check as checks
 
+    if claims:
+        _check_claims(directories)
+        return
+    if len(directories) > 1:
+        raise _bad(f"{len(directories)} folders: golden values are of one run; or give --claims")
+    (directory,) = directories
     if bless:
         print(f"golden values written to {checks.bless(directory)}")
         return
@@ -373,6 +463,15 @@ def check(
         raise typer.Exit(1)
 
 
+def _check_claims(directories: list[Path]) -> None:
+    """Print the checklist, and write it into the first folder."""
+    from bench.claims_check import check_claims, to_markdown, write_checklist
+
+    made = check_claims(directories)
+    print(to_markdown(made))
+    print(f"written to {write_checklist(made, directories[0])}", file=sys.stderr)
+
+
 @app.command()
 def doctor() -> None:
     """Check that everything a run needs is here: exit 0 if so, 1 if not."""
@@ -383,6 +482,60 @@ def doctor() -> None:
         healthy &= finding.ok
         print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.subject}: {finding.text}", flush=True)
     if not healthy:
+        raise typer.Exit(1)
+
+
+@data_app.command("inspect")
+def inspect_data(
+    location: Annotated[
+        str,
+        typer.Argument(metavar="PATH", help="A folder, or a dataset such as shapenet:PATH."),
+    ],
+    sample: Annotated[int, typer.Option(help="Objects of each class that are read.")] = 10,
+    workers: Annotated[
+        int | None, typer.Option(help="Worker processes; default: all cores.")
+    ] = None,
+) -> None:
+    """What is understood of a dataset: exit 1 where something is missing or odd."""
+    from bench.inspect_data import inspect
+    from bench.manifest import cores
+    from bench.markdown import visible
+
+    if workers is not None and workers < 1:
+        raise _bad(f"--workers {workers}: must be at least 1")
+    found = inspect(location, sample, workers or cores())
+    for line in found.lines:
+        print(visible(line))
+    for line in found.irregular:
+        print(f"IRREGULAR    {visible(line)}")
+    print(f"use          --dataset {shlex.quote(found.spec)}")
+    if found.irregular:
+        raise typer.Exit(1)
+
+
+@data_app.command("export")
+def export_data(
+    dataset: Annotated[str, typer.Option(help="As of 'bench run'.")],
+    classes: Annotated[str, typer.Option("--class", help="Comma-separated.")],
+    out: Annotated[Path, typer.Option(help="A new folder.")],
+    limit: Annotated[int | None, typer.Option(help="At most so many objects a class.")] = None,
+    seed: Annotated[int, typer.Option(help="Of clouds and views, as of 'bench run'.")] = 0,
+    workers: Annotated[
+        int | None, typer.Option(help="Worker processes; default: all cores.")
+    ] = None,
+) -> None:
+    """Write a dataset in the paper's layout: exit 1 where an object cannot be written."""
+    from bench.export_paper import export
+    from bench.manifest import cores
+    from bench.markdown import visible
+
+    if workers is not None and workers < 1:
+        raise _bad(f"--workers {workers}: must be at least 1")
+    done = export(dataset, _names(classes) or (), limit, seed, out, workers or cores())
+    for line in done.failures:
+        print(f"bench: {visible(line)}", file=sys.stderr)
+    print(f"{done.written} objects, split {done.split_file}; use --dataset paper:{out}")
+    if done.failures:
         raise typer.Exit(1)
 
 
@@ -504,15 +657,15 @@ def train_gan(
 
 @train_app.command("views")
 def train_views(
-    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
+    objects: Annotated[int, typer.Option(help="Objects of each class.")] = 300,
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
-    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 8,
     seed: SeedOption = 0,
 ) -> None:
     """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
     from bench.train_views import train_views as train
 
-    print(train(objects, views, epochs, seed))
+    print(train(objects, views, epochs, seed).to_text())
 
 
 @train_app.command("constant")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bench.frechet import centred, centred_to_frechet
 from bench.methods import FLOOR, FLOORS, find_method
-from bench.metric_table import IMAGE_METRICS, column
+from bench.metric_table import column, is_similarity
 from bench.record import GROUND_TRUTH
 from bench.statistics import mean_interval, median_interval
 from bench.tables import Features
@@ -54,7 +54,7 @@ class Quality:
         The same pictures drawn in another order of sums differ by 1e-6: that decides nothing.
         """
         value = round(self.estimate.value, decimals(self.metric))
-        return value if self.metric in IMAGE_METRICS else -value
+        return value if is_similarity(self.metric) else -value
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def compare(
 ) -> list[Comparison]:
     """A comparison for each condition and class, in the order of the records.
 
-    metrics  image metrics, and set metrics that there are features of
+    metrics  metrics of pictures that the records have, and set metrics that there are features of
 
     Objects without true pictures are left out, and so is a class that has no others.
     """
@@ -117,7 +117,7 @@ def compare(
                 },
                 qualities={
                     metric: _image_qualities(metric, by_method)
-                    if metric in IMAGE_METRICS
+                    if is_similarity(metric)
                     else _set_qualities(metric, cell, by_method, features[metric], objects)
                     for metric in metrics
                 },
@@ -137,7 +137,7 @@ def lead(a: Quality, b: Quality) -> Estimate:
     Image metrics by the bootstrap of `bench.statistics`, Fréchet distances by the jackknife of
     `bench.frechet`; the interval is NaN where there are too few objects for either.
     """
-    if a.metric in IMAGE_METRICS:
+    if is_similarity(a.metric):
         difference = a.per_object - b.per_object
         return Estimate(_mean(difference), *mean_interval(difference))
     return _jackknife(b.estimate.value - a.estimate.value, b.per_object - a.per_object)
@@ -145,7 +145,7 @@ def lead(a: Quality, b: Quality) -> Estimate:
 
 def decimals(metric: str) -> int:
     """Digits after the point that values of a metric are printed with."""
-    return 3 if metric in IMAGE_METRICS else 1
+    return 3 if is_similarity(metric) else 1
 
 
 def milliseconds(value: float) -> str:

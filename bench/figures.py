@@ -103,7 +103,7 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
         for axis, column in zip(axis_row, columns, strict=True):
             of_method = (method, column) if column != GROUND_TRUTH else (GROUND_TRUTH, "")
             job = by_cell.get((obj, of_method[0], of_method[1]))
-            _show(axis, None if job is None else _pictures(job)[0])
+            show(axis, None if job is None else pictures_of(job)[0])
         axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
     for axis, column in zip(axes[0], columns, strict=True):
         axis.set_title(column, fontsize=9)
@@ -121,7 +121,7 @@ def _thin_parts(path: Path, jobs: Sequence[Job]) -> None:
     from matplotlib import pyplot as plt
 
     truths = [job for job in jobs if job.method == GROUND_TRUTH][:THIN_OF]
-    parts = {_object(job): evaluated(_pictures(job)) for job in truths}
+    parts = {_object(job): evaluated(pictures_of(job)) for job in truths}
     counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
     by_count = sorted(truths, key=lambda job: -int(counts[_object(job)].sum()))
     chosen = [job for job in by_count if counts[_object(job)].any()][:OBJECTS_SHOWN]
@@ -144,15 +144,15 @@ def _thin_parts(path: Path, jobs: Sequence[Job]) -> None:
     for axis_row, truth in zip(axes, chosen, strict=True):
         obj = _object(truth)
         view = int(counts[obj].argmax())
-        true = _pictures(truth)[view]
+        true = pictures_of(truth)[view]
         top, bottom, left, right = object_boxes(true[None])[0].tolist()
         cut = slice(max(top - 3, 0), bottom + 3), slice(max(left - 3, 0), right + 3)
         tinted = np.where(parts[obj][view][..., None], np.array(THIN_TINT, np.uint8), true)
-        _show(axis_row[0], true[cut], "nearest")
-        _show(axis_row[1], tinted[cut], "nearest")
+        show(axis_row[0], true[cut], "nearest")
+        show(axis_row[1], tinted[cut], "nearest")
         for axis, cell in zip(axis_row[2:], columns, strict=True):
             job = by_cell.get((obj, *cell))
-            _show(axis, None if job is None else _pictures(job)[view][cut], "nearest")
+            show(axis, None if job is None else pictures_of(job)[view][cut], "nearest")
         axis_row[0].set_ylabel(f"{obj[1][:18]}\nview {view}", fontsize=7)
     titles = [GROUND_TRUTH, "its thin parts", *(f"{m}\n{c}" for m, c in columns)]
     for axis, title in zip(axes[0], titles, strict=True):
@@ -162,7 +162,7 @@ def _thin_parts(path: Path, jobs: Sequence[Job]) -> None:
     plt.close(figure)
 
 
-def _show(axis: Any, picture: NDArray[np.uint8] | None, interpolation: str | None = None) -> None:
+def show(axis: Any, picture: NDArray[np.uint8] | None, interpolation: str | None = None) -> None:
     """A picture without a frame, or the word that there is none."""
     axis.set_xticks([])
     axis.set_yticks([])
@@ -183,5 +183,6 @@ def _object(job: Job) -> tuple[str, str]:
     return job.object.class_name, job.object.object_id
 
 
-def _pictures(job: Job) -> NDArray[np.uint8]:
+def pictures_of(job: Job) -> NDArray[np.uint8]:
+    """The pictures [V, H, W, 3] in the artifact of a finished job."""
     return read_artifact(job.artifact)["images"]

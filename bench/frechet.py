@@ -139,19 +139,33 @@ def frechet_interval(
 def left_out_to_interval(a: LeftOut, b: LeftOut) -> tuple[float, float]:
     """`frechet_interval` of two sets whose objects can be left out."""
     theta = centred_to_frechet(a.whole, b.whole)
+    return interval_of_left_out(theta, left_out_distances(a, b))
+
+
+def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
+    """The distances theta_i without each object, [g], objects sorted.
+
+    All NaN where an object leaves fewer than two rows of a set.
+    """
     groups = np.union1d(a.groups, b.groups)
-    g = len(groups)
-    if g < 3:
-        return float("nan"), float("nan")
     try:
         if a.has_rows and b.has_rows:
-            thetas = _leave_out_rows(a, b, groups)
-        else:
-            pairs = ((a.without(group), b.without(group)) for group in groups)
-            thetas = np.array([centred_to_frechet(*pair) for pair in pairs])
+            return _leave_out_rows(a, b, groups)
+        pairs = ((a.without(group), b.without(group)) for group in groups)
+        return np.array([centred_to_frechet(*pair) for pair in pairs])
     except TooFewSamples:
+        return np.full(len(groups), np.nan)
+
+
+def interval_of_left_out(theta: float, left_out: Floats) -> tuple[float, float]:
+    """The jackknife's interval of a distance `theta`, from the distances without each object [g].
+
+    (nan, nan) for fewer than 3 objects and where a distance is NaN.
+    """
+    g = len(left_out)
+    if g < 3 or not np.isfinite(left_out).all():
         return float("nan"), float("nan")
-    error = np.sqrt((g - 1) / g * np.sum((thetas - thetas.mean()) ** 2))
+    error = np.sqrt((g - 1) / g * np.sum((left_out - left_out.mean()) ** 2))
     return max(theta - 1.96 * float(error), 0.0), theta + 1.96 * float(error)
 
 

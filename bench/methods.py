@@ -73,6 +73,12 @@ METHODS = (
         weights="chair-acgan",
     ),
     _network(
+        "pc2pix@all",
+        load=partial(loaders.pc2pix_renderer, "all"),
+        source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
+        weights="all",
+    ),
+    _network(
         "pc2pix@bf16",
         load=partial(loaders.pc2pix_renderer, "chair", precision="bfloat16"),
         source="pc2pix in bfloat16: twice as fast where the processor has it",

@@ -2,7 +2,8 @@
 
 Image metrics score a picture against the true one. Set metrics are Fréchet distances between sets
 of pictures, on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d].
-Nothing but the distance on the published Inception features is called `fid`. Control metrics ask
+Nothing but the distance on the published Inception features is called `fid`, and nothing but the
+kernel distance on these `kid`. Control metrics ask
 whether a picture shows the view and the object that it should; a judge tells them from the picture
 alone, and its answers are features too, which no distance is taken of.
 """
@@ -26,6 +27,8 @@ __all__ = [
     "EXTRACTORS",
     "IMAGE_METRICS",
     "JUDGE",
+    "KERNEL_METRICS",
+    "RECOGNITION_METRICS",
     "SET_METRICS",
     "UNDEFINED",
     "Extractor",
@@ -33,6 +36,7 @@ __all__ = [
     "WeightsUnavailable",
     "column",
     "find_extractor",
+    "is_similarity",
 ]
 
 # `bench.scores` computes them all; `column` gives their names in the records.
@@ -56,6 +60,14 @@ CONTROL_METRICS = {
     "azimuth-error-deg": "median error of the azimuth that the judge sees; lower is better",
     "elevation-error-deg": "median error of the elevation that the judge sees; lower is better",
     "retrieval": "share of pictures by which the judge finds the object among those of the run",
+}
+# Made from the features of a set metric: of a picture, and of a set (and which set metric's).
+RECOGNITION_METRICS = {
+    "class-confidence": "probability that the classifier of fd-views gives the true class",
+}
+KERNEL_METRICS = {
+    "kid": ("fid", "kernel distance on the features of fid, unbiased for few pictures"),
+    "kd-views": ("fd-views", "the same on the features of fd-views"),
 }
 VIEWS_WEIGHTS = Path(__file__).with_name("views_network.safetensors")  # no torch to find it
 JUDGE_WEIGHTS = Path(__file__).with_name("judge_network.safetensors")
@@ -136,14 +148,14 @@ SET_METRICS = (
         "fd-views",
         _bundled_views,
         _views,
-        1,
+        2,
         "features of the bundled classifier of rendered views",
     ),
     FeatureSource(
         "fd-views-grey",
         _bundled_views,
         _views_grey,
-        1,
+        2,
         "the same on greyscaled pictures: colour does not count",
     ),
 )
@@ -164,6 +176,11 @@ EXTRACTORS = (
 def find_extractor(extractor_id: str) -> FeatureSource:
     """The extractor with this id. Raises BadInput for an unknown one."""
     return find(extractor_id, EXTRACTORS, "metric")
+
+
+def is_similarity(metric: str) -> bool:
+    """Whether it is a mean over pictures, and higher is better; else a distance of sets."""
+    return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
 
 
 def column(metric: str) -> str:

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench import markdown
+from bench.class_confidence import read_class_head
+from bench.class_orderings import OrderingsTable, orderings
+from bench.class_tables import class_table, with_confidence
 from bench.columns import read_features, read_records
 from bench.comparison import Comparison, compare
 from bench.frontier_tables import FrontierTable, PointsTable, frontier_table, points_table
 from bench.lookup import find
-from bench.metric_table import IMAGE_METRICS, JUDGE
+from bench.metric_table import (
+    IMAGE_METRICS,
+    JUDGE,
+    RECOGNITION_METRICS,
+    VIEWS_WEIGHTS,
+    find_extractor,
+)
 from bench.published import published
 from bench.store import read_manifest
 from bench.suites import LATENT, SPEED, STABILITY, SUITES, Suite
@@ -39,11 +49,29 @@ PAPER_TITLES = (
     ("table4_fid", "Table 4: Fréchet distances to pictures of the true mesh (lower is better)"),
     ("table_detail", "Detail: the object alone, its outline and its thin parts (higher is better)"),
 )
-TRADE_TITLES = (
+OWN_TITLES = (
     ("table_ssim", "SSIM and its components against the true mesh (higher is better)"),
     ("table_frechet", "Fréchet distances to pictures of the true mesh (lower is better)"),
     ("table_detail", "Detail: the outline (higher is better)"),
 )
+VIEWS = "fd-views"
+
+
+class Writable(Protocol):
+    """A table that is kept as CSV and as Markdown."""
+
+    @property
+    def name(self) -> str:
+        """Of its files, without suffix."""
+        ...
+
+    def to_csv(self) -> str:
+        """For scripts."""
+        ...
+
+    def to_markdown(self) -> str:
+        """For people."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -60,13 +88,16 @@ def tables(directory: Path) -> list[Table]:
     One BLAS thread, so that the last digits are the same however many cores there are. Raises
     BadInput where `directory` is not a finished run.
     """
-    run = _read(directory)
-    images, sets, detail = TRADE_TITLES if run.suite.frontier else PAPER_TITLES
+    run = read_scored(directory)
+    ours = run.suite.frontier or run.suite.class_metrics
+    images, sets, detail = OWN_TITLES if ours else PAPER_TITLES
     paper = published(run.suite.id)
     with threadpool_limits(1):
+        of_features = run.records, run.features, run.skipped, run.suite, paper
+        by_class = run.suite.class_metrics
         made = [
             image_table(*images, run.records, run.suite, paper),
-            set_table(*sets, run.records, run.features, run.skipped, run.suite, paper),
+            class_table(*of_features) if by_class else set_table(*sets, *of_features),
             detail_table(*detail, run.records, run.suite),
         ]
         if run.suite.frontier:
@@ -86,7 +117,19 @@ def tables(directory: Path) -> list[Table]:
         return [with_objectives(table, objectives) for table in made]
 
 
-def table_files(made: list[Table]) -> dict[str, str]:
+def class_orderings(directory: Path) -> OrderingsTable | None:
+    """Which of the paper's orderings of Table 5 a finished run reproduces; None where it has none.
+
+    From records and features alone, as `tables`.
+    """
+    if not _suite(directory, read_manifest(directory)).class_metrics:
+        return None
+    run = read_scored(directory)
+    with threadpool_limits(1):
+        return orderings(run.records, run.features, run.suite, published(run.suite.id))
+
+
+def table_files(made: Sequence[Writable]) -> dict[str, str]:
     """File names and contents of tables: each as CSV and as Markdown."""
     return {
         name: text
@@ -106,6 +149,15 @@ def write_tables(directory: Path) -> list[Table]:
     return made
 
 
+def write_orderings(directory: Path) -> OrderingsTable | None:
+    """Write the orderings beside the tables; None for suites without."""
+    made = class_orderings(directory)
+    if made is not None:
+        for name, text in table_files([made]).items():
+            write_whole(directory / TABLES / name, text.encode())
+    return made
+
+
 def write_trade(directory: Path) -> Trade | None:
     """Write the tables of quality against cost beside the others; None for suites without a trade.
 
@@ -113,7 +165,7 @@ def write_trade(directory: Path) -> Trade | None:
     """
     if not _suite(directory, read_manifest(directory)).frontier:
         return None
-    run = _read(directory)
+    run = read_scored(directory)
     metrics = [m for m in run.suite.frontier if m in IMAGE_METRICS or m in run.features]
     views = int(run.manifest["views"])
     with threadpool_limits(1):
@@ -131,7 +183,7 @@ def read_comparisons(directory: Path, metrics: Sequence[str]) -> list[Comparison
 
     Raises BadInput where `directory` is no finished run whose pictures were scored.
     """
-    return compare(_read(directory).records, {}, metrics)
+    return compare(read_scored(directory).records, {}, metrics)
 
 
 def how_timed(manifest: Mapping[str, Any]) -> str:
@@ -186,7 +238,7 @@ def write_cost(directory: Path) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
+class ScoredRun:
     """What a run has left: records in the order of the tables, features by extractor.
 
     skipped  reasons of the extractors without features
@@ -210,7 +262,8 @@ def _suite(directory: Path, manifest: Mapping[str, Any]) -> Suite:
     return find(str(manifest.get("suite")), SUITES, "suite")
 
 
-def _read(directory: Path) -> _Run:
+def read_scored(directory: Path) -> ScoredRun:
+    """A finished run whose pictures were scored. Raises BadInput for anything else."""
     manifest = read_manifest(directory)
     suite = _suite(directory, manifest)
     records = _in_suite_order(read_records(directory), manifest)
@@ -222,7 +275,29 @@ def _read(directory: Path) -> _Run:
             skipped[metric] = "skipped: no features in this run"
         elif found is not None:
             features[metric] = found
-    return _Run(suite, manifest, records, features, skipped)
+    for metric in set(suite.class_metrics) & RECOGNITION_METRICS.keys():
+        if reason := _why_unrecognised(manifest, features, records):
+            skipped[metric] = f"skipped: {reason}"
+        else:
+            head = read_class_head(VIEWS_WEIGHTS)
+            records = with_confidence(records, features[VIEWS], head)
+    return ScoredRun(suite, manifest, records, features, skipped)
+
+
+def _why_unrecognised(
+    manifest: Mapping[str, Any], features: Mapping[str, Features], records: pd.DataFrame
+) -> str:
+    """Why the bundled classifier cannot be asked about the features of a run; empty if it can."""
+    if VIEWS not in features:
+        return f"no features of {VIEWS} in this run"
+    bundled = f"{find_extractor(VIEWS).version} {sha256(VIEWS_WEIGHTS.read_bytes()).hexdigest()}"
+    if manifest.get("feature_identity", {}).get(VIEWS) != bundled:
+        return f"the features are not of the bundled weights of {VIEWS}; start the run again"
+    known = read_class_head(VIEWS_WEIGHTS).classes
+    strange = [name for name in dict.fromkeys(records["class"]) if name not in known]
+    if strange:
+        return f"the classifier of {VIEWS} does not know {', '.join(strange)}"
+    return ""
 
 
 def _in_suite_order(records: pd.DataFrame, manifest: dict[str, Any]) -> pd.DataFrame:

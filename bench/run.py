@@ -12,6 +12,9 @@ from hashlib import sha256
 from pathlib import Path
 
 from bench import manifest as manifests
+from bench.class_figures import write_class_figures
+from bench.class_orderings import OrderingsTable
+from bench.class_tables import ClassTable
 from bench.columns import write_features, write_records
 from bench.figures import FIGURES, write_figures
 from bench.frontier_figures import write_frontier
@@ -23,14 +26,15 @@ from bench.plan import Plan, Protocol, plan, with_floor
 from bench.pool import run_jobs
 from bench.probe import environment
 from bench.progress import progress
-from bench.results import Trade, write_cost, write_tables, write_trade
+from bench.published import published
+from bench.results import Trade, write_cost, write_orderings, write_tables, write_trade
 from bench.spent import shares
 from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
 from bench.suites import SUITES, Suite
 from bench.tables import Table
 from bench.work import Job, Result, failed
 from data_prep.conditions import CONDITIONS
-from data_prep.datasets import open_dataset
+from data_prep.datasets import Dataset, open_dataset
 from data_prep.failures import BadInput, MissingDependency
 
 RUNS = Path("results/runs")
@@ -59,6 +63,7 @@ class Finished:
     """A complete run: where it is, its tables, and how many items were done now and before.
 
     trade   quality against cost; None for a suite without
+    orderings  SR against pc2pix class by class; None for a suite without
     shares  of the workers' time, see `bench.spent.shares`
     """
 
@@ -66,6 +71,7 @@ class Finished:
     tables: tuple[Table, ...]
     cost: str
     trade: Trade | None
+    orderings: OrderingsTable | None
     done: int
     reused: int
     failed: int
@@ -105,11 +111,16 @@ def run(options: Options) -> Finished:
             tables = write_tables(directory)
             cost = write_cost(directory)
             trade = write_trade(directory)
+            ordered = write_orderings(directory)
         with _timed("figures", seconds):
-            if trade is None:
-                write_figures(directory, tables, with_pictures)
-            else:
+            by_class = next((t for t in tables if isinstance(t, ClassTable)), None)
+            if by_class is not None:
+                paper = published(protocol.suite.id)
+                write_class_figures(directory, by_class, paper, with_pictures)
+            elif trade is not None:
                 write_frontier(directory / FIGURES, trade.frontier.places)
+            else:
+                write_figures(directory, tables, with_pictures)
         for line in journal.damage:
             _say(line)
         spent = (result.spent for result in (*truths.values(), *results.values()))
@@ -126,6 +137,7 @@ def run(options: Options) -> Finished:
         tuple(tables),
         cost,
         trade,
+        ordered,
         done=done,
         reused=len(todo.items) - done,
         failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),
@@ -177,7 +189,7 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     dataset = open_dataset(options.dataset)
     objects = tuple(
         obj
-        for class_name in suite.classes
+        for class_name in _classes(suite, dataset)
         for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
     )
     features: list[tuple[str, str]] = []
@@ -206,6 +218,25 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
         environment=environment(),
     )
     return protocol, skipped
+
+
+def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
+    """The suite's classes that the dataset has; of several, those it lacks are told and left out.
+
+    Raises BadInput where the suite compares classes and the dataset does not tell them apart.
+    """
+    if len(suite.classes) == 1:
+        return suite.classes
+    if not dataset.classes:
+        raise BadInput(
+            f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a folder "
+            "whose sub-folders are classes"
+        )
+    there = tuple(name for name in suite.classes if name in dataset.classes)
+    if there and len(there) < len(suite.classes):
+        lacking = [name for name in suite.classes if name not in there]
+        _say(f"{dataset.id}: no {', '.join(lacking)}; left out")
+    return there or suite.classes[:1]  # which the dataset refuses, with what it has
 
 
 def do_jobs(

@@ -10,61 +10,33 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from bench import control, markdown
-from bench.frechet import LeftOut, centred_to_frechet, frechet_distance, left_out_to_interval
+from bench.frechet import (
+    LeftOut,
+    centred_to_frechet,
+    frechet_distance,
+    interval_of_left_out,
+    left_out_distances,
+)
 from bench.methods import FLOOR
 from bench.metric_table import UNDEFINED, column
 from bench.record import GROUND_TRUTH
 from bench.statistics import mean_interval, median_interval
 from bench.suites import Suite
+from bench.table_markdown import all_methods, by_class, paper_layout
+from bench.table_rows import HEADER, NAN, NO_VALUE, Row
 from bench.tidy_csv import csv_text
 
-PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX", "pc2pix@acgan": "PC2PIX@acgan"}
-NAN = float("nan")
-NO_VALUE = "no value"
-
+Floats = NDArray[np.float64]
 Picture = control.Picture
 # Published values by (class, metric, condition, method).
 Published = Mapping[tuple[str, str, str, str], float]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One cell of a table. A number that does not exist is NaN.
-
-    value              over the pictures whose outcome is ok
-    ci_low, ci_high    95 % interval over objects
-    n_ok, n            pictures that are there and have a value, pictures there should be
-    paper              as published, on the paper's data
-    failures_as_blank  the value with a blank picture in place of each failed one
-    note               why there is no value, or the reasons of the failures and how many pictures
-                       have no value though they are there
-    objective          what the weights of a network were trained with; empty for other methods
-    """
-
-    suite: str
-    method: str
-    condition: str
-    class_name: str
-    metric: str
-    value: float
-    ci_low: float
-    ci_high: float
-    n_ok: int
-    n: int
-    paper: float
-    failures_as_blank: float
-    note: str
-    objective: str = ""
-
-
-HEADER = [name if name != "class_name" else "class" for name in Row.__dataclass_fields__]
 
 
 @dataclass(frozen=True)
@@ -90,13 +62,19 @@ class Table:
         return csv_text(HEADER, rows)
 
     def to_markdown(self) -> str:
-        """The paper's layout (SR beside PC2PIX), then all methods with intervals and counts."""
+        """The paper's layout (SR beside PC2PIX), then all methods with intervals and counts.
+
+        Several classes at one condition are a row each; else the conditions are columns.
+        """
         lines = [f"# {self.title}", ""]
         if self.remark:
             lines += [self.remark, ""]
-        if self.paper_layout:
-            lines += _paper_layout(self)
-        return "\n".join([*lines, *_all_methods(self)])
+        classes = {row.class_name for row in self.rows}
+        several = len(classes) > 1 and len({row.condition for row in self.rows}) == 1
+        if self.paper_layout and not several:
+            lines += paper_layout(self.rows, self.decimals)
+        lines += (by_class if several else all_methods)(self.rows, lambda metric: self.decimals)
+        return "\n".join(lines)
 
 
 class Features:
@@ -127,13 +105,14 @@ def image_table(
     name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
 ) -> Table:
     """Means over pictures of the suite's image metrics, with intervals over objects."""
-    rows = _image_rows(suite.image_metrics, records, suite, published)
-    return Table(name, title, rows, decimals=3)
+    made = image_rows(suite.image_metrics, records, suite, published)
+    return Table(name, title, tuple(measured.row for measured in made), decimals=3)
 
 
 def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> Table:
     """As `image_table`, of the suite's detail metrics, which the paper has not."""
-    rows = _image_rows(suite.detail_metrics, records, suite, {})
+    made = image_rows(suite.detail_metrics, records, suite, {})
+    rows = tuple(measured.row for measured in made)
     return Table(name, title, rows, decimals=3, remark=_DETAIL_REMARK, paper_layout=False)
 
 
@@ -142,11 +121,23 @@ _DETAIL_REMARK = (
 )
 
 
-def _image_rows(
+class Measured(NamedTuple):
+    """A row, and what its interval was made from.
+
+    per_object  float64 [G]: of a metric of pictures the mean of each object that has a value, of a
+                distance of sets the distance without each object
+    """
+
+    row: Row
+    per_object: Floats
+
+
+def image_rows(
     metrics: Sequence[str], records: pd.DataFrame, suite: Suite, published: Published
-) -> tuple[Row, ...]:
+) -> list[Measured]:
+    """Means over pictures of metrics that the records have, for all cells."""
     made = []
-    for cell, group in _cells(records):
+    for cell, group in cells(records):
         ok = group[group["outcome"] == "ok"]
         # The floor's scores do not depend on the condition.
         missing = _floor_of_failed(cell, group, records)
@@ -158,21 +149,20 @@ def _image_rows(
             scores = valued[name].to_numpy()
             per_object = valued.groupby("object", sort=True)[name].mean().to_numpy()
             with_blank = np.concatenate([scores, floor[name].to_numpy()])
-            made.append(
-                _row(
-                    suite,
-                    cell,
-                    metric,
-                    _mean(scores),
-                    mean_interval(per_object),
-                    group,
-                    published,
-                    _mean(with_blank),
-                    "",
-                    undefined=len(ok) - len(valued),
-                )
+            row = make_row(
+                suite,
+                cell,
+                metric,
+                _mean(scores),
+                mean_interval(per_object),
+                group,
+                published,
+                _mean(with_blank),
+                "",
+                undefined=len(ok) - len(valued),
             )
-    return tuple(made)
+            made.append(Measured(row, per_object))
+    return made
 
 
 def _floor_of_failed(
@@ -211,21 +201,21 @@ def control_table(
         if judged is not None
     }
     made = []
-    for cell, group in _cells(records):
+    for cell, group in cells(records):
         if judged is None:
-            cells = [(NAN, (NAN, NAN), NAN, skipped)] * len(suite.control_metrics)
+            answered = [(NAN, (NAN, NAN), NAN, skipped)] * len(suite.control_metrics)
         else:
             ok = group[group["outcome"] == "ok"]
             missing = _floor_of_failed(cell, group, records)
             among = galleries[cell[2]]
-            cells = [
+            answered = [
                 _controlled(metric, cell, ok, missing, judged, among)
                 for metric in suite.control_metrics
             ]
         made += [
-            _row(suite, cell, metric, value, interval, group, {}, with_blank, note)
+            make_row(suite, cell, metric, value, interval, group, {}, with_blank, note)
             for metric, (value, interval, with_blank, note) in zip(
-                suite.control_metrics, cells, strict=True
+                suite.control_metrics, answered, strict=True
             )
         ]
     sizes = ", ".join(
@@ -298,31 +288,48 @@ def set_table(
 
     `skipped` gives the reason for each set metric that has no features.
     """
+    made = (
+        measured
+        for metric in suite.set_metrics
+        for measured in set_rows(
+            metric, records, features.get(metric), skipped.get(metric, ""), suite, published
+        )
+    )
+    return Table(name, title, tuple(measured.row for measured in made), decimals=1)
+
+
+def set_rows(
+    metric: str,
+    records: pd.DataFrame,
+    features: Features | None,
+    skipped: str,
+    suite: Suite,
+    published: Published,
+) -> list[Measured]:
+    """Fréchet distances of one extractor's features, for all cells; `skipped` says why none."""
     made = []
-    for metric in suite.set_metrics:
-        truths: dict[str, LeftOut] = {}
-        for cell, group in _cells(records):
-            if metric in skipped:
-                value, interval, with_blank, note = NAN, (NAN, NAN), NAN, skipped[metric]
-            else:
-                value, interval, with_blank, note = _distances(cell, features[metric], truths)
-            made.append(
-                _row(suite, cell, metric, value, interval, group, published, with_blank, note)
-            )
-    return Table(name, title, tuple(made), decimals=1)
+    truths: dict[str, LeftOut] = {}
+    for cell, group in cells(records):
+        value, left_out, with_blank, note = NAN, np.empty(0), NAN, skipped
+        if features is not None:
+            value, left_out, with_blank, note = _distances(cell, features, truths)
+        interval = interval_of_left_out(value, left_out)
+        row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
+        made.append(Measured(row, left_out))
+    return made
 
 
 def _distances(
     cell: tuple[str, str, str], features: Features, truths: dict[str, LeftOut]
-) -> tuple[float, tuple[float, float], float, str]:
-    """Value, interval, value with the floor's pictures in place of failed ones, why there is none.
+) -> tuple[float, Floats, float, str]:
+    """Value, the same without each object, with the floor's pictures for failed ones, why none.
 
     `truths` keeps the true pictures by class, for the next cell in which none failed.
     """
     method, condition, class_name = cell
     drawn = features.pictures(method, condition, class_name)
     if len(drawn) < 2:
-        return NAN, (NAN, NAN), NAN, "fewer than two pictures"
+        return NAN, np.empty(0), NAN, "fewer than two pictures"
     truth = (GROUND_TRUTH, "", class_name)
     x, objects = features.of(*cell, drawn), np.array([obj for obj, _ in drawn])
     wanted = set(features.pictures(*truth)) - set(drawn)
@@ -333,24 +340,25 @@ def _distances(
             truths[class_name] = true
     left_out = LeftOut(x, objects)
     value = centred_to_frechet(left_out.whole, true.whole)
-    interval = left_out_to_interval(left_out, true)
+    without = left_out_distances(left_out, true)
     floor = (FLOOR, condition, class_name)
     missing = sorted(wanted & set(features.pictures(*floor)))
     if not missing:
-        return value, interval, value, ""
+        return value, without, value, ""
     with_blank = frechet_distance(
         np.concatenate([x, features.of(*floor, missing)]),
         features.of(*truth, [*drawn, *missing]),
     )
-    return value, interval, with_blank, ""
+    return value, without, with_blank, ""
 
 
-def _cells(records: pd.DataFrame) -> list[tuple[tuple[str, str, str], pd.DataFrame]]:
+def cells(records: pd.DataFrame) -> list[tuple[tuple[str, str, str], pd.DataFrame]]:
+    """The records of each (method, condition, class), in their order."""
     groups = records.groupby(["method", "condition", "class"], sort=False)
     return [((str(m), str(c), str(k)), group) for (m, c, k), group in groups]  # type: ignore[misc]
 
 
-def _row(
+def make_row(
     suite: Suite,
     cell: tuple[str, str, str],
     metric: str,
@@ -362,7 +370,10 @@ def _row(
     note: str,
     undefined: int = 0,
 ) -> Row:
-    """`undefined` is the number of pictures that are there and have no value of this metric."""
+    """A row, with the counts and the reasons that the records give.
+
+    `undefined` is the number of pictures that are there and have no value of this metric.
+    """
     method, condition, class_name = cell
     outcomes = records["outcome"].tolist()
     reasons = Counter(records.loc[records["outcome"] == "failed", "reason"].tolist())
@@ -380,11 +391,22 @@ def _row(
         ci_high=interval[1],
         n_ok=outcomes.count("ok") - undefined,
         n=len(outcomes),
-        # the paper has one network; each of ours with its architecture stands beside it
-        paper=published.get((class_name, metric, condition, method.partition("@")[0]), NAN),
+        paper=as_published(published, class_name, metric, condition, method),
         failures_as_blank=failures_as_blank,
         note=note or "; ".join(told),
     )
+
+
+def as_published(
+    published: Published, class_name: str, metric: str, condition: str, method: str
+) -> float:
+    """The paper's value for a cell; NaN where it has none.
+
+    For a network of ours that the paper has not, that of its architecture.
+    """
+    names = (method, method.partition("@")[0])
+    values = (published.get((class_name, metric, condition, name)) for name in names)
+    return next((value for value in values if value is not None), NAN)
 
 
 def _mean(values: NDArray[np.float64]) -> float:
@@ -397,127 +419,7 @@ def _csv_field(value: object) -> object:
     return f"{value:.6f}" if math.isfinite(value) else ""
 
 
-def _show(value: float, decimals: int) -> str:
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
-
-
-def _ordered(values: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(values))
-
-
-def _paper_layout(table: Table) -> list[str]:
-    rows = [row for row in table.rows if row.method in PAPER_METHODS]
-    if not rows:
-        return []
-    lines = [
-        "In the paper's layout: SR is `surface-apss`. Below a line of ours stands the paper's, as "
-        "published: other data (ShapeNet), other weights.",
-        "",
-    ]
-    conditions = _ordered(row.condition for row in rows)
-    there = {row.method for row in rows}
-    shown_methods = [m for m in PAPER_METHODS if m in there or "@" not in m]
-    columns = [(condition, method) for condition in conditions for method in shown_methods]
-    for class_name in _ordered(row.class_name for row in rows):
-        lines += [
-            markdown.row(
-                [
-                    markdown.cell(class_name),
-                    *(f"{markdown.cell(c)} {PAPER_METHODS[m]}" for c, m in columns),
-                ]
-            ),
-            "|---" * (len(columns) + 1) + "|",
-        ]
-        for metric in _ordered(row.metric for row in rows):
-            at = {
-                (row.condition, row.method): row
-                for row in rows
-                if row.metric == metric and row.class_name == class_name
-            }
-            ours = [_show(at[c].value, table.decimals) if c in at else "-" for c in columns]
-            if all(row.note.startswith("skipped") for row in at.values()):
-                ours = ["skipped"] * len(columns)
-            paper = [at[c].paper if c in at else NAN for c in columns]
-            lines.append(markdown.row([markdown.cell(metric), *ours]))
-            if any(math.isfinite(value) for value in paper):
-                shown = [f"{v:g}" if math.isfinite(v) else "-" for v in paper]
-                lines.append(markdown.row([f"{markdown.cell(metric)}, paper", *shown]))
-        lines.append("")
-    return lines
-
-
 def with_objectives(table: Table, objectives: Mapping[str, str]) -> Table:
     """The table with each network's row told what its weights were trained with."""
     rows = (replace(row, objective=objectives.get(row.method, "")) for row in table.rows)
     return replace(table, rows=tuple(rows))
-
-
-def _all_methods(table: Table) -> list[str]:
-    lines = [
-        "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are "
-        "missing, *b* is the value with a blank picture in place of each.",
-        "",
-    ]
-    trained = {row.method: row.objective for row in table.rows if row.objective}
-    lines += [
-        f"{markdown.code(m)}: weights trained with {markdown.code(told)}.  "
-        for m, told in trained.items()
-    ]
-    lines += [""] * bool(trained)
-    for class_name in _ordered(row.class_name for row in table.rows):
-        for metric in _ordered(row.metric for row in table.rows):
-            rows = [r for r in table.rows if (r.class_name, r.metric) == (class_name, metric)]
-            lines += [f"## {markdown.cell(metric)}, {markdown.cell(class_name)}", ""]
-            skipped = _ordered(markdown.cell(r.note) for r in rows if r.note.startswith("skipped"))
-            if skipped:
-                lines += [*skipped, ""]
-                continue
-            conditions = _ordered(row.condition for row in rows)
-            lines += [
-                markdown.row(["method", *map(markdown.cell, conditions)]),
-                "|---" * (len(conditions) + 1) + "|",
-            ]
-            for method in _ordered(row.method for row in rows):
-                at = {row.condition: row for row in rows if row.method == method}
-                cells = [_full_cell(at[c], table.decimals) if c in at else "-" for c in conditions]
-                lines.append(markdown.row([markdown.cell(method), *cells]))
-            lines.append("")
-            told = _gaps(rows)
-            lines += told
-            if told:
-                lines.append("")
-    return lines
-
-
-def _gaps(rows: Sequence[Row]) -> list[str]:
-    """A line for each cell with failures; of cells that only have no value, those alike share."""
-    lines: list[str] = []
-    alike: dict[str, list[Row]] = {}
-    for row in rows:
-        if _nothing_failed(row):
-            alike.setdefault(row.note, []).append(row)
-        elif row.n_ok < row.n:
-            told = map(markdown.cell, (row.method, row.condition, row.note))
-            lines.append("* {} at {}: {}".format(*told))
-    for note, of_note in alike.items():
-        methods = ", ".join(map(markdown.cell, _ordered(row.method for row in of_note)))
-        lines.append(f"* {methods}: {markdown.cell(note)}")
-    return lines
-
-
-def _nothing_failed(row: Row) -> bool:
-    """Whether the note is about missing values alone."""
-    if row.n_ok == row.n:
-        return bool(row.note)
-    return f" x {NO_VALUE}: " in row.note and "; " not in row.note
-
-
-def _full_cell(row: Row, decimals: int) -> str:
-    count = f"{row.n_ok}/{row.n}"
-    if not math.isfinite(row.value):
-        return f"- {count}"
-    low, high = _show(row.ci_low, decimals), _show(row.ci_high, decimals)
-    interval = f" [{low}, {high}]" if math.isfinite(row.ci_low) else ""
-    missing = row.n_ok < row.n and not _nothing_failed(row)
-    blank = f" *b* {_show(row.failures_as_blank, decimals)}" if missing else ""
-    return f"{_show(row.value, decimals)}{interval} {count}{blank}"

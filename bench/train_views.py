@@ -8,110 +8,192 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import save
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
 from bench.metric_table import VIEWS_WEIGHTS
 from bench.train import training_set
-from bench.views_network import ViewsNetwork
+from bench.views_network import Labels, ViewsNetwork, to_file
 from bench.work import write_whole
 from data_prep.datasets import ProceduralObject, Split
+from data_prep.failures import BadInput
 from data_prep.randomness import generator
-from data_prep.shapes.chair_spec import BACKS, FAMILIES, draw_chair_spec
+from data_prep.shapes.catalogue import CLASSES
+from data_prep.shapes.chair_spec import BACKS, draw_chair_spec
 from data_prep.training_set import TrainingSet
 
 BATCH = 64
 LEARNING_RATE = 2e-3
 AUGMENT_LEVELS = 0.1  # brightness of a training picture's object varies by +-10 %
+# Reconstructions and `fd-views-grey` are grey: the class has to be seen without colour, too.
+GREY_SHARE = 0.25
+LUMA = (0.299, 0.587, 0.114)  # Rec. 601
+VALIDATION = 40, 8  # objects of a class, views of each
+NO_LABEL = -100  # of the back, for what is no chair
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scores:
-    """On objects not trained on: shares of right answers and median errors in degrees."""
+    """On objects of the validation split: what the network tells right.
 
+    confusion    int [C, C]: pictures by true (rows) and answered class
+    family       share of pictures with the right family, over all classes
+    back         of the chairs, with the right back
+    azimuth_deg, elevation_deg  median errors [C] in degrees; where a class looks alike from several
+                 sides (round tables, most lamps) no azimuth is right
+    """
+
+    classes: tuple[str, ...]
+    confusion: NDArray[np.int64]
     family: float
     back: float
-    azimuth_deg: float
-    elevation_deg: float
+    azimuth_deg: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64]
+
+    def to_text(self) -> str:
+        """Shares and errors, then the confusion matrix: a row for each true class."""
+        pictures = self.confusion.sum(axis=1)
+        right = self.confusion.diagonal()
+        lines = [
+            f"right: class {right.sum() / pictures.sum():.3f}, family {self.family:.3f}, "
+            f"back of chairs {self.back:.3f}",
+            f"{'':<12} right azimuth elevation  answered, % of the pictures of the class",
+        ]
+        for i, name in enumerate(self.classes):
+            answered = " ".join(f"{100 * n / pictures[i]:4.0f}" for n in self.confusion[i])
+            lines.append(
+                f"{name:<12} {right[i] / pictures[i]:.3f} {self.azimuth_deg[i]:7.1f} "
+                f"{self.elevation_deg[i]:9.1f}  {answered}"
+            )
+        return "\n".join(lines)
 
 
 def train_views(
-    objects: int, views: int, epochs: int, seed: int, out: Path = VIEWS_WEIGHTS
+    objects: int,
+    views: int,
+    epochs: int,
+    seed: int,
+    out: Path = VIEWS_WEIGHTS,
+    validation: tuple[int, int] = VALIDATION,
 ) -> Scores:
-    """Train on `objects` of the procedural train split, write the weights, score on validation.
+    """Train on `objects` of each class (procedural train split), write the weights, score them.
 
-    Adam with a cosine schedule to nought; cross-entropy for family and back, squared error for the
-    direction of view. The file is written whole, after the last step.
+    Adam with a cosine schedule to nought; cross-entropy for class, family and back, squared error
+    for the direction of view. The file is written whole, after the last step. Raises BadInput for
+    fewer than one object, view or epoch.
     """
+    for name, value in (("objects", objects), ("views", views), ("epochs", epochs)):
+        if value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
     torch.manual_seed(seed)
     torch.set_flush_denormal(True)
-    network = ViewsNetwork()
-    data, answers = _labelled("train", objects, views)
+    network = ViewsNetwork(labels())
+    data, answers = _labelled(network.labels, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)
-    targets = {name: values.flatten(0, 1) for name, values in answers.items()}
-    steps = epochs * (len(images) // BATCH)
+    steps = epochs * math.ceil(len(images) / BATCH)
     optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     order = torch.Generator().manual_seed(seed)
-    total = 0.0
     for epoch in range(epochs):
         total = 0.0
-        for rows in torch.randperm(len(images), generator=order).split(BATCH)[
-            : len(images) // BATCH
-        ]:
-            batch = images[rows].permute(0, 3, 1, 2).float()
-            level = 1 + AUGMENT_LEVELS * (2 * torch.rand(len(rows), 1, 1, 1, generator=order) - 1)
-            features = network(255.0 - (255.0 - batch) * level)
-            loss = _loss(network, features, {n: t[rows] for n, t in targets.items()})
+        for rows in torch.randperm(len(images), generator=order).split(BATCH):
+            features = network(_varied(images[rows], order))
+            loss = _loss(network, features, {n: t[rows] for n, t in answers.items()})
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()
             schedule.step()
             total += float(loss.detach())
-        print(f"epoch {epoch + 1}/{epochs}: loss {total / (len(images) // BATCH):.4f}", flush=True)
-    if not math.isfinite(total):
-        raise FloatingPointError("the loss is not finite; nothing was written")
-    state = {k: v.contiguous() for k, v in network.state_dict().items()}
-    write_whole(out, save(state))
-    return _score(network.eval())
+        print(f"epoch {epoch + 1}/{epochs}: loss {total * epochs / steps:.4f}", flush=True)
+        if not math.isfinite(total):
+            raise FloatingPointError("the loss is not finite; nothing was written")
+    write_whole(out, to_file(network))
+    return _score(network.eval(), *validation)
 
 
-def _labelled(split: Split, count: int, views: int) -> tuple[TrainingSet, dict[str, Tensor]]:
-    objects = tuple(ProceduralObject("chair", split, i) for i in range(count))
-    data = training_set(objects, views)
-    specs = [draw_chair_spec(generator("procedural", "chair", split, i)) for i in range(count)]
+def labels() -> Labels:
+    """What there is to tell apart in the procedural set."""
+    families = (f"{name}/{family}" for name, of in CLASSES.items() for family in of.families)
+    return Labels(tuple(CLASSES), tuple(families), BACKS)
+
+
+def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
+    """Pictures uint8 [N, H, W, 3] as float32 [N, 3, H, W], some greyed, objects lighter or darker.
+
+    The white background stays white.
+    """
+    ink = 255.0 - images.permute(0, 3, 1, 2).float()
+    grey = torch.rand(len(images), 1, 1, 1, generator=rng) < GREY_SHARE
+    luma = (ink * torch.tensor(LUMA)[:, None, None]).sum(dim=1, keepdim=True)
+    level = 1 + AUGMENT_LEVELS * (2 * torch.rand(len(images), 1, 1, 1, generator=rng) - 1)
+    return 255.0 - torch.where(grey, luma, ink) * level
+
+
+def _labelled(
+    told: Labels, split: Split, count: int, views: int
+) -> tuple[TrainingSet, dict[str, Tensor]]:
+    """Pictures of `count` objects of each class, and the right answers about each picture."""
+    objects = [ProceduralObject(name, split, i) for name in told.classes for i in range(count)]
+    data = training_set(tuple(objects), views)
     azimuth = np.radians(data.azimuth_deg)
     view = np.stack([np.sin(azimuth), np.cos(azimuth), data.elevation_deg / 40], axis=-1)
-    labels = {
-        "family": [FAMILIES.index(spec.family) for spec in specs],
-        "back": [BACKS.index(spec.back) for spec in specs],
-    }
-    answers = {n: torch.tensor(v)[:, None].expand(-1, views) for n, v in labels.items()}
-    return data, answers | {"view": torch.from_numpy(view.astype(np.float32))}
+    answers = np.repeat([_answers(told, obj) for obj in objects], views, axis=0)
+    named = zip(("class", "family", "back"), torch.from_numpy(answers).unbind(1), strict=True)
+    return data, dict(named) | {"view": torch.from_numpy(view.astype(np.float32)).flatten(0, 1)}
+
+
+def _answers(told: Labels, obj: ProceduralObject) -> tuple[int, int, int]:
+    """Class, family and back of an object, as numbers of the heads' outputs."""
+    key = ("procedural", obj.class_name, obj.split, obj.index)
+    family = CLASSES[obj.class_name].draw(generator(*key)).family
+    chair = obj.class_name == "chair"
+    return (
+        told.classes.index(obj.class_name),
+        told.families.index(f"{obj.class_name}/{family}"),
+        told.backs.index(draw_chair_spec(generator(*key)).back) if chair else NO_LABEL,
+    )
 
 
 def _loss(network: ViewsNetwork, features: Tensor, targets: dict[str, Tensor]) -> Tensor:
     answers = {name: head(features) for name, head in network.heads.items()}
-    classes = sum(functional.cross_entropy(answers[n], targets[n]) for n in ("family", "back"))
-    return classes + 4.0 * functional.mse_loss(answers["view"], targets["view"])
+    told = sum(_cross_entropy(answers[n], targets[n]) for n in ("class", "family", "back"))
+    return told + 4.0 * functional.mse_loss(answers["view"], targets["view"])
 
 
-def _score(network: ViewsNetwork) -> Scores:
-    data, answers = _labelled("validation", 100, 8)
+def _cross_entropy(answers: Tensor, targets: Tensor) -> Tensor:
+    """Mean over the pictures that have a label; nought where none has."""
+    total = functional.cross_entropy(answers, targets, ignore_index=NO_LABEL, reduction="sum")
+    return total / (targets != NO_LABEL).sum().clamp(min=1)
+
+
+def _score(network: ViewsNetwork, objects: int, views: int) -> Scores:
+    data, true = _labelled(network.labels, "validation", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1).permute(0, 3, 1, 2)
     with torch.inference_mode():
         features = torch.cat([network(part) for part in images.split(BATCH)])
-        found = {name: head(features) for name, head in network.heads.items()}
-    right = {n: float((found[n].argmax(1) == answers[n].flatten()).float().mean())
-             for n in ("family", "back")}  # fmt: skip
-    sin, cos, elevation = found["view"].double().numpy().T
-    azimuth = np.degrees(np.arctan2(sin, cos))
-    turn = (azimuth - data.azimuth_deg.ravel() + 180) % 360 - 180
+        found = {name: head(features).double().numpy() for name, head in network.heads.items()}
+    classes = len(network.labels.classes)
+    right = {n: found[n].argmax(axis=1) == true[n].numpy() for n in ("family", "back")}
+    confusion = np.zeros((classes, classes), np.int64)
+    np.add.at(confusion, (true["class"].numpy(), found["class"].argmax(axis=1)), 1)
+    sin, cos, elevation = found["view"].T
+    turn = (np.degrees(np.arctan2(sin, cos)) - data.azimuth_deg.ravel() + 180) % 360 - 180
     tilt = 40 * elevation - data.elevation_deg.ravel()
     return Scores(
-        right["family"],
-        right["back"],
-        float(np.median(np.abs(turn))),
-        float(np.median(np.abs(tilt))),
+        network.labels.classes,
+        confusion,
+        family=float(right["family"].mean()),
+        back=_mean(right["back"][true["back"].numpy() != NO_LABEL]),
+        azimuth_deg=_medians(np.abs(turn), classes),
+        elevation_deg=_medians(np.abs(tilt), classes),
     )
+
+
+def _medians(errors: NDArray[np.float64], classes: int) -> NDArray[np.float64]:
+    """By class; every class has equally many pictures, one class after the other."""
+    return np.median(errors.reshape(classes, -1), axis=1)
+
+
+def _mean(right: NDArray[np.bool_]) -> float:
+    return float(right.mean()) if len(right) else math.nan

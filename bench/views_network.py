@@ -1,35 +1,53 @@
 """The network behind `fd-views`: a small classifier of rendered views of the procedural set.
 
-It tells the structural family and the back of a chair and the direction of view from a 128 x 128
-picture; the 64 averages before its last layer are the features. It stands in where the published
-Inception weights are not at hand, and its distances are never called FID. Trained by
-`bench train views` on the procedural train split; the weights are bundled.
+From a 128 x 128 picture it tells the class of an object, its structural family, the back of a chair
+and the direction of view; the 64 averages before its last layer are the features. It stands in
+where the published Inception weights are not at hand, and its distances are never called FID. Its
+answer about the class is what `class-confidence` is made of. Trained by `bench train views` on the
+procedural train split; the weights are bundled, and their file says what the network tells apart.
 """
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors.torch import load_file
+from safetensors import safe_open
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
-from data_prep.shapes.chair_spec import BACKS, FAMILIES
 
 FEATURES = 64
 BATCH = 20
 _CHANNELS = (24, 48, 96, 96)
+_LABELS = "labels"
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What the network tells apart, in the order of the outputs of its heads.
+
+    families  as "class/family", of all classes
+    backs     of chairs
+    """
+
+    classes: tuple[str, ...]
+    families: tuple[str, ...]
+    backs: tuple[str, ...]
 
 
 class ViewsNetwork(nn.Module):
     """uint8 pictures [N, 3, 128, 128] -> features [N, 64]; `heads` maps features to answers."""
 
-    def __init__(self) -> None:
+    def __init__(self, labels: Labels) -> None:
         super().__init__()
+        self.labels = labels
         layers: list[nn.Module] = []
         channels = 3
         for width in _CHANNELS:  # each halves the side: 128 -> 64 -> 32 -> 16 -> 8
@@ -47,8 +65,9 @@ class ViewsNetwork(nn.Module):
         self.body = nn.Sequential(*layers)
         self.heads = nn.ModuleDict(
             {
-                "family": nn.Linear(FEATURES, len(FAMILIES)),
-                "back": nn.Linear(FEATURES, len(BACKS)),
+                "class": nn.Linear(FEATURES, len(labels.classes)),
+                "family": nn.Linear(FEATURES, len(labels.families)),
+                "back": nn.Linear(FEATURES, len(labels.backs)),
                 "view": nn.Linear(FEATURES, 3),  # sine and cosine of azimuth, elevation / 40
             }
         )
@@ -59,14 +78,22 @@ class ViewsNetwork(nn.Module):
         return self.body(x).mean(dim=(2, 3))
 
 
+def to_file(network: ViewsNetwork) -> bytes:
+    """The network as a safetensors file, which `load_views_network` reads."""
+    state = {name: tensor.contiguous() for name, tensor in network.state_dict().items()}
+    return save(state, {_LABELS: json.dumps(asdict(network.labels))})
+
+
 def load_views_network(path: Path) -> ViewsNetwork:
     """The network with weights from a safetensors file, ready for inference.
 
     Raises BadInput where the file cannot be read or does not fit the network.
     """
-    network = ViewsNetwork()
     try:
-        network.load_state_dict(load_file(path))
+        with safe_open(path, framework="pt") as file:
+            labels = json.loads((file.metadata() or {})[_LABELS])
+            network = ViewsNetwork(Labels(**{name: tuple(of) for name, of in labels.items()}))
+            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
     except Exception as error:  # safetensors and torch raise types of their own
         reason = " ".join(str(error).split())
         raise BadInput(f"{path}: not the weights of fd-views ({reason}); reinstall") from error
@@ -77,7 +104,7 @@ def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[n
     """Features float32 [N, 64] of pictures uint8 [N, 128, 128, 3], in batches of at most 20.
 
     Raises ValueError for anything else: floats in 0..1 would pass for black, and the averages of
-    pictures of another size for those of another chair.
+    pictures of another size for those of another object.
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
         found = f"{images.dtype} {list(images.shape)}"

@@ -13,7 +13,13 @@ import torch
 
 import bench.run
 from bench.methods import METHODS, YARDSTICKS
-from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
+from bench.metric_table import (
+    CONTROL_METRICS,
+    IMAGE_METRICS,
+    KERNEL_METRICS,
+    RECOGNITION_METRICS,
+    SET_METRICS,
+)
 from bench.store import write_manifest
 from bench.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.variants import KNOBS
@@ -48,7 +54,7 @@ def test_unknown_suite(command, no_machine):
     assert (status, out) == (2, "")
     assert err == (
         "bench: unknown suite 'chair-robustnes': did you mean 'chair-robustness'? "
-        "there are chair-robustness, speed-accuracy, latent, stability, speed\n"
+        "there are chair-robustness, speed-accuracy, thirteen-classes, latent, stability, speed\n"
     )
 
 
@@ -65,11 +71,11 @@ def test_unknown_suite(command, no_machine):
         (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file; train one"),
         (
             ("--dataset", "shapenet"),
-            "unknown dataset 'shapenet': use procedural, procedural:validation or folder:PATH",
+            "unknown dataset 'shapenet': use procedural, procedural:validation, folder:PATH, ",
         ),
         (
             ("--dataset", "folder:"),
-            "unknown dataset 'folder:': use procedural, procedural:validation or folder:PATH",
+            "unknown dataset 'folder:': use procedural, procedural:validation, folder:PATH, ",
         ),
         (("--dataset", "folder:gone"), "gone: no such folder; give the folder that holds your "),
         (("--inception-weights", "no.pth"), "no.pth: no such file; "),
@@ -213,8 +219,17 @@ def test_list_names_everything(command):
             *(method.id for method in YARDSTICKS),
         ],
         "conditions": [condition.id for condition in CONDITIONS],
-        "metrics": [*IMAGE_METRICS, *(metric.id for metric in SET_METRICS), *CONTROL_METRICS],
-        "datasets": ["procedural", "procedural:validation", "folder:PATH"],
+        "metrics": [
+            *IMAGE_METRICS,
+            *(metric.id for metric in SET_METRICS),
+            *KERNEL_METRICS,
+            *RECOGNITION_METRICS,
+            *CONTROL_METRICS,
+        ],
+        "datasets": [
+            *("procedural", "procedural:validation", "folder:PATH"),
+            *("shapenet:PATH", "modelnet:PATH", "paper:PATH"),
+        ],
     }
     assert {"chair-robustness"} <= set(sections["suites"])
     assert {"pc2pix", "surface-apss", "splat", "true-mesh", "constant", "blank"} <= set(

@@ -131,7 +131,7 @@ def test_the_remedy_is_there(defect):
     module, *names = path[1].split(".")
     (found,) = (
         importlib.import_module(f"{package}.{module}")
-        for package in ("bench", "baselines", "data_prep")
+        for package in ("bench", "baselines", "pc2pix", "data_prep")
         if importlib.util.find_spec(f"{package}.{module}")
     )
     for name in names:

@@ -10,11 +10,13 @@ from bench.judge_network import CODE, JudgeNetwork, judge
 from bench.metric_table import (
     IMAGE_METRICS,
     JUDGE,
+    KERNEL_METRICS,
     UNDEFINED,
     VIEWS_WEIGHTS,
     WeightsUnavailable,
     column,
     find_extractor,
+    is_similarity,
 )
 from bench.record import Record
 from bench.suites import SUITES
@@ -33,6 +35,11 @@ def test_every_image_metric_has_a_column():
 def test_the_suites_ask_for_what_there_is():
     for suite in SUITES:
         assert {*suite.image_metrics, *suite.detail_metrics} <= IMAGE_METRICS.keys()
+        for metric in suite.class_metrics:
+            if metric in KERNEL_METRICS:
+                assert KERNEL_METRICS[metric][0] in suite.extractors
+            elif not is_similarity(metric):
+                assert metric in suite.set_metrics
         assert [find_extractor(name).id for name in suite.extractors] == list(suite.extractors)
     assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", JUDGE)
 

@@ -19,6 +19,7 @@ from bench.suites import SUITES
 from bench.tables import (
     Features,
     Table,
+    as_published,
     control_table,
     detail_table,
     image_table,
@@ -645,3 +646,37 @@ def test_a_variant_of_the_network_has_a_column_beside_the_papers_value():
     lines = image_table("t", "T", frame, suite, published).to_markdown().splitlines()
     assert any("2048 SR | 2048 PC2PIX | 2048 PC2PIX@acgan" in line for line in lines)
     assert any(line.count("0.64") == 2 for line in lines if line.startswith("| ssim, paper"))
+
+
+# --- several classes ------------------------------------------------------------------------------
+
+
+def test_several_classes_at_one_condition_are_a_row_each():
+    records = [
+        make_record(m, obj=obj, class_name=k, ssim=value)
+        for k, value in (("car", 0.25), ("lamp", 0.5))
+        for m in ("blank", "splat")
+        for obj in "ab"
+    ]
+    records[6:8] = [make_failed("splat", obj=obj, class_name="lamp") for obj in "ab"]
+    lines = worked_table(records).to_markdown().splitlines()
+    start = lines.index("## ssim")
+    assert lines[start + 2 : start + 8] == [
+        "| class | blank | splat |",
+        "|---|---|---|",
+        "| car | 0.250 [0.250, 0.250] 2/2 | 0.250 [0.250, 0.250] 2/2 |",
+        "| lamp | 0.500 [0.500, 0.500] 2/2 | - 0/2 |",
+        "",
+        "* splat at lamp: 2 x timeout: 3 s",
+    ]
+    assert "## ssim, car" not in lines
+
+
+def test_a_variant_has_its_own_published_value_or_its_architectures():
+    published = {
+        ("chair", "fid", "2048", "pc2pix"): 31.5,
+        ("chair", "fid", "2048", "pc2pix@all"): 28.8,
+    }
+    for method, value in (("pc2pix@all", 28.8), ("pc2pix@acgan", 31.5), ("pc2pix", 31.5)):
+        assert as_published(published, "chair", "fid", "2048", method) == value
+    assert np.isnan(as_published(published, "chair", "fid", "2048", "splat"))

@@ -5,17 +5,27 @@ import re
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from bench.metric_table import VIEWS_WEIGHTS, find_extractor
 from bench.metrics import frechet_distance
-from bench.views_network import FEATURES, load_views_network, view_features
+from bench.train_views import labels
+from bench.views_network import (
+    FEATURES,
+    Labels,
+    ViewsNetwork,
+    load_views_network,
+    to_file,
+    view_features,
+)
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.images import blank
 from data_prep.randomness import generator
 from data_prep.render import render
 from data_prep.sampling import random_views
+from data_prep.shapes.catalogue import CLASSES
 
 
 @pytest.fixture(scope="module")
@@ -106,15 +116,41 @@ def test_the_metric_table_leads_here(pictures):
     assert np.array_equal(features, expected)
 
 
+def test_the_bundled_network_knows_the_procedural_set(network):
+    assert network.labels == labels()
+    assert network.labels.classes == tuple(CLASSES)
+    assert VIEWS_WEIGHTS.stat().st_size < 2e6
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path):
+    told = Labels(("lamp", "car"), ("lamp/desk", "car/van", "car/truck"), ("ladder",))
+    torch.manual_seed(0)
+    network = ViewsNetwork(told).eval()
+    (tmp_path / "x.safetensors").write_bytes(to_file(network))
+    again = load_views_network(tmp_path / "x.safetensors")
+    assert again.labels == told
+    images = np.random.default_rng(0).integers(0, 256, (2, 128, 128, 3), dtype=np.uint8)
+    features = view_features(network, images)
+    assert np.array_equal(view_features(again, images), features)
+    for name, outputs in (("class", 2), ("family", 3), ("back", 1), ("view", 3)):
+        answers = again.heads[name](torch.from_numpy(features))
+        assert answers.shape == (2, outputs)
+        assert torch.equal(answers, network.heads[name](torch.from_numpy(features)))
+
+
 def test_files_that_do_not_fit(tmp_path):
     state = load_file(VIEWS_WEIGHTS)
+    with safe_open(VIEWS_WEIGHTS, framework="pt") as file:
+        header = file.metadata()
     short = tmp_path / "short.safetensors"
     short.write_bytes(VIEWS_WEIGHTS.read_bytes()[:1000])
     lacking = tmp_path / "lacking.safetensors"
-    save_file({k: v for k, v in state.items() if k != "body.0.weight"}, lacking)
+    save_file({k: v for k, v in state.items() if k != "body.0.weight"}, lacking, header)
     reshaped = tmp_path / "reshaped.safetensors"
-    save_file(state | {"heads.view.bias": torch.zeros(4)}, reshaped)
-    for path in (short, lacking, reshaped, tmp_path / "missing.safetensors"):
+    save_file(state | {"heads.view.bias": torch.zeros(4)}, reshaped, header)
+    nameless = tmp_path / "nameless.safetensors"
+    save_file(state, nameless)
+    for path in (short, lacking, reshaped, nameless, tmp_path / "missing.safetensors"):
         with pytest.raises(BadInput) as error:
             load_views_network(path)
         assert str(error.value).startswith(f"{path}: not the weights of fd-views (")

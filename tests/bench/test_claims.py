@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench import claims_check
+from bench.claim_rules import Finding, Latent, Scored, Timed
+from bench.claims import CLAIMS
+from bench.claims_check import Checked, Run, checked, read_run, spreads, to_markdown
+from bench.published import published
+from bench.record import GROUND_TRUTH
+from bench.suites import LATENT, SPEED, SUITES
+from bench.tables import Features
+from data_prep.failures import BadInput
+
+from .builders import make_manifest, write_manifest, write_run
+
+FOUND = Finding("pc2pix", "supported", "ssim 0.7", "")
+
+
+def test_the_table_of_claims():
+    assert len({claim.id for claim in CLAIMS}) == len(CLAIMS)
+    suites = {suite.id for suite in SUITES} | {LATENT.id, SPEED.id}
+    for claim in CLAIMS:
+        assert re.fullmatch(r"[a-z0-9-]+", claim.id)
+        assert (claim.rule is None) == bool(claim.why_not)
+        assert (claim.rule is None) == (claim.suite == "")
+        assert claim.rule is None or claim.suite in suites
+
+
+@pytest.mark.parametrize("suite", ["chair-robustness", "thirteen-classes"])
+def test_quoted_values_are_the_published_ones(suite):
+    """What the claims quote from Tables 3 to 5 is what the ledger has, and who is ahead in it."""
+    values = published(suite)
+    quoted = 0
+    for claim in CLAIMS:
+        told = re.fullmatch(r"(\S+) of SR and PC2PIX: (\S+), (\S+)", claim.quoted)
+        if told is None or claim.suite != suite:
+            continue
+        quoted += 1
+        place = claim.where.partition(", ")[2]
+        in_chairs = suite == "chair-robustness"
+        class_name, condition = ("chair", place) if in_chairs else (place, "2048")
+        network = "pc2pix" if in_chairs else "pc2pix@all"
+        metric = told[1].lower()
+        sr, own = (values[class_name, metric, condition, m] for m in ("surface-apss", network))
+        assert (sr, own) == (float(told[2]), float(told[3]))
+        higher = metric != "fid"
+        ahead = "equal" if sr == own else "network" if (own > sr) == higher else "surface"
+        assert claim.rule.keywords["ahead"] == ahead
+        assert claim.id.startswith(f"table-{claim.where[6]}-")
+    assert quoted == {"chair-robustness": 25, "thirteen-classes": 14}[suite]
+
+
+def test_claims_without_a_run():
+    made = checked([])
+    assert [entry.claim for entry in made] == list(CLAIMS)
+    assert {entry.finding.verdict for entry in made} == {"not testable here"}
+    reasons = {entry.claim.id: entry.finding.reason for entry in made}
+    assert reasons["table-5-car"] == "give a run of thirteen-classes"
+    assert reasons["nine-times-faster"] == "give a run of speed"
+    assert reasons["better-than-points2pix"] == "points2pix is not implemented here"
+
+
+def test_claims_of_a_run_that_lacks_something(tmp_path):
+    """splat, true-mesh and blank: no side of any claim was measured."""
+    run = read_run(write_run(tmp_path / "run"))
+    made = [entry for entry in checked([run]) if entry.run]
+    assert len(made) == sum(claim.suite == "chair-robustness" for claim in CLAIMS)
+    assert {entry.run for entry in made} == {"chair-robustness on procedural"}
+    reasons = {entry.claim.id: entry.finding.reason for entry in made}
+    assert reasons["table-3-ssim-2048"] == "the run has no pc2pix"
+    assert {entry.finding.verdict for entry in made} == {"not testable here"}
+
+
+def test_claims_of_a_run(tmp_path):
+    """Random scores: nothing is ahead of anything, and the numbers are those of the tables."""
+    run = write_run(
+        tmp_path / "run",
+        methods=["surface-apss", "pc2pix", "true-mesh", "blank"],
+        conditions=["2048", "1024", "512", "noise-0.05", "noise-0.10"],
+        objects=[f"chair/{name}" for name in "abcdefghijkl"],
+    )
+    made = {entry.claim.id: entry.finding for entry in checked([read_run(run)]) if entry.run}
+    with (run / "tables" / "table3_ssim.csv").open() as file:
+        rows = {
+            (r["method"], r["condition"], r["metric"]): float(r["value"])
+            for r in csv.DictReader(file)
+        }
+    found = made["table-3-ssim-1024"]
+    own, sr = (rows[m, "1024", "ssim"] for m in ("pc2pix", "surface-apss"))
+    assert found.numbers.startswith(f"ssim {own:.3f}, SR {sr:.3f}; ahead by {own - sr:+.3f} [")
+    assert found.verdict == "not supported"
+    assert made["table-4-512"].reason.endswith("fd-views stands in for fid")
+
+
+def test_speed_and_latent_runs(tmp_path):
+    for name in ("speed", "latent"):
+        (tmp_path / name / "tables").mkdir(parents=True)
+        write_manifest(tmp_path / name, make_manifest(suite=name))
+    header = "method,condition,threads,cloud,round,stage,views,wall_s,core_s\n"
+    (tmp_path / "speed/tables/speed_samples.csv").write_text(
+        header + "splat,2048,1,x,1,draw,1,2,2\n"
+    )
+    for name in ("interpolation", "arithmetic"):
+        text = f"what,metric,kind,method,value,ci_low,ci_high\n{name},m,all,pc2pix,1,1,1\n"
+        (tmp_path / f"latent/tables/latent_{name}.csv").write_text(text)
+    speed, latent = (read_run(tmp_path / name) for name in ("speed", "latent"))
+    assert isinstance(speed.evidence, Timed)
+    assert speed.evidence.samples["condition"].tolist() == ["2048"]
+    assert isinstance(latent.evidence, Latent)
+    assert latent.evidence.means["what"].tolist() == ["interpolation", "arithmetic"]
+    (tmp_path / "speed/tables/speed_samples.csv").unlink()
+    with pytest.raises(BadInput, match=r"speed_samples.csv: cannot be read"):
+        read_run(tmp_path / "speed")
+    write_manifest(tmp_path / "speed", make_manifest(suite="stability"))
+    with pytest.raises(BadInput, match="no claim of the paper is about stability"):
+        read_run(tmp_path / "speed")
+
+
+def test_spreads():
+    """Two views each: the means are (0, 0), (2, 0), (4, 3); variances 4 and 3."""
+    index = pd.DataFrame(
+        [(GROUND_TRUTH, "", "lamp", obj, view) for obj in "abc" for view in (0, 1)],
+        columns=["method", "condition", "class", "object", "view"],
+    )
+    means = np.repeat([[0.0, 0.0], [2.0, 0.0], [4.0, 3.0]], 2, axis=0)
+    views = np.tile([[1.0, -5.0], [-1.0, 5.0]], (3, 1))
+    found = spreads(Features(index, (means + views).astype(np.float32)), ["lamp"])
+    value, left_out = found["lamp"]
+    assert value == pytest.approx(4 + 3, abs=1e-12)
+    # of (2, 0) and (4, 3): 2 + 4.5; (0, 0) and (4, 3): 8 + 4.5; (0, 0) and (2, 0): 2
+    assert left_out == pytest.approx([6.5, 12.5, 2.0], abs=1e-12)
+    two = index[index["object"] != "c"]
+    assert spreads(Features(two, means[:4].astype(np.float32)), ["lamp"]) == {}
+
+
+def test_the_checklist_in_markdown():
+    claim, other = CLAIMS[0], CLAIMS[1]
+    made = [
+        Checked(claim, "run 1", FOUND),
+        Checked(claim, "run 2", replace(FOUND, verdict="not supported", reason="a | b")),
+        Checked(other, "", Finding("-", "not testable here", "", "give a run of x")),
+    ]
+    lines = to_markdown(made).splitlines()
+    assert lines[0] == "# The paper's claims"
+    assert "| pc2pix | run 1 | 1 | 0 | 0 |" in lines
+    assert "| pc2pix | run 2 | 0 | 1 | 0 |" in lines
+    first = next(line for line in lines if line.startswith(f"| {claim.id} |"))
+    assert f"“{claim.quoted}” ({claim.where})" in first
+    assert first.endswith("| pc2pix (run 1) | ssim 0.7 | **supported** |")
+    second = lines[lines.index(first) + 1]
+    assert second == "|  |  |  | pc2pix (run 2) | ssim 0.7 | not supported: a \\| b |"
+    assert lines[lines.index(second) + 1].endswith("| - |  | not testable here: give a run of x |")
+
+
+def test_the_command(command, tmp_path):
+    run = write_run(tmp_path / "run")
+    again = tmp_path / "again"
+    shutil.copytree(run, again)
+    status, out, err = command("check", "--claims", run, again)
+    assert status == 0
+    assert out.startswith("# The paper's claims\n")
+    assert (run / "claims.md").read_text() == out.removesuffix("\n")
+    assert not (again / "claims.md").exists()
+    assert err == f"written to {run / 'claims.md'}\n"
+    status, out, err = command("check", run, again)
+    assert (status, out) == (2, "")
+    assert "2 folders: golden values are of one run; or give --claims" in err
+
+
+def test_findings_are_those_of_the_rule(monkeypatch):
+    asked = []
+
+    def rule(evidence):
+        asked.append(evidence)
+        return [FOUND, replace(FOUND, subject="pc2pix@acgan")]
+
+    claim = replace(CLAIMS[0], rule=rule)
+    monkeypatch.setattr(claims_check, "CLAIMS", (claim,))
+    evidence = Scored({}, None, {})
+    runs = [Run("one", claim.suite, evidence), Run("two", "speed", Timed(pd.DataFrame()))]
+    made = checked(runs)
+    assert [(entry.run, entry.finding.subject) for entry in made] == [
+        ("one", "pc2pix"),
+        ("one", "pc2pix@acgan"),
+    ]
+    assert asked == [evidence]

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from bench.kernel_distance import kernel_distance, left_out_kernel_distances
+
+
+def polynomial_mmd_of_torch_fidelity(x, y):
+    """As torch-fidelity 0.4 computes it (`metric_kid.py`: polynomial_mmd, mmd2 with unbiased),
+    for one subset of all samples; degree 3, gamma 1/d, coef0 1. clean-fid has the same in other
+    words."""
+
+    def kernel(a, b):
+        return (np.matmul(a, b.T) / a.shape[1] + 1.0) ** 3
+
+    k_xx, k_yy, k_xy = kernel(x, x), kernel(y, y), kernel(x, y)
+    m = k_xx.shape[0]
+    diag_x, diag_y = np.diagonal(k_xx), np.diagonal(k_yy)
+    kt_xx_sum = (k_xx.sum(axis=1) - diag_x).sum()
+    kt_yy_sum = (k_yy.sum(axis=1) - diag_y).sum()
+    return (kt_xx_sum + kt_yy_sum) / (m * (m - 1)) - 2 * k_xy.sum() / (m * m)
+
+
+def features(seed, n, d):
+    return np.random.default_rng(seed).standard_normal((n, d)).astype(np.float32)
+
+
+@pytest.mark.parametrize(("n", "d"), [(2, 1), (7, 3), (40, 64), (30, 2048)])
+def test_agrees_with_torch_fidelity(n, d):
+    x, y = features(1, n, d).astype(float), 1.2 * features(2, n, d).astype(float) + 0.1
+    # sums of n^2 kernels of size 10, in another order
+    expected = polynomial_mmd_of_torch_fidelity(x, y)
+    assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_worked_by_hand():
+    """d = 1: k(0, 0) = k(0, a) = 1, k(1, 1) = 8, k(1, 2) = 27."""
+    x, y = np.array([[0.0], [1.0]]), np.array([[1.0], [2.0]])
+    # within x: k(0, 1) = 1; within y: k(1, 2) = 27; across: k(0, 1), k(0, 2), k(1, 1), k(1, 2)
+    assert kernel_distance(x, y) == pytest.approx(1 + 27 - 2 * (1 + 1 + 8 + 27) / 4, abs=1e-12)
+
+
+def test_sets_of_different_sizes():
+    """The mean over pairs, spelled out."""
+    x, y = features(3, 4, 5).astype(float), features(4, 6, 5).astype(float)
+
+    def k(a, b):
+        return float(a @ b / 5 + 1) ** 3
+
+    within_x = np.mean([k(a, b) for a, b in itertools.permutations(x, 2)])
+    within_y = np.mean([k(a, b) for a, b in itertools.permutations(y, 2)])
+    across = np.mean([k(a, b) for a in x for b in y])
+    assert kernel_distance(x, y) == pytest.approx(within_x + within_y - 2 * across, rel=1e-12)
+    assert kernel_distance(x, y) == pytest.approx(kernel_distance(y, x), rel=1e-12)
+
+
+def test_no_bias():
+    """Sets drawn alike are 0 apart in the mean, however small; here within 4 standard errors."""
+    found = [kernel_distance(features([5, i], 5, 8), features([6, i], 5, 8)) for i in range(2000)]
+    assert abs(np.mean(found)) < 4 * np.std(found) / np.sqrt(len(found))
+    assert min(found) < 0
+
+
+def test_leaving_out_an_object_is_leaving_out_its_rows():
+    x, y = features(7, 12, 6), features(8, 12, 6)
+    objects_x = np.array(list("aaabbbcccddd"))
+    objects_y = np.array(list("dabcabcabcde"))
+    found = left_out_kernel_distances(x, y, objects_x, objects_y)
+    expected = [kernel_distance(x[objects_x != name], y[objects_y != name]) for name in "abcde"]
+    # sums of 12^2 kernels of size 10, less some of them
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_an_object_that_leaves_too_little():
+    x, y = features(9, 3, 2), features(10, 3, 2)
+    found = left_out_kernel_distances(x, y, np.array(["a", "a", "b"]), np.array(["a", "b", "b"]))
+    assert np.isnan(found).all()  # one row of x is left without a, one of y without b
+
+
+@pytest.mark.parametrize(
+    ("x", "said"),
+    [
+        (np.zeros((1, 3)), r"features must be \[n, d\] with n >= 2, got \[1, 3\]"),
+        (np.zeros((3, 0)), r"got \[3, 0\]"),
+        (np.zeros(3), r"got \[3\]"),
+        (np.full((2, 3), np.nan), "features must be finite"),
+        (np.zeros((2, 4)), "sets of 4 and 3 features cannot be compared"),
+    ],
+)
+def test_what_it_refuses(x, said):
+    with pytest.raises(ValueError, match=said):
+        kernel_distance(x, np.zeros((2, 3)))

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from bench import train_views as training
+from bench.class_confidence import read_class_head
+from bench.train_views import NO_LABEL, Scores, labels, train_views
+from bench.views_network import ViewsNetwork, load_views_network, view_features
+from data_prep.datasets import ProceduralObject
+from data_prep.failures import BadInput
+from data_prep.randomness import generator
+from data_prep.shapes.catalogue import CLASSES
+from data_prep.shapes.chair_spec import draw_chair_spec
+from data_prep.shapes.shape_class import Drawn, ShapeClass
+from data_prep.shapes.solids import box
+
+
+def block(rng):
+    """A red block or a blue board: what a few steps suffice to tell from chairs."""
+    flat = bool(rng.random() < 0.5)
+    size, color = ((1.0, 0.2, 1.0), (30, 40, 200)) if flat else ((1.0, 1.0, 1.0), (200, 30, 40))
+    return Drawn("flat" if flat else "cubic", (box((0.0, 0.0, 0.0), size, color),))
+
+
+@pytest.fixture
+def two_classes(monkeypatch):
+    """Chairs, and blocks of two families."""
+    classes = {
+        "block": ShapeClass("block", ("flat", "cubic"), block),
+        "chair": CLASSES["chair"],
+    }
+    for name in list(CLASSES):
+        monkeypatch.delitem(CLASSES, name)
+    for name, of in classes.items():
+        monkeypatch.setitem(CLASSES, name, of)
+    return classes
+
+
+def test_labels_are_those_of_the_catalogue(two_classes):
+    told = labels()
+    assert told.classes == ("block", "chair")
+    assert told.families[:3] == ("block/flat", "block/cubic", "chair/four-leg")
+    assert len(told.families) == 2 + len(two_classes["chair"].families)
+
+
+def test_answers_belong_to_the_objects_that_are_shown(two_classes):
+    told = labels()
+    for index in range(6):
+        key = ("procedural", "chair", "train", index)
+        spec = draw_chair_spec(generator(*key))
+        found = training._answers(told, ProceduralObject("chair", "train", index))
+        assert found[0] == 1
+        assert told.families[found[1]] == f"chair/{spec.family}"
+        assert told.backs[found[2]] == spec.back
+        drawn = block(generator("procedural", "block", "validation", index))
+        found = training._answers(told, ProceduralObject("block", "validation", index))
+        assert found == (0, 0 if drawn.family == "flat" else 1, NO_LABEL)
+
+
+def test_variation(two_classes):
+    """White stays white; what is grey has one value in all channels, by its luma."""
+    images = torch.full((400, 2, 2, 3), 255, dtype=torch.uint8)
+    images[:, 0, 0] = torch.tensor([105, 155, 205], dtype=torch.uint8)  # ink 150, 100, 50
+    varied = training._varied(images, torch.Generator().manual_seed(0))
+    assert varied.shape == (400, 3, 2, 2)
+    assert torch.equal(varied[:, :, 1, 1], torch.full((400, 3), 255.0))
+    ink = 255.0 - varied[:, :, 0, 0]
+    grey = (ink[:, 0] == ink[:, 2]).numpy()
+    # binomial: 4 standard deviations of 400 draws at 1/4
+    assert abs(grey.mean() - 0.25) < 4 * math.sqrt(0.25 * 0.75 / 400)
+    levels = ink[:, 0].numpy() / np.where(grey, 0.299 * 150 + 0.587 * 100 + 0.114 * 50, 150)
+    assert 0.9 - 1e-6 <= levels.min() < 0.92
+    assert 1.08 < levels.max() <= 1.1 + 1e-6
+    coloured = ink.numpy()[~grey] / levels[~grey, None]
+    np.testing.assert_allclose(coloured, [[150, 100, 50]] * len(coloured), rtol=1e-5)
+
+
+def test_cross_entropy_leaves_out_what_has_no_label():
+    answers = torch.tensor([[0.0, math.log(3)], [5.0, 0.0], [math.log(7), 0.0]])
+    loss = training._cross_entropy(answers, torch.tensor([1, NO_LABEL, 1]))
+    assert float(loss) == pytest.approx((math.log(4 / 3) + math.log(8)) / 2, rel=1e-6)
+    assert float(training._cross_entropy(answers, torch.full((3,), NO_LABEL))) == 0
+
+
+def test_a_short_training(two_classes, tmp_path, capsys):
+    """With blocks and chairs as unlike as can be, some steps are enough to tell them apart."""
+    out = tmp_path / "views.safetensors"
+    scores = train_views(objects=16, views=4, epochs=16, seed=0, out=out, validation=(5, 3))
+    assert capsys.readouterr().out.count("loss") == 16
+    assert scores.classes == ("block", "chair")
+    assert scores.confusion.sum(axis=1).tolist() == [15, 15]
+    assert scores.confusion.diagonal().sum() >= 27  # by chance 15, with a deviation of 2.7
+    network = load_views_network(out)
+    assert network.labels == labels()
+    # and the head alone tells what the network tells
+    images = np.random.default_rng(0).integers(0, 256, (3, 128, 128, 3), dtype=np.uint8)
+    features = view_features(network, images)
+    with torch.inference_mode():
+        expected = network.heads["class"](torch.from_numpy(features)).double().softmax(1).numpy()
+    head = read_class_head(out)
+    for i, name in enumerate(head.classes):
+        # float32 sums of 64 products against float64
+        np.testing.assert_allclose(head.confidence(features, name), expected[:, i], rtol=1e-4)
+
+
+@pytest.mark.parametrize("wish", [{"objects": 0}, {"views": 0}, {"epochs": -1}])
+def test_nothing_to_train_on(wish):
+    ((name, value),) = wish.items()
+    with pytest.raises(BadInput, match=f"^--{name} {value}: must be at least 1$"):
+        train_views(**({"objects": 1, "views": 1, "epochs": 1, "seed": 0} | wish))
+
+
+def test_scores_of_a_network_that_always_answers_the_same(two_classes, monkeypatch):
+    """Class chair, family and back the first, azimuth 0, elevation 0."""
+    told = labels()
+    network = ViewsNetwork(told).eval()
+    with torch.no_grad():
+        for head in network.heads.values():
+            head.weight.zero_()
+            head.bias.zero_()
+        network.heads["class"].bias[1] = 1.0
+        network.heads["view"].bias[1] = 1.0  # the cosine
+    scores = training._score(network, 6, 4)
+    assert scores.confusion.tolist() == [[0, 24], [0, 24]]
+    data, true = training._labelled(told, "validation", 6, 4)
+    assert scores.family == (true["family"] == 0).double().mean()
+    chairs = true["class"] == 1
+    assert scores.back == (true["back"][chairs] == 0).double().mean()
+    expected = [np.median(np.abs(data.azimuth_deg[part])) for part in (slice(6), slice(6, 12))]
+    np.testing.assert_allclose(scores.azimuth_deg, expected, rtol=1e-12)
+    expected = [np.median(np.abs(data.elevation_deg[part])) for part in (slice(6), slice(6, 12))]
+    np.testing.assert_allclose(scores.elevation_deg, expected, rtol=1e-12)
+
+
+def test_scores_as_text():
+    scores = Scores(
+        ("car", "sofa"),
+        np.array([[3, 1], [0, 4]]),
+        family=0.5,
+        back=math.nan,
+        azimuth_deg=np.array([12.34, 90.0]),
+        elevation_deg=np.array([1.0, 2.0]),
+    )
+    assert scores.to_text().splitlines() == [
+        "right: class 0.875, family 0.500, back of chairs nan",
+        "             right azimuth elevation  answered, % of the pictures of the class",
+        "car          0.750    12.3       1.0    75   25",
+        "sofa         1.000    90.0       2.0     0  100",
+    ]
