@@ -1,5 +1,6 @@
 # Two commands: `make bench` measures, `make test` tests. Everything is kept inside this folder.
 #
+#   make docs                         docs/ as a site, in build/docs
 #   make bench ARGS="--limit 8"        further options for `bench run`
 #   make bench PIP_ARGS="..."          further options for pip, an index of CPU-only torch say
 
@@ -9,13 +10,17 @@ PIP := $(VENV)/bin/python -m pip --disable-pip-version-check
 ARGS ?=
 PIP_ARGS ?=
 
-.PHONY: bench test install libraries clean
+.PHONY: bench test docs install libraries test-libraries clean
 
 bench: install
 	$(VENV)/bin/bench run --suite chair-robustness $(ARGS)
 
-test: libraries $(VENV)/bin/tox
+test: test-libraries $(VENV)/bin/tox
 	$(VENV)/bin/tox run
+
+docs: install
+	$(PIP) install $(PIP_ARGS) -c constraints.txt -e '.[docs]'
+	$(VENV)/bin/sphinx-build -b html docs build/docs
 
 install: libraries $(VENV)/installed
 
@@ -35,6 +40,9 @@ $(VENV)/bin/python:
 
 libraries:
 	@sh .ci/libraries
+
+test-libraries:
+	@sh .ci/libraries tests
 
 clean:
 	rm -rf $(VENV) .tox build *.egg-info
