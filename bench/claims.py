@@ -259,14 +259,14 @@ CLAIMS = (
         "pc2pix outputs improve with quantity of the training data",
         "section 4.2",
         "-",
-        why_not="no run compares networks that were trained on more and on less of a class",
+        why_not="no run of a suite: `python -m benchmarks.class_data` trains on more and on less",
     ),
     Claim(
         "imbalance-hurts",
         "it suffers when there is dataset imbalance",
         "section 4.2",
         "-",
-        why_not="the procedural set has as many objects of each class as one asks for",
+        why_not="no run of a suite: `python -m benchmarks.class_data` trains on unequal classes",
     ),
     Claim(
         "colours-are-predicted",

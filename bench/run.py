@@ -27,6 +27,7 @@ from bench.pool import run_jobs
 from bench.probe import environment
 from bench.progress import progress
 from bench.published import published
+from bench.report import write_report
 from bench.results import Trade, write_cost, write_orderings, write_tables, write_trade
 from bench.spent import shares
 from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
@@ -131,6 +132,7 @@ def run(options: Options) -> Finished:
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
         write_manifest(directory, manifest)
+    write_report(directory, made=tables)
     done = _count_new(todo, hopeless, journal)
     return Finished(
         directory,

@@ -25,7 +25,7 @@ from data_prep.scene import IMAGE_SIZE
 
 FEATURES = 64
 BATCH = 20
-_CHANNELS = (24, 48, 96, 96)
+_CHANNELS = (32, 64, 128, 128)
 _LABELS = "labels"
 
 

@@ -99,7 +99,8 @@ def test_folders_without_what_is_needed(command, no_machine, tmp_path):
     dataset = ("--dataset", f"folder:{folder}", "--methods", "blank")
     (folder / "notes.txt").touch()
     assert run_refused(command, *dataset) == (
-        f"{folder}: no mesh in this folder; expected .ply, .obj, .off, .stl, .glb, .gltf"
+        f"{folder}: no mesh in this folder; expected .ply, .obj, .off, .stl, .glb, .gltf "
+        "(or clouds: .npy, .xyz, .csv, .pts, .las, .laz, .e57, .pcd)"
     )
     (folder / "sofa").mkdir()
     (folder / "sofa" / "one.obj").touch()
@@ -264,7 +265,18 @@ def test_simple_questions_load_no_heavy_package(argument):
 def test_help_names_all_commands(command):
     status, out, err = command("--help")
     assert (status, err) == (0, "")
-    commands = ("run", "list", "table", "check", "recommend", "render", "shrink", "doctor", "train")
+    commands = (
+        "run",
+        "list",
+        "table",
+        "check",
+        "recommend",
+        "render",
+        "report",
+        "shrink",
+        "doctor",
+        "train",
+    )
     for name in commands:
         assert f"\n  {name} " in out
     for name in ("autoencoder", "gan", "views"):

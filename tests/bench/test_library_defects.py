@@ -40,6 +40,7 @@ MENDED = {
     "decomposition-names-no-cause": "raises LinAlgError: array must not contain infs or NaNs",
     "matrix-root-complex": "real: 2.3e-13",
     "neighbour-that-is-not-there": "raises ValueError: k must be at most 1",
+    "tree-of-half-a-plane-crash": "a tree of 100 points",
     "bootstrap-of-equal-values": "interval 1.0 to 1.0",
     "failures-leave-the-mean": "means {'a': nan, 'b': nan}, nan",
     "nan-becomes-a-pixel-torch": "pixel 0, a UserWarning",

@@ -77,6 +77,7 @@ def test_files_of_a_run(finished):
         "manifest.json",
         "records.parquet",
         "cost.md",
+        "report.html",
         "lock",
         "journal/0001.jsonl",
         *("features/fd-views.parquet", "features/fd-views-grey.parquet"),
@@ -89,7 +90,7 @@ def test_files_of_a_run(finished):
         *(("features/judge.parquet",) if JUDGE_WEIGHTS.is_file() else ()),
     }
     assert (
-        len(names) == 18 + JUDGE_WEIGHTS.is_file() + 3 + 24
+        len(names) == 19 + JUDGE_WEIGHTS.is_file() + 3 + 24
     )  # and an artifact for each ground truth and item
     for name in ("robustness", "pictures", "thin-parts"):
         with Image.open(directory / "figures" / f"{name}.png") as image:

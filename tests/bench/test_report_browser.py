@@ -1,0 +1,244 @@
+"""The report as a browser shows it, offline: pictures, filters, keyboard, accessibility.
+
+Skipped where there is no Chromium; `make test` installs it where it may.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+
+import pytest
+from axe_playwright_python.base import AXE_SCRIPT
+from builders import make_failed, make_record
+from playwright.sync_api import sync_playwright
+
+from bench.columns import read_records, write_records
+from bench.report import write_report
+from bench.work import Result
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
+
+FLAGS = (
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update"),
+)
+WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 360, "height": 740}
+FAILED_REASON = "ball-pivoting: no faces"
+
+
+@pytest.fixture(scope="module")
+def report(finished, tmp_path_factory):
+    """The report of a real run in which one item has failed."""
+    directory = shutil.copytree(finished[0], tmp_path_factory.mktemp("browser") / "run")
+    records = []
+    for row in read_records(directory).to_dict("records"):
+        values = {str(name): value for name, value in row.items()}
+        values["class_name"] = values.pop("class")
+        obj = values.pop("object")
+        made = make_record(obj=obj, **{k: v for k, v in values.items() if k != "suite"})
+        if (made.method, made.condition, obj) == ("splat", "noise-0.10", "test-0001"):
+            made = make_failed(made.method, made.condition, obj, made.view, reason=FAILED_REASON)
+        records.append(made)
+    write_records(directory, [Result("k", tuple(records), None)])
+    return write_report(directory)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS])
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def open_page(browser, report):
+    """Opens the report in a context of its own; fails where anything was complained of."""
+    contexts, complaints, requests = [], [], []
+
+    def open_it(**wishes):
+        context = browser.new_context(**({"viewport": WIDE, "offline": True} | wishes))
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(report.as_uri())
+        return page
+
+    yield open_it
+    for context in contexts:
+        context.close()
+    assert complaints == []
+    assert {url.partition(":")[0] for url in requests} <= {"file", "data"}
+
+
+def choose(page, title, *options):
+    """Chooses options of a filter, as one would with a mouse."""
+    pick = page.locator(".pick", has=page.locator("summary", has_text=title))
+    pick.locator("summary").click()
+    for option in options:
+        pick.get_by_label(option, exact=True).check()
+    page.keyboard.press("Escape")
+
+
+def count(page, kind):
+    """How many items of a kind are shown, folded ones included, and how many there are."""
+    return tuple(
+        page.evaluate(
+            'kind => [...document.querySelectorAll(`[data-item="${kind}"]`)]'
+            ".reduce(([seen, all], one) => [seen + !one.closest('[hidden]'), all + 1], [0, 0])",
+            kind,
+        )
+    )
+
+
+def test_all_pictures_are_there(open_page):
+    page = open_page()
+    page.wait_for_load_state("load")
+    widths = page.evaluate(
+        "Promise.all([...document.images].map(i => i.decode().then(() => i.naturalWidth)))"
+    )
+    assert len(widths) > 50
+    assert set(widths) == {128}
+
+
+def test_filters_show_what_they_say(open_page):
+    page = open_page()
+    status = page.locator(".status")
+    assert [count(page, "values"), count(page, "pictures")] == [
+        # 14 metrics and the costs x 4 methods x 2 conditions; 3 objects x 2 methods x 2 conditions
+        (15 * 4 * 2, 15 * 4 * 2),
+        (12, 12),
+    ]
+    choose(page, "Method", "splat")
+    assert [count(page, "values"), count(page, "pictures")] == [(30, 120), (6, 12)]
+    seen, every = count(page, "cases")
+    assert 0 < seen < every
+    assert status.inner_text().startswith("Showing 30 of 120 values, 6 of 12 pictures, ")
+    assert f"{seen} of {every} cases" in status.inner_text()
+    assert page.locator("#curves .series:visible").count() == 4  # one a plot
+    choose(page, "Condition", "noise-0.10")
+    assert [count(page, "values"), count(page, "pictures")] == [(15, 120), (3, 12)]
+    assert page.locator(".pick[data-active]").count() == 2
+    heads = page.locator("#tables thead tr").first.locator("th:visible").all_inner_texts()
+    assert [head.strip() for head in heads] == ["method", "noise-0.10"]
+    page.get_by_role("button", name="Show all").click()
+    assert [count(page, "values"), count(page, "pictures")] == [(120, 120), (12, 12)]
+    assert status.inner_text() == "Showing all."
+
+
+def test_the_outcome_leads_to_the_failures(open_page):
+    page = open_page()
+    choose(page, "Outcome", "failed")
+    assert count(page, "failures") == (1, 1)
+    assert count(page, "cases")[0] == 0
+    assert page.locator("#cases .nothing").is_visible()
+    shown = page.locator("#tables tbody tr:visible th .name").all_inner_texts()
+    assert set(shown) == {"splat"}
+    told = page.locator(".failures li:visible").all_inner_texts()
+    assert told == ["splat/noise-0.10/chair/test-0001 views 0 to 1"]
+    choose(page, "Method", "blank")
+    assert count(page, "failures") == (0, 1)
+    assert page.locator("#failures .nothing").is_visible()
+
+
+def test_tables_are_sorted_by_value(open_page):
+    page = open_page()
+    table = page.locator("table.numbers").first  # ssim
+    head = table.get_by_role("button", name="2048")
+    values = "cells => cells.map(cell => Number(cell.dataset.value))"
+    cells = table.locator("tbody td:nth-child(2)")
+    before = cells.evaluate_all(values)
+    head.click()
+    assert cells.evaluate_all(values) == sorted(before, reverse=True)  # the best first
+    assert table.locator("th[aria-sort=descending]").count() == 1
+    assert page.locator(".status").inner_text().endswith("sorted by 2048, descending.")
+    head.click()
+    assert cells.evaluate_all(values) == sorted(before)
+    table.get_by_role("button", name="method").click()
+    names = table.locator("tbody th .name").all_inner_texts()
+    assert names == sorted(names)
+    assert table.locator("[aria-sort]").count() == 1
+
+
+def test_everything_can_be_reached_by_keyboard(open_page):
+    page = open_page()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    assert page.locator(".skip").bounding_box()["x"] >= 0  # seen while it has the focus
+    for _ in range(30):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.closest('.pick') !== null"):
+            break
+    page.keyboard.press("Enter")
+    assert page.locator(".pick[open]").count() == 1
+    page.keyboard.press("Tab")
+    page.keyboard.press("Space")
+    assert page.locator(".pick :checked").count() == 1
+    assert count(page, "values") == (30, 120)
+    page.keyboard.press("Escape")
+    assert page.locator(".pick[open]").count() == 0
+    assert page.evaluate("document.activeElement.tagName") == "SUMMARY"
+    for _ in range(30):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.closest('th') !== null"):
+            break
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    assert page.locator("th[aria-sort=descending]").count() == 1
+    outline = "getComputedStyle(document.activeElement).outlineStyle"
+    assert page.evaluate(outline) == "solid"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("viewport", [WIDE, PHONE], ids=["wide", "phone"])
+def test_axe_finds_nothing_serious(open_page, scheme, viewport):
+    page = open_page(color_scheme=scheme, viewport=viewport)
+    page.evaluate("for (const one of document.querySelectorAll('main details')) one.open = true")
+    page.evaluate(AXE_SCRIPT)
+    found = page.evaluate("axe.run()")
+    grave = [
+        (violation["id"], node["html"][:200])
+        for violation in found["violations"]
+        if violation["impact"] in ("serious", "critical")
+        for node in violation["nodes"]
+    ]
+    assert grave == []
+    assert "color-contrast" in {rule["id"] for rule in found["passes"]}  # it was looked at
+
+
+def test_nothing_is_wider_than_a_phone(open_page):
+    page = open_page(viewport=PHONE)
+    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+
+
+def test_without_scripts_all_is_there(open_page):
+    page = open_page(java_script_enabled=False)
+    assert not page.locator(".filters").is_visible()
+    assert page.locator("table.numbers").first.is_visible()
+    assert page.locator("thead button").count() == 0
+    summary = page.locator("details.more summary").first
+    summary.click()
+    assert page.locator("details.more table").first.is_visible()
+
+
+def test_print_opens_what_is_folded(open_page):
+    page = open_page(color_scheme="dark")
+    page.emulate_media(media="print")
+    assert not page.locator(".filters").is_visible()
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    folded = page.locator("details:not([open])").count()
+    assert folded > 3
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("main details:not([open])").count() == 0
+    cut = page.evaluate(
+        "[...document.querySelectorAll('.scroll')].filter(e =>"
+        " getComputedStyle(e).overflowX !== 'visible' || e.scrollWidth > e.clientWidth + 1).length"
+    )
+    assert cut == 0
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert page.locator("details:not([open])").count() == folded
+    assert re.match(rb"%PDF-", page.pdf(prefer_css_page_size=True))

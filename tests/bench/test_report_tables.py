@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import math
+
+from bench.class_tables import ClassTable
+from bench.report_tables import table_groups
+from bench.table_rows import NAN, Row
+from bench.tables import Table
+
+
+def row(method, value, condition="2048", class_name="chair", metric="ssim", **changes):
+    values = {
+        "ci_low": value - 0.1, "ci_high": value + 0.1, "n_ok": 4, "n": 4, "paper": NAN,
+        "failures_as_blank": value, "note": "",
+    }  # fmt: skip
+    return Row("s", method, condition, class_name, metric, value, **(values | changes))
+
+
+def tables_of(*rows, kind=Table, **wishes):
+    (group,) = table_groups([kind("t", "T", rows, decimals=3, **wishes)])
+    return group.tables
+
+
+def marks(table):
+    return {line.name: [cell.mark for cell in line.cells] for line in table.lines}
+
+
+def test_the_best_is_of_those_that_compete():
+    rows = [
+        row("splat", 0.5004), row("surface-apss", 0.4996), row("pc2pix", 0.4),
+        row("true-mesh", 1.0), row("constant", 0.9),
+    ]  # fmt: skip
+    (table,) = tables_of(*rows)
+    assert marks(table) == {
+        "splat": ["best"],
+        "surface-apss": ["best"],  # the same as printed: 0.500
+        "pc2pix": [""],
+        "true-mesh": [""],
+        "constant": [""],
+    }
+    assert table.higher
+    (lower,) = tables_of(*(row(r.method, r.value, metric="fd-views") for r in rows))
+    assert [name for name, mark in marks(lower).items() if mark == ["best"]] == ["pc2pix"]
+    (alone,) = tables_of(row("splat", 0.5), row("blank", 0.4))
+    assert marks(alone) == {"splat": [""], "blank": [""]}
+
+
+def test_outcomes_of_a_line_are_those_of_its_pictures():
+    cases = {
+        "splat": ({}, ("ok",)),
+        "surface-apss": ({"n_ok": 3, "note": "1 x timeout: 3 s"}, ("failed", "ok")),
+        "poisson": ({"n_ok": 0, "note": "4 x timeout: 3 s"}, ("failed",)),
+        "pc2pix": ({"note": "skipped: weights"}, ("skipped",)),
+        "alpha-shape": (
+            {"n_ok": 3, "note": "1 x no value: why"},
+            ("ok",),
+        ),  # its pictures are there
+    }
+    (table,) = tables_of(*(row(method, 0.5, **changes) for method, (changes, _) in cases.items()))
+    found = {line.name: line.tags.outcomes for line in table.lines}
+    assert found == {method: outcomes for method, (_, outcomes) in cases.items()}
+    gaps = {line.name: line.cells[0].gap for line in table.lines}
+    assert gaps == dict.fromkeys(cases, "") | {
+        "surface-apss": "3 of 4 pictures; 0.500 with blank ones for the others",
+        "poisson": "0 of 4 pictures; 0.500 with blank ones for the others",
+    }
+
+
+def test_a_reason_is_told_once_with_where_it_holds():
+    rows = [
+        row("splat", 0.5, note="1 x a"),
+        row("splat", 0.5, "512", note="1 x a"),
+        row("poisson", 0.5),
+        row("poisson", 0.5, "512", note="1 x a"),
+    ]
+    (table,) = tables_of(*rows)
+    assert table.notes == ("splat; poisson at 512: 1 x a",)
+
+
+def test_several_classes_are_lines_and_methods_columns():
+    rows = [
+        row(method, 0.25 if class_name == "lamp" else 0.75, condition, class_name)
+        for class_name in ("chair", "lamp", "average")
+        for condition in ("2048", "512")
+        for method in ("splat", "poisson")
+    ]
+    first, second = tables_of(*rows)
+    assert first.caption == "ssim, at 2048 (higher is better)"
+    assert [name for name, _ in first.columns] == ["splat", "poisson"]
+    assert [(line.name, line.tags.class_name) for line in first.lines] == [
+        (name, name) for name in ("chair", "lamp", "average")
+    ]
+    assert [cell.text for cell in first.lines[1].cells] == ["0.250", "0.250"]
+    assert (first.unfolded, second.unfolded) == (True, False)
+    assert second.tags.condition == "512"
+
+
+def test_metrics_of_table_5_have_their_own_digits():
+    rows = [row("splat", 12.34567, metric="fd-views"), row("splat", 0.123456, metric="kid")]
+    made = tables_of(*rows, kind=ClassTable)
+    assert [table.lines[0].cells[0].text for table in made] == ["12.3", "0.123"]
+
+
+def test_what_was_skipped_is_folded_and_remarks_are_plain():
+    skipped = row("splat", math.nan, metric="fid", note="skipped: weights", paper=94.0)
+    there = row("splat", 3.0, metric="fd-views")
+    (group,) = table_groups([Table("t", "T", (skipped, there), 1, r"`fid` of **a\_b**")])
+    assert [table.unfolded for table in group.tables] == [False, True]
+    cell = group.tables[0].lines[0].cells[0]
+    assert (cell.text, cell.value, cell.paper) == ("skipped", None, "94")
+    assert group.tables[0].notes == ("skipped: weights",)
+    assert group.remark == "fid of a_b"
