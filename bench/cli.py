@@ -657,9 +657,9 @@ def train_gan(
 
 @train_app.command("views")
 def train_views(
-    objects: Annotated[int, typer.Option(help="Objects of each class.")] = 400,
+    objects: Annotated[int, typer.Option(help="Objects of each class.")] = 500,
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
-    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 10,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
     seed: SeedOption = 0,
 ) -> None:
     """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""

@@ -125,7 +125,7 @@ def test_values_beyond_float16_are_not_exported(gan_checkpoint, tmp_path):
 def test_bundled_weights_load_and_are_small(name):
     loaded = load_weights(name)
     assert re.fullmatch("[0-9a-f]{64}", loaded.sha256)
-    assert (FOLDER / f"{name}.safetensors").stat().st_size < 8e6
+    assert (FOLDER / f"{name}.safetensors").stat().st_size < 10e6
     assert (FOLDER / f"{name}.md").is_file()
 
 
@@ -258,4 +258,4 @@ def test_a_checkpoint_whose_header_is_damaged(gan_checkpoint, tmp_path, changes)
 
 def test_the_bundled_sets_are_of_different_objectives():
     found = {name: weight_files.objective_of(weight_files.find_weights(name)) for name in BUNDLED}
-    assert found == {"chair": "paired", "chair-acgan": "acgan-code"}
+    assert found == {"all": "paired", "chair": "paired", "chair-acgan": "acgan-code"}
