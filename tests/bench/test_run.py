@@ -122,8 +122,13 @@ def test_ceiling_and_floor(finished):
             assert (row.value, row.ci_low, row.ci_high) == (1.0, 1.0, 1.0)
         # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
         assert 0.0 <= rows["true-mesh", condition, "fd-views"].value < 1e-9
-        floor = rows["blank", condition, "fd-views"]
-        assert floor.value > rows["splat", condition, "fd-views"].value > 0.1
+    # Splats of a noisy cloud may be further away than nothing at all; those of a clean one are not.
+    far, near, noisy = (
+        rows[method, condition, "fd-views"].value
+        for method, condition in (("blank", "2048"), ("splat", "2048"), ("splat", "noise-0.10"))
+    )
+    assert far > near > 0.1
+    assert noisy > near
     # Blank pictures do not depend on the cloud.
     for metric in ("ssim", "luminance", "contrast", "structure", "fd-views"):
         assert rows["blank", "2048", metric].value == rows["blank", "noise-0.10", metric].value

@@ -38,7 +38,9 @@ def test_the_truth_scores_full_marks(study):
     assert set(found) == set(METRICS)
     for metric in ("ssim", "luminance", "contrast", "structure", "ssim-object", "thin-recall"):
         assert found[metric] == 1.0
-    assert found["fd-views"] == found["fd-views-grey"] == 0.0
+    for metric in ("fd-views", "fd-views-grey"):
+        # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
+        assert 0.0 <= found[metric] < 1e-9
 
 
 def test_blank_pictures_show_no_thin_part(study):
