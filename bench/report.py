@@ -5,25 +5,34 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.class_orderings import OrderingsTable
 from bench.columns import read_features, read_records
 from bench.comparison import compare
 from bench.lookup import find
 from bench.methods import find_method
-from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, SET_METRICS
+from bench.metric_table import (
+    CONTROL_METRICS,
+    IMAGE_METRICS,
+    KERNEL_METRICS,
+    RECOGNITION_METRICS,
+    SET_METRICS,
+)
 from bench.report_costs import cost_plots, cost_table
 from bench.report_curves import curves
 from bench.report_methods import role, styles
+from bench.report_orderings import orderings_group
 from bench.report_page import Choice, Page, html
 from bench.report_pictures import cases, extremes, grids, shown_objects
 from bench.report_sources import Item, Sources, open_sources
 from bench.report_tables import failure_groups, table_groups
-from bench.results import how_timed, tables
+from bench.results import class_orderings, how_timed, tables
 from bench.store import read_finished
 from bench.suites import SUITES, Suite
 from bench.tables import Features, Table
@@ -35,12 +44,18 @@ REPORT = "report.html"
 QUALITY = "ssim"  # what cost is compared with where a suite names no metric
 
 
-def write_report(
-    directory: Path, out: Path | None = None, made: Sequence[Table] | None = None
-) -> Path:
+@dataclass(frozen=True)
+class Made:
+    """What `bench.results` makes of a run: its tables, and the paper's orderings if it has any."""
+
+    tables: Sequence[Table]
+    orderings: OrderingsTable | None
+
+
+def write_report(directory: Path, out: Path | None = None, made: Made | None = None) -> Path:
     """Write the report of a finished run to `out` (default: report.html in its folder).
 
-    `made` are its tables, where they are at hand: to make them again takes half of the time. The
+    `made` are its tables where they are at hand: to make them again takes half of the time. The
     same run gives the same bytes. Pictures that are no longer there, and clouds that cannot be
     made again, are named as missing. Raises BadInput where `directory` is no finished run, or one
     of a suite that writes its tables itself; CannotWrite where `out` cannot be written.
@@ -56,10 +71,10 @@ def write_report(
     return path
 
 
-def read_page(directory: Path, made: Sequence[Table] | None = None) -> Page:
+def read_page(directory: Path, made: Made | None = None) -> Page:
     """All that the report of a finished run shows. Raises BadInput as `write_report`."""
     manifest = read_finished(directory)
-    made = tables(directory) if made is None else made
+    made = made or Made(tables(directory), class_orderings(directory))
     suite = find(manifest["suite"], SUITES, "suite")
     records = _in_order(read_records(directory), manifest)
     views = int(manifest["views"])
@@ -77,6 +92,7 @@ def read_page(directory: Path, made: Sequence[Table] | None = None) -> Page:
         costs = cost_plots(comparisons, metrics, views, look)
         costed = cost_table(comparisons, metrics[0], views)
     failures = failure_groups(records)
+    ordered = made.orderings
     return Page(
         title=manifest["suite"],
         about=suite.about,
@@ -84,9 +100,9 @@ def read_page(directory: Path, made: Sequence[Table] | None = None) -> Page:
         outcomes=tuple((str(o), int(n)) for o, n in records["outcome"].value_counts().items()),
         shares=tuple(dict(manifest.get("worker_shares", {})).items()),
         choices=_choices(records, bool(manifest.get("skipped_metrics"))),
-        curves=curves(made, look),
+        curves=curves(made.tables, look),
         curves_remark=_left_out(manifest["methods"]),
-        tables=table_groups(made),
+        tables=(*table_groups(made.tables), *([orderings_group(ordered)] if ordered else ())),
         costs=costs,
         cost_table=costed,
         cost_remark=how_timed(manifest),
@@ -192,15 +208,17 @@ def _meanings(
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
     known = {c.id: f"{c.perturbation}; {c.source}" for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
-    metrics = IMAGE_METRICS | distances | CONTROL_METRICS
+    kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
+    metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
     measured = (
         *suite.image_metrics,
         *suite.detail_metrics,
         *suite.set_metrics,
+        *suite.class_metrics,
         *suite.control_metrics,
     )
     return (
-        ("Metrics", tuple((m, metrics[m]) for m in measured)),
+        ("Metrics", tuple((m, metrics[m]) for m in dict.fromkeys(measured))),
         ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
         ("Conditions", tuple((c, known.get(c, "unknown")) for c in manifest["conditions"])),
     )

@@ -36,8 +36,8 @@ class Cell:
     value     what the column is sorted by; None: comes last
     beside    its interval, or what it is made of
     paper     the published value; empty where there is none
-    gap       what is missing from it; empty where nothing is
-    mark      what is special about it ("best", "frontier"); empty where nothing is
+    gap       what is missing from it, or speaks against it; empty where nothing is or does
+    mark      what is special about it ("best", "frontier", "reproduced"); empty where nothing is
     """
 
     text: str

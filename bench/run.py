@@ -27,7 +27,7 @@ from bench.pool import run_jobs
 from bench.probe import environment
 from bench.progress import progress
 from bench.published import published
-from bench.report import write_report
+from bench.report import Made, write_report
 from bench.results import Trade, write_cost, write_orderings, write_tables, write_trade
 from bench.spent import shares
 from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
@@ -132,7 +132,7 @@ def run(options: Options) -> Finished:
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
         write_manifest(directory, manifest)
-    write_report(directory, made=tables)
+    write_report(directory, made=Made(tables, ordered))
     done = _count_new(todo, hopeless, journal)
     return Finished(
         directory,

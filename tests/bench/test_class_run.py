@@ -13,6 +13,7 @@ import bench.metric_table
 import bench.results
 import bench.run
 from bench.check import _stale_tables
+from bench.report import read_page
 from bench.results import class_orderings, read_scored, tables
 from bench.run import Options, run
 from bench.store import read_manifest
@@ -115,6 +116,28 @@ def test_its_files(measured):
         *("table_ssim.csv", "table_ssim.md", "table_detail.csv", "table_detail.md"),
         *("classes.png", "table5.png"),
     }
+
+
+def test_its_report(measured, with_classifier):
+    page = read_page(measured.directory)
+    assert [group.title for group in page.tables] == [
+        "SSIM and its components against the true mesh (higher is better)",
+        "Table 5: classes, against pictures of the true meshes",
+        "Detail: the outline (higher is better)",
+        "Which of the paper's orderings hold",
+    ]
+    (leads,) = page.tables[-1].tables
+    assert [line.name for line in leads.lines] == ["chair", "table", "average"]
+    # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
+    assert [line.cells[0].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]
+    made = class_orderings(measured.directory)
+    assert made is not None
+    ssim = [row.lead.value for row in made.rows if row.metric == "ssim"]
+    column = [name for name, _ in leads.columns].index("ssim")
+    assert [line.cells[column].value for line in leads.lines] == ssim
+    explained = dict(page.meanings)["Metrics"]
+    assert {"kid", "kd-views", "class-confidence"} < {metric for metric, _ in explained}
+    assert len(explained) == len(dict(explained))
 
 
 def test_table_5(measured):
