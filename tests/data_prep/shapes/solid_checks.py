@@ -6,8 +6,19 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+import trimesh
 
 from data_prep.shapes.solids import Part
+
+
+def unsound(parts: Sequence[Part]) -> list[int]:
+    """Parts that are not closed, whose faces do not all turn the same way, or that face inwards."""
+    judged = [trimesh.Trimesh(part.vertices, part.faces, process=False) for part in parts]
+    return [
+        number
+        for number, mesh in enumerate(judged)
+        if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0)
+    ]
 
 
 def afloat(parts: Sequence[Part]) -> list[int]:

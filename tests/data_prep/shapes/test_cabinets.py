@@ -16,23 +16,11 @@ from data_prep.shapes.cabinet_parts import (
     glass_doors,
     rack,
 )
-from data_prep.shapes.cabinets import CLASS, FAMILY_WEIGHTS
+from data_prep.shapes.cabinets import CLASS
 from data_prep.shapes.shape_class import Drawn
-from data_prep.shapes.solids import signed_volume
-from tests.data_prep.shapes.sections import box_of, cut, holds, surface_area
+from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.sections import box_of, cut, extents, holds, volume
 from tests.data_prep.shapes.solid_checks import radius
-
-# Seeds 0 to 7: family, number of faces, their area.
-PINNED = [
-    ("wardrobe", 244, 8.6726510),
-    ("wardrobe", 360, 16.5775405),
-    ("chest", 424, 9.3667722),
-    ("chest", 524, 12.5715544),
-    ("kitchen", 1096, 12.7289370),
-    ("shelves", 188, 4.5732604),
-    ("wardrobe", 196, 14.1412410),
-    ("wardrobe", 212, 10.2733413),
-]
 
 WOOD, WHITE, SEAM, BRASS = (160, 110, 70), (220, 216, 208), (72, 50, 32), (176, 142, 82)
 STEP = 0.01
@@ -41,33 +29,8 @@ FIELD = Field(-0.5, 0.7, 0.1, 0.9, -0.25)
 
 
 @pytest.fixture(scope="module")
-def cabinets() -> dict[str, list[Drawn]]:
-    rng = np.random.default_rng(31)
-    drawn = [CLASS.draw(rng) for _ in range(500)]
-    return {family: [obj for obj in drawn if obj.family == family] for family in CLASS.families}
-
-
-def extents(obj: Drawn) -> np.ndarray:
-    low, high = box_of(obj.parts)
-    return high - low
-
-
-def test_drawn_cabinets_are_pinned() -> None:
-    # Trained weights know these cabinets: a change here is a new data set, not a refactoring.
-    seen = []
-    for seed in range(8):
-        obj = CLASS.draw(np.random.default_rng(seed))
-        # Coordinates are rounded at 2**-24; the slimmest handles are 0.01 across.
-        area = pytest.approx(surface_area(obj), rel=1e-5)
-        seen.append((obj.family, sum(len(part.faces) for part in obj.parts), area))
-    assert seen == PINNED
-
-
-def test_families_are_as_frequent_as_the_table_says(cabinets: dict[str, list[Drawn]]) -> None:
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors of a share of 500.
-        assert abs(len(cabinets[family]) / 500 - p) < 4 * np.sqrt(p * (1 - p) / 500)
+def cabinets() -> Families:
+    return by_family(CLASS, seed=31, count=500)
 
 
 def test_split_runs_by_columns_and_upwards() -> None:
@@ -148,31 +111,31 @@ def test_layers_are_visible_at_any_size() -> None:
         assert 0.005 < 2.5 * finish.layer / np.linalg.norm(size) < 0.02
 
 
-def test_fronts_look_towards_minus_z(cabinets: dict[str, list[Drawn]]) -> None:
+def test_fronts_look_towards_minus_z(cabinets: Families) -> None:
     for family in ("chest", "wardrobe", "hutch"):
         for obj in cabinets[family]:
             # The carcass is the largest solid; fronts and handles are before its middle.
-            carcass = max(obj.parts, key=lambda part: signed_volume(part.vertices, part.faces))
+            carcass = max(obj.parts, key=lambda part: volume(part))
             low, high = carcass.vertices[:, 2].min(), carcass.vertices[:, 2].max()
             reach_front = low - box_of(obj.parts)[0][2]
             reach_back = box_of(obj.parts)[1][2] - high
             assert reach_front > reach_back, obj.family
 
 
-def test_proportions(cabinets: dict[str, list[Drawn]]) -> None:
+def test_proportions(cabinets: Families) -> None:
     for obj in cabinets["sideboard"]:
-        width, height, depth = extents(obj)
+        width, height, depth = extents(obj.parts)
         assert width > 1.15 * height
         assert depth < 0.6 * width
     for obj in cabinets["wardrobe"]:
-        width, height, depth = extents(obj)
+        width, height, depth = extents(obj.parts)
         assert height > 1.6
         assert depth < 0.5 * height
     for obj in cabinets["chest"]:
-        assert extents(obj)[1] < 1.55
+        assert extents(obj.parts)[1] < 1.55
 
 
-def test_chests_are_full_and_shelves_are_empty(cabinets: dict[str, list[Drawn]]) -> None:
+def test_chests_are_full_and_shelves_are_empty(cabinets: Families) -> None:
     def share(obj: Drawn) -> float:
         low, high = box_of(obj.parts)
         points = np.random.default_rng(0).uniform(low, high, (60, 3))
@@ -183,7 +146,7 @@ def test_chests_are_full_and_shelves_are_empty(cabinets: dict[str, list[Drawn]])
     assert np.mean([share(obj) for obj in cabinets["shelves"][:15]]) < 0.35
 
 
-def test_a_hutch_is_shallower_above(cabinets: dict[str, list[Drawn]]) -> None:
+def test_a_hutch_is_shallower_above(cabinets: Families) -> None:
     for obj in cabinets["hutch"]:
         low, high = box_of(obj.parts)
         section = cut(obj.parts, 1, 0.35 * low[1] + 0.65 * high[1])
@@ -192,9 +155,7 @@ def test_a_hutch_is_shallower_above(cabinets: dict[str, list[Drawn]]) -> None:
         assert section[:, 2].min() > below[:, 2].min() + 0.05
 
 
-def test_a_kitchen_has_its_worktop_at_the_height_of_a_hand(
-    cabinets: dict[str, list[Drawn]],
-) -> None:
+def test_a_kitchen_has_its_worktop_at_the_height_of_a_hand(cabinets: Families) -> None:
     corners = 0
     for obj in cabinets["kitchen"]:
         tops = [
@@ -213,11 +174,11 @@ def test_a_kitchen_has_its_worktop_at_the_height_of_a_hand(
     assert 0.1 < corners / len(cabinets["kitchen"]) < 0.5
 
 
-def test_colours(cabinets: dict[str, list[Drawn]]) -> None:
+def test_colours(cabinets: Families) -> None:
     """Most are of wood, warmer than grey; kitchens are painted more often than chests."""
 
     def wooden(obj: Drawn) -> bool:
-        parts = max(obj.parts, key=lambda part: signed_volume(part.vertices, part.faces))
+        parts = max(obj.parts, key=lambda part: volume(part))
         return parts.color[0] > 1.25 * parts.color[2]
 
     share = {f: np.mean([wooden(obj) for obj in objs]) for f, objs in cabinets.items()}

@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-import trimesh
 
 from data_prep.scene import Mesh
-from data_prep.shapes.chair_spec import BACK_WEIGHTS, FAMILY_WEIGHTS
+from data_prep.shapes.chair_spec import BACK_WEIGHTS
 from data_prep.shapes.chairs import (
     BACKS,
+    CLASS,
     FAMILIES,
     ChairSpec,
     build_chair,
@@ -18,21 +18,18 @@ from data_prep.shapes.chairs import (
     draw_chair_spec,
 )
 from data_prep.shapes.materials import LIGHTEST
-from tests.data_prep.shapes.solid_checks import afloat, shared_planes
+from tests.data_prep.shapes.solid_checks import afloat, shared_planes, unsound
 
-# Half a unit in the last place of 1 in each of three coordinates; see test_normalise.
-ROUNDING = float(np.finfo(np.float32).eps)
-
-# Seeds 0 to 7: family, back, colour of the frame, number of faces, their area.
+# Of seeds 0 to 7: back, colour of the frame. The rest is pinned in test_families.
 PINNED = [
-    ("cantilever", "solid", (169, 165, 180), 916, 3.3871168),
-    ("sled", "slatted", (141, 143, 145), 812, 3.3447018),
-    ("four-leg", "slatted", (191, 155, 110), 456, 3.5333283),
-    ("four-leg", "solid", (210, 173, 128), 684, 3.8933338),
-    ("bar-stool", "solid", (57, 63, 70), 496, 2.3764960),
-    ("armchair", "curved", (230, 193, 142), 368, 9.2151923),
-    ("sled", "solid", (178, 190, 183), 840, 3.5300595),
-    ("cantilever", "ladder", (174, 178, 183), 1052, 3.3929993),
+    ("solid", (169, 165, 180)),
+    ("slatted", (141, 143, 145)),
+    ("slatted", (191, 155, 110)),
+    ("solid", (210, 173, 128)),
+    ("solid", (57, 63, 70)),
+    ("curved", (230, 193, 142)),
+    ("solid", (178, 190, 183)),
+    ("ladder", (174, 178, 183)),
 ]
 
 
@@ -58,16 +55,18 @@ def meshes(varied: list[ChairSpec]) -> list[Mesh]:
     return [build_chair(spec) for spec in varied]
 
 
-def test_one_seed_one_chair() -> None:
-    first, second = (chair(np.random.default_rng(5)) for _ in range(2))
-    assert first.vertices.tobytes() == second.vertices.tobytes()
-    assert first.faces.tobytes() == second.faces.tobytes()
-    assert first.face_colors.tobytes() == second.face_colors.tobytes()
+def test_drawn_descriptions_are_pinned() -> None:
+    drawn = [draw_chair_spec(np.random.default_rng(seed)) for seed in range(8)]
+    assert [(spec.back, spec.frame_color) for spec in drawn] == PINNED
 
 
-def test_other_seed_other_chair() -> None:
-    drawn = {draw_chair_spec(np.random.default_rng(seed)) for seed in range(50)}
-    assert len(drawn) == 50
+def test_the_class_draws_the_chairs_that_are_described() -> None:
+    for seed in range(8):
+        drawn = CLASS.draw(np.random.default_rng(seed)).mesh()
+        same = chair(np.random.default_rng(seed))
+        assert drawn.vertices.tobytes() == same.vertices.tobytes()
+        assert drawn.faces.tobytes() == same.faces.tobytes()
+        assert drawn.face_colors.tobytes() == same.face_colors.tobytes()
 
 
 def test_building_uses_no_chance(specs: list[ChairSpec]) -> None:
@@ -76,25 +75,8 @@ def test_building_uses_no_chance(specs: list[ChairSpec]) -> None:
     assert build_chair(spec).vertices.tobytes() == build_chair(same).vertices.tobytes()
 
 
-def test_drawn_chairs_are_pinned() -> None:
-    # Trained weights know these chairs: a change here is a new data set, not a refactoring.
-    seen = []
-    for seed in range(8):
-        spec = draw_chair_spec(np.random.default_rng(seed))
-        mesh = build_chair(spec)
-        corners = mesh.vertices[mesh.faces].astype(np.float64)
-        sides = corners[:, 1:] - corners[:, :1]
-        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
-        # Coordinates are rounded at 2**-24 and faces measure 0.01 and more: 1e-5 of each at most.
-        area = pytest.approx(area, rel=1e-5)
-        seen.append((spec.family, spec.back, spec.frame_color, len(mesh.faces), area))
-    assert seen == PINNED
-
-
 def test_everything_is_reachable(specs: list[ChairSpec]) -> None:
-    assert {spec.family for spec in specs} == set(FAMILIES) == set(FAMILY_WEIGHTS)
     assert {spec.back for spec in specs} == set(BACKS)
-    assert len(FAMILIES) == 8
     assert {spec.seat for spec in specs} == {"square", "rounded", "round", "trapezoid"}
     assert {spec.base for spec in specs} == {"legs", "star-5", "star-4", "disc"}
     assert {spec.stretchers for spec in specs} == {"none", "sides", "h", "box"}
@@ -102,32 +84,9 @@ def test_everything_is_reachable(specs: list[ChairSpec]) -> None:
         assert {getattr(spec, flag) for spec in specs} == {False, True}
 
 
-def test_families_are_as_frequent_as_the_table_says() -> None:
-    rng = np.random.default_rng(8)
-    count = 4000
-    drawn = [draw_chair_spec(rng).family for _ in range(count)]
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors: all eight pass with probability 0.9995, were the seed not fixed.
-        assert abs(drawn.count(family) / count - p) < 4 * np.sqrt(p * (1 - p) / count)
-
-
-def test_normalised(meshes: list[Mesh]) -> None:
-    for mesh in meshes:
-        vertices = mesh.vertices.astype(np.float64)
-        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        assert np.abs(centre).max() <= ROUNDING
-        assert abs(np.linalg.norm(vertices, axis=1).max() - 1) <= ROUNDING
-
-
 def test_parts_are_closed_and_outward(varied: list[ChairSpec]) -> None:
     for spec in varied:
-        for number, part in enumerate(chair_parts(spec)):
-            judged = trimesh.Trimesh(part.vertices, part.faces, process=False)
-            what = (spec.family, spec.back, number)
-            assert judged.is_watertight, what
-            assert judged.is_winding_consistent, what
-            assert judged.volume > 0, what
+        assert unsound(chair_parts(spec)) == [], (spec.family, spec.back)
 
 
 def test_face_counts(meshes: list[Mesh]) -> None:

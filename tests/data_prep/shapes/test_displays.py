@@ -6,22 +6,10 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.display_parts import Head, Look, column, curved_head, flat_head, foot
-from data_prep.shapes.displays import CLASS, FAMILY_WEIGHTS
-from data_prep.shapes.shape_class import Drawn
+from data_prep.shapes.displays import CLASS
 from data_prep.shapes.solids import Part
-from tests.data_prep.shapes.sections import box_of, cut, surface_area
-
-# Seeds 0 to 7: family, number of faces, their area.
-PINNED = [
-    ("tube-monitor", 496, 10.9472915),
-    ("television", 276, 8.9465319),
-    ("monitor", 392, 8.5772683),
-    ("monitor", 380, 7.9164159),
-    ("sign", 288, 6.0152662),
-    ("all-in-one", 420, 8.2578380),
-    ("television", 376, 9.9758986),
-    ("tube-monitor", 496, 10.7188705),
-]
+from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.sections import box_of, cut, extents
 
 CASE, BORDER, SCREEN, STAND = (180, 182, 184), (30, 31, 32), (60, 110, 170), (90, 92, 94)
 LOOK = Look(CASE, BORDER, SCREEN, STAND)
@@ -38,33 +26,8 @@ HEAD = Head(
 
 
 @pytest.fixture(scope="module")
-def displays() -> dict[str, list[Drawn]]:
-    rng = np.random.default_rng(31)
-    drawn = [CLASS.draw(rng) for _ in range(500)]
-    return {family: [obj for obj in drawn if obj.family == family] for family in CLASS.families}
-
-
-def extents(obj: Drawn) -> np.ndarray:
-    low, high = box_of(obj.parts)
-    return high - low
-
-
-def test_drawn_displays_are_pinned() -> None:
-    # Trained weights know these displays: a change here is a new data set, not a refactoring.
-    seen = []
-    for seed in range(8):
-        obj = CLASS.draw(np.random.default_rng(seed))
-        # Coordinates are rounded at 2**-24; the slimmest faces are 0.01 across.
-        area = pytest.approx(surface_area(obj), rel=1e-5)
-        seen.append((obj.family, sum(len(part.faces) for part in obj.parts), area))
-    assert seen == PINNED
-
-
-def test_families_are_as_frequent_as_the_table_says(displays: dict[str, list[Drawn]]) -> None:
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors of a share of 500.
-        assert abs(len(displays[family]) / 500 - p) < 4 * np.sqrt(p * (1 - p) / 500)
+def displays() -> Families:
+    return by_family(CLASS, seed=31, count=500)
 
 
 def of(parts: list[Part], color: tuple[int, int, int]) -> np.ndarray:
@@ -134,9 +97,7 @@ def test_columns_stand_between_their_ends() -> None:
     np.testing.assert_allclose(part.vertices.max(axis=0), (0.04, 0.5, 0.035), atol=1e-12)
 
 
-def test_monitors_stand_on_a_foot_narrower_than_the_screen(
-    displays: dict[str, list[Drawn]],
-) -> None:
+def test_monitors_stand_on_a_foot_narrower_than_the_screen(displays: Families) -> None:
     for obj in displays["monitor"]:
         low, high = box_of(obj.parts)
         neck = cut(obj.parts, 1, low[1] + 0.045)
@@ -144,16 +105,16 @@ def test_monitors_stand_on_a_foot_narrower_than_the_screen(
         assert (high - low)[2] < 0.9 * (high - low).max()
 
 
-def test_televisions_are_wide_and_flat(displays: dict[str, list[Drawn]]) -> None:
+def test_televisions_are_wide_and_flat(displays: Families) -> None:
     for obj in displays["television"]:
-        width, height, depth = extents(obj)
+        width, height, depth = extents(obj.parts)
         assert 1.15 < width / height < 2.0
         assert depth < 0.45 * width
 
 
-def test_tubes_narrow_to_the_rear(displays: dict[str, list[Drawn]]) -> None:
+def test_tubes_narrow_to_the_rear(displays: Families) -> None:
     for obj in displays["tube-monitor"]:
-        width, _, depth = extents(obj)
+        width, _, depth = extents(obj.parts)
         assert depth > 0.75 * width
         case = obj.parts[0].vertices
         low, high = case[:, 2].min(), case[:, 2].max()
@@ -162,7 +123,7 @@ def test_tubes_narrow_to_the_rear(displays: dict[str, list[Drawn]]) -> None:
         assert np.ptp(rear[:, 0]) < 0.85 * np.ptp(front[:, 0])
 
 
-def test_dials_are_on_the_viewers_right(displays: dict[str, list[Drawn]]) -> None:
+def test_dials_are_on_the_viewers_right(displays: Families) -> None:
     for obj in displays["old-television"]:
         middle = (box_of(obj.parts)[0] + box_of(obj.parts)[1])[0] / 2
         dials = [part for part in obj.parts if len(part.vertices) in (24, 36)]
@@ -171,13 +132,13 @@ def test_dials_are_on_the_viewers_right(displays: dict[str, list[Drawn]]) -> Non
         assert max(part.vertices[:, 0].max() for part in dials[:2]) < middle
 
 
-def test_all_in_ones_have_a_chin(displays: dict[str, list[Drawn]]) -> None:
+def test_all_in_ones_have_a_chin(displays: Families) -> None:
     for obj in displays["all-in-one"]:
         case, _, screen = (part.vertices[:, 1] for part in obj.parts[:3])
         assert screen.min() - case.min() > 1.5 * (case.max() - screen.max())
 
 
-def test_pairs_are_equal_and_mirrored(displays: dict[str, list[Drawn]]) -> None:
+def test_pairs_are_equal_and_mirrored(displays: Families) -> None:
     for obj in displays["pair"]:
         half = len(obj.parts)
         left, right = (
@@ -202,12 +163,12 @@ def test_pairs_are_equal_and_mirrored(displays: dict[str, list[Drawn]]) -> None:
         assert outer.mean() < inner.mean()
 
 
-def test_signs_are_as_tall_as_a_person(displays: dict[str, list[Drawn]]) -> None:
+def test_signs_are_as_tall_as_a_person(displays: Families) -> None:
     for obj in displays["sign"]:
-        assert 1.4 < extents(obj)[1] < 2.2
+        assert 1.4 < extents(obj.parts)[1] < 2.2
 
 
-def test_cases_of_living_rooms_are_dark(displays: dict[str, list[Drawn]]) -> None:
+def test_cases_of_living_rooms_are_dark(displays: Families) -> None:
     share = {f: np.mean([max(o.parts[0].color) < 80 for o in objs]) for f, objs in displays.items()}
     # 0.72 by the table; four standard errors.
     tolerance = 4 * np.sqrt(0.72 * 0.28 / len(displays["television"]))

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.fronts import dial, frame, panel
-from data_prep.shapes.solids import Part, signed_volume
+from tests.data_prep.shapes.sections import volume
 
 GREY = (120, 121, 122)
 # A few hundred float64 operations on numbers of order 1: see test_solids.
 EXACT = 1e-12
-
-
-def volume(part: Part) -> float:
-    return signed_volume(part.vertices, part.faces)
 
 
 def test_panel_is_a_box_with_width_height_and_thickness_along_x_y_and_z() -> None:

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.furniture import back_cushion, beam, cushion, legs, run
-from data_prep.shapes.solids import Part, rectangle, signed_volume
+from data_prep.shapes.solids import rectangle
+from tests.data_prep.shapes.sections import volume
 
 GREY = (120, 120, 120)
 EXACT = 1e-12  # a few dozen roundings of float64 at lengths about 1
-
-
-def volume(part: Part) -> float:
-    return signed_volume(part.vertices, part.faces)
 
 
 @pytest.mark.parametrize("axis", [0, 2])

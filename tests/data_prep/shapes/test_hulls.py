@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.hulls import AEROFOIL, blade, disc, mirrored, pair, spindle
-from data_prep.shapes.solids import Part, box, signed_volume
+from data_prep.shapes.solids import box
 from data_prep.shapes.vessel_lines import STATIONS, Lines
-from tests.data_prep.shapes.sections import box_of, holds
+from tests.data_prep.shapes.sections import box_of, holds, volume
 
 GREY = (120, 121, 122)
 # A few hundred float64 operations on numbers of order 1: see test_solids.
 EXACT = 1e-12
 SHIP = Lines(half_beam=0.1, draft=0.05, freeboard=0.08, sheer=(0.03, 0.01), entry=0.3, stern=0.8)
-
-
-def volume(part: Part) -> float:
-    return signed_volume(part.vertices, part.faces)
 
 
 def polygon_area(sides: int) -> float:

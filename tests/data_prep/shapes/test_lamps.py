@@ -7,65 +7,18 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.lamp_parts import ball, bar_height, bowl, open_shade, to_a_side
-from data_prep.shapes.lamps import CLASS, FAMILY_WEIGHTS
-from data_prep.shapes.shape_class import Drawn
-from data_prep.shapes.solids import signed_volume
+from data_prep.shapes.lamps import CLASS
+from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.sections import extents, filled, vertices_of, volume
 
 GREY = (120, 121, 122)
 # A few hundred float64 operations on numbers of order 1: see test_solids.
 EXACT = 1e-12
 
-# The first seed that draws each family: seed, family, number of faces, their area.
-PINNED = [
-    (0, "desk", 464, 1.6883538),
-    (1, "pendant", 220, 1.6066148),
-    (2, "floor", 484, 1.5201223),
-    (3, "bedside", 616, 5.3982574),
-    (4, "sconce", 796, 3.1055960),
-    (5, "chandelier", 1152, 1.4731917),
-    (9, "post", 412, 0.4179459),
-]
-
 
 @pytest.fixture(scope="module")
-def lamps() -> dict[str, list[Drawn]]:
-    rng = np.random.default_rng(31)
-    drawn = [CLASS.draw(rng) for _ in range(600)]
-    return {family: [lamp for lamp in drawn if lamp.family == family] for family in CLASS.families}
-
-
-def vertices(lamp: Drawn) -> np.ndarray:
-    return np.concatenate([part.vertices for part in lamp.parts])
-
-
-def filled(lamp: Drawn) -> float:
-    """The parts' volume over that of the box around the lamp."""
-    volume = sum(signed_volume(part.vertices, part.faces) for part in lamp.parts)
-    return volume / float(np.ptp(vertices(lamp), axis=0).prod())
-
-
-def test_drawn_lamps_are_pinned() -> None:
-    # Trained weights know these lamps: a change here is a new data set, not a refactoring.
-    seen = []
-    for seed, *_ in PINNED:
-        lamp = CLASS.draw(np.random.default_rng(seed))
-        mesh = lamp.mesh()
-        corners = mesh.vertices[mesh.faces].astype(np.float64)
-        sides = corners[:, 1:] - corners[:, :1]
-        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
-        # Coordinates are rounded at 2**-24; the slimmest rods are 0.004 across: 2e-5 of their area.
-        seen.append((seed, lamp.family, len(mesh.faces), pytest.approx(area, rel=2e-5)))
-    assert seen == PINNED
-
-
-def test_families_are_as_frequent_as_the_table_says() -> None:
-    rng = np.random.default_rng(3)
-    count = 2000
-    drawn = Counter(CLASS.draw(rng).family for _ in range(count))
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors: all seven pass with probability 0.9995, were the seed not fixed.
-        assert abs(drawn[family] / count - p) < 4 * math.sqrt(p * (1 - p) / count)
+def lamps() -> Families:
+    return by_family(CLASS, seed=31, count=600)
 
 
 @pytest.mark.parametrize("sides", [4, 6, 16])
@@ -74,7 +27,7 @@ def test_an_open_shade_is_a_prism_less_its_inside(sides: int) -> None:
     polygon = sides / 2 * math.sin(2 * math.pi / sides)
     inside = 0.2 - 0.045 * 0.2
     expected = polygon * (0.2**2 - inside**2) * 0.5
-    assert abs(signed_volume(walls.vertices, walls.faces) - expected) < EXACT
+    assert abs(volume(walls) - expected) < EXACT
     # The bar ends half-way through the wall, at the height that it is said to have.
     reach = np.linalg.norm(bar.vertices[:, ::2], axis=1).max()
     assert inside < reach < 0.2
@@ -106,7 +59,7 @@ def test_a_bowl_hangs_from_the_origin_and_opens_downwards() -> None:
         return polygon * h / 3 * (a * a + a * b + b * b)
 
     expected = frustum(low, high, 0.2) - frustum(low - wall, high - wall, 0.2 - wall)
-    assert abs(signed_volume(part.vertices, part.faces) - expected) < EXACT
+    assert abs(volume(part) - expected) < EXACT
 
 
 def test_a_ball_has_its_radius_in_reach() -> None:
@@ -126,45 +79,45 @@ def test_arms_point_to_all_four_sides() -> None:
     assert min(counts.values()) > 65
 
 
-def test_most_of_a_lamp_is_air(lamps: dict[str, list[Drawn]]) -> None:
+def test_most_of_a_lamp_is_air(lamps: Families) -> None:
     for family, most in {"chandelier": 0.05, "post": 0.15, "floor": 0.15, "desk": 0.15}.items():
-        assert max(filled(lamp) for lamp in lamps[family]) < most, family
-    assert np.median([filled(lamp) for lamp in lamps["chandelier"]]) < 0.015
+        assert max(filled(lamp.parts) for lamp in lamps[family]) < most, family
+    assert np.median([filled(lamp.parts) for lamp in lamps["chandelier"]]) < 0.015
 
 
-def test_what_stands_and_what_hangs(lamps: dict[str, list[Drawn]]) -> None:
+def test_what_stands_and_what_hangs(lamps: Families) -> None:
     for family, members in lamps.items():
         for lamp in members:
-            low, first = vertices(lamp)[:, 1].min(), lamp.parts[0].vertices[:, 1]
+            low, first = vertices_of(lamp.parts)[:, 1].min(), lamp.parts[0].vertices[:, 1]
             if family in ("bedside", "desk", "post"):
                 assert abs(low) < EXACT
             elif family == "floor":  # the legs of a tripod are cut off square
                 assert -0.01 < low < EXACT
             elif family in ("pendant", "chandelier"):  # the first part is what hangs it
-                assert first.max() == vertices(lamp)[:, 1].max()
+                assert first.max() == vertices_of(lamp.parts)[:, 1].max()
 
 
-def test_shades_of_bedside_lamps_are_wider_than_their_bodies(lamps: dict[str, list[Drawn]]) -> None:
+def test_shades_of_bedside_lamps_are_wider_than_their_bodies(lamps: Families) -> None:
     for lamp in lamps["bedside"]:
-        points = vertices(lamp)
+        points = vertices_of(lamp.parts)
         height = points[:, 1] / points[:, 1].max()
         reach = np.linalg.norm(points[:, ::2], axis=1)
         assert reach[height > 0.4].max() > reach[height < 0.2].max()
 
 
-def test_sconces_keep_to_their_side_of_the_wall(lamps: dict[str, list[Drawn]]) -> None:
+def test_sconces_keep_to_their_side_of_the_wall(lamps: Families) -> None:
     for lamp in lamps["sconce"]:
-        assert vertices(lamp)[:, 2].max() == lamp.parts[0].vertices[:, 2].max()
+        assert vertices_of(lamp.parts)[:, 2].max() == lamp.parts[0].vertices[:, 2].max()
 
 
-def test_lamp_posts_are_tall(lamps: dict[str, list[Drawn]]) -> None:
+def test_lamp_posts_are_tall(lamps: Families) -> None:
     for lamp in lamps["post"]:
-        x, y, z = np.ptp(vertices(lamp), axis=0)
+        x, y, z = extents(lamp.parts)
         assert 3.0 < y < 7.0
         assert y > math.hypot(x, z)  # at the least 4.9 over two arms of 2.25
 
 
-def test_metal_is_metal(lamps: dict[str, list[Drawn]]) -> None:
+def test_metal_is_metal(lamps: Families) -> None:
     """What chandeliers hang from is brass, dark or chrome: never red, green or blue."""
     for lamp in lamps["chandelier"]:
         red, _, blue = lamp.parts[0].color

@@ -9,54 +9,18 @@ import pytest
 
 from data_prep.shapes.loudspeaker_cabinets import baffle, plan_of
 from data_prep.shapes.loudspeaker_drivers import dome, draw_drivers, horn, port, woofer
-from data_prep.shapes.loudspeakers import CLASS, FAMILY_WEIGHTS
+from data_prep.shapes.loudspeakers import CLASS
 from data_prep.shapes.shape_class import Drawn
-from tests.data_prep.shapes.sections import box_of, cut, surface_area
-
-# Seeds 0 to 7: family, number of faces, their area.
-PINNED = [
-    ("stand", 624, 2.6677297),
-    ("tower", 960, 9.8537830),
-    ("bookshelf", 540, 11.2139264),
-    ("bookshelf", 428, 10.9162201),
-    ("soundbar", 968, 2.6151944),
-    ("desktop", 356, 9.7562319),
-    ("tower", 1292, 6.2096703),
-    ("stand", 736, 4.3734660),
-]
+from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.sections import box_of, cut, extents
 
 BLACK = (30, 31, 32)
 DRIVERS = draw_drivers(np.random.default_rng(3), BLACK, 2)
 
 
 @pytest.fixture(scope="module")
-def speakers() -> dict[str, list[Drawn]]:
-    rng = np.random.default_rng(31)
-    drawn = [CLASS.draw(rng) for _ in range(500)]
-    return {family: [obj for obj in drawn if obj.family == family] for family in CLASS.families}
-
-
-def extents(obj: Drawn) -> np.ndarray:
-    low, high = box_of(obj.parts)
-    return high - low
-
-
-def test_drawn_loudspeakers_are_pinned() -> None:
-    # Trained weights know these loudspeakers: a change here is a new data set.
-    seen = []
-    for seed in range(8):
-        obj = CLASS.draw(np.random.default_rng(seed))
-        # Coordinates are rounded at 2**-24; the slimmest faces are 0.01 across.
-        area = pytest.approx(surface_area(obj), rel=1e-5)
-        seen.append((obj.family, sum(len(part.faces) for part in obj.parts), area))
-    assert seen == PINNED
-
-
-def test_families_are_as_frequent_as_the_table_says(speakers: dict[str, list[Drawn]]) -> None:
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors of a share of 500.
-        assert abs(len(speakers[family]) / 500 - p) < 4 * np.sqrt(p * (1 - p) / 500)
+def speakers() -> Families:
+    return by_family(CLASS, seed=31, count=500)
 
 
 def test_woofer_is_a_ring_around_a_cone_that_deepens() -> None:
@@ -126,19 +90,19 @@ def test_plans_have_the_baffle_in_front_and_narrow_behind() -> None:
 
 
 def test_towers_are_slender_and_bookshelf_boxes_are_not(
-    speakers: dict[str, list[Drawn]],
+    speakers: Families,
 ) -> None:
     for obj in speakers["tower"]:
-        width, height, depth = extents(obj)
+        width, height, depth = extents(obj.parts)
         assert height > 2.2 * width
         assert height > 1.5 * depth
     for obj in speakers["bookshelf"]:
-        width, height, depth = extents(obj)
+        width, height, depth = extents(obj.parts)
         assert height < 2.1 * width
         assert depth < 2 * width
 
 
-def test_a_stand_is_thin_below_its_box(speakers: dict[str, list[Drawn]]) -> None:
+def test_a_stand_is_thin_below_its_box(speakers: Families) -> None:
     for obj in speakers["stand"]:
         low, high = box_of(obj.parts)
         column = cut(obj.parts, 1, 0.7 * low[1] + 0.3 * high[1])
@@ -146,7 +110,7 @@ def test_a_stand_is_thin_below_its_box(speakers: dict[str, list[Drawn]]) -> None
         assert np.ptp(column[:, 2]) < 0.5 * np.ptp(box[:, 2])
 
 
-def test_monitors_lie_level_and_look_up(speakers: dict[str, list[Drawn]]) -> None:
+def test_monitors_lie_level_and_look_up(speakers: Families) -> None:
     wedges = [o for o in speakers["stage"] if len(o.parts[0].vertices) == 8]
     assert len(wedges) >= 5
     for obj in wedges:
@@ -158,8 +122,8 @@ def test_monitors_lie_level_and_look_up(speakers: dict[str, list[Drawn]]) -> Non
         assert floor[:, 2].min() + 0.1 < top[:, 2].min() < floor[:, 2].max()
 
 
-def test_tripods_stand_on_three_feet(speakers: dict[str, list[Drawn]]) -> None:
-    tripods = [o for o in speakers["stage"] if extents(o)[1] > 1.2]
+def test_tripods_stand_on_three_feet(speakers: Families) -> None:
+    tripods = [o for o in speakers["stage"] if extents(o.parts)[1] > 1.2]
     assert len(tripods) >= 5
     for obj in tripods:
         low, high = box_of(obj.parts)
@@ -170,7 +134,7 @@ def test_tripods_stand_on_three_feet(speakers: dict[str, list[Drawn]]) -> None:
         assert np.hypot(shins[:, 0], shins[:, 2]).min() > 0.15
 
 
-def test_satellites_stand_on_a_round_foot(speakers: dict[str, list[Drawn]]) -> None:
+def test_satellites_stand_on_a_round_foot(speakers: Families) -> None:
     for obj in speakers["desktop"]:
         lowest = min(obj.parts, key=lambda part: part.vertices[:, 1].min())
         width, _, depth = np.ptp(lowest.vertices, axis=0)
@@ -178,16 +142,16 @@ def test_satellites_stand_on_a_round_foot(speakers: dict[str, list[Drawn]]) -> N
         assert width == pytest.approx(depth, rel=1 / math.cos(math.pi / 16) - 1)
 
 
-def test_cylinders_are_round_and_soundbars_are_long(speakers: dict[str, list[Drawn]]) -> None:
+def test_cylinders_are_round_and_soundbars_are_long(speakers: Families) -> None:
     for obj in speakers["cylinder"]:
-        width, _, depth = extents(obj)
+        width, _, depth = extents(obj.parts)
         assert width == pytest.approx(depth, rel=1 / math.cos(math.pi / 20) - 1)
     for obj in speakers["soundbar"]:
-        width, height, depth = extents(obj)
+        width, height, depth = extents(obj.parts)
         assert width > 4 * max(height, depth)
 
 
-def test_drivers_are_in_front(speakers: dict[str, list[Drawn]]) -> None:
+def test_drivers_are_in_front(speakers: Families) -> None:
     for family in ("bookshelf", "soundbar"):
         for obj in speakers[family]:
             body = obj.parts[0].vertices
@@ -196,7 +160,7 @@ def test_drivers_are_in_front(speakers: dict[str, list[Drawn]]) -> None:
             assert high[2] == pytest.approx(body[:, 2].max())
 
 
-def test_colours(speakers: dict[str, list[Drawn]]) -> None:
+def test_colours(speakers: Families) -> None:
     """Stages are dark, living rooms mostly of wood or black."""
 
     def dark(obj: Drawn) -> bool:

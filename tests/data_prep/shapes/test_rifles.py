@@ -1,71 +1,29 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 
 import numpy as np
 import pytest
 
 from data_prep.shapes.rifle_parts import bipod, magazine, pipe, scope, stock
-from data_prep.shapes.rifles import CLASS, FAMILY_WEIGHTS
-from data_prep.shapes.shape_class import Drawn
-from data_prep.shapes.solids import signed_volume
+from data_prep.shapes.rifles import CLASS
+from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.sections import extents, volume
 
 GREY = (120, 121, 122)
 # A few hundred float64 operations on numbers of order 1: see test_solids.
 EXACT = 1e-12
 
-# The first seed that draws each family: seed, family, number of faces, their area.
-PINNED = [
-    (0, "shotgun", 364, 1.0449443),
-    (1, "sniper", 544, 0.8707032),
-    (2, "assault", 564, 1.2274561),
-    (4, "bullpup", 328, 1.4466065),
-    (5, "submachine", 336, 1.1731159),
-    (8, "bolt-action", 400, 0.6246311),
-    (9, "machine-gun", 600, 0.8118473),
-]
-
 
 @pytest.fixture(scope="module")
-def rifles() -> dict[str, list[Drawn]]:
-    rng = np.random.default_rng(31)
-    drawn = [CLASS.draw(rng) for _ in range(600)]
-    return {family: [gun for gun in drawn if gun.family == family] for family in CLASS.families}
-
-
-def vertices(gun: Drawn) -> np.ndarray:
-    return np.concatenate([part.vertices for part in gun.parts])
-
-
-def test_drawn_rifles_are_pinned() -> None:
-    # Trained weights know these rifles: a change here is a new data set, not a refactoring.
-    seen = []
-    for seed, *_ in PINNED:
-        gun = CLASS.draw(np.random.default_rng(seed))
-        mesh = gun.mesh()
-        corners = mesh.vertices[mesh.faces].astype(np.float64)
-        sides = corners[:, 1:] - corners[:, :1]
-        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
-        # Coordinates are rounded at 2**-24; the slimmest rods are 0.01 across: 2e-5 of their area.
-        seen.append((seed, gun.family, len(mesh.faces), pytest.approx(area, rel=2e-5)))
-    assert seen == PINNED
-
-
-def test_families_are_as_frequent_as_the_table_says() -> None:
-    rng = np.random.default_rng(3)
-    count = 2000
-    drawn = Counter(CLASS.draw(rng).family for _ in range(count))
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors: all seven pass with probability 0.9995, were the seed not fixed.
-        assert abs(drawn[family] / count - p) < 4 * math.sqrt(p * (1 - p) / count)
+def rifles() -> Families:
+    return by_family(CLASS, seed=31, count=600)
 
 
 def test_a_straight_stock_is_a_prism_without_its_edges() -> None:
     part = stock([(0.1, -0.04, 0.02, 0.05), (-0.3, -0.04, 0.02, 0.05)], GREY)
     # Four triangles with legs of a fifth are missing from the unit square.
-    assert abs(signed_volume(part.vertices, part.faces) - 0.92 * 0.06 * 0.05 * 0.4) < EXACT
+    assert abs(volume(part) - 0.92 * 0.06 * 0.05 * 0.4) < EXACT
     assert np.allclose(part.vertices.min(axis=0), (-0.025, -0.04, -0.3))
     assert np.allclose(part.vertices.max(axis=0), (0.025, 0.02, 0.1))
 
@@ -104,7 +62,7 @@ def test_a_scope_stands_on_its_feet() -> None:
     )
 
 
-def test_long_along_z_and_slim(rifles: dict[str, list[Drawn]]) -> None:
+def test_long_along_z_and_slim(rifles: Families) -> None:
     """Length over height: a family's proportions are its silhouette."""
     between = {
         "assault": (2.2, 5.6),
@@ -117,12 +75,12 @@ def test_long_along_z_and_slim(rifles: dict[str, list[Drawn]]) -> None:
     }
     for family, (low, high) in between.items():
         for gun in rifles[family]:
-            x, y, z = np.ptp(vertices(gun), axis=0)
+            x, y, z = extents(gun.parts)
             assert low < z / y < high, family
             assert x < (0.75 if family in ("sniper", "machine-gun") else 0.6) * y, family
 
 
-def test_the_muzzle_is_towards_minus_z(rifles: dict[str, list[Drawn]]) -> None:
+def test_the_muzzle_is_towards_minus_z(rifles: Families) -> None:
     """The foremost part of the gun is a barrel: round and thin, on the bore's axis."""
     for family, members in rifles.items():
         for gun in members:
@@ -133,7 +91,7 @@ def test_the_muzzle_is_towards_minus_z(rifles: dict[str, list[Drawn]]) -> None:
             assert abs(end[:, 1].mean()) < 0.02, family
 
 
-def test_which_magazine_is_before_the_grip(rifles: dict[str, list[Drawn]]) -> None:
+def test_which_magazine_is_before_the_grip(rifles: Families) -> None:
     """Assault rifles carry it before the trigger, bullpups behind."""
     for family, side in (("assault", -1.0), ("bullpup", 1.0)):
         for gun in rifles[family]:
@@ -141,16 +99,16 @@ def test_which_magazine_is_before_the_grip(rifles: dict[str, list[Drawn]]) -> No
             assert side * lowest.vertices[:, 2].mean() > 0.05, family
 
 
-def test_half_of_a_long_gun_is_a_rod(rifles: dict[str, list[Drawn]]) -> None:
+def test_half_of_a_long_gun_is_a_rod(rifles: Families) -> None:
     """The longest part less than 4 cm thick, which is the barrel, over the whole length."""
     for family in ("bolt-action", "sniper", "shotgun"):
         for gun in rifles[family]:
-            sizes = [np.ptp(part.vertices, axis=0) for part in gun.parts]
+            sizes = [extents([part]) for part in gun.parts]
             barrel = max(z for x, y, z in sizes if max(x, y) < 0.04)
-            assert barrel > 0.35 * np.ptp(vertices(gun)[:, 2]), family
+            assert barrel > 0.35 * extents(gun.parts)[2], family
 
 
-def test_dark_or_wooden(rifles: dict[str, list[Drawn]]) -> None:
+def test_dark_or_wooden(rifles: Families) -> None:
     for members in rifles.values():
         for gun in members:
             for part in gun.parts:

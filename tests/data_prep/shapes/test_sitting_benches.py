@@ -5,32 +5,18 @@ import itertools
 import numpy as np
 import pytest
 
-from data_prep.shapes.shape_class import Drawn
-from data_prep.shapes.sitting_benches import CLASS, FAMILY_WEIGHTS
-from tests.data_prep.shapes.sections import box_of, cut, holds, surface_area
+from data_prep.shapes.sitting_benches import CLASS
+from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.sections import box_of, cut, holds, vertices_of
 
 
 @pytest.fixture(scope="module")
-def benches() -> list[Drawn]:
-    rng = np.random.default_rng(2024)
-    return [CLASS.draw(rng) for _ in range(800)]
+def benches() -> Families:
+    return by_family(CLASS, seed=2024, count=800)
 
 
-@pytest.fixture(scope="module")
-def by_family(benches: list[Drawn]) -> dict[str, list[Drawn]]:
-    return {f: [one for one in benches if one.family == f][:40] for f in CLASS.families}
-
-
-def test_families_are_as_frequent_as_the_table_says(benches: list[Drawn]) -> None:
-    drawn = [one.family for one in benches]
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors: all six pass with probability 0.9996, were the seed not fixed.
-        assert abs(drawn.count(family) / len(drawn) - p) < 4 * np.sqrt(p * (1 - p) / len(drawn))
-
-
-def test_benches_are_longer_than_deep_and_stand_on_the_floor(benches: list[Drawn]) -> None:
-    for bench in benches:
+def test_benches_are_longer_than_deep_and_stand_on_the_floor(benches: Families) -> None:
+    for bench in itertools.chain(*benches.values()):
         low, high = box_of(bench.parts)
         assert low[1] == pytest.approx(0.0, abs=1e-12)
         if bench.family not in ("picnic", "row"):
@@ -38,24 +24,24 @@ def test_benches_are_longer_than_deep_and_stand_on_the_floor(benches: list[Drawn
 
 
 @pytest.mark.parametrize("family", ["park", "settle", "pew", "row"])
-def test_backs_are_behind(by_family: dict[str, list[Drawn]], family: str) -> None:
-    for bench in by_family[family]:
-        vertices = np.concatenate([part.vertices for part in bench.parts])
+def test_backs_are_behind(benches: Families, family: str) -> None:
+    for bench in benches[family]:
+        vertices = vertices_of(bench.parts)
         low, high = box_of(bench.parts)
         highest = vertices[vertices[:, 1] > 0.9 * high[1]]
         assert highest[:, 2].mean() > (low[2] + high[2]) / 2
         assert high[1] > 0.7  # metres
 
 
-def test_seats_are_at_the_height_of_seats(by_family: dict[str, list[Drawn]]) -> None:
+def test_seats_are_at_the_height_of_seats(benches: Families) -> None:
     for family in ("park", "settle"):
-        for bench in by_family[family]:
+        for bench in benches[family]:
             seat = bench.parts[0].vertices[:, 1].max()
             assert 0.40 <= seat <= 0.48
 
 
-def test_parks_have_slats_with_gaps(by_family: dict[str, list[Drawn]]) -> None:
-    for bench in by_family["park"]:
+def test_parks_have_slats_with_gaps(benches: Families) -> None:
+    for bench in benches["park"]:
         wood = bench.parts[0].color
         length = np.ptp(bench.parts[0].vertices[:, 0])
         bars = [p for p in bench.parts if p.color == wood and np.ptp(p.vertices[:, 0]) == length]
@@ -69,20 +55,20 @@ def test_parks_have_slats_with_gaps(by_family: dict[str, list[Drawn]]) -> None:
         assert np.array(gaps) / np.mean(widths) == pytest.approx(0.16 / 0.84, abs=1e-9)
 
 
-def test_settles_stand_on_four_legs(by_family: dict[str, list[Drawn]]) -> None:
-    for bench in by_family["settle"]:
+def test_settles_stand_on_four_legs(benches: Families) -> None:
+    for bench in benches["settle"]:
         standing = [part for part in bench.parts if part.vertices[:, 1].min() < 1e-9]
         assert len(standing) == 4
         assert len({tuple(np.sign(p.vertices.mean(axis=0)[::2])) for p in standing}) == 4
 
 
-def test_planks_have_no_back(by_family: dict[str, list[Drawn]]) -> None:
-    for bench in by_family["plank"]:
+def test_planks_have_no_back(benches: Families) -> None:
+    for bench in benches["plank"]:
         assert 0.40 <= box_of(bench.parts)[1][1] <= 0.48
 
 
-def test_pews_have_boards_for_ends(by_family: dict[str, list[Drawn]]) -> None:
-    for bench in by_family["pew"]:
+def test_pews_have_boards_for_ends(benches: Families) -> None:
+    for bench in benches["pew"]:
         for end in bench.parts[:2]:
             low, high = box_of([end])
             assert 0.03 <= high[0] - low[0] <= 0.06
@@ -91,8 +77,8 @@ def test_pews_have_boards_for_ends(by_family: dict[str, list[Drawn]]) -> None:
         assert bench.parts[0].vertices[:, 0].mean() < 0 < bench.parts[1].vertices[:, 0].mean()
 
 
-def test_picnic_tables_have_a_bench_on_either_side(by_family: dict[str, list[Drawn]]) -> None:
-    for bench in by_family["picnic"]:
+def test_picnic_tables_have_a_bench_on_either_side(benches: Families) -> None:
+    for bench in benches["picnic"]:
         low, high = box_of(bench.parts)
         assert low[2] == pytest.approx(-high[2], abs=1e-9)
         middle = cut(bench.parts, 0, 0.0)
@@ -105,8 +91,8 @@ def test_picnic_tables_have_a_bench_on_either_side(by_family: dict[str, list[Dra
         assert len(seats[seats[:, 2] < 0]) == len(seats[seats[:, 2] > 0]) > 0
 
 
-def test_rows_repeat_one_shell(by_family: dict[str, list[Drawn]]) -> None:
-    for bench in by_family["row"]:
+def test_rows_repeat_one_shell(benches: Families) -> None:
+    for bench in benches["row"]:
         first = bench.parts[0]
         shells = [
             p for p in bench.parts if p.color == first.color and len(p.faces) == len(first.faces)
@@ -119,34 +105,10 @@ def test_rows_repeat_one_shell(by_family: dict[str, list[Drawn]]) -> None:
         assert np.ptp(first.vertices[:, 0]) <= pitches[0] - 0.02 + 1e-9
 
 
-def test_iron_carries_wood_in_parks_and_not_in_halls(by_family: dict[str, list[Drawn]]) -> None:
+def test_iron_carries_wood_in_parks_and_not_in_halls(benches: Families) -> None:
     def colours(family: str) -> float:
-        return float(np.mean([len({p.color for p in b.parts}) >= 2 for b in by_family[family]]))
+        return float(np.mean([len({p.color for p in b.parts}) >= 2 for b in benches[family]]))
 
     assert colours("park") == 1.0
     assert colours("settle") < 0.6  # only its pad has another colour, 0.35 by the weights
     assert colours("row") == 1.0
-
-
-# Seeds 0 to 7: family, number of faces, their area.
-PINNED = [
-    ("plank", 372, 3.8129596),
-    ("plank", 148, 2.8338610),
-    ("park", 516, 4.2231728),
-    ("park", 636, 4.3814446),
-    ("row", 624, 3.3942216),
-    ("pew", 464, 6.6867054),
-    ("plank", 356, 2.1504297),
-    ("plank", 160, 3.4302316),
-]
-
-
-def test_drawn_benches_are_pinned() -> None:
-    # Trained weights know these benches: a change here is a new data set, not a refactoring.
-    seen = []
-    for seed in range(8):
-        drawn = CLASS.draw(np.random.default_rng(seed))
-        faces = sum(len(part.faces) for part in drawn.parts)
-        # Coordinates are rounded at 2**-24 and faces measure 0.01 and more: 1e-5 of each at most.
-        seen.append((drawn.family, faces, pytest.approx(surface_area(drawn), rel=1e-5)))
-    assert seen == PINNED

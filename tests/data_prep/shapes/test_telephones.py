@@ -1,13 +1,10 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 
 import numpy as np
 import pytest
 
-from data_prep.shapes.shape_class import Drawn
-from data_prep.shapes.solids import Part, signed_volume
 from data_prep.shapes.telephone_parts import (
     CUP_PLACE,
     dial,
@@ -19,71 +16,28 @@ from data_prep.shapes.telephone_parts import (
     plate,
     wedge,
 )
-from data_prep.shapes.telephones import CLASS, FAMILY_WEIGHTS
+from data_prep.shapes.telephones import CLASS
+from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.sections import extents, vertices_of, volume
 
 GREY, BLACK = (120, 121, 122), (20, 21, 22)
 # A few hundred float64 operations on numbers of order 10: see test_solids.
 EXACT = 1e-11
 
-# The first seed that draws each family: seed, family, number of faces, their area.
-PINNED = [
-    (0, "flip", 868, 7.0178179),
-    (1, "keypad", 564, 4.7201569),
-    (2, "smartphone", 316, 6.8669440),
-    (4, "classic", 700, 11.0857051),
-    (5, "desk", 940, 7.0409327),
-    (15, "cordless", 572, 4.6297882),
-]
-
 
 @pytest.fixture(scope="module")
-def telephones() -> dict[str, list[Drawn]]:
-    rng = np.random.default_rng(31)
-    drawn = [CLASS.draw(rng) for _ in range(600)]
-    return {family: [one for one in drawn if one.family == family] for family in CLASS.families}
-
-
-def vertices(telephone: Drawn) -> np.ndarray:
-    return np.concatenate([part.vertices for part in telephone.parts])
-
-
-def size(part: Part) -> np.ndarray:
-    return np.ptp(part.vertices, axis=0)
-
-
-def test_drawn_telephones_are_pinned() -> None:
-    # Trained weights know these telephones: a change here is a new data set, not a refactoring.
-    seen = []
-    for seed, *_ in PINNED:
-        telephone = CLASS.draw(np.random.default_rng(seed))
-        mesh = telephone.mesh()
-        corners = mesh.vertices[mesh.faces].astype(np.float64)
-        sides = corners[:, 1:] - corners[:, :1]
-        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
-        # Coordinates are rounded at 2**-24; the smallest faces are 0.01 across: 2e-5 of their area.
-        seen.append((seed, telephone.family, len(mesh.faces), pytest.approx(area, rel=2e-5)))
-    assert seen == PINNED
-
-
-def test_families_are_as_frequent_as_the_table_says() -> None:
-    rng = np.random.default_rng(3)
-    count = 2000
-    drawn = Counter(CLASS.draw(rng).family for _ in range(count))
-    for family, weight in FAMILY_WEIGHTS.items():
-        p = weight / sum(FAMILY_WEIGHTS.values())
-        # Four standard errors: all six pass with probability 0.9996, were the seed not fixed.
-        assert abs(drawn[family] / count - p) < 4 * math.sqrt(p * (1 - p) / count)
+def telephones() -> Families:
+    return by_family(CLASS, seed=31, count=600)
 
 
 def test_a_plate_stands_upright() -> None:
     part = plate((1.0, 2.0, 3.0), (4.0, 8.0, 0.5), 1.0, GREY)
-    assert np.allclose(size(part), (4.0, 8.0, 0.5))
+    assert np.allclose(extents([part]), (4.0, 8.0, 0.5))
     assert np.allclose((part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2, (1, 2, 3))
     # Each corner loses what lies outside three chords of its parabola. That one takes a sixth of
     # the unit square; between it and chords at thirds lies a ninth of what is between it and one.
     corner = 1 / 6 + (1 / 2 - 1 / 6) / 9
-    volume = signed_volume(part.vertices, part.faces)
-    assert abs(volume - (32 - 4 * corner) * 0.5) < EXACT
+    assert abs(volume(part) - (32 - 4 * corner) * 0.5) < EXACT
 
 
 def test_keys_fill_their_grid_and_stand_out() -> None:
@@ -92,7 +46,7 @@ def test_keys_fill_their_grid_and_stand_out() -> None:
     assert sorted(set(centres[:, 0].round(9))) == [-2.0, 0.0, 2.0]
     assert sorted(set(centres[:, 1].round(9))) == [1.0, 3.0, 5.0, 7.0]
     for key in keys:
-        assert np.allclose(size(key)[:2], (0.74 * 2, 0.62 * 2))
+        assert np.allclose(extents([key])[:2], (0.74 * 2, 0.62 * 2))
         assert np.allclose([key.vertices[:, 2].min(), key.vertices[:, 2].max()], (-1.22, -0.6))
 
 
@@ -110,7 +64,7 @@ def test_a_dial_looks_towards_minus_z() -> None:
 
 def test_a_handset_reaches_out_with_both_ends() -> None:
     grip, *cups = handset(20.0, 4.0, 2.5, GREY)
-    assert abs(size(grip)[1] - 20.0) < EXACT
+    assert abs(extents([grip])[1] - 20.0) < EXACT
     for cup, y in zip(cups, (-CUP_PLACE * 20, CUP_PLACE * 20), strict=True):
         centre = (cup.vertices.min(axis=0) + cup.vertices.max(axis=0)) / 2
         assert np.allclose(centre[:2], (0.0, y))
@@ -139,7 +93,7 @@ def test_laid_down_along_x() -> None:
     part = leaned(plate((0.0, 5.0, 0.0), (1.0, 4.0, 0.5), 0.1, GREY), (10.0, 0.0, 2.0))
     assert np.allclose(part.vertices.min(axis=0), (13.0, -0.5, 1.75))
     assert np.allclose(part.vertices.max(axis=0), (17.0, 0.5, 2.25))
-    assert signed_volume(part.vertices, part.faces) > 0
+    assert volume(part) > 0
 
 
 def test_keys_can_be_told_from_the_body() -> None:
@@ -151,7 +105,7 @@ def test_keys_can_be_told_from_the_body() -> None:
         assert abs(sum(key) / 3 - grey) > 18
 
 
-def test_screens_and_keys_are_at_the_front(telephones: dict[str, list[Drawn]]) -> None:
+def test_screens_and_keys_are_at_the_front(telephones: Families) -> None:
     for family in ("smartphone", "keypad"):
         for telephone in telephones[family]:
             body, *details = telephone.parts
@@ -160,10 +114,10 @@ def test_screens_and_keys_are_at_the_front(telephones: dict[str, list[Drawn]]) -
             assert len(front) >= (1 if family == "smartphone" else 15)
             # 0.5 % of the height and more: what is nearer to the body would flicker.
             out = rear - np.array([part.vertices[:, 2].min() for part in front])
-            assert out.min() > 0.004 * size(body)[1]
+            assert out.min() > 0.004 * extents([body])[1]
 
 
-def test_proportions(telephones: dict[str, list[Drawn]]) -> None:
+def test_proportions(telephones: Families) -> None:
     """Width over height and depth over height of what is a slab, a tower or a table set."""
     between = {
         "smartphone": ((0.44, 0.80), (0.06, 0.16)),
@@ -175,14 +129,14 @@ def test_proportions(telephones: dict[str, list[Drawn]]) -> None:
     }
     for family, (wide, deep) in between.items():
         for telephone in telephones[family]:
-            x, y, z = np.ptp(vertices(telephone), axis=0)
+            x, y, z = extents(telephone.parts)
             assert wide[0] < x / y < wide[1], family
             assert deep[0] < z / y < deep[1], family
 
 
-def test_a_flip_opens_to_the_front(telephones: dict[str, list[Drawn]]) -> None:
+def test_a_flip_opens_to_the_front(telephones: Families) -> None:
     for telephone in telephones["flip"]:
-        points = vertices(telephone)
+        points = vertices_of(telephone.parts)
         height = points[:, 1]
         top, foot = points[height > 0.9 * height.max()], points[height < 0.9 * height.min()]
         middle = points[np.abs(height) < 0.5]
@@ -190,7 +144,7 @@ def test_a_flip_opens_to_the_front(telephones: dict[str, list[Drawn]]) -> None:
         assert foot[:, 2].mean() < middle[:, 2].mean()
 
 
-def test_a_cordless_leans_back_in_its_charger(telephones: dict[str, list[Drawn]]) -> None:
+def test_a_cordless_leans_back_in_its_charger(telephones: Families) -> None:
     for telephone in telephones["cordless"]:
         charger, phone = telephone.parts[:2]
         head = phone.vertices[phone.vertices[:, 1] > 0.9 * phone.vertices[:, 1].max()]
@@ -198,17 +152,17 @@ def test_a_cordless_leans_back_in_its_charger(telephones: dict[str, list[Drawn]]
         assert 0.0 < phone.vertices[:, 1].min() < charger.vertices[:, 1].max()
 
 
-def test_the_handset_of_a_desk_set_is_at_the_left(telephones: dict[str, list[Drawn]]) -> None:
+def test_the_handset_of_a_desk_set_is_at_the_left(telephones: Families) -> None:
     """Who looks at the front has +x at the left, keys and screen at the right."""
     for telephone in telephones["desk"]:
         highest = max(telephone.parts, key=lambda part: part.vertices[:, 1].max())
         assert highest.vertices[:, 0].min() > 0
 
 
-def test_the_handset_of_a_classic_lies_across_its_top(telephones: dict[str, list[Drawn]]) -> None:
+def test_the_handset_of_a_classic_lies_across_its_top(telephones: Families) -> None:
     for telephone in telephones["classic"]:
         grip = telephone.parts[-3]
-        assert grip.vertices[:, 1].max() == vertices(telephone)[:, 1].max()
-        x, _, z = size(grip)
+        assert grip.vertices[:, 1].max() == vertices_of(telephone.parts)[:, 1].max()
+        x, _, z = extents([grip])
         assert x > 2.5 * z
-        assert x > size(telephone.parts[0])[0]
+        assert x > extents(telephone.parts[:1])[0]
