@@ -295,7 +295,7 @@ CLAIMS = (
         "interpolations-are-meaningful",
         "for each point cloud interpolation, pc2pix renders a meaningful image of a chair",
         "section 4.2, Figure 5",
-        "the classifier is surer of some kind of chair than in a cross-fade of the end pictures",
+        "the classifier is surer of some structural family than in a cross-fade of the ends",
         LATENT,
         partial(rules.mean_above, metric="family-confidence", what="code", than="cross-fade"),
     ),

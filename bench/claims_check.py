@@ -83,7 +83,7 @@ def to_markdown(made: Sequence[Checked]) -> str:
         "",
         *_counts(made),
         "",
-        markdown.row(["claim", "the paper", "measured", "method", "ours", "verdict"]),
+        markdown.row(["claim", "verdict", "method", "ours", "the paper", "measured"]),
         "|---" * 6 + "|",
     ]
     several = len({entry.run for entry in made if entry.run}) > 1
@@ -100,12 +100,12 @@ def to_markdown(made: Sequence[Checked]) -> str:
         lines.append(
             markdown.row(
                 [
-                    claim.id if first else "",
-                    quoted if first else "",
-                    markdown.cell(claim.measured) if first else "",
+                    claim.id,
+                    f"{verdict}{': ' if found.reason else ''}{markdown.cell(found.reason)}",
                     subject,
                     markdown.cell(found.numbers),
-                    f"{verdict}{': ' if found.reason else ''}{markdown.cell(found.reason)}",
+                    quoted if first else "",
+                    markdown.cell(claim.measured) if first else "",
                 ]
             )
         )

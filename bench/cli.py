@@ -567,7 +567,7 @@ class Azimuth(StrEnum):
     sine_cosine = "sine-cosine"
 
 
-DatasetOption = Annotated[str, typer.Option(help="procedural (its train split) or folder:PATH.")]
+DatasetOption = Annotated[str, typer.Option(help="As of 'bench run'; its train split.")]
 ClassOption = Annotated[
     str, typer.Option("--class", help="What to train on: a class, several (a,b), or all.")
 ]

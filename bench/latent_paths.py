@@ -54,8 +54,8 @@ PATH_REMARK = (
     "An even path is no achievement by itself: a cross-fade is even, and so is a network that "
     "draws next to nothing of a code. Read evenness beside the length of the steps, and beside "
     "the classifier's confidence, which asks whether the pictures in between still show some kind "
-    "of chair. There is one class (chair), hence no confidence in a class: `family-confidence` is "
-    "about the structural families of chairs. A classifier can be sure of nonsense, too."
+    "of thing. All ends are chairs, hence no confidence in a class: `family-confidence` is about "
+    "structural families, of any class. A classifier can be sure of nonsense, too."
 )
 
 

@@ -6,6 +6,8 @@ import re
 from itertools import groupby
 from typing import Any
 
+from docutils.nodes import document, image
+
 project = "pc2pix-bench"
 author = "the authors of pc2pix-bench"
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
@@ -14,6 +16,7 @@ exclude_patterns: list[str] = []
 html_theme = "furo"
 html_title = "pc2pix-bench"
 html_show_copyright = False
+highlight_language = "none"  # commands and what they print; Python is said to be Python
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -32,6 +35,13 @@ def show_plain(*event: Any) -> None:
             lines += [re.sub(r"`([^`]+)`", r"``\1``", line) for line in paragraph] + [""]
 
 
+def link_pictures(app: Any, page: document) -> None:
+    """Pictures fill the column of text; Sphinx links those of a stated width to their full size."""
+    for picture in page.findall(image):
+        picture["width"] = "100%"
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    app.connect("doctree-read", link_pictures)
     app.connect("autodoc-process-docstring", show_plain)

@@ -153,11 +153,13 @@ def test_the_checklist_in_markdown():
     assert "| pc2pix | run 1 | 1 | 0 | 0 |" in lines
     assert "| pc2pix | run 2 | 0 | 1 | 0 |" in lines
     first = next(line for line in lines if line.startswith(f"| {claim.id} |"))
-    assert f"“{claim.quoted}” ({claim.where})" in first
-    assert first.endswith("| pc2pix (run 1) | ssim 0.7 | **supported** |")
+    start = f"| {claim.id} | **supported** | pc2pix (run 1) | ssim 0.7 "
+    assert first == f"{start}| “{claim.quoted}” ({claim.where}) | {claim.measured} |"
     second = lines[lines.index(first) + 1]
-    assert second == "|  |  |  | pc2pix (run 2) | ssim 0.7 | not supported: a \\| b |"
-    assert lines[lines.index(second) + 1].endswith("| - |  | not testable here: give a run of x |")
+    told = "not supported: a \\| b | pc2pix (run 2) | ssim 0.7"
+    assert second == f"| {claim.id} | {told} |  |  |"  # the quotation stands above
+    third = lines[lines.index(second) + 1]
+    assert third.startswith(f"| {other.id} | not testable here: give a run of x | - |  | “")
 
 
 def test_the_command(command, tmp_path):
