@@ -25,8 +25,8 @@ from bench.suites import STABILITY
 from bench.table_rows import PAPER_METHODS, Row
 from bench.tables import Table
 from bench.tolerances import tolerance
-from bench.work import write_whole
 from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
 
 CELL = ["method", "condition", "class", "metric"]
 PROTOCOL = ["dataset", "objects", "views", "seed"]

@@ -22,8 +22,8 @@ from bench.record import GROUND_TRUTH
 from bench.results import TABLES, class_orderings, read_scored
 from bench.store import read_finished
 from bench.tables import Features
-from bench.work import write_whole
 from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
 
 CHECKLIST = "claims.md"
 SUITES = (CHAIRS, CLASSES, SPEED, LATENT)

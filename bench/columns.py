@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from bench.record import COLUMNS, SCHEMA_VERSION, to_frame
 from bench.tables import Features
 from bench.work import Job, Result, read_artifact
 from data_prep.failures import BadInput
+from data_prep.whole_files import whole_file
 
 RECORDS = "records.parquet"
 FEATURES = "features"
@@ -27,9 +28,8 @@ def write_records(directory: Path, results: Sequence[Result]) -> pd.DataFrame:
     frame = to_frame([record for result in results for record in result.records])
     table = pa.Table.from_pandas(frame, preserve_index=False)
     table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
-    temporary = directory / f".{RECORDS}.{os.getpid()}"
-    pq.write_table(table, temporary)
-    temporary.replace(directory / RECORDS)
+    with whole_file(directory / RECORDS) as new:
+        pq.write_table(table, new)
     return frame
 
 
@@ -62,20 +62,21 @@ def read_records(directory: Path) -> pd.DataFrame:
 
 
 def write_features(directory: Path, metric: str, jobs: Sequence[Job]) -> None:
-    """Collect one extractor's features from the artifacts of finished jobs into one file."""
-    folder = directory / FEATURES
-    folder.mkdir(exist_ok=True)
-    path = folder / f"{metric}.parquet"
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    writer: pq.ParquetWriter | None = None
-    for start in range(0, len(jobs), 64):  # a few row groups, little memory
-        tables = [_feature_table(job, metric) for job in jobs[start : start + 64]]
-        table = pa.concat_tables(tables)
-        writer = writer or pq.ParquetWriter(temporary, table.schema)
-        writer.write_table(table)
-    if writer is not None:
-        writer.close()
-        temporary.replace(path)
+    """Collect one extractor's features from the artifacts of finished jobs into one file, which is
+    written whole or not at all; without jobs, there is none."""
+    if not jobs:
+        return
+    groups = (  # a few row groups, little memory
+        pa.concat_tables([_feature_table(job, metric) for job in jobs[start : start + 64]])
+        for start in range(0, len(jobs), 64)
+    )
+    first = next(groups)
+    with (
+        whole_file(directory / FEATURES / f"{metric}.parquet") as new,
+        pq.ParquetWriter(new, first.schema) as writer,
+    ):
+        for table in chain([first], groups):
+            writer.write_table(table)
 
 
 def read_features(directory: Path, metric: str) -> Features | None:

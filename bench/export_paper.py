@@ -80,9 +80,9 @@ def _write_one(task: _Task) -> str:
     obj = task.object
     names = (obj.class_name, obj.object_id)
     try:
-        cloud = obj.cloud(generator(task.seed, "cloud", *names))
         views = obj.views(PICTURES, generator(task.seed, "views", *names))
-        write_object(task.root, *names, cloud, views, obj.truth(views))
+        cloud, truth = obj.cloud_and_truth(generator(task.seed, "cloud", *names), views)
+        write_object(task.root, *names, cloud, views, truth)
     except CannotWrite:
         raise
     except BadInput as error:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import hashlib
 import http.client
 import os
-import tempfile
 import urllib.request
 from pathlib import Path
 
 from data_prep.failures import BadInput
 from data_prep.untrusted import MIB, read_file
+from data_prep.whole_files import write_whole
 
 WEIGHTS_NAME = "weights-inception-2015-12-05-6726825d.pth"
 WEIGHTS_URL = f"https://github.com/toshas/torch-fidelity/releases/download/v0.2.0/{WEIGHTS_NAME}"
@@ -54,7 +54,7 @@ def find_weights(wish: str | None) -> Path:
             raise WeightsUnavailable(f"the FID weights are not in the cache; {_REMEDY}")
         data = _download()
         try:
-            _write_atomically(cached, data)
+            write_whole(cached, data)
         except OSError as error:
             raise WeightsUnavailable(f"cannot keep the FID weights ({error}); {_REMEDY}") from error
     return cached
@@ -92,16 +92,3 @@ def _download() -> bytes:
             f"expected {WEIGHTS_SHA256}; {_REMEDY}"
         )
     return data
-
-
-def _write_atomically(path: Path, data: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

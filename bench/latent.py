@@ -29,11 +29,11 @@ from bench.run import RUNS, Options, default_name, refuse
 from bench.store import check_directory, open_journal, set_aside, write_manifest
 from bench.suites import LATENT, LatentSuite
 from bench.views_network import load_views_network
-from bench.work import write_whole
 from data_prep.datasets import Split, open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View
+from data_prep.whole_files import write_whole
 
 FIGURES = "figures"
 TABLES = "tables"

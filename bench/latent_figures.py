@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.splat import Splat
-from bench.work import write_whole
 from data_prep.images import to_uint8
 from data_prep.scene import PointCloud, Points, View
+from data_prep.whole_files import write_whole
 
 CLOUD, PICTURE, TRUTH = "decoded", "drawn", "true"
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.work import write_whole
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.whole_files import write_whole
 
 if TYPE_CHECKING:
     from PIL.Image import Image

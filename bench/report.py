@@ -36,9 +36,9 @@ from bench.results import class_orderings, how_timed, tables
 from bench.store import read_finished
 from bench.suites import SUITES, Suite
 from bench.tables import Features, Table
-from bench.work import write_whole
 from data_prep.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.whole_files import write_whole
 
 REPORT = "report.html"
 QUALITY = "ssim"  # what cost is compared with where a suite names no metric

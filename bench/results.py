@@ -38,8 +38,8 @@ from bench.tables import (
     set_table,
     with_objectives,
 )
-from bench.work import write_whole
 from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
 
 TABLES = "tables"
 COST = "cost.md"

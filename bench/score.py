@@ -18,8 +18,9 @@ from bench.metric_table import column
 from bench.report_sources import Item, Sources, open_sources
 from bench.results import TABLES, read_scored, table_files
 from bench.tables import Table, image_rows
-from bench.work import Pictures, reason_of, write_whole
+from bench.work import Pictures, reason_of
 from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
 
 
 def score(directory: Path, metric_ids: Sequence[str]) -> list[Table]:

@@ -40,9 +40,9 @@ from bench.speed_tables import (
 )
 from bench.store import check_directory, open_journal, set_aside, write_manifest
 from bench.suites import SPEED, SpeedSuite
-from bench.work import write_whole
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
 
 TABLES = "tables"
 FIGURES = "figures"

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.work import write_whole
 from data_prep.untrusted import MIB, read_file
+from data_prep.whole_files import write_whole
 
 FORM = 1  # of the files; part of their keys
 MOST_BYTES = 64 * MIB

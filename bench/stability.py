@@ -36,8 +36,9 @@ from bench.stability_plan import stability_jobs
 from bench.stability_tables import Matrix, observations_to_csv
 from bench.store import check_directory, open_journal, set_aside, write_manifest
 from bench.suites import STABILITY, StabilitySuite
-from bench.work import Job, Result, read_artifact, write_whole
+from bench.work import Job, Result, read_artifact
 from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
 
 TABLES = "tables"
 FIGURES = "figures"

@@ -26,9 +26,10 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from bench.record import SCHEMA_VERSION, Record
-from bench.work import Job, Result, sync_folder, write_whole
+from bench.work import Job, Result
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.untrusted import MIB, read_file
+from data_prep.whole_files import sync_folder, write_whole
 
 MANIFEST = "manifest.json"
 JOURNAL = "journal"

@@ -16,10 +16,10 @@ from torch import Tensor
 from baselines.constant import CONSTANT_PICTURE
 from bench.ssim import C1, C2, SIGMA, WINDOW, ssim_per_image
 from bench.train import training_set
-from bench.work import write_whole
 from data_prep.datasets import ProceduralObject, Split
 from data_prep.failures import BadInput
 from data_prep.images import blank
+from data_prep.whole_files import write_whole
 
 BATCH = 64
 LEARNING_RATE = 4.0  # levels of 255 a step at first; falls to nought

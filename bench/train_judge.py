@@ -30,11 +30,11 @@ from bench.judge_network import (
     load_judge_network,
 )
 from bench.train import training_set
-from bench.work import write_whole
 from data_prep.datasets import MeshObject, ProceduralObject, SceneObject, Split
 from data_prep.failures import BadInput
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.scene import Mesh
+from data_prep.whole_files import write_whole
 
 OBJECTS = 48  # a batch is two pictures of each
 LEARNING_RATE = 2e-3

@@ -15,13 +15,13 @@ from torch.nn import functional
 from bench.metric_table import VIEWS_WEIGHTS
 from bench.train import training_set
 from bench.views_network import Labels, ViewsNetwork, to_file
-from bench.work import write_whole
 from data_prep.datasets import ProceduralObject, Split
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.chair_spec import BACKS, draw_chair_spec
 from data_prep.training_set import TrainingSet
+from data_prep.whole_files import write_whole
 
 BATCH = 64
 LEARNING_RATE = 2e-3

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import io
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +30,7 @@ from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, View
 from data_prep.scene_objects import SceneObject
+from data_prep.whole_files import write_whole
 
 Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
 
@@ -264,31 +264,6 @@ def _write_artifact(job: Job, pictures: Pictures, watch: Stopwatch) -> str:
             f"{job.artifact}: cannot be written ({error.strerror}); make room and run again"
         ) from error
     return sha256(data).hexdigest()
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that it is there whole or not at all, also after a power cut."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)  # what there is of it would fill the disk further
-        raise
-    sync_folder(path.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Put on disk which files a folder has: a new file's own fsync does not."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _records(

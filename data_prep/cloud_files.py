@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import re
 import warnings
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -26,6 +24,7 @@ from data_prep.failures import BadInput, CannotWrite
 from data_prep.scan_files import SCAN_SUFFIXES, load_scan
 from data_prep.scene import Points
 from data_prep.untrusted import MIB, read_file, shown
+from data_prep.whole_files import write_whole
 
 MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and some seconds
 MOST_TEXT_BYTES = 64 * MIB  # 2 million points of the usual length; some 10 s
@@ -73,17 +72,9 @@ def save_ply(points: Points, path: Path) -> None:
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
         "property float x\nproperty float y\nproperty float z\nend_header\n"
     )
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
-            file.write(header.encode() + points.astype("<f4").tobytes())
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        write_whole(path, header.encode() + points.astype("<f4").tobytes())
     except OSError as error:
-        with suppress(OSError):
-            temporary.unlink()
         raise CannotWrite(
             f"{path}: cannot be written ({error.strerror}); make room, or give another path"
         ) from error

@@ -68,6 +68,12 @@ class BareCloud:
         """Raises BadInput: there is none."""
         raise BadInput(f"{self.path}: a bare cloud has no true pictures; draw it with bench render")
 
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """Raises BadInput: there is no truth."""
+        return self.cloud(rng), self.truth(views)
+
 
 def folder_dataset(spec: str, root: Path) -> Dataset:
     """All meshes below a folder; where there is none, all clouds.

@@ -135,6 +135,12 @@ class PaperObject:
             raise BadInput(f"{self.renders / VIEWS}: has changed since the run began; start again")
         return np.stack([read_picture(path)[0] for path in self.picture_files()[: len(views)]])
 
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """Its own, from files of their own."""
+        return self.cloud(rng), self.truth(views)
+
     def _companions(self) -> Iterator[Path]:
         for path in (self.renders / VIEWS, *self.picture_files()):
             if is_regular_file(path):

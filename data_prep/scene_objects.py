@@ -68,6 +68,15 @@ class SceneObject(Protocol):
         """
         ...
 
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """What `cloud` and `truth` give, bit for bit, for who needs both: files are read once.
+
+        Raises BadInput where one of them is not to be had.
+        """
+        ...
+
 
 class MeshObject(ABC):
     """An object with a mesh: sampled, seen from random views, and rendered."""
@@ -94,3 +103,12 @@ class MeshObject(ABC):
         from data_prep.render import render
 
         return render(self.load(), views)
+
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """The mesh, loaded once, sampled and rendered."""
+        from data_prep.render import render
+
+        mesh = self.load()
+        return sample_surface(mesh, rng), render(mesh, views)

@@ -48,9 +48,9 @@ def make_training_set(
     clouds = np.empty((count, CLOUD_SIZE, 3), np.float32)
     for i, obj in enumerate(objects):
         key = (seed, obj.class_name, obj.object_id)
-        clouds[i] = obj.cloud(generator("training cloud", *key)).points
         cameras = obj.views(views, generator("training views", *key))
-        images[i] = obj.truth(cameras)
+        cloud, images[i] = obj.cloud_and_truth(generator("training cloud", *key), cameras)
+        clouds[i] = cloud.points
         angles[:, i] = np.transpose([(v.azimuth_deg, v.elevation_deg) for v in cameras])
         on_progress()
     return TrainingSet(images, angles[0], angles[1], clouds)

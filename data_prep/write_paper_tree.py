@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +22,7 @@ from data_prep.orientations import PAPER
 from data_prep.scene import PointCloud, View
 from data_prep.synsets import SYNSETS
 from data_prep.untrusted import plain_name
+from data_prep.whole_files import write_whole
 
 
 def folder_name(class_name: str) -> str:
@@ -83,15 +82,9 @@ def write_split(root: Path, name: str, classes: Mapping[str, Sequence[str]]) -> 
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        temporary.replace(path)
+        write_whole(path, data, synced=False)
     except OSError as error:
-        with suppress(OSError):
-            temporary.unlink()
         raise CannotWrite(
             f"{path}: cannot be written ({error.strerror}); make room, or give another --out"
         ) from error

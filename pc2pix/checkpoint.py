@@ -7,7 +7,6 @@ JSON in the file's header. A process killed at any moment leaves the previous ch
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from torch import Tensor, nn
 
 from data_prep.failures import BadInput
 from data_prep.untrusted import is_regular_file, open_file
+from data_prep.whole_files import whole_file
 from pc2pix.weight_files import MOST_BYTES
 
 FORMAT = "pc2pix-checkpoint-1"
@@ -27,20 +27,10 @@ MOST_REASON = 120  # characters of a library's complaint
 
 
 def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, str]) -> None:
-    """Write a safetensors file under a temporary name, force it to disk, and rename it.
-
-    The temporary name is always the same, so that killed writers leave one file behind at most.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.new")
-    try:
-        plain = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
-        save_file(plain, temporary, metadata=dict(header))
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Write a safetensors file, whole or not at all."""
+    plain = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
+    with whole_file(path) as new:
+        save_file(plain, new, metadata=dict(header))
 
 
 def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.whole_files import whole_file
 from pc2pix import loss_log
 
 if TYPE_CHECKING:
@@ -35,9 +36,8 @@ def write_loss_curves(csv: Path, png: Path, last_step: int) -> None:
     """Draw the rows of `csv` up to `last_step`. Nothing where there are none."""
     panels = make_panels(*loss_log.read_losses(csv, last_step))
     if panels:
-        temporary = png.with_name(f".{png.name}.new")
-        draw(panels).savefig(temporary, format="png", dpi=80)
-        temporary.replace(png)
+        with whole_file(png) as new:
+            draw(panels).savefig(new, format="png", dpi=80)
 
 
 def make_panels(

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.whole_files import write_whole
+
 FILE_NAME = "losses.csv"
 
 
@@ -15,12 +17,9 @@ class LossLog:
     """Appends to `losses.csv`. Rows after `step` belong to a run that was cut off, and go."""
 
     def __init__(self, path: Path, step: int) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
         kept = _rows(path, step)
-        temporary = path.with_suffix(".csv.new")
-        temporary.write_text("".join(f"{line}\n" for line in kept))
-        temporary.replace(path)
+        write_whole(path, "".join(f"{line}\n" for line in kept).encode())
         self.has_header = bool(kept)
 
     def add(self, step: int, losses: Mapping[str, float]) -> None:

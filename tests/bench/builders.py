@@ -15,9 +15,10 @@ from bench.metric_table import IMAGE_METRICS, column
 from bench.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.results import write_cost, write_tables
 from bench.store import write_manifest
-from bench.work import Job, Result, write_whole
+from bench.work import Job, Result
 from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View
+from data_prep.whole_files import write_whole
 
 SUITE = "chair-robustness"
 VIEWS = (View(10.0, 5.0), View(-120.0, -30.0))

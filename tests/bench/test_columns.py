@@ -174,6 +174,28 @@ def test_features_go_and_come_back(tmp_path):
     assert found.pictures("m0", "512", "chair") == []
 
 
+def test_features_of_no_jobs(tmp_path):
+    write_features(tmp_path, "metric", [])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupted_features_leave_the_old_ones(tmp_path):
+    jobs = []
+    for i in range(65):  # one more than a row group
+        job = make_job(tmp_path / "artifacts")
+        job = replace(job, artifact=job.artifact.with_name(f"{i}.npz"))
+        write_artifact(job, images=np.zeros(1), metric=np.full((2, 5), i, np.float32))
+        jobs.append(job)
+    write_features(tmp_path, "metric", jobs[:1])
+    (path,) = (tmp_path / "features").iterdir()
+    old = path.read_bytes()
+    jobs[-1].artifact.unlink()
+    with pytest.raises(FileNotFoundError):
+        write_features(tmp_path, "metric", jobs)
+    assert path.read_bytes() == old
+    assert list(path.parent.iterdir()) == [path]
+
+
 def test_features_that_were_not_taken(tmp_path):
     assert read_features(tmp_path, "fid") is None
 

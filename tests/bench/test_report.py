@@ -23,8 +23,9 @@ from bench.record import GROUND_TRUTH
 from bench.report import read_page, write_report
 from bench.results import tables
 from bench.store import read_manifest, write_manifest
-from bench.work import Result, read_artifact, write_whole
+from bench.work import Result, read_artifact
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.whole_files import write_whole
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"
 BIDI = "name\u202ereversed"

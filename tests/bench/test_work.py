@@ -476,15 +476,3 @@ def test_a_disk_that_cannot_be_written_ends_the_run(measure, monkeypatch):
     assert result.unusable == (
         f"{job.artifact}: cannot be written (No space left on device); make room and run again"
     )
-
-
-def test_a_file_that_cannot_be_written_whole_leaves_nothing(tmp_path, monkeypatch):
-    def full(handle):
-        raise OSError(28, "No space left on device")
-
-    bench.work.write_whole(tmp_path / "a", b"old")
-    monkeypatch.setattr(bench.work.os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        bench.work.write_whole(tmp_path / "a", b"new")
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
-    assert (tmp_path / "a").read_bytes() == b"old"

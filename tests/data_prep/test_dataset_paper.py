@@ -55,6 +55,9 @@ def test_what_is_written_is_read_bit_for_bit(tmp_path: Path) -> None:
     assert np.array_equal(obj.truth(VIEWS), PICTURES)
     assert obj.views(3, RNG) == VIEWS[:3]
     assert np.array_equal(obj.truth(VIEWS[:3]), PICTURES[:3])
+    cloud, pictures = obj.cloud_and_truth(RNG, VIEWS[:3])
+    assert cloud.points.tobytes() == CLOUD.points.tobytes()
+    assert np.array_equal(pictures, PICTURES[:3])
 
 
 def test_where_clouds_and_cameras_stand(tmp_path: Path) -> None:

@@ -170,7 +170,12 @@ def test_clouds_are_taken_where_there_is_no_mesh(tmp_path: Path) -> None:
     assert rows == sorted(rows)
     assert many.cloud(np.random.default_rng(2)).points.tolist() != cloud.tolist()
     assert len(few.cloud(rng)) == 10
-    for refuse in (many.load, lambda: many.truth(many.views(2, rng))):
+    views = many.views(2, rng)
+    for refuse in (
+        many.load,
+        lambda: many.truth(views),
+        lambda: many.cloud_and_truth(rng, views),
+    ):
         with pytest.raises(BadInput, match=r"a\.npy: a bare cloud has no"):
             refuse()
     before = many.fingerprint()

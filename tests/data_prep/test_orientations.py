@@ -10,7 +10,21 @@ UNIT = {
     for sign in "+-"
     for axis in "XYZ"
 }
-ALL = [OURS, SHAPENET_V1, SHAPENET_V2, MODELNET, PAPER]
+BY_HAND = {
+    OURS: ((0, 1, 2), (1, 1, 1)),
+    SHAPENET_V1: ((2, 1, 0), (1, 1, -1)),
+    SHAPENET_V2: ((0, 1, 2), (1, 1, 1)),
+    MODELNET: ((0, 2, 1), (-1, 1, 1)),
+    PAPER: ((1, 2, 0), (-1, 1, -1)),
+}
+ALL = list(BY_HAND)
+
+
+@pytest.mark.parametrize("orientation", ALL)
+def test_as_written_by_hand(orientation: Orientation) -> None:
+    """Fingerprints contain the text of these tuples: with it, finished work would go."""
+    found = orientation.columns, orientation.signs
+    assert str(found) == str(BY_HAND[orientation])
 
 
 @pytest.mark.parametrize("orientation", ALL)

@@ -7,8 +7,9 @@ import pytest
 
 from data_prep.datasets import MeshFile, ProceduralObject
 from data_prep.failures import BadInput
+from data_prep.randomness import generator
 from data_prep.render import render
-from data_prep.scene import View
+from data_prep.scene import Mesh, View
 from data_prep.training_set import TrainingSet, make_training_set
 
 OBJECTS = tuple(ProceduralObject("chair", "train", i) for i in range(3))
@@ -41,6 +42,27 @@ def test_every_picture_shows_its_object_from_its_angles(made: TrainingSet) -> No
         ]
         np.testing.assert_array_equal(made.images[i], render(obj.load(), views))
         assert (made.images[i] < 255).any(axis=(1, 2, 3)).all()
+
+
+def test_cloud_and_pictures_are_those_that_an_object_gives_apart(made: TrainingSet) -> None:
+    for i, obj in enumerate(OBJECTS):
+        key = (SEED, "chair", f"train-000{i}")
+        views = obj.views(2, generator("training views", *key))
+        assert made.images[i].tobytes() == obj.truth(views).tobytes()
+        cloud = obj.cloud(generator("training cloud", *key))
+        assert made.clouds[i].tobytes() == cloud.points.tobytes()
+
+
+def test_a_mesh_is_loaded_once() -> None:
+    loaded = []
+
+    class Counted(ProceduralObject):
+        def load(self) -> Mesh:
+            loaded.append(self.object_id)
+            return super().load()
+
+    make_training_set([Counted("chair", "train", i) for i in range(2)], views=2, seed=SEED)
+    assert loaded == ["train-0000", "train-0001"]
 
 
 def test_angles_are_in_range_and_all_different(made: TrainingSet) -> None:

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import csv
 import math
+import os
+import stat
 
 import numpy as np
 import pytest
@@ -158,6 +160,16 @@ def test_a_failed_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
         checkpoint.save(path, "gan", 2, {}, {"x": torch.ones(3)})
     assert checkpoint.load(path, "gan")[1] == 1
     assert [p.name for p in tmp_path.iterdir()] == ["c.safetensors"]
+
+
+def test_a_checkpoint_may_be_read_by_all_whom_the_umask_lets(tmp_path):
+    path = tmp_path / "c.safetensors"
+    before = os.umask(0o022)
+    try:
+        checkpoint.save(path, "gan", 1, {}, {"x": torch.zeros(3)})
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
 def test_checkpoints_of_another_kind_are_refused(gan_checkpoint):

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from data_prep.whole_files import sync_folder, whole_file, write_whole
+
+
+def there(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_new_file_in_new_folders(tmp_path: Path) -> None:
+    write_whole(tmp_path / "a" / "b" / "c.bin", b"new")
+    assert there(tmp_path / "a" / "b") == {"c.bin": b"new"}
+
+
+def test_until_the_block_ends_the_old_file_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    write_whole(path, b"old")
+    with whole_file(path) as new:
+        assert new.read_bytes() == b""
+        new.write_bytes(b"new")
+        assert path.read_bytes() == b"old"
+        assert new.parent == path.parent  # elsewhere may be another disk
+        assert (new.name[0], new.suffix != path.suffix) == (".", True)  # no loader takes it
+    assert there(tmp_path) == {"a.bin": b"new"}
+
+
+@pytest.mark.parametrize("old", [{}, {"a.bin": b"old"}])
+@pytest.mark.parametrize("end", [ValueError, KeyboardInterrupt, OSError(28, "No space left")])
+def test_interrupted(
+    tmp_path: Path, old: dict[str, bytes], end: type[BaseException] | OSError
+) -> None:
+    for name, data in old.items():
+        (tmp_path / name).write_bytes(data)
+
+    def interrupted() -> None:
+        with whole_file(tmp_path / "a.bin") as new:
+            new.write_bytes(b"half")
+            raise end
+
+    with pytest.raises(end if isinstance(end, type) else type(end)):
+        interrupted()
+    assert there(tmp_path) == old
+
+
+def test_the_reason_is_told_also_where_nothing_can_be_removed(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with whole_file(tmp_path / "a.bin") as new:
+            new.unlink()
+            raise ValueError("the reason")
+
+    with pytest.raises(ValueError, match="the reason"):
+        interrupted()
+
+
+@pytest.mark.parametrize(("owner", "call"), [(os, "fsync"), (Path, "replace")])
+def test_a_disk_that_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: object, call: str
+) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_whole(tmp_path / "a.bin", b"old")
+    monkeypatch.setattr(owner, call, refused)
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(tmp_path / "a.bin", b"new")
+    assert there(tmp_path) == {"a.bin": b"old"}
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+from data_prep.whole_files import write_whole
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    write_whole(Path(sys.argv[1]), bytes(5000))
+except OSError as error:
+    print(error.errno)
+"""
+
+
+def test_a_disk_that_is_full_after_a_part(tmp_path: Path) -> None:
+    """The kernel takes 1,000 of 5,000 bytes, as a disk does that is filling up."""
+    path = tmp_path / "a.bin"
+    write_whole(path, b"old")
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, path], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "27\n"  # EFBIG
+    assert there(tmp_path) == {"a.bin": b"old"}
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from data_prep.whole_files import whole_file
+with whole_file(Path(sys.argv[1])) as new:
+    new.write_bytes(b"half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_killed_process_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    write_whole(path, b"old")
+    done = subprocess.run([sys.executable, "-c", KILLED, path], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert path.read_bytes() == b"old"
+    (left,) = set(tmp_path.iterdir()) - {path}
+    assert left.read_bytes() == b"half"
+    write_whole(path, b"new")  # does not stumble over it
+    assert path.read_bytes() == b"new"
+
+
+def test_contents_then_name_then_folder_reach_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, calls = tmp_path / "a.bin", []
+    replace = Path.replace
+
+    def synced(handle: int) -> None:
+        found = os.fstat(handle)
+        size = found.st_size if stat.S_ISREG(found.st_mode) else None
+        calls.append(("fsync", found.st_ino, size))
+
+    def renamed(new: Path, target: Path) -> Path:
+        calls.append(("replace", new.stat().st_ino, target))
+        return replace(new, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(Path, "replace", renamed)
+    write_whole(path, b"new")
+    file, folder = path.stat().st_ino, tmp_path.stat().st_ino
+    assert calls == [("fsync", file, 3), ("replace", file, path), ("fsync", folder, None)]
+    calls.clear()
+    sync_folder(tmp_path)
+    assert calls == [("fsync", folder, None)]
+    calls.clear()
+    write_whole(path, b"newer", synced=False)
+    assert calls == [("replace", path.stat().st_ino, path)]
+
+
+@contextmanager
+def umask(value: int) -> Iterator[None]:
+    before = os.umask(value)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
+
+@pytest.mark.parametrize(("mask", "rights"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_the_rights_of_a_new_file(tmp_path: Path, mask: int, rights: int) -> None:
+    path = tmp_path / "a.bin"
+    path.touch(0o640)  # the old file's do not count
+    with umask(mask):
+        write_whole(path, b"")
+        assert stat.S_IMODE(path.stat().st_mode) == rights
+        with whole_file(path) as new:
+            new.unlink()
+            new.touch(0o400)  # as libraries do that write by way of a file of their own
+        assert stat.S_IMODE(path.stat().st_mode) == rights
+
+
+def test_those_who_write_at_once_do_not_meet(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    with whole_file(path) as one:
+        one.write_bytes(b"first, ")
+        write_whole(path, b"second")
+        with one.open("ab") as file:
+            file.write(b"and last")
+        assert path.read_bytes() == b"second"
+    assert there(tmp_path) == {"a.bin": b"first, and last"}
+
+
+def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_whole(tmp_path / "a", b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
