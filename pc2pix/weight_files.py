@@ -17,7 +17,7 @@ MOST_OBJECTIVE_LENGTH = 100
 BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
     "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
     "chair-acgan": "bdcfbdc7b65b7b34fad0e78522caa1f3938a99d6a756b70cad4342d0cecad6a1",
-    "all": "67086aad3e343e6065ed6a65a13adae4bd1828646a908f0e5c8fb94989327c2a",
+    "all": "e874f6a798e4c66100ef83304d0829e61336ebbbcd69590d2e27092656ae54f3",
 }
 
 # A decoder stands beside its weights and is needed for no picture, see `pc2pix.decoder_weights`.
