@@ -92,10 +92,12 @@ def test_it_has_learned_what_chairs_look_like(network, pictures):
     with torch.inference_mode():
         answer = network.heads["view"](torch.from_numpy(view_features(network, images))).numpy()
     azimuth = np.degrees(np.arctan2(answer[:, 0], answer[:, 1]))
+    # 29 and 8.6 degrees on 520 validation pictures. The median of 32 has a standard error of 8 and
+    # 1.7 (bootstrap of 160, scaled): two and three of these are left. By chance: 90 and 20.
     turn = (azimuth - [view.azimuth_deg for view in views] + 180) % 360 - 180
-    assert np.median(np.abs(turn)) < 45  # by chance: 90; 29 on validation chairs
+    assert np.median(np.abs(turn)) < 45
     tilt = 40 * answer[:, 2] - [view.elevation_deg for view in views]
-    assert np.median(np.abs(tilt)) < 14  # always answering 0: 20; 8.6 on validation chairs
+    assert np.median(np.abs(tilt)) < 14
 
 
 def test_distances_order_pictures_as_people_do(network, pictures):
