@@ -81,11 +81,13 @@ def bless(directory: Path) -> Path:
     manifest = read_finished(directory)
     protocol = _protocol(manifest)
     lines = []
-    for row in (row for table in tables(directory) for row in table.rows):
+    every = (row for table in tables(directory) for row in table.rows)
+    once = {_cell(row): row for row in every}  # a metric may stand in two tables
+    for row in once.values():
         rule = tolerance(row.method, row.metric)
         if not math.isfinite(row.value) or rule is None:
             continue
-        allowed = rule.absolute + rule.relative * row.value
+        allowed = rule.absolute + rule.relative * abs(row.value)
         lines.append(
             protocol
             | dict(zip(CELL, _cell(row), strict=True))

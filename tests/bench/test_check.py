@@ -9,12 +9,13 @@ import pytest
 
 import bench.published
 from bench.check import bless, check
+from bench.lookup import find
 from bench.methods import FLOORS
 from bench.published import golden, published
 from bench.results import write_tables
 from bench.store import read_manifest, write_manifest
 from bench.suites import SUITES
-from bench.tolerances import JUDGED, RECONSTRUCTION, RENDERING, tolerance
+from bench.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from data_prep.failures import BadInput
 
 from .builders import SUITE, write_run
@@ -137,6 +138,39 @@ def test_the_golden_values_of_this_project():
             assert set(values["true-mesh"]) == {0.0 if metric in DISTANCES else 1.0}
         for floor in FLOORS:
             assert len(set(values.loc[values.index == floor])) <= 1
+
+
+def test_the_golden_values_of_the_classes():
+    """Every class and their average; true pictures exact but for what only a classifier says."""
+    suite = find("thirteen-classes", SUITES, "suite")
+    frame = golden(suite.id)
+    protocol = frame[["dataset", "objects", "views", "seed"]].drop_duplicates()
+    objects = suite.endless_limit * len(suite.classes)
+    assert protocol.to_numpy().tolist() == [["procedural", objects, suite.views, 0]]
+    by_class = {"fd-views", "kd-views", "class-confidence"}
+    plain = {"ssim", "luminance", "contrast", "structure", "silhouette-iou"}
+    assert set(frame["metric"]) == by_class | plain
+    cells = frame[["method", "class", "metric"]]
+    for metric in ("ssim", "silhouette-iou", *by_class):
+        found = cells[cells["metric"] == metric].drop(columns="metric").apply(tuple, axis=1)
+        assert set(found) == {(m, c) for m in suite.methods for c in (*suite.classes, "average")}
+    true = frame[frame["method"] == "true-mesh"]
+    assert set(true.loc[true["metric"].isin(plain), "value"]) == {1.0}
+    assert set(true.loc[true["metric"] == "fd-views", "value"]) == {0.0}
+    assert true.loc[true["metric"] == "class-confidence", "value"].between(0.7, 1).all()
+    assert (frame["tolerance"] > 0).all()
+    assert not cells.duplicated().any()
+
+
+def test_a_tolerance_of_a_value_below_nought_is_positive():
+    """An unbiased kernel distance may fall below 0."""
+    frame = golden("thirteen-classes")
+    below = frame[frame["value"] < 0]
+    assert set(below["metric"]) == {"kd-views"}
+    rule = OF_CLASSES["kd-views"]
+    allowed = rule.absolute + rule.relative * below["value"].abs()
+    # six decimals each
+    assert (below["tolerance"] - allowed).abs().max() < 1.1e-6
 
 
 def test_every_default_metric_has_a_tolerance():
