@@ -270,7 +270,7 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
     "poisson": _poisson(),
     "alpha-shape": _alpha_shape(),
     "pc2pix": _pc2pix(),
-    "pc2pix@all": _pc2pix(),
+    "pc2pix@all": _pc2pix() | {"noise-2": Fails("encode: the code lies ")},
     "pc2pix@bf16": _pc2pix_bf16(),
     "pc2pix@acgan": _pc2pix_acgan(),
     "splat": _splat(),
