@@ -101,6 +101,7 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
         shares=tuple(dict(manifest.get("worker_shares", {})).items()),
         choices=_choices(records, bool(manifest.get("skipped_metrics"))),
         curves=curves(made.tables, look),
+        curves_title="Robustness" if records["class"].nunique() == 1 else "Class by class",
         curves_remark=_left_out(manifest["methods"]),
         tables=(*table_groups(made.tables), *([orderings_group(ordered)] if ordered else ())),
         costs=costs,

@@ -257,6 +257,7 @@ class Page:
     shares: tuple[tuple[str, float], ...]
     choices: tuple[Choice, ...]
     curves: tuple[Plot, ...]
+    curves_title: str
     curves_remark: str
     tables: tuple[TableGroup, ...]
     costs: tuple[Plot, ...]

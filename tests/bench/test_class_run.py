@@ -120,6 +120,7 @@ def test_its_files(measured):
 
 def test_its_report(measured, with_classifier):
     page = read_page(measured.directory)
+    assert page.curves_title == "Class by class"
     assert [group.title for group in page.tables] == [
         "SSIM and its components against the true mesh (higher is better)",
         "Table 5: classes, against pictures of the true meshes",
