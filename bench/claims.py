@@ -259,14 +259,14 @@ CLAIMS = (
         "pc2pix outputs improve with quantity of the training data",
         "section 4.2",
         "-",
-        why_not="no run of a suite: `python -m benchmarks.class_data` trains on more and on less",
+        why_not="no run of a suite; the benchmark class_data does, see docs/thirteen-classes.md",
     ),
     Claim(
         "imbalance-hurts",
         "it suffers when there is dataset imbalance",
         "section 4.2",
         "-",
-        why_not="no run of a suite: `python -m benchmarks.class_data` trains on unequal classes",
+        why_not="no run of a suite; the benchmark class_data does, see docs/thirteen-classes.md",
     ),
     Claim(
         "colours-are-predicted",
