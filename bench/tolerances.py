@@ -29,7 +29,7 @@ drivers and processors. How they were measured, at 128 px:
       ssim-object              0.00013  0.00005  0.00007
       thin-recall              0.0093   0.0006   0.0069
       thin-precision           0.0070   0.0004   0.0067   (`constant`: 0.0092)
-      fd-views, fd-views-grey  0.06     0.009    0.10     (2 % of a cell at most)
+      fd-views, fd-views-grey  0.12     0.011    0.08     (version 2; 0.5 % of a cell at most)
       azimuth, elevation       0.36     0.022    0.029    (degrees; 2 % of a cell at most)
       retrieval                0.004    0.002    0.002
 
@@ -50,7 +50,7 @@ drivers and processors. How they were measured, at 128 px:
 * What does not matter beside that: views one at a time or 20 in a batch, 1 thread or 2, float64 for
   float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
   components and ssim-object), 0 (thin parts, retrieval), 2e-5 (fd) and 2e-4 degrees (the judge).
-  bfloat16 is another matter: 0.0007 (ssim), 0.02 (fd-views). See `docs/noise-floor.md`.
+  bfloat16 is another matter: 0.0007 (ssim), 0.05 (fd-views). See `docs/noise-floor.md`.
 """
 
 from __future__ import annotations
