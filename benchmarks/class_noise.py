@@ -38,7 +38,7 @@ from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.render import render
 from data_prep.sampling import random_views, sample_surface
-from data_prep.scene import PointCloud, View
+from data_prep.scene import PointCloud, Renderer, View
 from data_prep.shapes.catalogue import CLASSES
 
 TURNED = ("pc2pix@all", "pc2pix", "splat", "blank")
@@ -106,25 +106,37 @@ def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], li
         sample_surface(mesh, generator("class noise", "cloud", class_name, i))
         for i, mesh in enumerate(meshes)
     ]
-    truth = _stack(render, meshes, seen)
-    truth_turned = _stack(render, meshes, [turned(v) for v in seen])
+    farther = [turned(views_of) for views_of in seen]
+    truth, truth_turned = (
+        np.stack([render(mesh, of) for mesh, of in zip(meshes, views_of, strict=True)])
+        for views_of in (seen, farther)
+    )
     made: dict[tuple[str, str], list[Sample]] = {}
     for method in TURNED + ROUNDED:
         renderer = find_method(method).load("cpu")
-
-        def draw(cloud: PointCloud, of_object: Sequence[View]) -> NDArray[np.uint8]:
-            rng = np.random.default_rng(0)
-            return to_uint8(renderer.draw(renderer.prepare(cloud, rng), of_object, rng))  # noqa: B023
-
-        plain = Sample(class_name, truth, _stack(draw, clouds, seen))
+        plain = Sample(class_name, truth, draw_all(renderer, clouds, seen))
         if method in TURNED:
-            again = _stack(draw, clouds, [turned(v) for v in seen])
-            made["turn", method] = [plain, Sample(class_name, truth_turned, again)]
+            again = Sample(class_name, truth_turned, draw_all(renderer, clouds, farther))
+            made["turn", method] = [plain, again]
         else:
             rng = generator("class noise", "nudge", class_name)
-            again = _stack(draw, [nudged(cloud, rng) for cloud in clouds], seen)
-            made["rounding", method] = [plain, Sample(class_name, truth, again)]
+            others = [nudged(cloud, rng) for cloud in clouds]
+            again = Sample(class_name, truth, draw_all(renderer, others, seen))
+            made["rounding", method] = [plain, again]
     return made
+
+
+def draw_all(
+    renderer: Renderer, clouds: Sequence[PointCloud], views: Sequence[Sequence[View]]
+) -> NDArray[np.uint8]:
+    """Pictures [N, V, H, W, 3] of clouds, each from its views."""
+    unused = np.random.default_rng(0)  # no method here draws random numbers
+    return np.stack(
+        [
+            to_uint8(renderer.draw(renderer.prepare(cloud, unused), of, unused))
+            for cloud, of in zip(clouds, views, strict=True)
+        ]
+    )
 
 
 def moves(class_name: str, objects: int, views: int, measure: Measure) -> list[dict[str, object]]:
@@ -160,10 +172,6 @@ def summary(rows: pd.DataFrame) -> str:
         told = ["-" if np.isnan(v) else f"{v:.2g}" for v in values]
         lines.append(f"| {' | '.join([*names, *told])} |")
     return "\n".join(lines) + "\n"
-
-
-def _stack(draw, things, views) -> NDArray[np.uint8]:  # type: ignore[no-untyped-def]
-    return np.stack([draw(thing, of) for thing, of in zip(things, views, strict=True)])
 
 
 def main() -> None:
