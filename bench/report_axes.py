@@ -75,6 +75,16 @@ def axis_of(
     return Axis(low, high, start, end, logarithmic)
 
 
+def axis_with_room(
+    values: Sequence[float], ends: Sequence[float], start: float, end: float
+) -> Axis:
+    """The axis of `values` on which `ends`, of their intervals say, have room too.
+
+    The values alone decide about a logarithm: an interval that reaches down to 0 ends at the axis.
+    """
+    return axis_of(ends, start, end, axis_of(values, start, end).logarithmic)
+
+
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
     """Places near the wanted ones, in their order, `gap` apart and from `low` to `high`.
 

@@ -11,7 +11,7 @@ import numpy as np
 from bench.comparison import Comparison, Estimate, decimals, milliseconds
 from bench.frontier import Place, places
 from bench.label_places import place_labels
-from bench.report_axes import Axis, axis_of, spread
+from bench.report_axes import Axis, axis_of, axis_with_room, spread
 from bench.report_methods import family, higher_is_better, role
 from bench.report_page import Cell, Line, Mark, NumberTable, Plot, Series, Style, Tags, Word
 from bench.variants import find_setting
@@ -45,15 +45,14 @@ def cost_plots(
         points = [p for p in every if not role(p.method)]
         if not points:
             continue
-        crowded = max(sum(p in points for p in of_cell) for of_cell in cells.values()) > FEW
+        crowded = max(sum(not role(p.method) for p in of) for of in cells.values()) > FEW
         left, top, right, bottom = WIDE_AREA if crowded else AREA
         times = [v for p in points for v in (p.cost_ms.value, p.cost_ms.low, p.cost_ms.high)]
         across = axis_of(times, left, right, True)
         ends = [v for p in points for v in (p.quality.value, p.quality.low, p.quality.high)]
         levels = [p.quality.value for p in every if role(p.method) == "floor"]
-        wide = axis_of([p.quality.value for p in points], bottom, top).logarithmic
-        values = [v for v in (*ends, *levels) if v > 0 or not wide]
-        upright = axis_of(values, bottom, top, wide)
+        values = [p.quality.value for p in points]
+        upright = axis_with_room(values, [*ends, *levels], bottom, top)
         plots += [
             _plot(metric, cell, of_cell, (across, upright), views, styles)
             for cell, of_cell in cells.items()
@@ -261,7 +260,7 @@ def _words(
     if not named:
         return {}
     xy = np.array([(across.at(p.cost_ms.value), upright.at(p.quality.value)) for p in points])
-    anchors = np.array([(across.at(p.cost_ms.value), upright.at(p.quality.value)) for p in named])
+    anchors = xy[[p.method in texts for p in points]]
     sizes = np.array([(LETTER[0] * len(texts[p.method]) + 6, LETTER[1]) for p in named])
     marks = np.concatenate([xy - 6, xy + 6], axis=1)
     intervals = [

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from bench.comparison import decimals
-from bench.report_axes import axis_of, spread
+from bench.report_axes import axis_with_room, spread
 from bench.report_methods import family, higher_is_better, is_yardstick, role
 from bench.report_page import Mark, Plot, Series, Style, Tags, Word
 from bench.table_rows import Row
@@ -77,9 +77,7 @@ def _plot(
     methods = list(dict.fromkeys(row.method for row in rows))
     pitch = (right - left) / len(steps)
     ends = [v for row in rows for v in (row.value, row.ci_low, row.ci_high)]
-    # An interval that reaches down to 0 must not turn a logarithm off: it ends at the axis.
-    wide = axis_of([row.value for row in rows], bottom, top).logarithmic
-    axis = axis_of([v for v in ends if v > 0] if wide else ends, bottom, top, wide)
+    axis = axis_with_room([row.value for row in rows], ends, bottom, top)
     dodged = [method for method in methods if styles[method].marker]
     series, told, digits = [], [], decimals(metric)
     for method in methods:
@@ -119,7 +117,7 @@ def _plot(
         height=HEIGHT + int(SLANTED) * by_class,
         area=(left, top, right, bottom),
         x_title="class" if by_class else "condition",
-        y_title=f"{metric} ({better}{', logarithmic' if wide else ''})",
+        y_title=f"{metric} ({better}{', logarithmic' if axis.logarithmic else ''})",
         x_ticks=tuple((left + pitch * (i + 0.5), name) for i, name in enumerate(steps)),
         y_ticks=tuple(axis.ticks()),
         series=labelled,

@@ -64,48 +64,59 @@ def _folded(tables: Sequence[NumberTable]) -> tuple[NumberTable, ...]:
     return tuple(replace(table, unfolded=i == first) for i, table in enumerate(tables))
 
 
-def _by_method(rows: Sequence[Row], decimals: int) -> NumberTable:
-    conditions = list(dict.fromkeys(row.condition for row in rows))
-    at = {(row.method, row.condition): row for row in rows}
-    best = {c: _best([r for r in rows if r.condition == c], decimals) for c in conditions}
-    lines = []
-    for method in dict.fromkeys(row.method for row in rows):
-        of_method = [at.get((method, condition)) for condition in conditions]
-        there = [row for row in of_method if row is not None]
-        cells = tuple(_cell(row, decimals, best) for row in of_method)
-        tags = Tags(method=method, outcomes=_outcomes(there))
-        lines.append(Line(method, _about(there[0]), tags, cells))
+def _by_method(rows: Sequence[Row], digits: int) -> NumberTable:
+    """Of one class: methods down, conditions across."""
+    conditions, grid = _grid([(row.method, row.condition, row) for row in rows], digits)
     return NumberTable(
         caption=_caption(rows, rows[0].class_name),
         corner="method",
         columns=tuple((condition, Tags(condition=condition)) for condition in conditions),
-        lines=tuple(lines),
+        lines=tuple(
+            Line(method, _about(there[0]), Tags(method=method, outcomes=_outcomes(there)), cells)
+            for method, there, cells in grid
+        ),
         higher=higher_is_better(rows[0].metric),
         tags=Tags(class_name=rows[0].class_name),
         notes=_notes(rows),
     )
 
 
-def _by_class(rows: Sequence[Row], decimals: int) -> NumberTable:
-    methods = list(dict.fromkeys(row.method for row in rows))
-    at = {(row.class_name, row.method): row for row in rows}
-    lines = []
-    for class_name in dict.fromkeys(row.class_name for row in rows):
-        of_class = [at.get((class_name, method)) for method in methods]
-        there = [row for row in of_class if row is not None]
-        best = {rows[0].condition: _best(there, decimals)}
-        cells = tuple(_cell(row, decimals, best) for row in of_class)
-        tags = Tags(class_name=class_name, outcomes=_outcomes(there))
-        lines.append(Line(class_name, "", tags, cells))
+def _by_class(rows: Sequence[Row], digits: int) -> NumberTable:
+    """At one condition: classes down, methods across."""
+    methods, grid = _grid([(row.class_name, row.method, row) for row in rows], digits)
     return NumberTable(
         caption=_caption(rows, f"at {rows[0].condition}"),
         corner="class",
         columns=tuple((method, Tags(method=method)) for method in methods),
-        lines=tuple(lines),
+        lines=tuple(
+            Line(class_name, "", Tags(class_name=class_name, outcomes=_outcomes(there)), cells)
+            for class_name, there, cells in grid
+        ),
         higher=higher_is_better(rows[0].metric),
         tags=Tags(condition=rows[0].condition),
         notes=_notes(rows),
     )
+
+
+def _grid(
+    placed: Sequence[tuple[str, str, Row]], digits: int
+) -> tuple[list[str], list[tuple[str, list[Row], tuple[Cell, ...]]]]:
+    """Rows with their line and column -> the columns; of each line its name, rows and cells.
+
+    The best are told among the methods of one class and condition.
+    """
+    at = {(line, column): row for line, column, row in placed}
+    rivals: dict[tuple[str, str], list[Row]] = {}
+    for *_, row in placed:
+        rivals.setdefault((row.class_name, row.condition), []).append(row)
+    best = {among: _best(rows, digits) for among, rows in rivals.items()}
+    columns = list(dict.fromkeys(column for _, column, _ in placed))
+    made = []
+    for name in dict.fromkeys(line for line, *_ in placed):
+        of_line = [at.get((name, column)) for column in columns]
+        cells = tuple(_cell(row, digits, best) for row in of_line)
+        made.append((name, [row for row in of_line if row is not None], cells))
+    return columns, made
 
 
 def _caption(rows: Sequence[Row], where: str) -> str:
@@ -151,7 +162,7 @@ def _best(rows: Sequence[Row], decimals: int) -> float:
     return max(values) if higher_is_better(rows[0].metric) else min(values)
 
 
-def _cell(row: Row | None, decimals: int, best: Mapping[str, float]) -> Cell:
+def _cell(row: Row | None, decimals: int, best: Mapping[tuple[str, str], float]) -> Cell:
     if row is None:
         return Cell("-")
     paper = f"{row.paper:g}" if math.isfinite(row.paper) else ""
@@ -168,7 +179,8 @@ def _cell(row: Row | None, decimals: int, best: Mapping[str, float]) -> Cell:
         if math.isfinite(row.ci_low)
         else ""
     )
-    leads = not role(row.method) and round(row.value, decimals) == best[row.condition]
+    of_rivals = best[row.class_name, row.condition]
+    leads = not role(row.method) and round(row.value, decimals) == of_rivals
     return Cell(
         f"{row.value:.{decimals}f}", row.value, interval, paper, gap, "best" if leads else ""
     )

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+import bench.check
 import bench.published
 from bench.check import bless, check
 from bench.lookup import find
@@ -99,6 +101,19 @@ def test_golden_values_are_the_tables_with_tolerances(run, results):
         expected = rule.absolute + rule.relative * row["value"]
         assert row["tolerance"] == pytest.approx(expected, abs=6e-7)
         assert row["reason"] == rule.reason
+
+
+def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_nought(run, results, monkeypatch):
+    first, *_ = bench.check.tables(run)
+    below = replace(first.rows[0], metric="kd-views", value=-2.0)
+    table = replace(first, rows=(*first.rows, below))
+    monkeypatch.setattr(bench.check, "tables", lambda directory: [table, table])
+    frame = pd.read_csv(bless(run))
+    assert len(frame) == len(table.rows)
+    (found,) = frame[frame["metric"] == "kd-views"].to_dict("records")
+    assert found["value"] == -2.0
+    rule = OF_CLASSES["kd-views"]
+    assert found["tolerance"] == pytest.approx(rule.absolute + 2.0 * rule.relative, abs=6e-7)
 
 
 def test_the_ceiling_has_no_leeway(run):

@@ -403,7 +403,7 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path):
 
 
 def test_what_a_run_was_started_with_can_be_typed_again(tmp_path):
-    words = ["/somewhere/bench", "run", "--suite", "chair-robustness", "--out", "my run"]
+    words = ["some/folder/bench", "run", "--suite", "chair-robustness", "--out", "my run"]
     directory = write_run(tmp_path, command=words)
     assert read_page(directory).command == "bench run --suite chair-robustness --out 'my run'"
     assert replace(read_page(directory), command="") == replace(read_page(directory), command="")

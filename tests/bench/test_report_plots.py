@@ -145,6 +145,17 @@ def test_a_cheaper_and_better_method_leaves_one_step():
     assert table.lines[1].cells[0].beside == "800 + 100 × 2"
 
 
+def test_a_plot_is_wide_where_labels_want_room():
+    """Floors are named beside the plot and ceilings not at all, so that neither counts."""
+    knobs = [f"splat@spread={0.5 + i / 10:g}" for i in range(13)]
+    for many, wide in ((12, False), (13, True)):
+        methods = (*knobs[:many], "true-mesh", "constant", "blank")
+        costs = {method: (0.0, 0.01 + i / 1000) for i, method in enumerate(methods)}
+        values = {method: 0.5 + i / 100 for i, method in enumerate(methods)}
+        (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, styles(methods))
+        assert plot.wide == wide
+
+
 def test_without_times_there_is_no_cost():
     nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
     made = [comparison(nothing, QUALITIES)]
