@@ -29,7 +29,7 @@ class Commands(TyperGroup):
         """Run the command."""
         from bench.markdown import visible
         from data_prep.failures import BadInput
-        from pc2pix.divergence import TrainingDiverged
+        from learning.divergence import TrainingDiverged
 
         try:
             result = super().invoke(ctx)
@@ -721,7 +721,7 @@ def train_decoder(
 
 def _print_once(path: Path) -> None:
     """Print what a training made, not by every process that took part."""
-    from pc2pix.processes import is_first
+    from learning.processes import is_first
 
     if is_first():
         print(path)

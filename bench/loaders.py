@@ -61,7 +61,8 @@ def _chosen(device: str) -> str:
 
 def pc2pix_identity(weights: str) -> str:
     """The version of torch and the checksum of the weights."""
-    from pc2pix.weight_files import file_sha256, find_weights
+    from learning.weight_files import file_sha256
+    from pc2pix.weight_files import find_weights
 
     return f"torch {installed('torch')}, weights {file_sha256(find_weights(weights))}"
 

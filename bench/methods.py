@@ -240,7 +240,8 @@ def _plugin(method_id: str) -> Method:
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:
     """By method, what the weights of networks were trained with; other methods are left out."""
-    from pc2pix.weight_files import find_weights, objective_of
+    from learning.weight_files import objective_of
+    from pc2pix.weight_files import find_weights
 
     networks = ((id_, find_method(id_).weights) for id_ in method_ids)
     return {id_: objective_of(find_weights(weights)) for id_, weights in networks if weights}

@@ -68,9 +68,9 @@ def train_autoencoder(
     options: TrainingOptions, networks: NetworkOptions, learning_rate: float
 ) -> Path:
     """Train the point-cloud autoencoder; returns its checkpoint. Resumes what is in `out`."""
+    from learning.processes import is_first
+    from learning.progress import ConsoleProgress
     from pc2pix.model import LITE, PAPER
-    from pc2pix.processes import is_first
-    from pc2pix.progress import ConsoleProgress
     from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
     from pc2pix.train_autoencoder import train_autoencoder as train
 
@@ -97,8 +97,8 @@ def train_autoencoder(
 
 def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
     """Train the rendering GAN on a trained autoencoder; returns the exported weights file."""
-    from pc2pix.processes import is_first
-    from pc2pix.progress import ConsoleProgress
+    from learning.processes import is_first
+    from learning.progress import ConsoleProgress
     from pc2pix.train_autoencoder import load_encoder
     from pc2pix.train_gan import GanConfig, GanData
     from pc2pix.train_gan import train_gan as train
@@ -152,7 +152,7 @@ def training_set(objects: tuple[SceneObject, ...], views: int) -> TrainingSet:
 
 def _progress(title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
     """On standard error, but for one process only."""
-    from pc2pix.processes import is_first
+    from learning.processes import is_first
 
     return progress(title, total) if is_first() else nullcontext(lambda failed: None)
 

@@ -38,8 +38,8 @@ def train_decoder(options: DecoderOptions) -> Path:
             raise BadInput(f"--{name} {value}: must be at least 1")
     import torch
 
+    from learning.progress import ConsoleProgress
     from pc2pix.decoder_weights import export_decoder
-    from pc2pix.progress import ConsoleProgress
     from pc2pix.train_autoencoder import AutoencoderData
     from pc2pix.train_decoder import DecoderConfig
     from pc2pix.train_decoder import train_decoder as train

@@ -180,7 +180,7 @@ def weights() -> bytes:
     """Untrained weights of pc2pix, a sixteenth of the paper's width."""
     import torch
 
-    from pc2pix import checkpoint
+    from learning import checkpoint
     from pc2pix.model import Generator, ModelConfig, build_encoder
     from pc2pix.weights import ENCODER_NAMES, FORMAT
 
@@ -566,7 +566,8 @@ def _read_cloud(path: Path) -> None:
 
 
 def _read_weights(path: Path) -> None:
-    from pc2pix.weight_files import find_weights, objective_of
+    from learning.weight_files import objective_of
+    from pc2pix.weight_files import find_weights
     from pc2pix.weights import load_weights
 
     find_weights(path)

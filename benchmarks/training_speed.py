@@ -22,10 +22,10 @@ import numpy as np
 import torch
 
 from benchmarks.plain_loop import NOISE, PlainLoop, Target
+from learning.training_loop import Precision, seeded
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, PAPER, ModelConfig, build_encoder
 from pc2pix.train_gan import GanConfig, GanData, _GanTrainer
-from pc2pix.training_loop import Precision, seeded
 
 OBJECTS, VIEWS = 32, 2
 POINTS = 2048

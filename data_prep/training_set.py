@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.randomness import generator
-from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from data_prep.scene_objects import SceneObject
+
+BLACK = (0, 0, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,44 @@ class TrainingSet:
     azimuth_deg: NDArray[np.float64]
     elevation_deg: NDArray[np.float64]
     clouds: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSet:
+    """A TrainingSet of meshes, and two more pictures of each of its views.
+
+    coverage  uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: how much of a pixel the object covers, 255 all
+    grey      uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: the object in NEUTRAL_GREY, on white
+    """
+
+    seen: TrainingSet
+    coverage: NDArray[np.uint8]
+    grey: NDArray[np.uint8]
+
+
+def add_surfaces(
+    seen: TrainingSet,
+    objects: Sequence[SceneObject],
+    on_progress: Callable[[], object] = lambda: None,
+) -> SurfaceSet:
+    """The SurfaceSet of a set and the objects that it was made from; `on_progress` after each.
+
+    Raises BadInput for an object without a mesh.
+    """
+    from data_prep.render import render
+
+    shape = seen.images.shape[:-1]
+    coverage, grey = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+    for i, obj in enumerate(objects):
+        mesh = obj.load()
+        views = [
+            View(*angles) for angles in zip(seen.azimuth_deg[i], seen.elevation_deg[i], strict=True)
+        ]
+        for colour, pictures in ((BLACK, coverage), (NEUTRAL_GREY, grey)):
+            colours = np.broadcast_to(np.array(colour, np.uint8), mesh.face_colors.shape)
+            pictures[i] = render(replace(mesh, face_colors=colours), views)[..., 0]
+        on_progress()
+    return SurfaceSet(seen, 255 - coverage, grey)
 
 
 def make_training_set(

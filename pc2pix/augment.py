@@ -11,18 +11,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from learning.clouds import add_noise, draw_points
+
 POINTS_SEEN = (256, 512, 1024)
 MAX_NOISE = 0.1  # standard deviation, in radii of the unit sphere
 CLEAN_SHARE = 0.5
 PLAIN_POINTS = 1024  # what an encoder that takes any number is fed while training
-
-
-def draw_points(clouds: Tensor, count: int, random: torch.Generator) -> Tensor:
-    """[B, count, 3]: points of each cloud [B, M, 3] in random order, none twice; count <= M."""
-    batch, available, _ = clouds.shape
-    # the order of random numbers is a random order, another one for each cloud
-    order = torch.rand(batch, available, generator=random).argsort(dim=1)[:, :count]
-    return clouds.gather(1, order[:, :, None].expand(-1, -1, 3))
 
 
 def degrade(clouds: Tensor, random: torch.Generator) -> Tensor:
@@ -32,9 +26,7 @@ def degrade(clouds: Tensor, random: torch.Generator) -> Tensor:
     """
     which = int(torch.randint(len(POINTS_SEEN), (), generator=random))
     points = draw_points(clouds, POINTS_SEEN[which], random)
-    sigma = torch.rand(len(clouds), 1, 1, generator=random) * MAX_NOISE
-    noisy = torch.rand(len(clouds), 1, 1, generator=random) >= CLEAN_SHARE
-    return points + torch.randn(points.shape, generator=random) * sigma * noisy
+    return add_noise(points, MAX_NOISE, CLEAN_SHARE, random)
 
 
 def take_evenly(points: Tensor, count: int) -> Tensor:

@@ -13,10 +13,11 @@ from pathlib import Path
 from torch import Tensor
 
 from data_prep.failures import BadInput
-from pc2pix import checkpoint
+from learning import checkpoint
+from learning.weight_files import file_sha256
 from pc2pix.model import Decoder, ModelConfig
 from pc2pix.train_decoder import KIND
-from pc2pix.weight_files import file_sha256, find_decoder, training_command
+from pc2pix.weight_files import find_decoder, training_command
 from pc2pix.weights import STORED, Weights
 
 FORMAT = "pc2pix-decoder-1"

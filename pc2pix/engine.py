@@ -20,10 +20,8 @@ leaves out is arithmetic:
   twelve channels fills the registers that three leave empty.
 - Of the first dense layer, the part that depends on the cloud is computed once for all views.
 
-Kernels are laid out in memory beforehand, in the layout that oneDNN wants. For that PyTorch has
-operators without a public name (`torch.ops.mkldnn`, behind torch.compile); without them, and on
-other devices, its public convolution is called. Images pass through the later blocks in groups
-that fit the processor's cache.
+Kernels are laid out in memory beforehand (`learning.convolution`). Images pass through the later
+blocks in groups that fit the processor's cache.
 """
 
 from __future__ import annotations
@@ -38,6 +36,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from data_prep.scene import IMAGE_SIZE
+from learning.convolution import Convolution
 from pc2pix.model import NOISE_DIM, Generator, UpBlock, channels_last, sine_cosine
 
 Precision = Literal["float32", "bfloat16"]
@@ -54,55 +53,6 @@ _PHASE_ROWS = torch.tensor(
     [[[1.0, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], dtype=torch.float64
 )  # [phase, tap, kernel row]
 _PRODUCT_ROWS = torch.tensor([[-1.0, 0, 0], [1, 1, 1], [0, 0, 1]], dtype=torch.float64)
-
-
-class Convolution:
-    """A convolution with a kernel laid out for a size of input; others are right, too, if slower.
-
-    kernel   [cout, cin, K, K], float64
-    bias     [cout] or None, float64
-    like     shape [B, cin, H, W] of inputs
-    """
-
-    def __init__(
-        self,
-        kernel: Tensor,
-        bias: Tensor | None,
-        like: Sequence[int],
-        dtype: torch.dtype,
-        *,
-        stride: int = 1,
-        padding: int = 0,
-    ) -> None:
-        self.stride = stride
-        self.padding = padding
-        self.bias = None if bias is None else bias.to(dtype)
-        weight = kernel.to(dtype, memory_format=torch.channels_last)
-        self.prepacked = _prepacks(weight)
-        if self.prepacked:
-            weight = torch.ops.mkldnn._reorder_convolution_weight(
-                weight, [padding] * 2, [stride] * 2, [1, 1], 1, list(like)
-            )
-        self.weight = weight
-
-    def __call__(self, x: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, H', W'], both channels last."""
-        if not self.prepacked:
-            return functional.conv2d(
-                x, self.weight, self.bias, stride=self.stride, padding=self.padding
-            )
-        return torch.ops.mkldnn._convolution_pointwise(
-            x, self.weight, self.bias, [self.padding] * 2, [self.stride] * 2, [1, 1], 1,
-            "none", [], "",
-        )  # fmt: skip
-
-
-def _prepacks(weight: Tensor) -> bool:
-    if weight.device.type != "cpu" or not torch.backends.mkldnn.is_available():
-        return False
-    if not hasattr(torch.ops.mkldnn, "_convolution_pointwise"):
-        return False
-    return weight.dtype == torch.float32 or torch.ops.mkldnn._is_mkldnn_bf16_supported()
 
 
 class Upsampled(Protocol):

@@ -5,7 +5,6 @@ Pure functions of tensors. `Objective` holds what the paper and the code weigh d
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -16,6 +15,7 @@ from scipy.spatial import KDTree
 from torch import Tensor
 from torch.nn import functional
 
+from learning.structural_similarity import structural_similarity
 from pc2pix.model import DiscriminatorOutput, sine_cosine
 
 AZIMUTH_RANGE_RAD = 2 * math.pi  # normalised azimuth 0..1 is -180..180 degrees
@@ -86,8 +86,6 @@ def azimuth_error(judged: Tensor, target01: Tensor) -> Tensor:
 
 FOREGROUND_WEIGHT = 3.0
 STRUCTURE_WEIGHT = 0.25
-_WINDOW, _SIGMA = 11, 1.5  # those of SSIM
-_C1, _C2 = 0.01**2, 0.03**2
 
 
 def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
@@ -103,42 +101,6 @@ def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
     weight = torch.where(is_object, FOREGROUND_WEIGHT, 1.0)
     absolute = (weight * (drawn - real).abs()).mean()
     return absolute + STRUCTURE_WEIGHT * (1 - structural_similarity(drawn, real))
-
-
-def structural_similarity(a: Tensor, b: Tensor) -> Tensor:
-    """Mean SSIM of pictures [B, C, H, W] in [0, 1], differentiable, without clipping; a scalar.
-
-    Window and constants are those of the metric (11x11 Gaussian, sigma 1.5, valid windows only),
-    but of the windows every second one, across and down, is taken: neighbours tell the same, and
-    it costs a quarter.
-    """
-    means = _window_means(torch.stack([a, b, a * a, b * b, a * b]))
-    mean_a, mean_b, square_a, square_b, product = means
-    covariance = product - mean_a * mean_b
-    variance = square_a - mean_a.square() + square_b - mean_b.square()
-    top = (2 * mean_a * mean_b + _C1) * (2 * covariance + _C2)
-    return (top / ((mean_a.square() + mean_b.square() + _C1) * (variance + _C2))).mean()
-
-
-def _window_means(x: Tensor) -> Tensor:
-    """Gaussian means [..., h, w] of [..., H, W], by matrix products.
-
-    PyTorch's convolution of single planes is forty times as slow on a CPU, backwards above all.
-    """
-    height, width = (_window_matrix(size).to(x) for size in x.shape[-2:])
-    return height @ (x @ width.mT)
-
-
-@functools.cache
-def _window_matrix(size: int) -> Tensor:
-    """[n, size]: row i holds the window's weights around pixel 2 i + 5."""
-    weights = torch.exp(-(torch.arange(_WINDOW) - _WINDOW // 2).square() / (2 * _SIGMA**2))
-    weights = weights / weights.sum()
-    starts = range(0, size - _WINDOW + 1, 2)
-    matrix = torch.zeros(len(starts), size)
-    for row, start in enumerate(starts):
-        matrix[row, start : start + _WINDOW] = weights
-    return matrix
 
 
 @dataclass(frozen=True)

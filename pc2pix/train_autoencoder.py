@@ -21,11 +21,12 @@ from torch import Tensor
 from data_prep.camera import project
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
-from pc2pix import checkpoint, training_loop
-from pc2pix.augment import PLAIN_POINTS, degrade, draw_points, take_evenly
+from learning import checkpoint, training_loop
+from learning.clouds import draw_points
+from learning.processes import ONE, Processes, connect
+from pc2pix.augment import PLAIN_POINTS, degrade, take_evenly
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, Decoder, Encoder, ModelConfig, PointNet, build_encoder
-from pc2pix.processes import ONE, Processes, connect
 
 KIND = "autoencoder"
 SHEET_CLOUDS = 8

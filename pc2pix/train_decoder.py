@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from data_prep.scene import CLOUD_SIZE
-from pc2pix import checkpoint, training_loop
-from pc2pix.augment import draw_points
+from learning import checkpoint, training_loop
+from learning.clouds import draw_points
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
 from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots

@@ -31,8 +31,11 @@ from torch import Tensor
 
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
-from pc2pix import checkpoint, training_loop
-from pc2pix.augment import PLAIN_POINTS, Scene, degrade, draw_points, mirror, take_evenly
+from learning import checkpoint, training_loop
+from learning.averaging import update
+from learning.clouds import draw_points
+from learning.processes import ONE, Processes, connect
+from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
 from pc2pix.losses import (
     OBJECTIVES,
     Condition,
@@ -52,7 +55,6 @@ from pc2pix.model import (
     PointNet,
     channels_last,
 )
-from pc2pix.processes import ONE, Processes, connect
 from pc2pix.train_autoencoder import check_clouds
 
 KIND = "gan"
@@ -153,9 +155,9 @@ def train_gan(
 
     `encoder` is frozen, or with `paired` where training starts; it is stored in the checkpoint,
     which is all that export needs. Under `torchrun` all processes train together, each with
-    `config.batch` pictures a step (`pc2pix.processes`). Raises BadInput where `out_dir` holds a run
-    of another configuration, encoder or data, and TrainingDiverged where a loss stops being finite
-    or explodes.
+    `config.batch` pictures a step (`learning.processes`). Raises BadInput where `out_dir` holds a
+    run of another configuration, encoder or data, and TrainingDiverged where a loss stops being
+    finite or explodes.
     """
     if replace(encoder.config, azimuth=config.model.azimuth) != config.model:
         raise BadInput(
@@ -395,17 +397,9 @@ class _GanTrainer:
         self.team.average_gradients(self.drawing.parameters())
         self.generator_adam.step()
 
-    @torch.no_grad()
     def _update_average(self) -> None:
         self.steps_done += 1
-        t = self.steps_done.item()
-        decay = min(self.config.ema_decay, (1 + t) / (10 + t))
-        current = self.drawing.state_dict()
-        for name, value in self.average.state_dict().items():
-            if value.is_floating_point():
-                value.lerp_(current[name], 1 - decay)
-            else:
-                value.copy_(current[name])
+        update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from pathlib import Path
 
 from data_prep.failures import BadInput
-from data_prep.untrusted import is_regular_file, open_file
+from data_prep.untrusted import is_regular_file
+from learning.weight_files import file_sha256, find_file
 
 FOLDER = Path(__file__).parent / "weights"
-MOST_BYTES = 2**32  # of weights or a checkpoint; at the paper's width a checkpoint has 1.2 GB
-MOST_HEADER_BYTES = 2**24
-MOST_OBJECTIVE_LENGTH = 100
 
 BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
     "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
@@ -32,25 +28,7 @@ def find_weights(name_or_path: str | Path) -> Path:
     Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
     bundled file differs from its checksum.
     """
-    name = str(name_or_path)
-    if name not in BUNDLED:
-        path = Path(name_or_path)
-        if not is_regular_file(path):
-            known = ", ".join(BUNDLED) or "none"
-            raise BadInput(
-                f"weights: {name!r} is neither a bundled name ({known}) nor a file; "
-                "give one of these names or the path of exported weights"
-            )
-        return path
-    path = FOLDER / f"{name}.safetensors"
-    if not is_regular_file(path):
-        raise BadInput(f"{path}: the bundled weights are missing; reinstall the package")
-    found = file_sha256(path)
-    if found != BUNDLED[name]:
-        raise BadInput(
-            f"{path}: sha256 {found} is not the expected {BUNDLED[name]}; reinstall the package"
-        )
-    return path
+    return find_file(name_or_path, FOLDER, BUNDLED)
 
 
 def decoder_path(name_or_path: str | Path) -> Path:
@@ -84,32 +62,3 @@ def find_decoder(name_or_path: str | Path) -> Path:
             f"name the new one in {Path(__file__).name}"
         )
     return path
-
-
-def file_sha256(path: Path) -> str:
-    """The checksum of a file, as in `BUNDLED`. Raises BadInput: not to be read, or too large."""
-    with open_file(path, MOST_BYTES) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def objective_of(path: Path) -> str:
-    """What exported weights were trained with, from the file's header alone; "" if it says nothing.
-
-    A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
-    which is JSON. Raises BadInput where this one does not.
-    """
-    with open_file(path, MOST_BYTES) as file:
-        length = int.from_bytes(file.read(8), "little")
-        text = file.read(min(length, MOST_HEADER_BYTES))
-    try:
-        if len(text) < length:
-            raise ValueError(f"{length} bytes by its own account")
-        training = json.loads(json.loads(text).get("__metadata__", {}).get("training", "{}"))
-        objective = training.get("objective", "")
-        if not isinstance(objective, str) or len(objective) > MOST_OBJECTIVE_LENGTH:
-            raise ValueError("the objective is no short text")
-    except (AttributeError, TypeError, ValueError, RecursionError) as error:
-        raise BadInput(
-            f"{path}: its header cannot be read ({error}); fetch or write the file again"
-        ) from None
-    return objective

@@ -17,10 +17,11 @@ import torch
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
-from pc2pix import checkpoint
+from learning import checkpoint
+from learning.weight_files import file_sha256
 from pc2pix.model import Encoder, Generator, ModelConfig, PointNet, build_encoder
 from pc2pix.train_gan import KIND as GAN
-from pc2pix.weight_files import file_sha256, find_weights
+from pc2pix.weight_files import find_weights
 
 FORMAT = "pc2pix-weights-1"
 # `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name

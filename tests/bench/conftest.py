@@ -36,7 +36,7 @@ def tiny_weights(tmp_path_factory):
     """Weights of pc2pix as they are before any training, in a file."""
     import torch
 
-    from pc2pix import checkpoint
+    from learning import checkpoint
     from pc2pix.model import Encoder, Generator, ModelConfig
     from pc2pix.weights import ENCODER_NAMES, FORMAT
 

@@ -24,7 +24,9 @@ from bench.store import write_manifest
 from bench.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.variants import KNOBS
 from data_prep.conditions import CONDITIONS
-from pc2pix import checkpoint, weight_files
+from learning import checkpoint
+from learning.weight_files import file_sha256
+from pc2pix import weight_files
 
 from .builders import SUITE, make_manifest, write_run
 from .conftest import BENCH
@@ -151,7 +153,7 @@ def test_bundled_weights_with_another_checksum(
     shutil.copy(tiny_weights, path)
     monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
     monkeypatch.setitem(weight_files.BUNDLED, "chair", "0" * 64)
-    found = weight_files.file_sha256(path)
+    found = file_sha256(path)
     assert run_refused(command, "--methods", "pc2pix") == (
         f"{path}: sha256 {found} is not the expected {'0' * 64}; reinstall the package"
     )

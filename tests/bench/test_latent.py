@@ -25,10 +25,11 @@ from bench.suites import LATENT
 from bench.views_network import load_views_network
 from data_prep.render import render
 from data_prep.scene import View
-from pc2pix import checkpoint
+from learning import checkpoint
+from learning.weight_files import file_sha256
 from pc2pix.decoder_weights import FORMAT as DECODER_FORMAT
 from pc2pix.model import Decoder, Generator, ModelConfig, build_encoder
-from pc2pix.weight_files import decoder_path, file_sha256
+from pc2pix.weight_files import decoder_path
 from pc2pix.weights import ENCODER_NAMES, FORMAT, load_weights
 
 MODEL = {"width": 0.0625, "latent_dim": 4, "encoder": "pointnet", "azimuth": "sine-cosine"}

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import bench.train
-from pc2pix.divergence import TrainingDiverged
+from learning.divergence import TrainingDiverged
 
 
 def test_a_training_that_diverged_is_one_line(command, monkeypatch):

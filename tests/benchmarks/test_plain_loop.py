@@ -8,9 +8,9 @@ import torch
 
 from benchmarks.plain_loop import PlainLoop, Target
 from benchmarks.training_speed import CPU, in_turns, make_data, our_step, plain_step
+from learning.training_loop import seeded
 from pc2pix.model import Encoder, ModelConfig
 from pc2pix.train_gan import GanConfig, _GanTrainer
-from pc2pix.training_loop import seeded
 
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from learning.training_loop import Cadence, seeded
 from pc2pix.model import Encoder, ModelConfig
 from pc2pix.train_gan import GanConfig, GanData, train_gan
-from pc2pix.training_loop import Cadence, seeded
 from pc2pix.weights import export
 
 TINY = ModelConfig(width=0.0625, latent_dim=4)

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from learning.divergence import FACTOR, FIRST, WINDOW, TrainingDiverged, Watch
+from learning.training_loop import Cadence
 from pc2pix import train_autoencoder
-from pc2pix.divergence import FACTOR, FIRST, WINDOW, TrainingDiverged, Watch
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
-from pc2pix.training_loop import Cadence
 
 from .conftest import TINY, make_clouds
 

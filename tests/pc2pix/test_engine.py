@@ -7,8 +7,10 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from learning import convolution
+from learning.convolution import Convolution
 from pc2pix import engine
-from pc2pix.engine import Convolution, NineProducts, Phases, Rows, fold, upsampled
+from pc2pix.engine import NineProducts, Phases, Rows, fold, upsampled
 from pc2pix.model import Generator, ModelConfig
 
 # blocks end with 128, 64, 32, 16 and 8 channels: every form of up-sampling, in both precisions
@@ -82,7 +84,7 @@ def test_bfloat16_is_bfloat16(generator):
 @pytest.mark.parametrize("form", [Phases, Rows, NineProducts])
 @pytest.mark.parametrize("shape", [(2, 3, 4, 4), (1, 5, 6, 3), (1, 2, 1, 1)])
 def test_every_form_of_upsampling(monkeypatch, form, shape):
-    monkeypatch.setattr(engine, "_prepacks", lambda weight: False)  # oneDNN has no float64
+    monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)  # oneDNN has no float64
     torch.manual_seed(0)
     channels = shape[1]
     y, shortcut = torch.randn(2, *shape, dtype=torch.float64)
@@ -120,7 +122,7 @@ def test_prepacked_kernels_are_kernels(monkeypatch, dtype, size, stride, padding
     x = torch.randn(3, 20, 8, 8).to(dtype, memory_format=torch.channels_last)
     like = (8, 20, 8, 8)
     fast = Convolution(kernel, bias, like, dtype, stride=stride, padding=padding)
-    monkeypatch.setattr(engine, "_prepacks", lambda weight: False)
+    monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
     plain = Convolution(kernel, bias, like, dtype, stride=stride, padding=padding)
     assert not plain.prepacked
     # up to 320 products in another order; bfloat16 then rounds values up to 64 to units of 1/4
@@ -132,7 +134,7 @@ def test_pytorch_without_the_operators_draws_the_same(monkeypatch):
     generator = lived_in(TURNING)
     given = inputs(TURNING, 2)
     fast = fold(generator)(*given)
-    monkeypatch.setattr(engine, "_prepacks", lambda weight: False)
+    monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
     torch.testing.assert_close(fold(generator)(*given), fast, rtol=0, atol=1e-5)
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from learning.training_loop import seeded
 from pc2pix.latent import add_difference, decode, interpolate
 from pc2pix.model import Decoder
-from pc2pix.training_loop import seeded
 
 from .conftest import TINY
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image
 
-from pc2pix import loss_log
-from pc2pix.loss_curves import draw, make_panels, write_loss_curves
-from pc2pix.loss_log import LossLog, read_losses
+from learning import loss_log
+from learning.loss_curves import draw, make_panels, write_loss_curves
+from learning.loss_log import LossLog, read_losses
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
 
 from .conftest import TINY, make_clouds

@@ -12,8 +12,8 @@ import torch
 from safetensors.torch import load_file
 
 from data_prep.failures import BadInput, MissingDependency
-from pc2pix import checkpoint, processes
-from pc2pix.training_loop import prepare_device, seeded
+from learning import checkpoint, processes
+from learning.training_loop import prepare_device, seeded
 
 SCRIPT = Path(__file__).with_name("two_processes.py")
 

@@ -10,14 +10,16 @@ import torch
 from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
-from pc2pix import checkpoint, weight_files
+from learning import checkpoint
+from learning.training_loop import Cadence
+from learning.weight_files import file_sha256
+from pc2pix import weight_files
 from pc2pix.decoder_weights import export_decoder, load_decoder
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder
 from pc2pix.train_autoencoder import AutoencoderData
 from pc2pix.train_decoder import DecoderConfig, train_decoder
-from pc2pix.training_loop import Cadence
-from pc2pix.weight_files import decoder_path, file_sha256
+from pc2pix.weight_files import decoder_path
 from pc2pix.weights import load_weights
 
 from .conftest import make_clouds

@@ -11,11 +11,12 @@ import torch
 from PIL import Image
 
 from data_prep.failures import BadInput
-from pc2pix import checkpoint, train_autoencoder, train_gan
+from learning import checkpoint
+from learning.training_loop import Cadence, TrainingDiverged, seeded
+from pc2pix import train_autoencoder, train_gan
 from pc2pix.model import Encoder, ModelConfig, build_encoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
 from pc2pix.train_gan import GanConfig, GanData
-from pc2pix.training_loop import Cadence, TrainingDiverged, seeded
 from pc2pix.weights import export, load_weights
 
 from .conftest import TINY, make_clouds

@@ -12,8 +12,11 @@ import torch
 from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
-from pc2pix import checkpoint, weight_files
-from pc2pix.weight_files import BUNDLED, FOLDER, file_sha256
+from learning import checkpoint
+from learning import weight_files as learned_files
+from learning.weight_files import file_sha256, objective_of
+from pc2pix import weight_files
+from pc2pix.weight_files import BUNDLED, FOLDER
 from pc2pix.weights import export, load_weights
 
 
@@ -135,10 +138,10 @@ def test_importing_the_package_does_not_import_torch():
 
 
 def test_the_objective_is_in_the_header(weights_file, tmp_path):
-    assert weight_files.objective_of(weights_file) == "acgan-code"
+    assert objective_of(weights_file) == "acgan-code"
     other = tmp_path / "other.safetensors"
     save_file({"x": torch.zeros(1)}, other)
-    assert weight_files.objective_of(other) == ""
+    assert objective_of(other) == ""
 
 
 def raw(header, length=None):
@@ -170,20 +173,20 @@ def test_a_header_that_cannot_be_trusted(tmp_path, content, told):
     path = tmp_path / "w.safetensors"
     path.write_bytes(content)
     with pytest.raises(BadInput, match=told) as error:
-        weight_files.objective_of(path)
+        objective_of(path)
     assert one_line(error).startswith(f"{path}: its header cannot be read (")
 
 
 def test_a_long_header_is_not_read(tmp_path, monkeypatch):
     path = tmp_path / "w.safetensors"
     path.write_bytes(raw({"__metadata__": {"note": "x" * 100}}))
-    assert weight_files.objective_of(path) == ""
-    monkeypatch.setattr(weight_files, "MOST_HEADER_BYTES", 100)
+    assert objective_of(path) == ""
+    monkeypatch.setattr(learned_files, "MOST_HEADER_BYTES", 100)
     with pytest.raises(BadInput, match="bytes by its own account"):
-        weight_files.objective_of(path)
+        objective_of(path)
 
 
-@pytest.mark.parametrize("read", [load_weights, weight_files.objective_of, file_sha256])
+@pytest.mark.parametrize("read", [load_weights, objective_of, file_sha256])
 def test_pipes_devices_and_giants_are_refused_at_once(tmp_path, read):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "device").symlink_to("/dev/zero")
@@ -257,5 +260,5 @@ def test_a_checkpoint_whose_header_is_damaged(gan_checkpoint, tmp_path, changes)
 
 
 def test_the_bundled_sets_are_of_different_objectives():
-    found = {name: weight_files.objective_of(weight_files.find_weights(name)) for name in BUNDLED}
+    found = {name: objective_of(weight_files.find_weights(name)) for name in BUNDLED}
     assert found == {"all": "paired", "chair": "paired", "chair-acgan": "acgan-code"}

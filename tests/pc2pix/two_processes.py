@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from safetensors.torch import save_file
 
-from pc2pix import processes, training_loop
+from learning import processes, training_loop
+from learning.training_loop import Cadence, seeded
 from pc2pix.model import Encoder, ModelConfig
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
 from pc2pix.train_gan import GanConfig, GanData, train_gan
-from pc2pix.training_loop import Cadence, seeded
 
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 CADENCE = Cadence(log=1, sheet=9, checkpoint=2)

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from pc2pix.training_loop import StepReport
+from learning.training_loop import StepReport
 
 PLAIN_EVERY_S = 30.0
 

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from data_prep.failures import BadInput
-from pc2pix import checkpoint, loss_curves, loss_log
-from pc2pix.divergence import TrainingDiverged, Watch
-from pc2pix.processes import ONE, Processes, local_rank
+from learning import checkpoint, loss_curves, loss_log
+from learning.divergence import TrainingDiverged, Watch
+from learning.processes import ONE, Processes, local_rank
 
 Precision = Literal["float32", "bfloat16"]
 Built = TypeVar("Built")

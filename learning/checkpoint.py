@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from data_prep.failures import BadInput
 from data_prep.untrusted import is_regular_file, open_file
 from data_prep.whole_files import whole_file
-from pc2pix.weight_files import MOST_BYTES
+from learning.weight_files import MOST_BYTES
 
 FORMAT = "pc2pix-checkpoint-1"
 FILE_NAME = "checkpoint.safetensors"

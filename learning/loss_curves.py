@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.whole_files import whole_file
-from pc2pix import loss_log
+from learning import loss_log
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

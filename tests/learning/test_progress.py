@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from pc2pix.progress import ConsoleProgress, describe
-from pc2pix.training_loop import StepReport
+from learning.progress import ConsoleProgress, describe
+from learning.training_loop import StepReport
 
 
 def report(step, **changes):

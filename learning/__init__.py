@@ -1,0 +1,1 @@
+"""What any training needs: the loop, checkpoints, logs, several processes, weights as files."""

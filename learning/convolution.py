@@ -1,0 +1,63 @@
+"""A convolution for inference, its kernel laid out in memory beforehand.
+
+In the layout that oneDNN wants. For that PyTorch has operators without a public name
+(`torch.ops.mkldnn`, behind torch.compile); without them, and on other devices, its public
+convolution is called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+
+class Convolution:
+    """A convolution with a kernel laid out for a size of input; others are right, too, if slower.
+
+    kernel   [cout, cin, K, K], float64
+    bias     [cout] or None, float64
+    like     shape [B, cin, H, W] of inputs
+    """
+
+    def __init__(
+        self,
+        kernel: Tensor,
+        bias: Tensor | None,
+        like: Sequence[int],
+        dtype: torch.dtype,
+        *,
+        stride: int = 1,
+        padding: int = 0,
+    ) -> None:
+        self.stride = stride
+        self.padding = padding
+        self.bias = None if bias is None else bias.to(dtype)
+        weight = kernel.to(dtype, memory_format=torch.channels_last)
+        self.prepacked = _prepacks(weight)
+        if self.prepacked:
+            weight = torch.ops.mkldnn._reorder_convolution_weight(
+                weight, [padding] * 2, [stride] * 2, [1, 1], 1, list(like)
+            )
+        self.weight = weight
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """[B, cin, H, W] -> [B, cout, H', W'], both channels last."""
+        if not self.prepacked:
+            return functional.conv2d(
+                x, self.weight, self.bias, stride=self.stride, padding=self.padding
+            )
+        return torch.ops.mkldnn._convolution_pointwise(
+            x, self.weight, self.bias, [self.padding] * 2, [self.stride] * 2, [1, 1], 1,
+            "none", [], "",
+        )  # fmt: skip
+
+
+def _prepacks(weight: Tensor) -> bool:
+    if weight.device.type != "cpu" or not torch.backends.mkldnn.is_available():
+        return False
+    if not hasattr(torch.ops.mkldnn, "_convolution_pointwise"):
+        return False
+    return weight.dtype == torch.float32 or torch.ops.mkldnn._is_mkldnn_bf16_supported()
