@@ -1,0 +1,1 @@
+"""A small network that sees the projected points: learned, but it is shown the geometry."""

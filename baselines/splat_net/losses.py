@@ -1,0 +1,81 @@
+"""What drawn pictures are held to, and the judge of patches that makes them look like pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils.parametrizations import spectral_norm
+
+from learning.structural_similarity import structural_similarity
+
+FOREGROUND_WEIGHT = 3.0  # thin parts are few pixels
+STRUCTURE_WEIGHT = 0.25
+COVERAGE_WEIGHT = 0.1
+GREY_WEIGHT = 0.5
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Which terms count. `patch_weight` is that of the judge of patches; 0: there is none."""
+
+    patch_weight: float
+    source: str
+
+
+OBJECTIVES = {
+    "l1": Objective(0.0, "weighted L1 + SSIM + cross entropy of the coverage"),
+    "l1-patch": Objective(0.02, "l1, and hinge losses of patches (Isola et al. 2017)"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True pictures in 0..1 of B clouds and views.
+
+    colour    [B, 3, S, S]
+    grey      [B, 1, S, S]
+    coverage  [B, 1, S, S]
+    """
+
+    colour: Tensor
+    grey: Tensor
+    coverage: Tensor
+
+
+def picture_error(drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
+    """Mean absolute error, the object counting `FOREGROUND_WEIGHT` times, and 1 - SSIM; a scalar.
+
+    Pictures [B, C, S, S] and coverage [B, 1, S, S] in 0..1. The score of the benchmark is part of
+    this loss; the model card says so.
+    """
+    weight = torch.where(coverage > 0, FOREGROUND_WEIGHT, 1.0)
+    absolute = (weight * (drawn - real).abs()).mean()
+    return absolute + STRUCTURE_WEIGHT * (1 - structural_similarity(drawn, real))
+
+
+def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:
+    """Cross entropy of coverage [B, 1, S, S], weighted as in `picture_error`; a scalar."""
+    weight = torch.where(coverage > 0, FOREGROUND_WEIGHT, 1.0)
+    return functional.binary_cross_entropy_with_logits(logits, coverage, weight=weight)
+
+
+class PatchJudge(nn.Sequential):
+    """Colour and grey picture [B, 4, S, S] -> how real patches look [B, 1, S/8, S/8]."""
+
+    def __init__(self) -> None:
+        def layer(cin: int, cout: int, stride: int) -> nn.Module:
+            return spectral_norm(nn.Conv2d(cin, cout, 4, stride, 1))
+
+        slope = 0.2
+        super().__init__(
+            layer(4, 24, 2), nn.LeakyReLU(slope), layer(24, 48, 2), nn.LeakyReLU(slope),
+            layer(48, 96, 2), nn.LeakyReLU(slope), nn.Conv2d(96, 1, 3, padding=1),
+        )  # fmt: skip
+
+
+def judge_error(on_real: Tensor, on_drawn: Tensor) -> Tensor:
+    """Hinge loss of the judge; a scalar."""
+    return functional.relu(1 - on_real).mean() + functional.relu(1 + on_drawn).mean()

@@ -1,0 +1,293 @@
+"""Training of the network: clouds are degraded, projected, drawn, and held to the true pictures.
+
+Each step takes a few clouds and several views of each: finding neighbours costs as much as drawing
+a picture, and the views of a cloud share them. The learning rate is constant, then falls to nothing
+over the last `cool_down` steps. Projection stays in float32 whatever the precision.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from baselines.splat_net.losses import (
+    COVERAGE_WEIGHT,
+    GREY_WEIGHT,
+    OBJECTIVES,
+    PatchJudge,
+    Truth,
+    coverage_error,
+    judge_error,
+    picture_error,
+)
+from baselines.splat_net.network import (
+    DEFAULT,
+    NetworkConfig,
+    SplatNet,
+    camera_numbers,
+    composite,
+)
+from baselines.splat_net.projection import cameras, project
+from baselines.splat_net.surfels import find_surfels, stack
+from data_prep.failures import BadInput
+from data_prep.scene import View
+from data_prep.training_set import SurfaceSet
+from learning import checkpoint, training_loop
+from learning.averaging import update
+from learning.clouds import add_noise, draw_points
+from learning.processes import ONE, Processes, connect
+
+KIND = "splat-net"
+VIEWS_TOGETHER = 4  # of a cloud, in a step
+POINTS_SEEN = (2048, 2048, 1024, 512)  # one of these for all clouds of a step
+MAX_NOISE = 0.12  # standard deviation, in radii of the unit sphere: a little beyond the paper's
+CLEAN_SHARE = 0.4
+SHEET_CLOUDS = 8
+
+
+@dataclass(frozen=True)
+class SplatNetConfig:
+    """How it is trained.
+
+    objective  a key of `baselines.splat_net.losses.OBJECTIVES`
+    warm_up    steps before the judge of patches takes part
+    cool_down  last steps, over which the learning rate falls to nothing
+    batch      pictures a step, a multiple of VIEWS_TOGETHER
+    augment    fewer points and noise; without it every cloud is seen whole and clean
+    """
+
+    network: NetworkConfig = DEFAULT
+    objective: str = "l1"
+    steps: int = 8000
+    warm_up: int = 0
+    cool_down: int = 2000
+    batch: int = 24
+    augment: bool = True
+    learning_rate: float = 2e-3
+    judge_lr: float = 4e-4
+    ema_decay: float = 0.998
+    precision: training_loop.Precision = "float32"
+    seed: int = 0
+    cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
+
+    def __post_init__(self) -> None:
+        if self.objective not in OBJECTIVES:
+            raise BadInput(
+                f"objective: unknown {self.objective!r}; choose one of {', '.join(OBJECTIVES)}"
+            )
+        if self.batch % VIEWS_TOGETHER or self.batch < VIEWS_TOGETHER:
+            raise BadInput(
+                f"batch {self.batch}: {VIEWS_TOGETHER} views of a cloud are drawn together; use a "
+                f"multiple of {VIEWS_TOGETHER}"
+            )
+
+
+def train_splat_net(
+    data: SurfaceSet,
+    config: SplatNetConfig,
+    out_dir: Path,
+    *,
+    device: str = "cpu",
+    on_progress: training_loop.OnProgress = lambda report: None,
+) -> Path:
+    """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+
+    Raises BadInput where `out_dir` holds a run of another configuration or other data, or objects
+    have fewer than VIEWS_TOGETHER views; TrainingDiverged where a loss stops being finite.
+    """
+    if data.seen.azimuth_deg.shape[1] < VIEWS_TOGETHER:
+        raise BadInput(
+            f"{data.seen.azimuth_deg.shape[1]} views of an object: at least {VIEWS_TOGETHER} are "
+            "drawn together; render more"
+        )
+    found = training_loop.prepare_device(device)
+    team = connect(found)
+    trainer = _Trainer(data, config, found, team)
+    seen = data.seen
+    data_hash = training_loop.hash_arrays(
+        *(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds),
+        *(data.coverage, data.grey),
+    )
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
+
+
+class _Trainer:
+    kind = KIND
+
+    def __init__(
+        self, data: SurfaceSet, config: SplatNetConfig, device: torch.device, team: Processes = ONE
+    ) -> None:
+        self.data, self.config, self.device, self.team = data, config, device, team
+        self.batch = config.batch
+        self.objective = OBJECTIVES[config.objective]
+        self.clouds = torch.from_numpy(data.seen.clouds)
+        network, judge = training_loop.seeded(
+            config.seed, lambda: (SplatNet(config.network), PatchJudge())
+        )
+        self.network = network.to(device, memory_format=torch.channels_last)
+        self.judge = judge.to(device, memory_format=torch.channels_last)
+        self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
+        self.adam = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, fused=True)
+        self.judge_adam = torch.optim.Adam(
+            self.judge.parameters(), lr=config.judge_lr, betas=(0.5, 0.999), fused=True
+        )
+        self.random = team.random(config.seed)
+        self.steps_done = torch.zeros((), dtype=torch.int64)
+        self.searchers = ThreadPoolExecutor(torch.get_num_threads())
+
+    def _parts(self) -> dict[str, torch.nn.Module | torch.optim.Optimizer | torch.Generator]:
+        return {
+            "network": self.network,
+            "judge": self.judge,
+            "average": self.average,
+            "adam": self.adam,
+            "judge_adam": self.judge_adam,
+            "random": self.random,
+        }
+
+    def state(self) -> dict[str, Tensor]:
+        return checkpoint.pack(**self._parts()) | {"steps_done": self.steps_done}
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        checkpoint.unpack(state, **self._parts())
+        self.steps_done = state["steps_done"].clone()
+
+    def take_step(self) -> dict[str, float]:
+        self.network.train()
+        self.judge.train()
+        channels, points, angles, truth = self._draw_batch()
+        with self._autocast():
+            output = self._draw(self.network, channels, points, angles)
+        _, (colour, grey) = composite(output, ("colour", "grey"))
+        terms = {
+            "colour": picture_error(colour, truth.colour, truth.coverage),
+            "grey": picture_error(grey, truth.grey, truth.coverage),
+            "coverage": coverage_error(output[:, :1].float(), truth.coverage),
+        }
+        total = terms["colour"] + GREY_WEIGHT * terms["grey"] + COVERAGE_WEIGHT * terms["coverage"]
+        if self.objective.patch_weight:
+            drawn = torch.cat([colour, grey], dim=1)
+            terms |= self._judge(drawn, torch.cat([truth.colour, truth.grey], dim=1))
+            total = total + self.objective.patch_weight * terms["patches"]
+        self.adam.zero_grad()
+        total.backward()
+        self.team.average_gradients(self.network.parameters())
+        for group in self.adam.param_groups:
+            group["lr"] = self.config.learning_rate * self._warmth()
+        self.adam.step()
+        self.steps_done += 1
+        update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
+        return {name: value.item() for name, value in terms.items()}
+
+    def _warmth(self) -> float:
+        left = self.config.steps - int(self.steps_done)
+        return min(1.0, left / max(1, self.config.cool_down))
+
+    def _judge(self, drawn: Tensor, real: Tensor) -> dict[str, Tensor]:
+        """A step of the judge, and what it says of the drawn pictures; zeros before it takes part,
+        so that losses.csv has the same columns from the first step to the last."""
+        if int(self.steps_done) < self.config.warm_up:
+            nothing = torch.zeros((), device=drawn.device)
+            return {"judge": nothing, "patches": nothing}
+        with self._autocast():
+            judged = self.judge(torch.cat([real, drawn.detach()])).float()
+        error = judge_error(*judged.chunk(2))
+        self.judge_adam.zero_grad()
+        error.backward()
+        self.team.average_gradients(self.judge.parameters())
+        self.judge_adam.step()
+        self.judge.requires_grad_(False)
+        with self._autocast():
+            patches = -self.judge(drawn).float().mean()
+        self.judge.requires_grad_(True)
+        return {"judge": error.detach(), "patches": patches}
+
+    def _autocast(self) -> torch.autocast:
+        enabled = self.config.precision == "bfloat16"
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
+
+    def _draw(self, network: SplatNet, channels: Tensor, points: Tensor, angles: Tensor) -> Tensor:
+        code = None
+        if network.config.code:
+            code = network.code(points).repeat_interleave(len(angles) // len(points), dim=0)
+        return network(channels, code, angles)
+
+    def _draw_batch(self) -> tuple[Tensor, Tensor, Tensor, Truth]:
+        """Channels [B, C, S, S], points [B / VIEWS_TOGETHER, N, 3], angles and truth of B views."""
+        count, views = self.data.seen.azimuth_deg.shape
+        clouds = self.batch // VIEWS_TOGETHER
+        objects = torch.randint(count, (clouds,), generator=self.random)
+        order = torch.rand(clouds, views, generator=self.random).argsort(dim=1)
+        mirrored = torch.rand(clouds, generator=self.random) < 0.5
+        points = self.clouds[objects]
+        if self.config.augment:
+            which = int(torch.randint(len(POINTS_SEEN), (), generator=self.random))
+            points = draw_points(points, POINTS_SEEN[which], self.random)
+            points = add_noise(points, MAX_NOISE, CLEAN_SHARE, self.random)
+        return self._scene(points, objects, order[:, :VIEWS_TOGETHER], mirrored)
+
+    @torch.no_grad()
+    def _scene(
+        self, points: Tensor, objects: Tensor, views: Tensor, mirrored: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Truth]:
+        """What the network is shown of objects [K] from their views [K, M], and the truth.
+
+        A mirrored shape seen from the opposite azimuth gives the mirrored picture, for the light
+        is at the camera.
+        """
+        sign = torch.where(mirrored, -1.0, 1.0)
+        points = points * torch.stack([sign, *torch.ones(2, len(sign))], dim=1)[:, None]
+        rows, columns = objects[:, None].expand_as(views).flatten().numpy(), views.flatten().numpy()
+        seen = self.data.seen
+        signs = sign.repeat_interleave(views.shape[1])
+        looks = [
+            View(float(azimuth), float(elevation))
+            for azimuth, elevation in zip(
+                seen.azimuth_deg[rows, columns] * signs.numpy(),
+                seen.elevation_deg[rows, columns],
+                strict=True,
+            )
+        ]
+        found = stack(list(self.searchers.map(find_surfels, points.numpy())))
+        together = dataclasses.replace(
+            found,
+            **{
+                name: value.repeat_interleave(views.shape[1], dim=0).to(self.device)
+                for name, value in vars(found).items()
+            },
+        )
+        channels = project(together, cameras(looks).to(self.device), self.config.network.inputs)
+
+        def pictures(of: NDArray[np.uint8]) -> Tensor:
+            taken = torch.from_numpy(of[rows, columns]).to(self.device).float() / 255
+            taken = taken.unsqueeze(1) if taken.dim() == 3 else taken.permute(0, 3, 1, 2)
+            flip = (signs < 0).to(self.device)[:, None, None, None]
+            return torch.where(flip, taken.flip(3), taken)
+
+        truth = Truth(pictures(seen.images), pictures(self.data.grey), pictures(self.data.coverage))
+        angles = camera_numbers(looks).to(self.device)
+        return channels, found.points.to(self.device), angles, truth
+
+    @torch.no_grad()
+    def sheet(self) -> NDArray[np.uint8]:
+        """Columns of objects, three rows: the truth, and what the averaged network draws of them in
+        colour and in grey, from 2,048 points without noise."""
+        count = min(SHEET_CLOUDS, len(self.clouds))
+        objects = torch.arange(count) * len(self.clouds) // count
+        views = (torch.arange(count) % self.data.seen.azimuth_deg.shape[1])[:, None]
+        nowhere = torch.zeros(count, dtype=torch.bool)
+        channels, points, angles, truth = self._scene(self.clouds[objects], objects, views, nowhere)
+        output = self._draw(self.average, channels, points, angles)
+        _, (colour, grey) = composite(output, ("colour", "grey"))
+        rows = torch.stack([truth.colour, colour, grey.expand_as(colour)])  # [3, K, 3, S, S]
+        rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)
+        return (rows * 255).round().byte().cpu().numpy()
