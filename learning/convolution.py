@@ -20,6 +20,7 @@ class Convolution:
     kernel   [cout, cin, K, K], float64
     bias     [cout] or None, float64
     like     shape [B, cin, H, W] of inputs
+    relu     whether a ReLU follows, in the same pass over memory
     """
 
     def __init__(
@@ -31,7 +32,9 @@ class Convolution:
         *,
         stride: int = 1,
         padding: int = 0,
+        relu: bool = False,
     ) -> None:
+        self.relu = relu
         self.stride = stride
         self.padding = padding
         self.bias = None if bias is None else bias.to(dtype)
@@ -46,12 +49,13 @@ class Convolution:
     def __call__(self, x: Tensor) -> Tensor:
         """[B, cin, H, W] -> [B, cout, H', W'], both channels last."""
         if not self.prepacked:
-            return functional.conv2d(
+            y = functional.conv2d(
                 x, self.weight, self.bias, stride=self.stride, padding=self.padding
             )
+            return y.relu_() if self.relu else y
         return torch.ops.mkldnn._convolution_pointwise(
             x, self.weight, self.bias, [self.padding] * 2, [self.stride] * 2, [1, 1], 1,
-            "none", [], "",
+            "relu" if self.relu else "none", [], "",
         )  # fmt: skip
 
 

@@ -7,18 +7,15 @@ names the weights by their sha256, for codes of other weights mean nothing to a 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
-from torch import Tensor
-
 from data_prep.failures import BadInput
-from learning import checkpoint
+from learning import checkpoint, weight_tensors
 from learning.weight_files import file_sha256
 from pc2pix.model import Decoder, ModelConfig
 from pc2pix.train_decoder import KIND
 from pc2pix.weight_files import find_decoder, training_command
-from pc2pix.weights import STORED, Weights
+from pc2pix.weights import Weights
 
 FORMAT = "pc2pix-decoder-1"
 EXPORT = "pc2pix.decoder_weights.export_decoder"
@@ -72,28 +69,7 @@ def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, s
             f"{path}: its model does not fit ({error}); make it again with '{command}'"
         ) from None
     decoder = Decoder(config)
-    _check(path, tensors, {k: v.shape for k, v in decoder.state_dict().items()}, command)
-    decoder.load_state_dict({key: value.float() for key, value in tensors.items()})
-    return decoder.eval().requires_grad_(False), file_sha256(path)
-
-
-def _check(
-    path: Path,
-    tensors: Mapping[str, Tensor],
-    expected: Mapping[str, tuple[int, ...]],
-    command: str,
-) -> None:
-    for key in sorted(expected.keys() ^ tensors.keys()):
-        problem = "is missing" if key in expected else "is unknown"
-        raise BadInput(f"{path}: tensor {key} {problem}; make it again with '{command}'")
-    for key, shape in expected.items():
-        found = tensors[key]
-        if found.dtype not in STORED:
-            raise BadInput(
-                f"{path}: {key} is of {found.dtype}, not {STORED}; make it again with '{command}'"
-            )
-        if found.shape != shape or not found.isfinite().all():
-            raise BadInput(
-                f"{path}: {key} {list(found.shape)} is not finite or not of shape "
-                f"{list(shape)}; make it again with '{command}'"
-            )
+    expected = weight_tensors.shapes(decoder)
+    weight_tensors.check(path, tensors, expected, f"make it again with '{command}'")
+    weight_tensors.fill(decoder, tensors)
+    return decoder, file_sha256(path)

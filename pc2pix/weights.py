@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from data_prep.failures import BadInput
-from learning import checkpoint
+from learning import checkpoint, weight_tensors
 from learning.weight_files import file_sha256
 from pc2pix.model import Encoder, Generator, ModelConfig, PointNet, build_encoder
 from pc2pix.train_gan import KIND as GAN
@@ -27,7 +27,6 @@ FORMAT = "pc2pix-weights-1"
 # `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
 EXPORT = "pc2pix.weights.export"
-STORED = (torch.float16, torch.float32)
 MOST_WIDTH = 4.0  # four times the paper's
 MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
@@ -58,7 +57,7 @@ def export(checkpoint_path: Path, path: Path) -> str:
     tensors = {"code_mean": state["code_mean"], "code_std": state["code_std"]}
     for name in ("encoder", "generator"):
         part = checkpoint.sub_state(state, f"average.{name}")
-        tensors |= {f"{name}.{k}": v for k, v in part.items() if not _is_counter(k)}
+        tensors |= {f"{name}.{k}": v for k, v in weight_tensors.without_counters(part).items()}
     stored = checkpoint.halved(tensors, checkpoint_path, "export an earlier checkpoint")
     header = {
         "format": FORMAT,
@@ -104,14 +103,11 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
         outlines = {"encoder": build_encoder(config), "generator": Generator(config)}
     for prefix, network in outlines.items():
-        state = network.state_dict()
-        expected |= {
-            f"{prefix}.{k}": tuple(v.shape) for k, v in state.items() if not _is_counter(k)
-        }
-    _check(path, tensors, expected)
+        expected |= weight_tensors.shapes(network, f"{prefix}.")
+    weight_tensors.check(path, tensors, expected, f"write the file again with {EXPORT}")
     encoder, generator = build_encoder(config), Generator(config)
-    _fill(encoder, "encoder", tensors)
-    _fill(generator, "generator", tensors)
+    weight_tensors.fill(encoder, checkpoint.sub_state(tensors, "encoder"))
+    weight_tensors.fill(generator, checkpoint.sub_state(tensors, "generator"))
     return Weights(
         encoder=encoder,
         generator=generator,
@@ -129,30 +125,3 @@ def _sane(config: ModelConfig) -> ModelConfig:
     if config.width > MOST_WIDTH:
         raise ValueError(f"width {config.width}, expected up to {MOST_WIDTH}")
     return config
-
-
-def _is_counter(key: str) -> bool:
-    return key.endswith("num_batches_tracked")
-
-
-def _check(
-    path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]]
-) -> None:
-    remedy = f"write the file again with {EXPORT}"
-    for key in expected.keys() ^ tensors.keys():
-        problem = "is missing" if key in expected else "is unknown"
-        raise BadInput(f"{path}: tensor {key} {problem}; {remedy}")
-    for key, shape in expected.items():
-        if tuple(tensors[key].shape) != shape:
-            found = list(tensors[key].shape)
-            raise BadInput(f"{path}: {key} has shape {found}, expected {list(shape)}; {remedy}")
-        if tensors[key].dtype not in STORED:
-            raise BadInput(f"{path}: {key} is of {tensors[key].dtype}, not {STORED}; {remedy}")
-        if not tensors[key].isfinite().all():
-            raise BadInput(f"{path}: {key} is not finite; {remedy}")
-
-
-def _fill(network: nn.Module, prefix: str, tensors: Mapping[str, Tensor]) -> None:
-    state = {key: value.float() for key, value in checkpoint.sub_state(tensors, prefix).items()}
-    network.load_state_dict(state, strict=False)  # all but the counters; `_check` has been strict
-    network.eval().requires_grad_(False)

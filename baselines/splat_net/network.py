@@ -109,6 +109,11 @@ class SplatNet(nn.Module):
                 nn.Linear(hidden, 2 * widths[-1]),
             )
 
+    def modulation(self, code: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:
+        """What the code does at the narrowest level: x + shift + x scale, [P, widths[-1]] each."""
+        scale, shift = self.film(torch.cat([code, angles], dim=1)).chunk(2, dim=1)
+        return scale, shift
+
     def forward(self, channels: Tensor, code: Tensor | None, angles: Tensor) -> Tensor:
         """Alpha and the heads' planes, before the sigmoid: [P, outputs, S, S].
 
@@ -122,8 +127,8 @@ class SplatNet(nn.Module):
             passed.append(x)
             x = level(x)
         if code is not None:
-            scale, shift = self.film(torch.cat([code, angles], dim=1)).to(x.dtype).chunk(2, dim=1)
-            x = x * (1 + scale[:, :, None, None]) + shift[:, :, None, None]
+            scale, shift = self.modulation(code, angles)
+            x = x + shift[:, :, None, None] + x * scale[:, :, None, None]
         for lift, level in zip(self.lift, self.up, strict=True):
             x = functional.interpolate(lift(x), scale_factor=2.0, mode="nearest")
             x = level(x + passed.pop())

@@ -44,13 +44,14 @@ def find_surfels(points: NDArray[np.float32], workers: int = 1) -> Surfels:
     Where points coincide, or N is 1, the eigenvectors of a zero matrix are as good as any: the
     result is finite, and variation 0.
     """
-    points = points[np.lexsort(points.T)].astype(np.float64)
-    # Not balanced: see `pc2pix.losses`; SciPy's exact medians do not end where half of a cloud
-    # lies in a coordinate plane and denormals are flushed.
-    tree = KDTree(points, balanced_tree=False)
-    _, found = tree.query(points, k=min(NEIGHBOURS, len(points)), workers=workers)
-    found = found.reshape(len(points), -1)
-    near = points[found]  # [N, k, 3]
+    place = points[np.lexsort(points.T)].astype(np.float64)
+    # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
+    # plane), SciPy 1.17 steps to the next number, which is denormal; trainings flush it to 0, and
+    # so on without end.
+    tree = KDTree(place, balanced_tree=False)
+    _, found = tree.query(place, k=min(NEIGHBOURS, len(place)), workers=workers)
+    found = found.reshape(len(place), -1)
+    near = place[found]  # [N, k, 3]
     mean = near.mean(axis=1)
     near -= mean[:, None]
     covariance = near.mT @ near / near.shape[1]
@@ -62,9 +63,9 @@ def find_surfels(points: NDArray[np.float32], workers: int = 1) -> Surfels:
     total = values.sum(axis=-1)
     variation = np.divide(values[..., 0], total, out=np.zeros_like(total), where=total > 0)
     normals = vectors[..., 0]  # of the smallest eigenvalue: eigh sorts them
-    height = ((points - far_mean) * normals[:, 1]).sum(axis=1, keepdims=True)
-    flattened = points - height * normals[:, 1]
-    parts = (points, flattened, normals, variation.clip(0, 1 / 3))
+    height = ((place - far_mean) * normals[:, 1]).sum(axis=1, keepdims=True)
+    flattened = place - height * normals[:, 1]
+    parts = (place, flattened, normals, variation.clip(0, 1 / 3))
     return Surfels(*(torch.from_numpy(part.astype(np.float32)) for part in parts))
 
 

@@ -133,8 +133,9 @@ class _Trainer:
         network, judge = training_loop.seeded(
             config.seed, lambda: (SplatNet(config.network), PatchJudge())
         )
-        self.network = network.to(device, memory_format=torch.channels_last)
-        self.judge = judge.to(device, memory_format=torch.channels_last)
+        self.network, self.judge = network.to(device), judge.to(device)
+        for part in (self.network, self.judge):
+            part.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
         self.adam = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, fused=True)
         self.judge_adam = torch.optim.Adam(

@@ -1,0 +1,110 @@
+"""The network for inference: normalisation folded into convolutions, kernels laid out beforehand.
+
+What it draws is what `SplatNet` draws in evaluation mode, up to the rounding of the precision.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from baselines.splat_net.network import Block, SplatNet, composite
+from learning.convolution import Convolution
+
+Precision = Literal["float32", "bfloat16"]
+DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+GROUP = 5  # pictures that pass together: what lies between the layers stays in the cache
+
+
+class FoldedSplatNet:
+    """See the module. The weights are copied. Raises ValueError for another precision."""
+
+    def __init__(self, network: SplatNet, precision: Precision = "float32", size: int = 128):
+        if precision not in DTYPES:
+            raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
+        self.network = network
+        self.precision: Precision = precision
+        self.size = size
+        self.for_many = _Layers(network, DTYPES[precision], size, GROUP)
+
+    @functools.cached_property
+    def for_one(self) -> _Layers:
+        """Kernels laid out for a group are slow with a single picture."""
+        return _Layers(self.network, DTYPES[self.precision], self.size, 1)
+
+    def __call__(self, channels: Tensor, code: Tensor | None, angles: Tensor) -> Tensor:
+        """Pictures float32 [P, S, S, 3] in 0..1, by the network's first head; see `SplatNet`."""
+        film = None if code is None else self.network.modulation(code, angles)
+        layers = self.for_one if len(channels) == 1 else self.for_many
+        output = layers(channels, film)
+        _, (picture, *_) = composite(output, self.network.config.heads)
+        return picture.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
+
+
+class _Layers:
+    """All convolutions, for groups of `group` pictures of a size."""
+
+    def __init__(self, network: SplatNet, dtype: torch.dtype, size: int, group: int) -> None:
+        self.dtype = dtype
+        widths = network.config.widths
+        like = [group, network.config.inputs.channels, size, size]
+        with torch.no_grad():
+            self.first = _folded(network.first, like, dtype)
+            self.down: list[tuple[Convolution, Convolution]] = []
+            self.up: list[tuple[Convolution, Convolution]] = []
+            for place, level in enumerate(network.down):
+                halving, block = level  # type: ignore[misc]
+                like = [group, widths[place], size, size]
+                size //= 2
+                inner = [group, widths[place + 1], size, size]
+                self.down.append((_folded(halving, like, dtype), _folded(block, inner, dtype)))
+            for place, (lift, block) in enumerate(zip(network.lift, network.up, strict=True)):
+                level = len(widths) - 1 - place
+                like = [group, widths[level], size, size]
+                size *= 2
+                inner = [group, widths[level - 1], size, size]
+                self.up.append((_plain(lift, like, dtype), _folded(block, inner, dtype)))
+            self.last = _plain(network.last, [group, widths[0], size, size], dtype, padding=1)
+
+    def __call__(self, channels: Tensor, film: tuple[Tensor, Tensor] | None) -> Tensor:
+        x = self.first(channels.to(self.dtype, memory_format=torch.channels_last))
+        passed = []
+        for halving, block in self.down:
+            passed.append(x)
+            x = block(halving(x))
+        if film is not None:
+            scale, shift = (part.to(self.dtype)[:, :, None, None] for part in film)
+            x = torch.addcmul(x + shift, x, scale)
+        for lift, block in self.up:
+            y = passed.pop()
+            _add_doubled(y, lift(x))
+            x = block(y)
+        return self.last(x)
+
+
+def _add_doubled(y: Tensor, x: Tensor) -> None:
+    """Add x [B, c, H, W], nearest up-sampled, to y [B, c, 2H, 2W] in place; both channels last."""
+    b, c, h, w = x.shape
+    wide = y.permute(0, 2, 3, 1).view(b, h, 2, w, 2, c)
+    wide += x.permute(0, 2, 3, 1)[:, :, None, :, None]
+
+
+def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolution:
+    assert isinstance(block, Block)
+    norm = block.norm
+    assert norm.running_mean is not None
+    assert norm.running_var is not None
+    scale = norm.weight.double() / torch.sqrt(norm.running_var.double() + norm.eps)
+    shift = norm.bias.double() - norm.running_mean.double() * scale
+    kernel = block.conv.weight.double() * scale[:, None, None, None]
+    stride = block.conv.stride[0]
+    return Convolution(kernel, shift, like, dtype, stride=stride, padding=1, relu=True)
+
+
+def _plain(conv: nn.Module, like: list[int], dtype: torch.dtype, padding: int = 0) -> Convolution:
+    assert isinstance(conv, nn.Conv2d)
+    assert conv.bias is not None
+    return Convolution(conv.weight.double(), conv.bias.double(), like, dtype, padding=padding)

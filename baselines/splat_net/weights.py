@@ -1,0 +1,130 @@
+"""Trained weights as files: what is bundled, how a file is written, and how it is checked.
+
+A file holds the averaged network with one head and nothing else; kernels are float16, everything of
+one dimension float32. The safetensors header says how it was made.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from baselines.splat_net.network import PLANES, Material, NetworkConfig, SplatNet
+from baselines.splat_net.projection import Inputs
+from baselines.splat_net.train import KIND
+from data_prep.failures import BadInput
+from learning import checkpoint, weight_tensors
+from learning.weight_files import file_sha256, find_file
+
+FORMAT = "splat-net-weights-1"
+EXPORT = "baselines.splat_net.weights.export"
+FOLDER = Path(__file__).parent / "weights"
+BUNDLED: dict[str, str] = {}  # name -> sha256 of weights/<name>.safetensors
+MOST_WIDTH = 4096
+MOST_WINDOW = 63
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """A network in float32 and evaluation mode, on the CPU.
+
+    card    how it was trained: objective, steps, seed, ...
+    sha256  of the file
+    """
+
+    network: SplatNet
+    card: Mapping[str, Any]
+    sha256: str
+
+
+def export(checkpoint_path: Path, path: Path, head: Material) -> str:
+    """Write the weights of a checkpoint with one of its heads, atomically; the file's sha256.
+
+    Raises BadInput where the checkpoint is of something else or has no such head, or a weight does
+    not fit float16.
+    """
+    state, step, config = checkpoint.load(checkpoint_path, KIND)
+    network = network_config(config["network"])
+    if head not in network.heads:
+        raise BadInput(f"{checkpoint_path}: has heads {network.heads}, not {head!r}")
+    tensors = weight_tensors.without_counters(checkpoint.sub_state(state, "average"))
+    first = 1 + sum(PLANES[h] for h in network.heads[: network.heads.index(head)])
+    rows = [0, *range(first, first + PLANES[head])]
+    tensors |= {key: tensors[key][rows] for key in ("last.weight", "last.bias")}
+    stored = checkpoint.halved(tensors, checkpoint_path, "export an earlier checkpoint")
+    header = {
+        "format": FORMAT,
+        "network": json.dumps(asdict(replace(network, heads=(head,)))),
+        "training": json.dumps(
+            {key: value for key, value in config.items() if key not in ("network", "cadence")}
+            | {"steps": step}
+        ),
+    }
+    checkpoint.write_atomically(path, stored, header)
+    return file_sha256(path)
+
+
+def find_weights(name_or_path: str | Path) -> Path:
+    """The file of a bundled name, its checksum verified, or the path itself.
+
+    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
+    bundled file differs from its checksum.
+    """
+    return find_file(name_or_path, FOLDER, BUNDLED)
+
+
+def load_weights(name_or_path: str | Path = "chair") -> Weights:
+    """Weights by bundled name or by path.
+
+    Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
+    format, or tensors are missing, superfluous, of the wrong shape or not finite.
+    """
+    path = find_weights(name_or_path)
+    tensors, header = checkpoint.read_safetensors(path)
+    if header.get("format") != FORMAT:
+        raise BadInput(
+            f"{path}: expected format {FORMAT!r} in the header, found {header.get('format')!r}; "
+            f"write the file with {EXPORT}"
+        )
+    try:
+        config = network_config(json.loads(header["network"]))
+        card = dict(json.loads(header["training"]))
+        if len(config.heads) != 1:
+            raise ValueError(f"heads {config.heads}, expected one")
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BadInput(
+            f"{path}: its header cannot be read ({error!r}); write it again with {EXPORT}"
+        ) from None
+    with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
+        expected = weight_tensors.shapes(SplatNet(config))
+    weight_tensors.check(path, tensors, expected, f"write the file again with {EXPORT}")
+    network = SplatNet(config)
+    weight_tensors.fill(network, tensors)
+    return Weights(network, {"network": asdict(config), **card}, file_sha256(path))
+
+
+def network_config(found: Mapping[str, Any]) -> NetworkConfig:
+    """From JSON. Raises TypeError or ValueError where a number is none that anybody has trained."""
+    inputs = Inputs(**{**found["inputs"], "windows": tuple(found["inputs"]["windows"])})
+    config = NetworkConfig(
+        **{
+            **found,
+            "inputs": inputs,
+            "widths": tuple(found["widths"]),
+            "heads": tuple(found["heads"]),
+        }
+    )
+    sizes = (*config.widths, config.code)
+    if not all(isinstance(n, int) and 0 <= n <= MOST_WIDTH for n in sizes):
+        raise ValueError(f"widths {config.widths}, code {config.code}")
+    odd = [w for w in inputs.windows if isinstance(w, int) and w % 2 and 0 < w <= MOST_WINDOW]
+    if not odd or list(inputs.windows) != sorted(odd):
+        raise ValueError(f"windows {inputs.windows}, expected odd numbers that rise")
+    if not config.heads or not set(config.heads) <= set(PLANES):
+        raise ValueError(f"heads {config.heads}")
+    return config
