@@ -655,6 +655,51 @@ def train_gan(
     _print_once(train(options, gan))
 
 
+@train_app.command("splat-net")
+def train_splat_net(
+    out: OutOption = Path("training/splat-net"),
+    dataset: DatasetOption = "procedural",
+    class_name: ClassOption = "chair",
+    objects: ObjectsOption = None,
+    size: Annotated[str, typer.Option(help="tiny, default or large.")] = "default",
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
+    objective: Annotated[str, typer.Option(help="l1 or l1-patch.")] = "l1",
+    without: Annotated[
+        str | None,
+        typer.Option(help="Inputs to leave out: normals,density,flattened,far,discs,code."),
+    ] = None,
+    augment: Annotated[bool, typer.Option(help="Show noise and fewer points.")] = True,
+    steps: StepsOption = 8000,
+    warm_up: Annotated[
+        int, typer.Option(help="First steps without the judge of patches (l1-patch only).")
+    ] = 0,
+    cool_down: Annotated[
+        int, typer.Option(help="Last steps, over which the learning rate falls to nothing.")
+    ] = 2000,
+    batch: BatchOption = 24,
+    learning_rate: Annotated[float, typer.Option(help="Of Adam.")] = 2e-3,
+    precision: Precision = Precision.float32,
+    device: Device = Device.cpu,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+) -> None:
+    """A U-Net that sees the projected points: weights in colour and in grey."""
+    from bench.train import SplatNetOptions, TrainingOptions
+    from bench.train import train_splat_net as train
+
+    options = TrainingOptions(
+        dataset, _classes(class_name), objects, steps, batch, augment, precision.value,
+        device.value, seed, threads, out,
+    )  # fmt: skip
+    parts = _names(without) or ()
+    _print_once(
+        train(
+            options,
+            SplatNetOptions(size, objective, views, warm_up, cool_down, learning_rate, parts),
+        )
+    )
+
+
 @train_app.command("views")
 def train_views(
     objects: Annotated[int, typer.Option(help="Objects of each class.")] = 500,

@@ -51,6 +51,33 @@ def widened(device: str, precision: Precision = "float32") -> Renderer:
     return Pc2pixRenderer(weights, device=_chosen(device), precision=precision)
 
 
+def splat_net(weights: str, device: str, precision: Precision = "float32") -> Renderer:
+    """splat-net with a bundled name or file of weights."""
+    from baselines.splat_net.renderer import SplatNetRenderer
+    from baselines.splat_net.weights import load_weights
+
+    return SplatNetRenderer(load_weights(weights), device=_chosen(device), precision=precision)
+
+
+def splat_net_identity(weights: str) -> str:
+    """The versions of torch and scipy, and the checksum of the weights."""
+    from baselines.splat_net.weight_files import find_weights
+    from learning.weight_files import file_sha256
+
+    return f"{_splat_net_libraries()}, weights {file_sha256(find_weights(weights))}"
+
+
+def splat_net_file_identity(path: str) -> str:
+    """As above, for a file nobody has vouched for: it is loaded, to be refused before the run."""
+    from baselines.splat_net.weights import load_weights
+
+    return f"{_splat_net_libraries()}, weights {load_weights(path).sha256}"
+
+
+def _splat_net_libraries() -> str:
+    return f"torch {installed('torch')}, scipy {installed('scipy')}"
+
+
 def _chosen(device: str) -> str:
     import torch
 

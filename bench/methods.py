@@ -22,6 +22,7 @@ from data_prep.untrusted import is_regular_file
 
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
+    from pc2pix.engine import Precision
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Method:
     version: int
     source: str
     sees_mesh: bool = False
-    weights: str | None = None  # of a network: bundled name or file
+    weights_file: Callable[[], Path] | None = None  # of a network
 
 
 PC2PIX_VERSION = 4
@@ -56,8 +57,37 @@ def _network(
         identity=partial(loaders.pc2pix_identity, weights),
         version=PC2PIX_VERSION,
         source=source,
-        weights=weights,
+        weights_file=partial(_pc2pix_file, weights),
     )
+
+
+def _pc2pix_file(weights: str) -> Path:
+    from pc2pix.weight_files import find_weights
+
+    return find_weights(weights)
+
+
+SPLAT_NET_VERSION = 1
+
+
+def _splat_net(
+    method_id: str, weights: str, source: str, precision: Precision = "float32"
+) -> Method:
+    """splat-net with bundled weights."""
+    return Method(
+        method_id,
+        load=partial(loaders.splat_net, weights, precision=precision),
+        identity=partial(loaders.splat_net_identity, weights),
+        version=SPLAT_NET_VERSION,
+        source=source,
+        weights_file=partial(_splat_net_file, weights),
+    )
+
+
+def _splat_net_file(weights: str) -> Path:
+    from baselines.splat_net.weight_files import find_weights
+
+    return find_weights(weights)
 
 
 METHODS = (
@@ -82,6 +112,39 @@ METHODS = (
         "pc2pix@bf16",
         load=partial(loaders.pc2pix_renderer, "chair", precision="bfloat16"),
         source="pc2pix in bfloat16: twice as fast where the processor has it",
+    ),
+    _splat_net(
+        "splat-net",
+        "chair",
+        source="a U-Net over the projected points; bundled weights "
+        "(baselines/splat_net/weights/chair.md)",
+    ),
+    _splat_net(
+        "splat-net@grey",
+        "chair-grey",
+        source="splat-net in neutral grey: no colour is made up",
+    ),
+    _splat_net(
+        "splat-net@bf16",
+        "chair",
+        source="splat-net in bfloat16",
+        precision="bfloat16",
+    ),
+    _splat_net(
+        "splat-net@tiny",
+        "chair-tiny",
+        source="splat-net with fewer channels in, half of the width, in bfloat16",
+        precision="bfloat16",
+    ),
+    _splat_net(
+        "splat-net@large",
+        "chair-large",
+        source="splat-net of one and a half times the width",
+    ),
+    _splat_net(
+        "splat-net@all",
+        "all",
+        source="one splat-net for all 13 classes (baselines/splat_net/weights/all.md)",
     ),
     Method(
         "surface-apss",
@@ -170,7 +233,27 @@ YARDSTICKS = (
         load=partial(loaders.widened, precision="bfloat16"),
         source="the same in bfloat16",
     ),
+    _splat_net(
+        "splat-net@no-normals",
+        "chair-no-normals",
+        source="splat-net that was trained without normals",
+    ),
 )
+# Of networks that take weights of your own: loader, identity, version, the command that trains.
+OWN_WEIGHTS: dict[str, tuple[Callable[..., Renderer], Callable[[str], str], int, str]] = {
+    "pc2pix": (
+        loaders.pc2pix_renderer,
+        loaders.pc2pix_file_identity,
+        PC2PIX_VERSION,
+        "bench train gan",
+    ),
+    "splat-net": (
+        loaders.splat_net,
+        loaders.splat_net_file_identity,
+        SPLAT_NET_VERSION,
+        "bench train splat-net",
+    ),
+}
 PLUGINS = "pc2pix_bench.methods"
 FLOOR = "blank"
 FLOORS = ("constant", FLOOR)  # what looks at no cloud
@@ -179,8 +262,8 @@ FLOORS = ("constant", FLOOR)  # what looks at no cloud
 def find_method(method_id: str) -> Method:
     """The method with this id, or a variant of one.
 
-    `pc2pix@FILE.safetensors` is pc2pix with weights of your own, `METHOD@KNOB=VALUE` a method with
-    a knob turned (`bench.variants.KNOBS`).
+    `pc2pix@FILE.safetensors` and `splat-net@FILE.safetensors` have weights of your own,
+    `METHOD@KNOB=VALUE` is a method with a knob turned (`bench.variants.KNOBS`).
 
     Raises BadInput for an unknown id (naming the nearest), a knob or value that there is not, a
     weights file that is missing, and where another package announces a method that it does not
@@ -192,16 +275,17 @@ def find_method(method_id: str) -> Method:
         load = partial(loaders.renderer, setting.knob.renderer, **setting.fields)
         return replace(method, id=method_id, load=load, source=source)
     name, at, weights = method_id.partition("@")
-    if name == "pc2pix" and at and weights.endswith(".safetensors"):
+    if at and weights.endswith(".safetensors") and (own_weights := OWN_WEIGHTS.get(name)):
+        load, identity, version, command = own_weights
         if not is_regular_file(Path(weights)):
-            raise BadInput(f"{weights}: no such weights file; train one with 'bench train gan'")
+            raise BadInput(f"{weights}: no such weights file; train one with '{command}'")
         return Method(
             method_id,
-            load=partial(loaders.pc2pix_renderer, weights),
-            identity=partial(loaders.pc2pix_file_identity, weights),
-            version=PC2PIX_VERSION,
-            source=f"pc2pix with the weights in {weights}",
-            weights=weights,
+            load=partial(load, weights),
+            identity=partial(identity, weights),
+            version=version,
+            source=f"{name} with the weights in {weights}",
+            weights_file=partial(Path, weights),
         )
     own = (*METHODS, *YARDSTICKS)
     if any(method.id == method_id for method in own) or method_id not in plugin_ids():
@@ -241,7 +325,6 @@ def _plugin(method_id: str) -> Method:
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:
     """By method, what the weights of networks were trained with; other methods are left out."""
     from learning.weight_files import objective_of
-    from pc2pix.weight_files import find_weights
 
-    networks = ((id_, find_method(id_).weights) for id_ in method_ids)
-    return {id_: objective_of(find_weights(weights)) for id_, weights in networks if weights}
+    networks = ((id_, find_method(id_).weights_file) for id_ in method_ids)
+    return {id_: objective_of(find()) for id_, find in networks if find}

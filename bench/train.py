@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,10 @@ from bench.progress import progress
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
-from data_prep.training_set import TrainingSet, make_training_set
+from data_prep.training_set import TrainingSet, add_surfaces, make_training_set
+
+if TYPE_CHECKING:
+    from baselines.splat_net.network import NetworkConfig
 
 DEFAULT_OBJECTS = 1500
 CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
@@ -62,6 +65,23 @@ class GanOptions:
     azimuth: Literal["scalar", "sine-cosine"]
     warm_up: int
     generator_lr: float
+
+
+@dataclass(frozen=True)
+class SplatNetOptions:
+    """What is particular to splat-net; see `baselines.splat_net.train.SplatNetConfig`.
+
+    size     a key of `baselines.splat_net.network.SIZES`
+    without  what it has to do without, see `do_without`
+    """
+
+    size: str
+    objective: str
+    views: int
+    warm_up: int
+    cool_down: int
+    learning_rate: float
+    without: tuple[str, ...]
 
 
 def train_autoencoder(
@@ -127,6 +147,62 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
     if is_first():
         export(checkpoint, weights)
     return weights
+
+
+def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Path:
+    """Train splat-net; returns the exported weights file, `weights-grey` stands beside it."""
+    from baselines.splat_net.network import SIZES
+    from baselines.splat_net.train import SplatNetConfig, train_splat_net
+    from baselines.splat_net.weights import export
+    from learning.processes import is_first
+    from learning.progress import ConsoleProgress
+
+    _set_threads(options.threads)
+    if splat_net.size not in SIZES:
+        raise BadInput(f"--size: unknown '{splat_net.size}'; choose one of {', '.join(SIZES)}")
+    config = SplatNetConfig(
+        network=do_without(SIZES[splat_net.size], splat_net.without),
+        objective=splat_net.objective,
+        steps=options.steps,
+        warm_up=splat_net.warm_up,
+        cool_down=splat_net.cool_down,
+        batch=options.batch,
+        augment=options.augment,
+        learning_rate=splat_net.learning_rate,
+        precision=options.precision,
+        seed=options.seed,
+    )
+    objects = training_objects(options)
+    seen = training_set(objects, splat_net.views)
+    with _progress("silhouettes", len(objects)) as advance:
+        data = add_surfaces(seen, objects, lambda: advance(0))
+    with ConsoleProgress("splat-net", quiet=not is_first()) as show:
+        checkpoint = train_splat_net(
+            data, config, options.out, device=options.device, on_progress=show
+        )
+    weights = options.out / "weights.safetensors"
+    if is_first():
+        export(checkpoint, weights, "colour")
+        export(checkpoint, options.out / "weights-grey.safetensors", "grey")
+    return weights
+
+
+def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
+    """The network without these parts. Raises BadInput for one that there is not."""
+    inputs, code = network.inputs, network.code
+    for part in parts:
+        if part == "discs":
+            inputs = replace(inputs, windows=inputs.windows[:1])
+        elif part == "code":
+            code = 0
+        elif part in ("normals", "density", "flattened", "far"):
+            inputs = replace(inputs, **{part: False})
+        else:
+            raise BadInput(
+                f"--without {part}: there are normals, density, flattened, far, discs (all but the "
+                "narrowest) and code"
+            )
+    return replace(network, inputs=inputs, code=code)
 
 
 def training_clouds(objects: tuple[SceneObject, ...]) -> NDArray[np.float32]:

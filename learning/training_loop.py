@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 import math
 import time
 from collections import deque
@@ -104,7 +105,8 @@ def run(
     a loss that explodes. Of several processes all call this, and the first one writes and reports.
     """
     path = out_dir / checkpoint.FILE_NAME
-    identity = {**dataclasses.asdict(config), "data": data_hash}
+    # as a checkpoint gives it back: in JSON tuples are lists
+    identity = json.loads(json.dumps({**dataclasses.asdict(config), "data": data_hash}))
     first = _resume(trainer, identity, path, processes) if path.is_file() else 0
     _require_same_start(first, path, processes)
     cadence: Cadence = config.cadence

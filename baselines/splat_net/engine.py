@@ -16,27 +16,31 @@ from learning.convolution import Convolution
 
 Precision = Literal["float32", "bfloat16"]
 DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
-GROUP = 5  # pictures that pass together: what lies between the layers stays in the cache
+GROUP = 20  # pictures that pass together: fewer leave the processor waiting between operations
 
 
 class FoldedSplatNet:
-    """See the module. The weights are copied. Raises ValueError for another precision."""
+    """See the module. `network` is kept, for its modulation and for `for_one`: it must not change
+    any more. Raises ValueError for another precision."""
 
     def __init__(self, network: SplatNet, precision: Precision = "float32", size: int = 128):
         if precision not in DTYPES:
             raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
         self.network = network
-        self.precision: Precision = precision
+        self.dtype = DTYPES[precision]
         self.size = size
-        self.for_many = _Layers(network, DTYPES[precision], size, GROUP)
+        self.for_many = _Layers(network, self.dtype, size, GROUP)
 
     @functools.cached_property
     def for_one(self) -> _Layers:
         """Kernels laid out for a group are slow with a single picture."""
-        return _Layers(self.network, DTYPES[self.precision], self.size, 1)
+        return _Layers(self.network, self.dtype, self.size, 1)
 
     def __call__(self, channels: Tensor, code: Tensor | None, angles: Tensor) -> Tensor:
-        """Pictures float32 [P, S, S, 3] in 0..1, by the network's first head; see `SplatNet`."""
+        """Pictures float32 [P, S, S, 3] in 0..1 by the first head, of channels of `dtype`.
+
+        The arguments are those of `SplatNet`.
+        """
         film = None if code is None else self.network.modulation(code, angles)
         layers = self.for_one if len(channels) == 1 else self.for_many
         output = layers(channels, film)
@@ -70,7 +74,7 @@ class _Layers:
             self.last = _plain(network.last, [group, widths[0], size, size], dtype, padding=1)
 
     def __call__(self, channels: Tensor, film: tuple[Tensor, Tensor] | None) -> Tensor:
-        x = self.first(channels.to(self.dtype, memory_format=torch.channels_last))
+        x = self.first(channels)
         passed = []
         for halving, block in self.down:
             passed.append(x)

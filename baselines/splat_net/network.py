@@ -53,7 +53,10 @@ class NetworkConfig:
 
 
 DEFAULT = NetworkConfig()
-TINY = NetworkConfig(widths=(8, 16, 32, 48, 64), code=32)
+# Normals and flattened points cost more than all of its layers.
+TINY = NetworkConfig(
+    inputs=Inputs(normals=False, flattened=False), widths=(8, 16, 32, 48, 64), code=32
+)
 LARGE = NetworkConfig(widths=(24, 48, 96, 192, 256), code=128)
 SIZES = {"tiny": TINY, "default": DEFAULT, "large": LARGE}
 

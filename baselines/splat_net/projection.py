@@ -8,7 +8,7 @@ angle at any size.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,46 +64,55 @@ def cameras(views: Sequence[View]) -> Tensor:
     return torch.from_numpy(np.linalg.inv(poses)[:, :3].astype(np.float32))
 
 
-def project(surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE) -> Tensor:
-    """Channels float32 [P, inputs.channels, size, size], channels last, of P clouds and P cameras.
+def project(
+    surfels: Surfels,
+    cameras: Tensor,
+    inputs: Inputs,
+    size: int = IMAGE_SIZE,
+    dtype: torch.dtype = torch.float32,
+) -> Tensor:
+    """Channels [P, inputs.channels, size, size], channels last, of P clouds and P cameras.
 
     surfels  with one leading dimension: P, or 1 where all cameras see the same cloud
     cameras  [P, 3, 4]
-    size     of the pictures, a multiple of 64
+    size     of the pictures, a multiple of 16
+    dtype    of the result; everything before it is float32
 
     All zero where no point is near. Points behind the camera or off the picture are not seen.
     Depth is given as nearness, 0 for `FARTHEST` or nothing to about 1.1; counts n as log(1 + n).
     """
-    count = len(cameras)
     points = _to_camera(surfels.points, cameras)  # [P, N, 3]
-    buffer = _ZBuffer(points, size)
-    planes = []
-    rows = []
-    depth, pixel = buffer.depth, buffer.own
-    width = 1
+    seen = _Pixels(points, size)
     attributes = _attributes(surfels, cameras, points) if inputs.normals else None
+    whole = torch.empty(
+        (len(cameras), size, size, inputs.channels), dtype=dtype, device=cameras.device
+    )
+    planes = iter(whole.unbind(3))
+    looks = []
+    nearest, width = seen.nearest(), 1
     for place, window in enumerate(inputs.windows):
         window = _scaled(window, size)
-        depth, pixel = _widen(depth, pixel, window - width + 1)
-        width = window
-        planes.append(_nearness(depth))
+        nearest, width = _spread(nearest, window - width + 1, torch.minimum), window
+        next(planes).copy_(_nearness(_depth_of(nearest)))
         if attributes is not None and place in (0, len(inputs.windows) - 1):
-            scale = 0 if place == 0 else 1
-            rows.append(_look_up(attributes[scale], buffer.winner, pixel))
+            looks.append(_look_up(attributes[min(place, 1)], nearest))
     if inputs.far:
-        away, _ = _widen(-buffer.farthest, None, _scaled(inputs.windows[-1], size))
-        planes.append(_nearness(away.abs()))  # EMPTY where there is none
+        far = _spread(seen.farthest(), width, torch.maximum)
+        next(planes).copy_(_nearness(far.abs()))  # EMPTY where there is none
     if inputs.density:
-        weight = _splat(buffer, size)
-        planes.append(torch.log1p(weight))
+        count = seen.count()
+        next(planes).copy_(torch.log1p(count))
         for window in (3, 9):
-            planes.append(torch.log1p(_box_sum(weight, _scaled(window, size))))
+            next(planes).copy_(torch.log1p(_spread(count, _scaled(window, size), torch.add)))
     if inputs.flattened:
-        flat = _ZBuffer(_to_camera(surfels.flattened, cameras), size)
-        depth, _ = _widen(flat.depth, None, _scaled(inputs.windows[0], size))
-        planes.append(_nearness(depth))
-        planes.append(torch.log1p(_splat(flat, size)))
-    whole = torch.cat([torch.stack([p.view(count, size, size) for p in planes], dim=3), *rows], 3)
+        flat = _Pixels(_to_camera(surfels.flattened, cameras), size)
+        window = _scaled(inputs.windows[0], size)
+        near = _spread(flat.nearest_depth(), window, torch.minimum)
+        next(planes).copy_(_nearness(near))
+        next(planes).copy_(torch.log1p(flat.count()))
+    for place, look in enumerate(reversed(looks)):
+        stop = inputs.channels - 4 * place
+        whole[..., stop - 4 : stop] = look
     return whole.permute(0, 3, 1, 2)
 
 
@@ -115,67 +124,114 @@ def _to_camera(points: Tensor, cameras: Tensor) -> Tensor:
     return points @ cameras[:, :, :3].mT + cameras[:, None, :, 3]
 
 
-class _ZBuffer:
-    """Which point is seen in which pixel. Pixels are numbered row by row.
-
-    depth     [P, 1, S, S], EMPTY where there is none
-    farthest  likewise, of the farthest point; -EMPTY
-    winner    int64 [P, S * S + 1]: the nearest point of each pixel, N for none
-    own       int64 [1, 1, S, S]: each pixel's number
-    """
+class _Pixels:
+    """Where points [P, N, 3], in the camera's frame, fall: one table of S * S pixels a picture."""
 
     def __init__(self, points: Tensor, size: int) -> None:
-        count, number, _ = points.shape
-        z = -points[..., 2]
-        seen = z > NEAREST
-        scale = FOCAL_PX * size / IMAGE_SIZE / torch.where(seen, z, 1.0)
+        self.size = size
+        depth = -points[..., 2]
+        ahead = depth > NEAREST
+        scale = FOCAL_PX * size / IMAGE_SIZE / torch.where(ahead, depth, 1.0)
         self.column = size / 2 + points[..., 0] * scale
         self.row = size / 2 - points[..., 1] * scale
-        self.seen = (
-            seen & (self.column >= 0) & (self.column < size) & (self.row >= 0) & (self.row < size)
-        )
-        pixels = size * size
+        within = (self.column >= 0) & (self.column < size) & (self.row >= 0) & (self.row < size)
+        self.seen = ahead & within
         # what is not seen goes to a pixel that nobody looks at
-        cell = torch.where(self.seen, self.row.long() * size + self.column.long(), pixels)
-        z = torch.where(self.seen, z, EMPTY)
-        # positive floats are ordered like their bits: one minimum finds depth and point
-        bits = z.view(torch.int32).long() << 32
-        key = bits | torch.arange(number, device=z.device)
+        cell = self.row.long() * size + self.column.long()
+        self.cell = torch.where(self.seen, cell, size * size)
+        self.depth = torch.where(self.seen, depth, EMPTY)
+
+    def nearest(self) -> Tensor:
+        """The nearest point of each pixel, int64 [P, S, S]: the bits of its depth above its number.
+
+        Positive floats are ordered like their bits, so that one minimum finds depth and point.
+        Where there is none, EMPTY and the number N.
+        """
+        number = self.depth.shape[1]
+        key = self.depth.view(torch.int32).long() << 32
+        key |= torch.arange(number, device=key.device)
         nothing = int(torch.tensor(EMPTY).view(torch.int32)) << 32 | number
-        table = torch.full((count, pixels + 1), nothing, dtype=torch.int64, device=z.device)
-        table.scatter_reduce_(1, cell, key, "amin")
-        self.winner = table & 0xFFFFFFFF
-        shape = (count, 1, size, size)
-        self.depth = (table[:, :-1] >> 32).int().view(torch.float32).view(shape)
-        far = z.new_full((count, pixels + 1), -EMPTY).scatter_reduce_(1, cell, z, "amax")
-        self.farthest = far[:, :-1].view(shape)
-        self.own = torch.arange(pixels, device=z.device).view(1, 1, size, size)
+        return self._table(key, nothing, "amin")
+
+    def nearest_depth(self) -> Tensor:
+        """Depth of the nearest point of each pixel [P, S, S]; EMPTY where there is none."""
+        return self._table(self.depth, EMPTY, "amin")
+
+    def farthest(self) -> Tensor:
+        """Depth of the farthest point of each pixel [P, S, S]; -EMPTY where there is none."""
+        return self._table(self.depth, -EMPTY, "amax")
+
+    def _table(self, values: Tensor, nothing: float, reduce: str) -> Tensor:
+        pixels = self.size * self.size
+        table = values.new_full((len(values), pixels + 1), nothing)
+        table.scatter_reduce_(1, self.cell, values, reduce)
+        return table[:, :-1].unflatten(1, (self.size, self.size))
+
+    def count(self) -> Tensor:
+        """Points per pixel [P, S, S], each shared among the four pixels around it."""
+        x, y = self.column - 0.5, self.row - 0.5
+        left, top = x.floor(), y.floor()
+        right_share, lower_share = x - left, y - top
+        wide = self.size + 2  # a margin all around takes what falls off
+        table = x.new_zeros(len(x), wide * wide)
+        seen = self.seen.to(x.dtype)
+        upper = seen * (1 - lower_share)
+        lower = seen * lower_share
+        first = (top.long() + 1) * wide + left.long() + 1
+        first = torch.where(self.seen, first, 0)
+        for step, share in (
+            (0, upper - upper * right_share),
+            (1, upper * right_share),
+            (wide, lower - lower * right_share),
+            (wide + 1, lower * right_share),
+        ):
+            table.scatter_add_(1, first + step, torch.where(self.seen, share, 0.0))
+        return table.unflatten(1, (wide, wide))[:, 1:-1, 1:-1]
 
 
-def _widen(depth: Tensor, pixel: Tensor | None, window: int) -> tuple[Tensor, Tensor]:
-    """The least depth in a square of `window` pixels, and the pixel that it comes from.
+def _spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    """`combine` (minimum, maximum or add) over a square of `window` pixels around each pixel.
 
-    Rows first, then columns: 2 `window` comparisons instead of their square.
+    plane [P, S, S] -> [P, S, S]; beyond the edge there is nothing. Rows first, then columns, each
+    from parts of 1, 2, 4, ... pixels, so that 9 pixels take four steps.
     """
-    near = -depth
-    for kernel in ((1, window), (window, 1)):
-        padding = (kernel[0] // 2, kernel[1] // 2)
-        if pixel is None:
-            near = functional.max_pool2d(near, kernel, stride=1, padding=padding)
-        else:
-            near, place = functional.max_pool2d(
-                near, kernel, stride=1, padding=padding, return_indices=True
-            )
-            pixel = pixel.expand_as(place).flatten(1).gather(1, place.flatten(1)).view_as(place)
-    return -near, pixel  # type: ignore[return-value]
-
-
-def _box_sum(plane: Tensor, window: int) -> Tensor:
-    """Sums over squares of `window` pixels; beyond the edge there is nothing."""
-    half = window // 2
-    for kernel, padding in (((1, window), (0, half)), ((window, 1), (half, 0))):
-        plane = functional.avg_pool2d(plane, kernel, 1, padding, divisor_override=1)
+    for dim in (2, 1):
+        plane = _spread_along(plane, dim, window, combine)
     return plane
+
+
+def _spread_along(
+    plane: Tensor, dim: int, window: int, combine: Callable[[Tensor, Tensor], Tensor]
+) -> Tensor:
+    size, half = plane.shape[dim], window // 2
+    shape = list(plane.shape)
+    shape[dim] = half
+    edge = torch.full(shape, _nothing(plane, combine), dtype=plane.dtype, device=plane.device)
+    part, span = torch.cat([edge, plane, edge], dim=dim), 1  # of pixels i .. i + span - 1
+    whole, covered = None, 0
+    while True:
+        if window & span:  # the window's length as a sum of powers of two
+            taken = part.narrow(dim, covered, size)
+            whole = taken if whole is None else combine(whole, taken)
+            covered += span
+        if covered == window:
+            assert whole is not None
+            return whole
+        length = part.shape[dim] - span
+        part = combine(part.narrow(dim, 0, length), part.narrow(dim, span, length))
+        span *= 2
+
+
+def _nothing(plane: Tensor, combine: Callable[[Tensor, Tensor], Tensor]) -> float:
+    if combine is torch.add:
+        return 0
+    if combine is torch.maximum:
+        return -EMPTY
+    return EMPTY if plane.is_floating_point() else torch.iinfo(plane.dtype).max
+
+
+def _depth_of(nearest: Tensor) -> Tensor:
+    return (nearest >> 32).int().view(torch.float32)
 
 
 def _nearness(depth: Tensor) -> Tensor:
@@ -194,32 +250,10 @@ def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> Tensor:
     return functional.pad(both.permute(2, 0, 1, 3), (0, 0, 0, 1)).flatten(1, 2)
 
 
-def _look_up(attributes: Tensor, winner: Tensor, pixel: Tensor) -> Tensor:
-    """[P, S, S, 4]: what the point has that each pixel's disc comes from."""
-    count, _, size, _ = pixel.shape
-    points = len(attributes) // count
-    index = winner.gather(1, pixel.flatten(1)) + torch.arange(
-        0, len(attributes), points, device=winner.device
-    ).view(-1, 1)
-    return attributes.index_select(0, index.flatten()).view(count, size, size, -1)
-
-
-def _splat(buffer: _ZBuffer, size: int) -> Tensor:
-    """Points per pixel [P, 1, S, S], each shared among the four pixels around it."""
-    x, y = buffer.column - 0.5, buffer.row - 0.5
-    left, top = x.floor(), y.floor()
-    dx, dy = x - left, y - top
-    left, top = left.long(), top.long()
-    wide = size + 2  # a margin all around takes what falls off
-    count = len(x)
-    table = x.new_zeros(count, wide * wide)
-    seen = buffer.seen.float()
-    first = torch.where(buffer.seen, (top + 1) * wide + left + 1, 0)
-    for step, weight in (
-        (0, (1 - dx) * (1 - dy)),
-        (1, dx * (1 - dy)),
-        (wide, (1 - dx) * dy),
-        (wide + 1, dx * dy),
-    ):
-        table.scatter_add_(1, first + step, weight * seen)
-    return table.view(count, 1, wide, wide)[:, :, 1:-1, 1:-1].contiguous()
+def _look_up(attributes: Tensor, nearest: Tensor) -> Tensor:
+    """[P, S, S, 4]: what the point has that each pixel's disc comes from; see `_Pixels.nearest`."""
+    count = len(nearest)
+    rows = len(attributes) // count
+    first = torch.arange(0, len(attributes), rows, device=nearest.device)
+    index = (nearest & 0xFFFFFFFF) + first[:, None, None]
+    return attributes.index_select(0, index.flatten()).view(*nearest.shape, 4)

@@ -91,7 +91,8 @@ class SplatNetRenderer:
         group = max(1, min(GROUP, POINTS_TOGETHER // len(state.surfels)))
         for start in range(0, len(views), group):
             seen = views[start : start + group]
-            channels = project(state.surfels, cameras(seen).to(self.device), self.inputs, self.size)
+            at = cameras(seen).to(self.device)
+            channels = project(state.surfels, at, self.inputs, self.size, self.folded.dtype)
             code = None if state.code is None else state.code.expand(len(seen), -1)
             drawn = self.folded(channels, code, camera_numbers(seen).to(self.device))
             if not drawn.isfinite().all():

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from baselines.splat_net.eigenpairs import smallest_eigenpairs
+
 NEIGHBOURS = 10  # of a point, itself among them; that of the paper's reconstruction
+LARGEST_PART = 65_536  # points that are worked on at once: a bound on memory
+_UPPER = np.triu_indices(3)
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +47,8 @@ class Surfels:
 def find_surfels(points: NDArray[np.float32], workers: int = 1) -> Surfels:
     """The surfels of a cloud [N, 3] of finite points, N > 0, sorted: their order says nothing.
 
-    Where points coincide, or N is 1, the eigenvectors of a zero matrix are as good as any: the
-    result is finite, and variation 0.
+    `workers` threads search for neighbours. Where points coincide, or N is 1, any vector is as good
+    a normal as another: the result is finite, and variation 0.
     """
     place = points[np.lexsort(points.T)].astype(np.float64)
     # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
@@ -51,22 +57,43 @@ def find_surfels(points: NDArray[np.float32], workers: int = 1) -> Surfels:
     tree = KDTree(place, balanced_tree=False)
     _, found = tree.query(place, k=min(NEIGHBOURS, len(place)), workers=workers)
     found = found.reshape(len(place), -1)
-    near = place[found]  # [N, k, 3]
+    # Not by threads: their memory comes fresh from the operating system, page by page, which cost
+    # more than the arithmetic.
+    parts = [slice(i, i + LARGEST_PART) for i in range(0, len(place), LARGEST_PART)]
+    moments = np.concatenate([_near_moments(place, found[part]) for part in parts])
+    pieces = [_fit(place, moments, part, found[part]) for part in parts]
+    fitted = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    return Surfels(*(torch.from_numpy(part.astype(np.float32)) for part in (place, *fitted)))
+
+
+def _near_moments(place: Floats, found: NDArray[np.intp]) -> Floats:
+    """Mean, and covariance (six of its nine numbers), of neighbourhoods `found` [n, k]: [n, 9]."""
+    near = np.take(place, found, axis=0)  # [n, k, 3]
     mean = near.mean(axis=1)
     near -= mean[:, None]
     covariance = near.mT @ near / near.shape[1]
-    # Far: the mean and covariance of a mixture are those of its parts, and of their means.
-    far_mean = mean[found].mean(axis=1)
-    steps = mean[found] - far_mean[:, None]
-    far_covariance = covariance[found].mean(axis=1) + steps.mT @ steps / steps.shape[1]
-    values, vectors = np.linalg.eigh(np.stack([covariance, far_covariance], axis=1))
-    total = values.sum(axis=-1)
-    variation = np.divide(values[..., 0], total, out=np.zeros_like(total), where=total > 0)
-    normals = vectors[..., 0]  # of the smallest eigenvalue: eigh sorts them
-    height = ((place - far_mean) * normals[:, 1]).sum(axis=1, keepdims=True)
-    flattened = place - height * normals[:, 1]
-    parts = (place, flattened, normals, variation.clip(0, 1 / 3))
-    return Surfels(*(torch.from_numpy(part.astype(np.float32)) for part in parts))
+    return np.concatenate([mean, covariance[:, *_UPPER]], axis=1)
+
+
+def _fit(
+    place: Floats, moments: Floats, own: slice, found: NDArray[np.intp]
+) -> tuple[Floats, Floats, Floats]:
+    """Flattened points [n, 3], normals [n, 2, 3] and variation [n, 2] of the points `own`."""
+    theirs = np.take(moments, found, axis=0)  # [n, k, 9]
+    # Of a mixture: its mean is the mean of the means, its covariance the mean of the covariances
+    # and the covariance of the means.
+    mean = theirs[:, :, :3].mean(axis=1)
+    steps = theirs[:, :, :3] - mean[:, None]
+    far = theirs[:, :, 3:].mean(axis=1) + (steps.mT @ steps / steps.shape[1])[:, *_UPPER]
+    both = np.concatenate([moments[own, 3:], far])
+    least, normals = smallest_eigenpairs(both)
+    total = both[:, [0, 3, 5]].sum(axis=1)  # the trace is the sum of the eigenvalues
+    variation = np.divide(least, total, out=np.zeros_like(total), where=total > 0)
+    count = len(far)
+    normals = np.stack([normals[:count], normals[count:]], axis=1)
+    variation = np.stack([variation[:count], variation[count:]], axis=1)
+    height = ((place[own] - mean) * normals[:, 1]).sum(axis=1, keepdims=True)
+    return place[own] - height * normals[:, 1], normals, variation.clip(0, 1 / 3)
 
 
 def stack(surfels: list[Surfels]) -> Surfels:

@@ -31,6 +31,7 @@ from baselines.splat_net.losses import (
 )
 from baselines.splat_net.network import (
     DEFAULT,
+    Material,
     NetworkConfig,
     SplatNet,
     camera_numbers,
@@ -47,6 +48,7 @@ from learning.clouds import add_noise, draw_points
 from learning.processes import ONE, Processes, connect
 
 KIND = "splat-net"
+HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 4  # of a cloud, in a step
 POINTS_SEEN = (2048, 2048, 1024, 512)  # one of these for all clouds of a step
 MAX_NOISE = 0.12  # standard deviation, in radii of the unit sphere: a little beyond the paper's
@@ -88,6 +90,10 @@ class SplatNetConfig:
             raise BadInput(
                 f"batch {self.batch}: {VIEWS_TOGETHER} views of a cloud are drawn together; use a "
                 f"multiple of {VIEWS_TOGETHER}"
+            )
+        if self.network.heads != HEADS:
+            raise BadInput(
+                f"heads {self.network.heads}: both materials are trained at once; use {HEADS}"
             )
 
 
@@ -168,7 +174,7 @@ class _Trainer:
         channels, points, angles, truth = self._draw_batch()
         with self._autocast():
             output = self._draw(self.network, channels, points, angles)
-        _, (colour, grey) = composite(output, ("colour", "grey"))
+        _, (colour, grey) = composite(output, HEADS)
         terms = {
             "colour": picture_error(colour, truth.colour, truth.coverage),
             "grey": picture_error(grey, truth.grey, truth.coverage),
@@ -288,7 +294,7 @@ class _Trainer:
         nowhere = torch.zeros(count, dtype=torch.bool)
         channels, points, angles, truth = self._scene(self.clouds[objects], objects, views, nowhere)
         output = self._draw(self.average, channels, points, angles)
-        _, (colour, grey) = composite(output, ("colour", "grey"))
+        _, (colour, grey) = composite(output, HEADS)
         rows = torch.stack([truth.colour, colour, grey.expand_as(colour)])  # [3, K, 3, S, S]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)
         return (rows * 255).round().byte().cpu().numpy()

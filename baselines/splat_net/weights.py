@@ -1,4 +1,4 @@
-"""Trained weights as files: what is bundled, how a file is written, and how it is checked.
+"""Trained weights as files: how a file is written, and how it is checked.
 
 A file holds the averaged network with one head and nothing else; kernels are float16, everything of
 one dimension float32. The safetensors header says how it was made.
@@ -17,14 +17,13 @@ import torch
 from baselines.splat_net.network import PLANES, Material, NetworkConfig, SplatNet
 from baselines.splat_net.projection import Inputs
 from baselines.splat_net.train import KIND
+from baselines.splat_net.weight_files import find_weights
 from data_prep.failures import BadInput
 from learning import checkpoint, weight_tensors
-from learning.weight_files import file_sha256, find_file
+from learning.weight_files import file_sha256
 
 FORMAT = "splat-net-weights-1"
 EXPORT = "baselines.splat_net.weights.export"
-FOLDER = Path(__file__).parent / "weights"
-BUNDLED: dict[str, str] = {}  # name -> sha256 of weights/<name>.safetensors
 MOST_WIDTH = 4096
 MOST_WINDOW = 63
 
@@ -69,15 +68,6 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     return file_sha256(path)
 
 
-def find_weights(name_or_path: str | Path) -> Path:
-    """The file of a bundled name, its checksum verified, or the path itself.
-
-    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
-    bundled file differs from its checksum.
-    """
-    return find_file(name_or_path, FOLDER, BUNDLED)
-
-
 def load_weights(name_or_path: str | Path = "chair") -> Weights:
     """Weights by bundled name or by path.
 
@@ -93,7 +83,7 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
         )
     try:
         config = network_config(json.loads(header["network"]))
-        card = dict(json.loads(header["training"]))
+        card = {**json.loads(header["training"])}
         if len(config.heads) != 1:
             raise ValueError(f"heads {config.heads}, expected one")
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -120,9 +110,12 @@ def network_config(found: Mapping[str, Any]) -> NetworkConfig:
         }
     )
     sizes = (*config.widths, config.code)
-    if not all(isinstance(n, int) and 0 <= n <= MOST_WIDTH for n in sizes):
+    if not all(type(n) is int and 0 <= n <= MOST_WIDTH for n in sizes):  # True is an int, too
         raise ValueError(f"widths {config.widths}, code {config.code}")
-    odd = [w for w in inputs.windows if isinstance(w, int) and w % 2 and 0 < w <= MOST_WINDOW]
+    flags = (inputs.normals, inputs.density, inputs.flattened, inputs.far)
+    if not all(isinstance(flag, bool) for flag in flags):
+        raise ValueError(f"inputs {inputs}, expected true or false")
+    odd = {w for w in inputs.windows if type(w) is int and w % 2 and 0 < w <= MOST_WINDOW}
     if not odd or list(inputs.windows) != sorted(odd):
         raise ValueError(f"windows {inputs.windows}, expected odd numbers that rise")
     if not config.heads or not set(config.heads) <= set(PLANES):

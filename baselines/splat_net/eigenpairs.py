@@ -1,0 +1,72 @@
+"""The smallest eigenvalue of many symmetric 3x3 matrices, and its eigenvector, in closed form.
+
+LAPACK, which NumPy and PyTorch call matrix by matrix, took half of the time that a cloud is
+prepared in; this takes a seventh of that. Eigenvalues: O. K. Smith, "Eigenvalues of a symmetric 3x3
+matrix", CACM 4 (1961). The eigenvector is at right angles to all rows of A - lambda I: the longest
+of their cross products.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# Squared sines of the angle between two rows below this are rounding: the rows are parallel.
+PARALLEL = 1e-20
+
+
+def smallest_eigenpairs(upper: Floats) -> tuple[Floats, Floats]:
+    """Eigenvalues [n] and unit eigenvectors [n, 3], of either sign, of finite matrices.
+
+    upper  [n, 6]: a00, a01, a02, a11, a12, a22
+
+    The eigenvalue is exact to some 1e-15 of the largest, to 1e-8 where two are nearly equal. Where
+    the smallest two are equal the eigenvector is one of many, as with LAPACK's; of a multiple of
+    the identity it is (0, 0, 1).
+    """
+    size = np.abs(upper).max(axis=1)
+    a, b, c, d, e, f = (upper / np.where(size > 0, size, 1)[:, None]).T
+    mean = (a + d + f) / 3
+    x, y, z = a - mean, d - mean, f - mean
+    off = b * b + c * c + e * e
+    spread = np.sqrt((x * x + y * y + z * z + 2 * off) / 6)
+    determinant = x * (y * z - e * e) - b * (b * z - c * e) + c * (b * e - c * y)
+    cube = 2 * spread**3
+    ratio = np.divide(determinant, cube, out=np.zeros_like(cube), where=cube > 0)
+    angle = np.arccos(ratio.clip(-1, 1)) / 3
+    value = mean + 2 * spread * np.cos(angle + 2 * np.pi / 3)
+    rows = np.array([[a - value, b, c], [b, d - value, e], [c, e, f - value]])  # [3, 3, n]
+    return value * size, _across(rows)
+
+
+def _across(rows: Floats) -> Floats:
+    """Unit vectors [n, 3] at right angles to all rows [3, 3, n] of matrices of rank 2 or less."""
+    found, best = np.zeros_like(rows[0]), np.zeros_like(rows[0, 0])
+    for first, second in ((0, 1), (0, 2), (1, 2)):
+        product = _cross(rows[first], rows[second])
+        length = (product * product).sum(axis=0)
+        limit = PARALLEL * (rows[first] ** 2).sum(axis=0) * (rows[second] ** 2).sum(axis=0)
+        better = length > np.maximum(best, limit)
+        found, best = np.where(better, product, found), np.where(better, length, best)
+    if not (best > 0).all():
+        found = np.where(best > 0, found, _across_line(rows))
+    return (found / np.sqrt((found * found).sum(axis=0))).T
+
+
+def _across_line(rows: Floats) -> Floats:
+    """Vectors [3, n] at right angles to the longest row, which all others are multiples of."""
+    lengths = (rows**2).sum(axis=1)  # [3, n]
+    line = np.take_along_axis(rows, lengths.argmax(axis=0)[None, None], axis=0)[0]
+    axes = np.eye(3)[np.abs(line).argmin(axis=0)].T  # the axis that it runs along least
+    across = _cross(line, axes)
+    none = (across == 0).all(axis=0)
+    return np.where(none, np.array([[0.0], [0.0], [1.0]]), across)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Of vectors [3, n]; NumPy's own spends most of its time on moving axes."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )

@@ -1,0 +1,19 @@
+"""Which weights are bundled, and their checksums. Needs no torch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from learning.weight_files import find_file
+
+FOLDER = Path(__file__).parent / "weights"
+BUNDLED: dict[str, str] = {}  # name -> sha256 of weights/<name>.safetensors
+
+
+def find_weights(name_or_path: str | Path) -> Path:
+    """The file of a bundled name, its checksum verified, or the path itself.
+
+    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
+    bundled file differs from its checksum.
+    """
+    return find_file(name_or_path, FOLDER, BUNDLED)
