@@ -11,7 +11,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from baselines.splat_net.network import Block, SplatNet, composite
+from baselines.splat_net.network import SMALLEST, Block, SplatNet, composite
 from learning.convolution import Convolution
 
 Precision = Literal["float32", "bfloat16"]
@@ -41,9 +41,9 @@ class FoldedSplatNet:
 
         The arguments are those of `SplatNet`.
         """
-        film = None if code is None else self.network.modulation(code, angles)
+        prior = None if code is None else self.network.prior(code, angles, self.size // SMALLEST)
         layers = self.for_one if len(channels) == 1 else self.for_many
-        output = layers(channels, film)
+        output = layers(channels, prior)
         _, (picture, *_) = composite(output, self.network.config.heads)
         return picture.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 
@@ -58,34 +58,40 @@ class _Layers:
         with torch.no_grad():
             self.first = _folded(network.first, like, dtype)
             self.down: list[tuple[Convolution, Convolution]] = []
-            self.up: list[tuple[Convolution, Convolution]] = []
+            self.up: list[tuple[Convolution, list[Convolution]]] = []
             for place, level in enumerate(network.down):
                 halving, block = level  # type: ignore[misc]
                 like = [group, widths[place], size, size]
                 size //= 2
                 inner = [group, widths[place + 1], size, size]
                 self.down.append((_folded(halving, like, dtype), _folded(block, inner, dtype)))
-            for place, (lift, block) in enumerate(zip(network.lift, network.up, strict=True)):
-                level = len(widths) - 1 - place
-                like = [group, widths[level], size, size]
+            wide = network.middle.conv.in_channels
+            self.middle = _folded(network.middle, [group, wide, size, size], dtype)
+            for place, (lift, level) in enumerate(zip(network.lift, network.up, strict=True)):
+                width = widths[len(widths) - 1 - place]
+                below = _plain(lift, [group, width, size, size], dtype)
                 size *= 2
-                inner = [group, widths[level - 1], size, size]
-                self.up.append((_plain(lift, like, dtype), _folded(block, inner, dtype)))
+                inner = [group, widths[len(widths) - 2 - place], size, size]
+                blocks = [_folded(block, inner, dtype) for block in level]  # type: ignore[attr-defined]
+                self.up.append((below, blocks))
             self.last = _plain(network.last, [group, widths[0], size, size], dtype, padding=1)
 
-    def __call__(self, channels: Tensor, film: tuple[Tensor, Tensor] | None) -> Tensor:
+    def __call__(self, channels: Tensor, prior: Tensor | None) -> Tensor:
         x = self.first(channels)
         passed = []
         for halving, block in self.down:
             passed.append(x)
             x = block(halving(x))
-        if film is not None:
-            scale, shift = (part.to(self.dtype)[:, :, None, None] for part in film)
-            x = torch.addcmul(x + shift, x, scale)
-        for lift, block in self.up:
+        if prior is not None:
+            x = torch.cat([x, prior.to(self.dtype)], dim=1)
+            x = x.contiguous(memory_format=torch.channels_last)
+        x = self.middle(x)
+        for lift, blocks in self.up:
             y = passed.pop()
             _add_doubled(y, lift(x))
-            x = block(y)
+            for block in blocks:
+                y = block(y)
+            x = y
         return self.last(x)
 
 

@@ -12,7 +12,7 @@ from torch.nn.utils.parametrizations import spectral_norm
 from learning.structural_similarity import structural_similarity
 
 FOREGROUND_WEIGHT = 3.0  # thin parts are few pixels
-STRUCTURE_WEIGHT = 0.25
+STRUCTURE_WEIGHT = 0.5
 COVERAGE_WEIGHT = 0.1
 GREY_WEIGHT = 0.5
 

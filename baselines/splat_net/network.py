@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -23,7 +24,9 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 
 SMALLEST = 16  # the picture's side over that of the narrowest level: sizes must be its multiples
+CODE_POINTS = 1024  # of a cloud, at most
 CAMERA_NUMBERS = 4  # sine and cosine of both angles
+PRIOR = 24  # channels that say what is to be expected
 Material = Literal["colour", "grey"]
 PLANES: dict[Material, int] = {"colour": 3, "grey": 1}
 
@@ -39,7 +42,7 @@ class NetworkConfig:
 
     inputs: Inputs = ALL_INPUTS
     widths: tuple[int, ...] = (16, 32, 64, 128, 160)
-    code: int = 64
+    code: int = 128
     heads: tuple[Material, ...] = ("colour", "grey")
 
     def __post_init__(self) -> None:
@@ -55,9 +58,9 @@ class NetworkConfig:
 DEFAULT = NetworkConfig()
 # Normals and flattened points cost more than all of its layers.
 TINY = NetworkConfig(
-    inputs=Inputs(normals=False, flattened=False), widths=(8, 16, 32, 48, 64), code=32
+    inputs=Inputs(normals=False, flattened=False), widths=(8, 16, 32, 48, 64), code=64
 )
-LARGE = NetworkConfig(widths=(24, 48, 96, 192, 256), code=128)
+LARGE = NetworkConfig(widths=(24, 48, 96, 192, 224))
 SIZES = {"tiny": TINY, "default": DEFAULT, "large": LARGE}
 
 
@@ -67,15 +70,35 @@ class CloudCode(nn.Module):
     def __init__(self, code: int) -> None:
         super().__init__()
         self.points = nn.Sequential(
-            nn.Linear(3, 64), nn.ReLU(), nn.Linear(64, 128), nn.ReLU(), nn.Linear(128, 128)
+            nn.Linear(3, 64), nn.ReLU(), nn.Linear(64, 128), nn.ReLU(), nn.Linear(128, 256)
         )
-        self.cloud = nn.Sequential(nn.Linear(2 * 128 + 1, 128), nn.ReLU(), nn.Linear(128, code))
+        self.cloud = nn.Sequential(nn.Linear(2 * 256 + 1, 256), nn.ReLU(), nn.Linear(256, code))
 
     def forward(self, points: Tensor) -> Tensor:
         """Bounded, so that a cloud unlike any seen can shift the picture only so far."""
         seen = self.points(points)
         count = torch.full_like(seen[:, :1, 0], float(points.shape[1])).log() - 7.0
         return torch.tanh(self.cloud(torch.cat([seen.amax(1), seen.mean(1), count], dim=1)))
+
+
+class Prior(nn.Module):
+    """What such a cloud looks like from there: code and angles -> [P, PRIOR, S / 16, S / 16].
+
+    A map of 8x8, resized for pictures of another size than 128.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Linear(code + CAMERA_NUMBERS, 128), nn.ReLU(), nn.Linear(128, PRIOR * 64)
+        )
+
+    def forward(self, code: Tensor, angles: Tensor, size: int) -> Tensor:
+        """`size` is that of the narrowest level."""
+        drawn = self.layers(torch.cat([code, angles], dim=1)).unflatten(1, (PRIOR, 8, 8))
+        if size == 8:
+            return drawn
+        return functional.interpolate(drawn, (size, size), mode="bilinear", align_corners=False)
 
 
 class Block(nn.Sequential):
@@ -100,22 +123,18 @@ class SplatNet(nn.Module):
         self.down = nn.ModuleList(
             nn.Sequential(Block(a, b, stride=2), Block(b, b)) for a, b in pairs
         )
+        narrow = widths[-1] + (PRIOR if config.code else 0)
+        self.middle = Block(narrow, widths[-1])
         self.lift = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in reversed(pairs))
-        self.up = nn.ModuleList(Block(a, a) for a, _ in reversed(pairs))
+        # two at the coarse levels, where they are cheap
+        self.up = nn.ModuleList(
+            nn.Sequential(*(Block(a, a) for _ in range(2 if a >= widths[2] else 1)))
+            for a, _ in reversed(pairs)
+        )
         self.last = nn.Conv2d(widths[0], config.outputs, 3, padding=1)
         if config.code:
             self.code = CloudCode(config.code)
-            hidden = 2 * config.code
-            self.film = nn.Sequential(
-                nn.Linear(config.code + CAMERA_NUMBERS, hidden),
-                nn.ReLU(),
-                nn.Linear(hidden, 2 * widths[-1]),
-            )
-
-    def modulation(self, code: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:
-        """What the code does at the narrowest level: x + shift + x scale, [P, widths[-1]] each."""
-        scale, shift = self.film(torch.cat([code, angles], dim=1)).chunk(2, dim=1)
-        return scale, shift
+            self.prior = Prior(config.code)
 
     def forward(self, channels: Tensor, code: Tensor | None, angles: Tensor) -> Tensor:
         """Alpha and the heads' planes, before the sigmoid: [P, outputs, S, S].
@@ -130,12 +149,22 @@ class SplatNet(nn.Module):
             passed.append(x)
             x = level(x)
         if code is not None:
-            scale, shift = self.modulation(code, angles)
-            x = x + shift[:, :, None, None] + x * scale[:, :, None, None]
+            x = torch.cat([x, self.prior(code, angles, x.shape[-1]).to(x.dtype)], dim=1)
+        x = self.middle(x)
         for lift, level in zip(self.lift, self.up, strict=True):
             x = functional.interpolate(lift(x), scale_factor=2.0, mode="nearest")
             x = level(x + passed.pop())
         return self.last(x)
+
+
+def code_rows(count: int) -> Tensor:
+    """Which of `count` sorted points the code is made from: all, or CODE_POINTS at random.
+
+    The choice depends on their number alone.
+    """
+    if count <= CODE_POINTS:
+        return torch.arange(count)
+    return torch.from_numpy(np.random.default_rng(count).permutation(count)[:CODE_POINTS])
 
 
 def camera_numbers(views: Sequence[View]) -> Tensor:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from baselines.splat_net.surfels import Surfels
+from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels
 from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world
 from data_prep.scene import IMAGE_SIZE, View
 
@@ -30,9 +30,10 @@ class Inputs:
     """Which channels there are.
 
     windows    sides in pixels of the discs, at 128 px, from narrow to wide; odd
-    normals    normals and surface variation: near for the first window, far for the last
+    normals    normals and surface variation: of the first scale for the narrowest discs, of the
+               others for the widest
     density    points in windows of 1, 3 and 9 px
-    flattened  depth and density of the points moved onto the plane of their neighbours
+    flattened  depth and density of the points moved onto the planes of their neighbourhoods
     far        depth of the farthest point in the widest window
     """
 
@@ -45,13 +46,12 @@ class Inputs:
     @property
     def channels(self) -> int:
         """How many."""
-        scales = min(2, len(self.windows))
         return (
             len(self.windows)
-            + 4 * scales * self.normals
-            + 3 * self.density
-            + 2 * self.flattened
             + self.far
+            + 3 * self.density
+            + 2 * len(FLATTENED) * self.flattened
+            + 4 * len(HOPS) * self.normals
         )
 
 
@@ -83,19 +83,17 @@ def project(
     """
     points = _to_camera(surfels.points, cameras)  # [P, N, 3]
     seen = _Pixels(points, size)
-    attributes = _attributes(surfels, cameras, points) if inputs.normals else None
     whole = torch.empty(
         (len(cameras), size, size, inputs.channels), dtype=dtype, device=cameras.device
     )
     planes = iter(whole.unbind(3))
-    looks = []
-    nearest, width = seen.nearest(), 1
+    narrowest = widest = seen.nearest()
+    width = 1
     for place, window in enumerate(inputs.windows):
         window = _scaled(window, size)
-        nearest, width = _spread(nearest, window - width + 1, torch.minimum), window
-        next(planes).copy_(_nearness(_depth_of(nearest)))
-        if attributes is not None and place in (0, len(inputs.windows) - 1):
-            looks.append(_look_up(attributes[min(place, 1)], nearest))
+        widest, width = _spread(widest, window - width + 1, torch.minimum), window
+        narrowest = widest if place == 0 else narrowest
+        next(planes).copy_(_nearness(_depth_of(widest)))
     if inputs.far:
         far = _spread(seen.farthest(), width, torch.maximum)
         next(planes).copy_(_nearness(far.abs()))  # EMPTY where there is none
@@ -105,14 +103,17 @@ def project(
         for window in (3, 9):
             next(planes).copy_(torch.log1p(_spread(count, _scaled(window, size), torch.add)))
     if inputs.flattened:
-        flat = _Pixels(_to_camera(surfels.flattened, cameras), size)
-        window = _scaled(inputs.windows[0], size)
-        near = _spread(flat.nearest_depth(), window, torch.minimum)
-        next(planes).copy_(_nearness(near))
-        next(planes).copy_(torch.log1p(flat.count()))
-    for place, look in enumerate(reversed(looks)):
-        stop = inputs.channels - 4 * place
-        whole[..., stop - 4 : stop] = look
+        for moved in surfels.flattened.unbind(-2):
+            flat = _Pixels(_to_camera(moved, cameras), size)
+            window = _scaled(inputs.windows[0], size)
+            near = _spread(flat.nearest_depth(), window, torch.minimum)
+            next(planes).copy_(_nearness(near))
+            next(planes).copy_(torch.log1p(flat.count()))
+    if inputs.normals:
+        attributes = _attributes(surfels, cameras, points)
+        start = inputs.channels - 4 * len(HOPS)
+        whole[..., start : start + 4] = _look_up(attributes[0], narrowest)
+        whole[..., start + 4 :] = _look_up(attributes[1], widest)
     return whole.permute(0, 3, 1, 2)
 
 
@@ -238,22 +239,26 @@ def _nearness(depth: Tensor) -> Tensor:
     return ((FARTHEST - depth) / 2).clamp_(0.0, 1.5)
 
 
-def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> Tensor:
-    """[2, P * (N + 1), 4]: normal towards the camera and variation, near and far; a row of zeros
-    behind each cloud, for pixels without a point."""
+def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+    """Normals towards the camera, and variation: [P * (N + 1), 4] of the first scale, and
+    [P * (N + 1), 4 (scales - 1)] of the others.
+
+    A row of zeros stands behind each cloud, for pixels without a point.
+    """
     turn = cameras[:, None, :, :3].mT  # [P, 1, 3, 3]
-    normals = surfels.normals @ turn  # [P, N, 2, 3]
+    normals = surfels.normals @ turn  # [P, N, scales, 3]
     away = (normals * points[:, :, None]).sum(dim=-1, keepdim=True) > 0
     normals = torch.where(away, -normals, normals)
     variation = surfels.variation[..., None].expand(*normals.shape[:-1], 1)
-    both = torch.cat([normals, 3 * variation], dim=-1)
-    return functional.pad(both.permute(2, 0, 1, 3), (0, 0, 0, 1)).flatten(1, 2)
+    both = torch.cat([normals, 3 * variation], dim=-1).flatten(2)  # [P, N, 4 scales]
+    both = functional.pad(both, (0, 0, 0, 1)).flatten(0, 1)
+    return both[:, :4], both[:, 4:]
 
 
 def _look_up(attributes: Tensor, nearest: Tensor) -> Tensor:
-    """[P, S, S, 4]: what the point has that each pixel's disc comes from; see `_Pixels.nearest`."""
+    """[P, S, S, numbers]: what the point has that each pixel's disc comes from."""
     count = len(nearest)
     rows = len(attributes) // count
     first = torch.arange(0, len(attributes), rows, device=nearest.device)
     index = (nearest & 0xFFFFFFFF) + first[:, None, None]
-    return attributes.index_select(0, index.flatten()).view(*nearest.shape, 4)
+    return attributes.index_select(0, index.flatten()).view(*nearest.shape, -1)

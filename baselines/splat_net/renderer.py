@@ -10,14 +10,13 @@ import torch
 from torch import Tensor
 
 from baselines.splat_net.engine import GROUP, FoldedSplatNet, Precision
-from baselines.splat_net.network import SMALLEST, camera_numbers
+from baselines.splat_net.network import SMALLEST, camera_numbers, code_rows
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
 from baselines.splat_net.weights import Weights
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 
-CODE_POINTS = 2048  # what the code has been trained on, at most
 POINTS_TOGETHER = 2**19  # of all pictures of a group: a bound on memory for large clouds
 
 
@@ -99,13 +98,3 @@ class SplatNetRenderer:
                 raise StageFailure("draw", "the picture is not finite")
             images[start : start + group] = drawn.cpu().numpy()
         return images
-
-
-def code_rows(count: int) -> Tensor:
-    """Which of `count` sorted points the code is made from: all, or CODE_POINTS at random.
-
-    The choice depends on their number alone.
-    """
-    if count <= CODE_POINTS:
-        return torch.arange(count)
-    return torch.from_numpy(np.random.default_rng(count).permutation(count)[:CODE_POINTS])

@@ -1,8 +1,8 @@
 """What a cloud says about its surface before any camera is chosen: normals, and where it is flat.
 
-Two scales. Near: a point's `NEIGHBOURS` nearest points. Far: the neighbourhoods of these together,
-as one distribution, which reaches twice as far without a second search (what noise needs; what the
-first scale alone leaves ragged, the second smooths).
+Several scales, by hops. One hop: a point's `NEIGHBOURS` nearest points. Two: the neighbourhoods of
+these together, as one distribution, which reaches twice as far without a second search; and so on.
+The clean cloud needs the first, noise the last.
 """
 
 from __future__ import annotations
@@ -18,8 +18,11 @@ from torch import Tensor
 from baselines.splat_net.eigenpairs import smallest_eigenpairs
 
 NEIGHBOURS = 10  # of a point, itself among them; that of the paper's reconstruction
+HOPS = (1, 2, 4)
+FLATTENED = (1, 2)  # the scales that points are flattened by
 LARGEST_PART = 65_536  # points that are worked on at once: a bound on memory
 _UPPER = np.triu_indices(3)
+_LARGEST = float(np.finfo(np.float32).max)
 
 Floats = NDArray[np.float64]
 
@@ -29,10 +32,11 @@ class Surfels:
     """Points of one cloud or of several (leading dimensions ...), float32, unit-sphere coordinates.
 
     points     [..., N, 3]
-    flattened  [..., N, 3]: the points moved onto the plane of their far neighbourhood
-    normals    [..., N, 2, 3]: unit vectors of either sign, near and far
-    variation  [..., N, 2]: surface variation, near and far: the smallest of the three eigenvalues
-               of the covariance over their sum (Pauly, Gross and Kobbelt 2002), 0..1/3
+    flattened  [..., N, 2, 3]: the points moved onto the planes of their neighbourhoods, by scale
+               of FLATTENED
+    normals    [..., N, 3, 3]: unit vectors of either sign, by scale of HOPS
+    variation  [..., N, 3]: surface variation, by scale: the smallest of the three eigenvalues of
+               the covariance over their sum (Pauly, Gross and Kobbelt 2002), 0..1/3
     """
 
     points: Tensor
@@ -60,13 +64,24 @@ def find_surfels(points: NDArray[np.float32], workers: int = 1) -> Surfels:
     # Not by threads: their memory comes fresh from the operating system, page by page, which cost
     # more than the arithmetic.
     parts = [slice(i, i + LARGEST_PART) for i in range(0, len(place), LARGEST_PART)]
-    moments = np.concatenate([_near_moments(place, found[part]) for part in parts])
-    pieces = [_fit(place, moments, part, found[part]) for part in parts]
-    fitted = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    return Surfels(*(torch.from_numpy(part.astype(np.float32)) for part in (place, *fitted)))
+    moments = np.concatenate([_moments_of_points(place, found[part]) for part in parts])
+    normals, variation, flattened = [], [], []
+    for hop in range(1, HOPS[-1] + 1):
+        if hop > 1:
+            moments = np.concatenate([_mixed(moments, found[part]) for part in parts])
+        if hop not in HOPS:
+            continue
+        normal, flatness = _fit(moments)
+        normals.append(normal)
+        variation.append(flatness)
+        if HOPS.index(hop) in FLATTENED:
+            height = ((place - moments[:, :3]) * normal).sum(axis=1, keepdims=True)
+            flattened.append((place - height * normal).clip(-_LARGEST, _LARGEST))
+    stacked = (np.stack(scales, axis=1) for scales in (flattened, normals, variation))
+    return Surfels(*(torch.from_numpy(part.astype(np.float32)) for part in (place, *stacked)))
 
 
-def _near_moments(place: Floats, found: NDArray[np.intp]) -> Floats:
+def _moments_of_points(place: Floats, found: NDArray[np.intp]) -> Floats:
     """Mean, and covariance (six of its nine numbers), of neighbourhoods `found` [n, k]: [n, 9]."""
     near = np.take(place, found, axis=0)  # [n, k, 3]
     mean = near.mean(axis=1)
@@ -75,25 +90,25 @@ def _near_moments(place: Floats, found: NDArray[np.intp]) -> Floats:
     return np.concatenate([mean, covariance[:, *_UPPER]], axis=1)
 
 
-def _fit(
-    place: Floats, moments: Floats, own: slice, found: NDArray[np.intp]
-) -> tuple[Floats, Floats, Floats]:
-    """Flattened points [n, 3], normals [n, 2, 3] and variation [n, 2] of the points `own`."""
+def _mixed(moments: Floats, found: NDArray[np.intp]) -> Floats:
+    """Moments [n, 9] of the neighbours' distributions together.
+
+    Of a mixture the mean is the mean of the means, and the covariance the mean of the covariances
+    and the covariance of the means.
+    """
     theirs = np.take(moments, found, axis=0)  # [n, k, 9]
-    # Of a mixture: its mean is the mean of the means, its covariance the mean of the covariances
-    # and the covariance of the means.
-    mean = theirs[:, :, :3].mean(axis=1)
-    steps = theirs[:, :, :3] - mean[:, None]
-    far = theirs[:, :, 3:].mean(axis=1) + (steps.mT @ steps / steps.shape[1])[:, *_UPPER]
-    both = np.concatenate([moments[own, 3:], far])
-    least, normals = smallest_eigenpairs(both)
-    total = both[:, [0, 3, 5]].sum(axis=1)  # the trace is the sum of the eigenvalues
+    mixed = theirs.mean(axis=1)
+    steps = theirs[:, :, :3] - mixed[:, None, :3]
+    mixed[:, 3:] += (steps.mT @ steps / steps.shape[1])[:, *_UPPER]
+    return mixed
+
+
+def _fit(moments: Floats) -> tuple[Floats, Floats]:
+    """Normals [n, 3] and surface variation [n] of distributions [n, 9]."""
+    least, normals = smallest_eigenpairs(moments[:, 3:])
+    total = moments[:, [3, 6, 8]].sum(axis=1)  # the trace is the sum of the eigenvalues
     variation = np.divide(least, total, out=np.zeros_like(total), where=total > 0)
-    count = len(far)
-    normals = np.stack([normals[:count], normals[count:]], axis=1)
-    variation = np.stack([variation[:count], variation[count:]], axis=1)
-    height = ((place[own] - mean) * normals[:, 1]).sum(axis=1, keepdims=True)
-    return place[own] - height * normals[:, 1], normals, variation.clip(0, 1 / 3)
+    return normals, variation.clip(0, 1 / 3)
 
 
 def stack(surfels: list[Surfels]) -> Surfels:
