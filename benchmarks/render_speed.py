@@ -41,7 +41,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.randomness import generator
 from data_prep.render import gl_renderer, render
 from data_prep.sampling import random_views
-from data_prep.scene import Mesh, View
+from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 CHAIRS = 24
 SUBDIVISIONS = range(1, 8)  # of an icosahedron: 20 x 4^n faces
@@ -173,15 +173,15 @@ def parts_of(mesh: Mesh, views: Sequence[View]) -> Parts:
     """What `render` does, step by step, each waited for; at most a sheet of views."""
     context = renderer._context()
     context.make_current()
-    gl = context.gl
+    gl, buffers = context.gl, context.buffers(IMAGE_SIZE)
     clock = [time.process_time()]
     context.upload(*renderer._vertices_of_one_colour(mesh))
     gl.glFinish()
     clock.append(time.process_time())
-    context.draw(renderer._world_to_camera(views), mesh.faces.size)
+    context.draw(renderer._world_to_camera(views), mesh.faces.size, buffers)
     gl.glFinish()
     clock.append(time.process_time())
-    np.array(context.read(len(views)))
+    np.array(context.read(len(views), buffers))
     clock.append(time.process_time())
     return Parts(*np.diff(clock).tolist())
 

@@ -8,8 +8,8 @@ drawn one after another into one small multisampled buffer, which stays in the p
 and resolved into one sheet, which is read back once.
 
 Importing pyrender imports an interactive viewer that nobody here uses but which needs pyglet and
-libGLU; it is left out. One GL context is made per process and reused. OpenGL keeps global state:
-one thread only.
+libGLU; it is left out. One GL context is made per process and reused, with buffers for each size of
+pictures. OpenGL keeps global state: one thread only.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ DEBIAN_PACKAGES = {  # and the library each is installed for; `.ci/libraries` in
 REMEDY = "install the Debian packages " + " ".join(DEBIAN_PACKAGES) + " (bench doctor checks them)"
 
 
-def render(mesh: Mesh, views: Sequence[View]) -> NDArray[np.uint8]:
-    """Pictures of `mesh` from `views`: uint8 [V, IMAGE_SIZE, IMAGE_SIZE, 3], white background.
+def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
+    """Pictures of `mesh` from `views`: uint8 [V, size, size, 3], white background.
 
     A facet seen head-on has exactly its own colour; tilted by an angle t its colour is multiplied
     by cos(t)^(1/2.2). Both sides of a facet are visible. An edge is smoothed with 4 samples a
@@ -62,17 +62,18 @@ def render(mesh: Mesh, views: Sequence[View]) -> NDArray[np.uint8]:
     """
     if not np.isfinite(mesh.vertices).all():
         raise ValueError("render: the mesh has non-finite vertices")
-    images = np.full((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
+    images = np.full((len(views), size, size, 3), 255, dtype=np.uint8)
     if len(mesh.faces) == 0 or len(views) == 0:
         return images
     context = _context()
     context.make_current()
+    buffers = context.buffers(size)
     context.upload(*_vertices_of_one_colour(mesh))
     matrices = _world_to_camera(views)
     for start in range(0, len(views), SHEET_VIEWS):
         stop = start + SHEET_VIEWS
-        context.draw(matrices[start:stop], mesh.faces.size)
-        images[start:stop] = context.read(len(images[start:stop]))
+        context.draw(matrices[start:stop], mesh.faces.size, buffers)
+        images[start:stop] = context.read(len(images[start:stop]), buffers)
     return images
 
 
@@ -119,15 +120,30 @@ def _projection() -> NDArray[np.float64]:
     return matrix
 
 
+@dataclass(frozen=True)
+class _Buffers:
+    """Frame buffers for pictures of a size."""
+
+    size: int
+    multisampled: int
+    sheet: int
+
+
 @dataclass(frozen=True, eq=False)
 class _Context:
-    """The one GL context: its state is set when it is made, and nothing else changes it."""
+    """The one GL context: its state is set when it is made; buffers are added for other sizes."""
 
     gl: Any  # PyOpenGL has no types
     platform: Any
     view_matrix: int  # uniform
-    multisampled: int  # frame buffers
-    sheet: int
+    made: dict[int, _Buffers]
+
+    def buffers(self, size: int) -> _Buffers:
+        """Those for pictures of this size, and the viewport set to it."""
+        if size not in self.made:
+            self.made[size] = _make_buffers(self.gl, size)
+        self.gl.glViewport(0, 0, size, size)
+        return self.made[size]
 
     def make_current(self) -> None:
         self.platform.make_current()
@@ -138,24 +154,24 @@ class _Context:
         gl.glBufferData(gl.GL_ARRAY_BUFFER, vertices.nbytes, vertices, gl.GL_STATIC_DRAW)
         gl.glBufferData(gl.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, faces, gl.GL_STATIC_DRAW)
 
-    def draw(self, world_to_camera: NDArray[np.float32], indices: int) -> None:
+    def draw(self, world_to_camera: NDArray[np.float32], indices: int, buffers: _Buffers) -> None:
         """Views [V, 4, 4], at most SHEET_VIEWS, of the uploaded mesh."""
-        gl, size = self.gl, IMAGE_SIZE
+        gl, size = self.gl, buffers.size
         for place, matrix in enumerate(world_to_camera):
-            gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self.multisampled)
+            gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, buffers.multisampled)
             gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
             gl.glUniformMatrix4fv(self.view_matrix, 1, gl.GL_TRUE, matrix)
             gl.glDrawElements(gl.GL_TRIANGLES, indices, gl.GL_UNSIGNED_INT, ctypes.c_void_p(0))
-            gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, self.sheet)
+            gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, buffers.sheet)
             bottom, top = size * place, size * (place + 1)
             gl.glBlitFramebuffer(
                 *(0, 0, size, size), *(0, bottom, size, top), gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST
             )
 
-    def read(self, count: int) -> NDArray[np.uint8]:
+    def read(self, count: int, buffers: _Buffers) -> NDArray[np.uint8]:
         """The first pictures of the sheet, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
-        gl, size = self.gl, IMAGE_SIZE
-        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self.sheet)
+        gl, size = self.gl, buffers.size
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, buffers.sheet)
         pixels = gl.glReadPixels(0, 0, size, size * count, gl.GL_RGB, gl.GL_UNSIGNED_BYTE)
         # OpenGL counts rows from below.
         return np.frombuffer(pixels, np.uint8).reshape(count, size, size, 3)[:, ::-1]
@@ -190,18 +206,8 @@ def _context() -> _Context:
 
 
 def _set_up(gl: Any, shaders: Any, platform: Any) -> _Context:
-    """All state of the context that is the same for any mesh and view."""
-    size = IMAGE_SIZE
-    multisampled = gl.glGenFramebuffers(1)
-    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, multisampled)
-    for attachment, pixel in (
-        (gl.GL_COLOR_ATTACHMENT0, gl.GL_RGBA8),
-        (gl.GL_DEPTH_ATTACHMENT, gl.GL_DEPTH_COMPONENT24),
-    ):
-        _attach(gl, attachment)
-        gl.glRenderbufferStorageMultisample(gl.GL_RENDERBUFFER, SAMPLES, pixel, size, size)
+    """All state of the context that is the same for any mesh, view and size."""
     gl.glEnable(gl.GL_DEPTH_TEST)
-    gl.glViewport(0, 0, size, size)
     gl.glClearColor(1.0, 1.0, 1.0, 1.0)
 
     gl.glBindVertexArray(gl.glGenVertexArrays(1))
@@ -220,13 +226,24 @@ def _set_up(gl: Any, shaders: Any, platform: Any) -> _Context:
     projection = gl.glGetUniformLocation(program, "camera_to_clip")
     gl.glUniformMatrix4fv(projection, 1, gl.GL_TRUE, _projection().astype(np.float32))
 
+    view_matrix = gl.glGetUniformLocation(program, "world_to_camera")
+    return _Context(gl, platform, view_matrix, {})
+
+
+def _make_buffers(gl: Any, size: int) -> _Buffers:
+    multisampled = gl.glGenFramebuffers(1)
+    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, multisampled)
+    for attachment, pixel in (
+        (gl.GL_COLOR_ATTACHMENT0, gl.GL_RGBA8),
+        (gl.GL_DEPTH_ATTACHMENT, gl.GL_DEPTH_COMPONENT24),
+    ):
+        _attach(gl, attachment)
+        gl.glRenderbufferStorageMultisample(gl.GL_RENDERBUFFER, SAMPLES, pixel, size, size)
     sheet = gl.glGenFramebuffers(1)
     gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, sheet)
     _attach(gl, gl.GL_COLOR_ATTACHMENT0)
     gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, gl.GL_RGBA8, size, size * SHEET_VIEWS)
-
-    view_matrix = gl.glGetUniformLocation(program, "world_to_camera")
-    return _Context(gl, platform, view_matrix, multisampled, sheet)
+    return _Buffers(size, multisampled, sheet)
 
 
 def _attach(gl: Any, attachment: int) -> None:

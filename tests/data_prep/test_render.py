@@ -13,6 +13,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from data_prep.camera import camera_to_world, project
+from data_prep.datasets import ProceduralObject
 from data_prep.render import SHEET_VIEWS, gl_renderer, render
 from data_prep.scene import Mesh, View
 from data_prep.shapes.chairs import chair
@@ -461,3 +462,24 @@ def test_what_is_missing_is_named(prelude: str, environment: dict, remedy: str) 
     assert done.returncode == 1
     assert last.startswith("data_prep.failures.MissingDependency: ")
     assert remedy in last
+
+
+def test_a_picture_of_another_size_shows_the_same():
+    """A pixel's centre of the smaller picture is a corner of four in the larger one: inside a facet
+    all agree, and along an edge the samples of one are spread over the four."""
+    mesh = ProceduralObject("chair", "test", 3).load()
+    views = [View(30.0, 20.0), View(-100.0, -10.0)]
+    pictures = render(mesh, views)
+    large, small = render(mesh, views, 256), render(mesh, views, 64)
+    assert large.shape == (2, 256, 256, 3)
+    assert small.shape == (2, 64, 64, 3)
+    for fine, coarse in ((large, pictures), (pictures, small)):
+        side = coarse.shape[1]
+        means = fine.reshape(2, side, 2, side, 2, 3).astype(float).mean(axis=(2, 4))
+        inside = np.ptp(fine.reshape(2, side, 2, side, 2, 3), axis=(2, 4)).max(axis=-1) == 0
+        assert inside.mean() > 0.7
+        # one grey level of rounding, and facets of different tilt that meet in a pixel
+        assert (np.abs(means - coarse).max(axis=-1)[inside] > 1).mean() < 0.002
+    # buffers of one size do not touch those of another
+    assert np.array_equal(render(mesh, views), pictures)
+    assert np.array_equal(render(mesh, views, 256), large)
