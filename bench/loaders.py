@@ -53,10 +53,9 @@ def widened(device: str, precision: Precision = "float32") -> Renderer:
 
 def splat_net(weights: str, device: str, precision: Precision = "float32") -> Renderer:
     """splat-net with a bundled name or file of weights."""
-    from baselines.splat_net.renderer import SplatNetRenderer
-    from baselines.splat_net.weights import load_weights
+    from baselines import splat_net
 
-    return SplatNetRenderer(load_weights(weights), device=_chosen(device), precision=precision)
+    return splat_net.load(weights, device=_chosen(device), precision=precision)
 
 
 def splat_net_identity(weights: str) -> str:

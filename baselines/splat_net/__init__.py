@@ -1,1 +1,36 @@
-"""A small network that sees the projected points: learned, but it is shown the geometry."""
+"""A small network that sees the projected points: learned, but it is shown the geometry.
+
+`load` gives a renderer with bundled weights or with your own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from baselines.splat_net.engine import Precision
+    from baselines.splat_net.renderer import SplatNetRenderer
+
+__all__ = ["load"]
+
+
+def load(
+    name_or_path: str | Path = "chair",
+    *,
+    device: str = "cpu",
+    precision: Precision = "float32",
+    size: int = 128,
+) -> SplatNetRenderer:
+    """A renderer with `prepare` and `draw`; see `SplatNetRenderer`.
+
+    Bundled names are the keys of `baselines.splat_net.weight_files.BUNDLED`. Raises BadInput for an
+    unknown name and a damaged file, ValueError for another precision or size.
+    """
+    from baselines.splat_net.renderer import SplatNetRenderer
+    from baselines.splat_net.weights import load_weights
+
+    return SplatNetRenderer(
+        load_weights(name_or_path), device=device, precision=precision, size=size
+    )
