@@ -130,22 +130,6 @@ METHODS = (
         source="splat-net in bfloat16",
         precision="bfloat16",
     ),
-    _splat_net(
-        "splat-net@tiny",
-        "chair-tiny",
-        source="splat-net with fewer channels in, half of the width, in bfloat16",
-        precision="bfloat16",
-    ),
-    _splat_net(
-        "splat-net@large",
-        "chair-large",
-        source="splat-net of one and a half times the width",
-    ),
-    _splat_net(
-        "splat-net@all",
-        "all",
-        source="one splat-net for all 13 classes (baselines/splat_net/weights/all.md)",
-    ),
     Method(
         "surface-apss",
         load=partial(loaders.renderer, "baselines.surface:SurfaceApss"),
@@ -232,11 +216,6 @@ YARDSTICKS = (
         "pc2pix@paper-bf16",
         load=partial(loaders.widened, precision="bfloat16"),
         source="the same in bfloat16",
-    ),
-    _splat_net(
-        "splat-net@no-normals",
-        "chair-no-normals",
-        source="splat-net that was trained without normals",
     ),
 )
 # Of networks that take weights of your own: loader, identity, version, the command that trains.

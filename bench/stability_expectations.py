@@ -262,6 +262,22 @@ def _splat() -> dict[str, Expectation]:
     }
 
 
+def _splat_net() -> dict[str, Expectation]:
+    empty = Either(
+        (Changes("plain", 1.0, _UNIT), _BLANK), "what it draws where it sees nothing is left open"
+    )
+    far = Either((Draws(), Fails("draw: . of 4 pictures are blank")), "few points are in sight")
+    return {
+        "0-points": Fails("input: no points"),
+        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
+        # One of 2,048 points is out of sight.
+        **dict.fromkeys(_FAR, Agrees("plain", 0.1)),
+        **dict.fromkeys((*_SMALL, *_LARGE), Changes("plain", 1.0, _UNIT)),
+        **dict.fromkeys(_SHIFTS, empty),
+        **dict.fromkeys(("noise-5", "noise-10"), far),
+    }
+
+
 # By method, the cases that are not simply drawn, and do not simply agree.
 STATED: Mapping[str, Mapping[str, Expectation]] = {
     "surface-apss": _surface(),
@@ -273,6 +289,9 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
     "pc2pix@all": _pc2pix() | {"noise-2": Fails("encode: the code lies ")},
     "pc2pix@bf16": _pc2pix_bf16(),
     "pc2pix@acgan": _pc2pix_acgan(),
+    "splat-net": _splat_net(),
+    "splat-net@grey": _splat_net(),
+    "splat-net@bf16": _splat_net(),
     "splat": _splat(),
     "true-mesh": {},
     "constant": {},

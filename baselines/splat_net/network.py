@@ -169,8 +169,8 @@ def code_rows(count: int) -> Tensor:
 
 def camera_numbers(views: Sequence[View]) -> Tensor:
     """Sine and cosine of azimuth and elevation, float32 [V, CAMERA_NUMBERS]."""
-    angles = torch.tensor([(math.remainder(v.azimuth_deg, 360), v.elevation_deg) for v in views])
-    angles = torch.deg2rad(angles.view(-1, 2))
+    angles = [(math.remainder(v.azimuth_deg, 360), v.elevation_deg) for v in views]
+    angles = torch.deg2rad(torch.tensor(angles, dtype=torch.float32).view(-1, 2))
     return torch.cat([angles.sin(), angles.cos()], dim=1)
 
 

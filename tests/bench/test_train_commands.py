@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
 import bench.train
+from bench.methods import find_method
+from data_prep.datasets import ProceduralObject
+from data_prep.scene import View
 from learning.divergence import TrainingDiverged
 
 
@@ -70,3 +74,49 @@ def test_objects_of_each_class_are_taken(tmp_path, classes, found):
     )
     objects = bench.train.training_objects(options)
     assert [f"{o.class_name}/{o.object_id.removesuffix('.ply')}" for o in objects] == found
+
+
+def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
+    """Two steps on two chairs; both files draw as methods, and the same command goes on."""
+    out = tmp_path / "trained"
+    options = ("--objects", "2", "--views", "2", "--size", "tiny", "--batch", "4")
+    options = (*options, "--cool-down", "1", "--without", "density,discs", "--out", str(out))
+    status, said, err = command("train", "splat-net", *options, "--steps", "1")
+    assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
+    status, _, err = command("train", "splat-net", *options, "--steps", "2")
+    assert status == 0, err
+    for name, planes in (("weights", 4), ("weights-grey", 2)):
+        method = find_method(f"splat-net@{out / name}.safetensors")
+        renderer = method.load("cpu")
+        network = renderer.weights.network
+        assert network.last.out_channels == planes
+        # the nearest and the farthest; tiny has neither normals nor flattened points
+        assert network.config.inputs.channels == 2
+        assert renderer.weights.card["steps"] == 2
+        assert method.identity().endswith(renderer.weights.sha256)
+        obj = ProceduralObject("chair", "test", 0)
+        cloud = obj.cloud(np.random.default_rng(0))
+        pictures = renderer.draw(renderer.prepare(cloud), [View(0.0, 0.0), View(90.0, 10.0)])
+        assert pictures.shape == (2, 128, 128, 3)
+        assert pictures.dtype == np.float32
+        assert (pictures == pictures[..., :1]).all() == (planes == 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (("--size", "huge"), "--size: unknown 'huge'; choose one of tiny, default, large"),
+        (("--without", "colour"), "--without colour: there are normals, density, flattened, far,"),
+        (("--objective", "l2"), "objective: unknown 'l2'; choose one of l1, l1-patch"),
+        (("--batch", "7"), "batch 7: 2 views of a cloud are drawn together; use a multiple of 2"),
+        (("--views", "1"), "1 views of an object: at least 2 are drawn together; render more"),
+    ],
+)
+def test_splat_net_is_told_nonsense(command, tmp_path, options, problem):
+    out = tmp_path / "x"
+    status, said, err = command(
+        "train", "splat-net", "--objects", "1", "--steps", "1", *options, "--out", str(out)
+    )
+    assert (status, said) == (2, "")
+    assert f"bench: {problem}" in err.splitlines()[-1]
+    assert not (out / "weights.safetensors").exists()
