@@ -18,7 +18,7 @@ import pandas as pd
 
 from bench.class_orderings import PAPER_NETWORK
 from bench.published import golden, golden_path
-from bench.results import TABLES, Writable, class_orderings, table_files, tables
+from bench.results import TABLES, Writable, beyond, class_orderings, table_files, tables
 from bench.stability_tables import read_outcomes
 from bench.store import read_finished
 from bench.suites import STABILITY
@@ -55,8 +55,9 @@ def check(directory: Path) -> Verdict:
     expected = golden(manifest["suite"])
     _same_protocol(directory, manifest, expected)
     found = {_cell(row): row.value for table in made for row in table.rows}
-    ordered = class_orderings(directory)
-    written = made if ordered is None else [*made, ordered]
+    ordered, along = class_orderings(directory), beyond(directory)
+    further = [ordered, along.crossings if along is not None else None]
+    written = [*made, *(table for table in further if table is not None)]
     compared, regressions = 0, _stale_tables(directory, written)
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):

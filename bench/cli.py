@@ -167,6 +167,8 @@ def run(
         print(finished.trade.points.to_markdown())
     if finished.orderings is not None:
         print(finished.orderings.to_markdown())
+    if finished.beyond is not None and finished.beyond.crossings is not None:
+        print(finished.beyond.crossings.to_markdown())
     stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     print(
@@ -355,7 +357,7 @@ def shrink(
 @app.command()
 def table(directory: RunDirectory) -> None:
     """Make the tables again, from the records alone."""
-    from bench.results import write_orderings, write_tables, write_trade
+    from bench.results import write_beyond, write_orderings, write_tables, write_trade
     from bench.store import read_finished
 
     read_finished(directory)
@@ -366,6 +368,8 @@ def table(directory: RunDirectory) -> None:
         print(trade.points.to_markdown())
     if (ordered := write_orderings(directory)) is not None:
         print(ordered.to_markdown())
+    if (along := write_beyond(directory)) is not None and along.crossings is not None:
+        print(along.crossings.to_markdown())
 
 
 @app.command()

@@ -38,9 +38,8 @@ class Crossing:
 
     after      the number of the step after which they do, from 0: before the next one, or at it
     at         on the axis
-    low, high  around it, as far as the interval of the lead holds 0; an end of the family where it
-               still does there; NaN where there are no intervals. Of a falling axis `low` is the
-               greater value.
+    low, high  around it, as far as the interval of the lead holds 0: an end of the family where it
+               still does there; NaN where a lead has no interval
     """
 
     after: int
@@ -74,16 +73,17 @@ class Contest:
     @property
     def crossings(self) -> tuple[Crossing, ...]:
         """All within the family, in its order. A lead that touches 0 and comes back is none."""
-        places = [_place(value, self.family) for value in self.family.values]
+        places = [place_of(value, self.family) for value in self.family.values]
         leads, lows, highs = zip(*self.leads, strict=True)
-        ends = None
-        if all(map(math.isfinite, (*lows, *highs))):
-            # 0 leaves the interval where one of its ends passes through 0.
-            ends = [at for _, at in (*sign_changes(places, lows), *sign_changes(places, highs))]
-        return tuple(
-            Crossing(after, *(_value(p, self.family) for p in (at, *_around(at, ends, places))))
-            for after, at in sign_changes(places, leads)
-        )
+        # 0 leaves the interval where one of its ends passes through 0.
+        left = [at for _, at in (*sign_changes(places, lows), *sign_changes(places, highs))]
+        sure = all(map(math.isfinite, (*lows, *highs)))
+        made = []
+        for after, at in sign_changes(places, leads):
+            low = max(p for p in (*left, min(places)) if p <= at) if sure else NAN
+            high = min(p for p in (*left, max(places)) if p >= at) if sure else NAN
+            made.append(Crossing(after, *(_value(p, self.family) for p in (at, low, high))))
+        return tuple(made)
 
 
 def courses(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple[Course, ...]:
@@ -151,18 +151,6 @@ def sign_changes(places: Sequence[float], values: Sequence[float]) -> list[tuple
     return found
 
 
-def _around(
-    at: float, ends: Sequence[float] | None, places: Sequence[float]
-) -> tuple[float, float]:
-    """The nearest of `ends` on both sides of a place, in the direction of the axis."""
-    if ends is None:
-        return NAN, NAN
-    forwards = 1.0 if places[-1] > places[0] else -1.0
-    before = [end for end in (*ends, places[0]) if forwards * (end - at) <= 0]
-    beyond = [end for end in (*ends, places[-1]) if forwards * (end - at) >= 0]
-    return max(before, key=lambda end: forwards * end), min(beyond, key=lambda end: forwards * end)
-
-
 def _ahead(of: Estimate, method: str, rival: str) -> str:
     if not math.isfinite(of.value):
         return NO_VALUE
@@ -176,7 +164,8 @@ def _by_class(comparisons: Sequence[Comparison]) -> Mapping[str, Mapping[str, Co
     return made
 
 
-def _place(value: float, family: Family) -> float:
+def place_of(value: float, family: Family) -> float:
+    """Where a value stands on an axis whose equal steps are equally far apart."""
     return math.log2(value) if family.logarithmic else value
 
 

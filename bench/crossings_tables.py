@@ -120,7 +120,9 @@ def _summary(contests: Sequence[Contest]) -> list[str]:
     for family, method, rival in dict.fromkeys((c.family, c.method, c.rival) for c in contests):
         told = [told_end_to_end(at[family.id, method, rival, metric]) for metric in metrics]
         ends = family.conditions[0], family.conditions[-1]
-        lines.append(markdown.row(list(map(markdown.cell, (family.id, *ends, method, rival, *told)))))
+        lines.append(
+            markdown.row(list(map(markdown.cell, (family.id, *ends, method, rival, *told))))
+        )
     return lines
 
 
@@ -133,9 +135,7 @@ def _leads(contests: Sequence[Contest]) -> list[str]:
     ]
     for c in contests:
         leads = [_lead(c, i) for i in range(len(steps))]
-        lines.append(
-            markdown.row([*map(markdown.cell, (c.metric, c.method, c.rival)), *leads])
-        )
+        lines.append(markdown.row([*map(markdown.cell, (c.metric, c.method, c.rival)), *leads]))
     return lines
 
 

@@ -25,6 +25,7 @@ from bench.metric_table import (
     SET_METRICS,
 )
 from bench.report_costs import cost_plots, cost_table
+from bench.report_crossings import crossings_group, family_curves
 from bench.report_curves import curves
 from bench.report_methods import role, styles
 from bench.report_orderings import orderings_group
@@ -32,7 +33,7 @@ from bench.report_page import Choice, Page, html
 from bench.report_pictures import cases, extremes, grids, shown_objects
 from bench.report_sources import Item, Sources, open_sources
 from bench.report_tables import failure_groups, table_groups
-from bench.results import class_orderings, how_timed, tables
+from bench.results import Beyond, beyond, class_orderings, how_timed, tables
 from bench.store import read_finished
 from bench.suites import SUITES, Suite
 from bench.tables import Features, Table
@@ -46,10 +47,12 @@ QUALITY = "ssim"  # what cost is compared with where a suite names no metric
 
 @dataclass(frozen=True)
 class Made:
-    """What `bench.results` makes of a run: its tables, and the paper's orderings if it has any."""
+    """What `bench.results` makes of a run: its tables, the paper's orderings and the families of
+    conditions if it has any."""
 
     tables: Sequence[Table]
     orderings: OrderingsTable | None
+    beyond: Beyond | None
 
 
 def write_report(directory: Path, out: Path | None = None, made: Made | None = None) -> Path:
@@ -74,7 +77,7 @@ def write_report(directory: Path, out: Path | None = None, made: Made | None = N
 def read_page(directory: Path, made: Made | None = None) -> Page:
     """All that the report of a finished run shows. Raises BadInput as `write_report`."""
     manifest = read_finished(directory)
-    made = made or Made(tables(directory), class_orderings(directory))
+    made = made or Made(tables(directory), class_orderings(directory), beyond(directory))
     suite = find(manifest["suite"], SUITES, "suite")
     records = _in_order(read_records(directory), manifest)
     views = int(manifest["views"])
@@ -92,7 +95,13 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
         costs = cost_plots(comparisons, metrics, views, look)
         costed = cost_table(comparisons, metrics[0], views)
     failures = failure_groups(records)
-    ordered = made.orderings
+    ordered, along = made.orderings, made.beyond
+    fought = along.crossings if along is not None else None
+    drawn, title = curves(made.tables, look), "Robustness"
+    if along is not None and along.courses:
+        drawn, title = family_curves(made.tables, look, along.courses), "Beyond training"
+    elif records["class"].nunique() > 1:
+        title = "Class by class"
     return Page(
         title=manifest["suite"],
         about=suite.about,
@@ -100,10 +109,14 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
         outcomes=tuple((str(o), int(n)) for o, n in records["outcome"].value_counts().items()),
         shares=tuple(dict(manifest.get("worker_shares", {})).items()),
         choices=_choices(records, bool(manifest.get("skipped_metrics"))),
-        curves=curves(made.tables, look),
-        curves_title="Robustness" if records["class"].nunique() == 1 else "Class by class",
+        curves=drawn,
+        curves_title=title,
         curves_remark=_left_out(manifest["methods"]),
-        tables=(*table_groups(made.tables), *([orderings_group(ordered)] if ordered else ())),
+        tables=(
+            *([crossings_group(fought)] if fought else ()),
+            *table_groups(made.tables),
+            *([orderings_group(ordered)] if ordered else ()),
+        ),
         costs=costs,
         cost_table=costed,
         cost_remark=how_timed(manifest),

@@ -17,6 +17,8 @@ from bench.class_orderings import OrderingsTable, orderings
 from bench.class_tables import class_table, with_confidence
 from bench.columns import read_features, read_records
 from bench.comparison import Comparison, compare
+from bench.crossings import Course, contests, courses
+from bench.crossings_tables import CrossingsTable
 from bench.frontier_tables import FrontierTable, PointsTable, frontier_table, points_table
 from bench.lookup import find
 from bench.metric_table import (
@@ -54,6 +56,10 @@ OWN_TITLES = (
     ("table_frechet", "Fréchet distances to pictures of the true mesh (lower is better)"),
     ("table_detail", "Detail: the outline (higher is better)"),
 )
+BEYOND_TITLES = (
+    *OWN_TITLES[:2],
+    ("table_detail", "Detail: the outline and the thin parts (higher is better)"),
+)
 VIEWS = "fd-views"
 
 
@@ -82,6 +88,17 @@ class Trade:
     points: PointsTable
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """The methods along the families of conditions that a run has, of which there may be none.
+
+    crossings  who is ahead of whom, and where that changes; None without two such methods
+    """
+
+    courses: tuple[Course, ...]
+    crossings: CrossingsTable | None
+
+
 def tables(directory: Path) -> list[Table]:
     """The tables of a finished run, from its records and features alone.
 
@@ -90,7 +107,8 @@ def tables(directory: Path) -> list[Table]:
     """
     run = read_scored(directory)
     ours = run.suite.frontier or run.suite.class_metrics
-    images, sets, detail = OWN_TITLES if ours else PAPER_TITLES
+    titles = BEYOND_TITLES if run.suite.crossings else OWN_TITLES if ours else PAPER_TITLES
+    images, sets, detail = titles
     paper = published(run.suite.id)
     with threadpool_limits(1):
         of_features = run.records, run.features, run.skipped, run.suite, paper
@@ -100,7 +118,7 @@ def tables(directory: Path) -> list[Table]:
             class_table(*of_features) if by_class else set_table(*sets, *of_features),
             detail_table(*detail, run.records, run.suite),
         ]
-        if run.suite.frontier:
+        if run.suite.frontier or run.suite.crossings:
             made = [replace(table, paper_layout=False) for table in made]
         if run.suite.control_metrics:
             made.append(
@@ -129,6 +147,23 @@ def class_orderings(directory: Path) -> OrderingsTable | None:
         return orderings(run.records, run.features, run.suite, published(run.suite.id))
 
 
+def beyond(directory: Path) -> Beyond | None:
+    """The methods of a finished run along families of conditions; None for suites without.
+
+    From records and features alone, as `tables`.
+    """
+    if not _suite(directory, read_manifest(directory)).crossings:
+        return None
+    run = read_scored(directory)
+    metrics = [m for m in run.suite.crossings if m in IMAGE_METRICS or m in run.features]
+    with threadpool_limits(1):
+        compared = compare(run.records, run.features, metrics)
+        fought = contests(compared, metrics)
+        return Beyond(
+            courses(compared, metrics), CrossingsTable(run.suite.id, fought) if fought else None
+        )
+
+
 def table_files(made: Sequence[Writable]) -> dict[str, str]:
     """File names and contents of tables: each as CSV and as Markdown."""
     return {
@@ -154,6 +189,15 @@ def write_orderings(directory: Path) -> OrderingsTable | None:
     made = class_orderings(directory)
     if made is not None:
         for name, text in table_files([made]).items():
+            write_whole(directory / TABLES / name, text.encode())
+    return made
+
+
+def write_beyond(directory: Path) -> Beyond | None:
+    """Write the crossings beside the tables, where there are any; None for suites without."""
+    made = beyond(directory)
+    if made is not None and made.crossings is not None:
+        for name, text in table_files([made.crossings]).items():
             write_whole(directory / TABLES / name, text.encode())
     return made
 

@@ -16,6 +16,7 @@ from bench.class_figures import write_class_figures
 from bench.class_orderings import OrderingsTable
 from bench.class_tables import ClassTable
 from bench.columns import write_features, write_records
+from bench.crossings_figures import write_beyond_figures
 from bench.figures import FIGURES, write_figures
 from bench.frontier_figures import write_frontier
 from bench.isolation import Limits
@@ -28,7 +29,15 @@ from bench.probe import environment
 from bench.progress import progress
 from bench.published import published
 from bench.report import Made, write_report
-from bench.results import Trade, write_cost, write_orderings, write_tables, write_trade
+from bench.results import (
+    Beyond,
+    Trade,
+    write_beyond,
+    write_cost,
+    write_orderings,
+    write_tables,
+    write_trade,
+)
 from bench.spent import shares
 from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
 from bench.suites import SUITES, Suite
@@ -65,6 +74,7 @@ class Finished:
 
     trade   quality against cost; None for a suite without
     orderings  SR against pc2pix class by class; None for a suite without
+    beyond  methods along families of conditions; None for a suite without
     shares  of the workers' time, see `bench.spent.shares`
     """
 
@@ -73,6 +83,7 @@ class Finished:
     cost: str
     trade: Trade | None
     orderings: OrderingsTable | None
+    beyond: Beyond | None
     done: int
     reused: int
     failed: int
@@ -113,6 +124,7 @@ def run(options: Options) -> Finished:
             cost = write_cost(directory)
             trade = write_trade(directory)
             ordered = write_orderings(directory)
+            along = write_beyond(directory)
         with _timed("figures", seconds):
             by_class = next((t for t in tables if isinstance(t, ClassTable)), None)
             if by_class is not None:
@@ -120,6 +132,8 @@ def run(options: Options) -> Finished:
                 write_class_figures(directory, by_class, paper, with_pictures)
             elif trade is not None:
                 write_frontier(directory / FIGURES, trade.frontier.places)
+            elif along is not None and along.courses:
+                write_beyond_figures(directory, along.courses, with_pictures)
             else:
                 write_figures(directory, tables, with_pictures)
         for line in journal.damage:
@@ -132,7 +146,7 @@ def run(options: Options) -> Finished:
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
         write_manifest(directory, manifest)
-    write_report(directory, made=Made(tables, ordered))
+    write_report(directory, made=Made(tables, ordered, along))
     done = _count_new(todo, hopeless, journal)
     return Finished(
         directory,
@@ -140,6 +154,7 @@ def run(options: Options) -> Finished:
         cost,
         trade,
         ordered,
+        along,
         done=done,
         reused=len(todo.items) - done,
         failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),

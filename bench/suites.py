@@ -27,6 +27,7 @@ class Suite:
     limits           for one method on one cloud with all its views; what takes more has failed
     frontier         metrics that cost is traded for; where there are any, one worker does all, so
                      that times are taken with nothing beside them
+    crossings        metrics by which methods are compared along `bench.families`
     """
 
     id: str
@@ -43,6 +44,7 @@ class Suite:
     limits: Limits
     frontier: tuple[str, ...] = ()
     class_metrics: tuple[str, ...] = ()
+    crossings: tuple[str, ...] = ()
 
     @property
     def extractors(self) -> tuple[str, ...]:
@@ -97,11 +99,8 @@ SUITES = (
             "pc2pix@one-by-one",
             "pc2pix@paper-bf16",
             "pc2pix@paper",
-            "splat-net@tiny",
             "splat-net@bf16",
             "splat-net",
-            "splat-net@no-normals",
-            "splat-net@large",
             "splat@spread=0.5",
             "splat",
             "splat@spread=1.5",
@@ -129,7 +128,6 @@ SUITES = (
             "surface-fit",
             "pc2pix@all",
             "pc2pix",  # knows chairs only: what one network for all gains or loses on them
-            "splat-net@all",
             "splat-net",  # likewise
             "splat",
             "true-mesh",
@@ -151,6 +149,27 @@ SUITES = (
             *("fid", "kid", "fd-views", "kd-views"),
             *("ssim", "silhouette-iou", "class-confidence"),
         ),
+    ),
+    Suite(
+        id="beyond-training",
+        about="beyond what networks were trained on: where they fall behind, on chairs",
+        methods=("surface-apss", "surface-fit", "pc2pix", "splat-net", "splat", "blank"),
+        conditions=(  # each the worse the later, see bench/families.py
+            *("2048", "1024", "512", "256", "128"),
+            *("noise-0.05", "noise-0.10", "noise-0.15", "noise-0.20"),
+            *("outliers-0.01", "outliers-0.05", "outliers-0.10"),
+            *("missing-0.25", "missing-0.50"),
+            *("density-3", "density-10"),
+        ),
+        classes=("chair",),
+        image_metrics=("ssim", "luminance", "contrast", "structure"),
+        detail_metrics=("silhouette-iou", "thin-recall", "thin-precision"),
+        set_metrics=("fd-views",),
+        control_metrics=(),
+        views=10,
+        endless_limit=24,
+        limits=Limits(time_s=120.0, memory_gib=4.0),
+        crossings=("ssim", "silhouette-iou", "fd-views"),
     ),
 )
 
@@ -291,7 +310,6 @@ SPEED = SpeedSuite(
         "pc2pix@paper-bf16",
         "splat-net",
         "splat-net@bf16",
-        "splat-net@tiny",
         "splat",
         "true-mesh",
     ),

@@ -11,15 +11,20 @@ Down-sampling  The code takes each d-th row (roatienza/pc2pix@23b7b46d, render_b
 Noise          The paper adds N(0, sigma) to a cloud in a sphere of radius 1. The code adds the same
                sigma to coordinates in [-0.5, 0.5], which doubles it in our units. `noise-0.05` and
                `noise-0.10` are the paper's; `noise-0.05-code` and `noise-0.10-code` the code's.
+
+The last eleven are ours. They go where no network here has been in training: fewer points and more
+noise than it was shown, and what it was never shown at all: outliers, half an object, uneven
+density. The true picture is that of the whole object throughout.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:  # `bench list` answers at once
     import numpy as np
+    from numpy.typing import NDArray
 
     from data_prep.scene import PointCloud
 
@@ -85,6 +90,96 @@ class GaussianNoise:
 
 
 @dataclass(frozen=True)
+class Outliers:
+    """A share of the points, in 0..1, is lost and points that mean nothing stand in their place.
+
+    round(share n) of n rows, drawn without replacement, become independent draws, uniform in the
+    ball of radius 1 about the origin, in which every object lies. The number of points stays.
+    """
+
+    share: float
+
+    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """The same rows, some of them strayed."""
+        count = round(self.share * len(cloud))
+        rows = rng.choice(len(cloud), size=count, replace=False)
+        directions = rng.normal(size=(count, 3))
+        directions /= (directions**2).sum(axis=1, keepdims=True) ** 0.5
+        radii = rng.random((count, 1)) ** (1 / 3)  # the ball within r has r^3 of the volume
+        points = cloud.points.copy()
+        points[rows] = directions * radii
+        return replace(cloud, points=points)
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A share of the points, in 0..1, is cut off by a plane: an object seen in part.
+
+    The plane's normal is uniform over all directions, the round(share n) points that lie farthest
+    along it are missing. Of points that are equally far (coincident ones, say) the last rows go
+    first; what is no number counts as the farthest. The others keep their order and their place:
+    the cloud is not centred or scaled anew.
+    """
+
+    share: float
+
+    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """The rows on one side of the plane."""
+        order = _along_random_axis(cloud, rng).argsort(kind="stable")
+        kept = order[: len(cloud) - round(self.share * len(cloud))]
+        kept.sort()
+        return replace(cloud, points=cloud.points[kept])
+
+
+@dataclass(frozen=True)
+class UnevenDensity:
+    """Half of the points, `ratio` times as dense at one end of the object as at the other.
+
+    Along an axis of uniformly random direction, from the first of the points (t = 0) to the last
+    (t = 1), the chance of a point to stay is proportional to 1 + (ratio - 1) t, ratio >= 1; n
+    points become floor(n / 2). Of the axis' two ends the dense one is that with more of the points
+    (mean t >= 1/2): only so are there enough of them in any cloud, for no chance then exceeds 1.
+    A cloud without extent, or with a value that is not finite, is thinned evenly.
+
+    The rows are drawn systematically (W. G. Madow, On the theory of systematic sampling, II, Ann.
+    Math. Stat. 20, 1949): equal steps through the sums of chances, from a random start. The number
+    of rows is fixed and every row has exactly its chance, which drawing one after the other without
+    replacement does not give. They keep their order.
+    """
+
+    ratio: float
+
+    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """Half of the rows."""
+        import numpy as np
+
+        along = _along_random_axis(cloud, rng)
+        start = rng.random()
+        count = len(cloud) // 2
+        if count == 0:
+            return replace(cloud, points=cloud.points[:0])
+        t = np.zeros(len(cloud))
+        if np.isfinite(along).all() and np.ptp(along) > 0:
+            t = (along - along.min()) / np.ptp(along)
+        if t.mean() < 0.5:
+            t = 1 - t
+        sums = (1 + (self.ratio - 1) * t).cumsum()
+        steps = (start + np.arange(count)) / count
+        rows = np.searchsorted((sums / sums[-1])[:-1], steps, side="right")
+        return replace(cloud, points=cloud.points[rows])
+
+
+def _along_random_axis(cloud: PointCloud, rng: np.random.Generator) -> NDArray[Any]:
+    """Where the points lie along an axis of uniformly random direction: float64 [N]."""
+    import numpy as np
+
+    axis = rng.normal(size=3)
+    axis /= (axis**2).sum() ** 0.5
+    with np.errstate(invalid="ignore"):  # infinite values may cancel
+        return (cloud.points * axis).sum(axis=1)  # no BLAS: the same bits on every machine
+
+
+@dataclass(frozen=True)
 class Condition:
     """A perturbation with a name and the place it comes from."""
 
@@ -103,4 +198,15 @@ CONDITIONS = (
     Condition("512-random", RandomSubset(512), "the paper's words, read literally"),
     Condition("noise-0.05-code", GaussianNoise(0.10), "original code: 0.05 on [-0.5, 0.5]"),
     Condition("noise-0.10-code", GaussianNoise(0.20), "original code: 0.10 on [-0.5, 0.5]"),
+    Condition("256", Stride(8), "ours: fewer points"),
+    Condition("128", Stride(16), "ours: fewer points"),
+    Condition("noise-0.15", GaussianNoise(0.15), "ours: more noise"),
+    Condition("noise-0.20", GaussianNoise(0.20), "ours: more noise"),
+    Condition("outliers-0.01", Outliers(0.01), "ours: points that mean nothing"),
+    Condition("outliers-0.05", Outliers(0.05), "ours: points that mean nothing"),
+    Condition("outliers-0.10", Outliers(0.10), "ours: points that mean nothing"),
+    Condition("missing-0.25", Missing(0.25), "ours: an object seen in part"),
+    Condition("missing-0.50", Missing(0.50), "ours: an object seen in part"),
+    Condition("density-3", UnevenDensity(3), "ours: 1,024 points, dense on one side"),
+    Condition("density-10", UnevenDensity(10), "ours: 1,024 points, dense on one side"),
 )

@@ -10,9 +10,13 @@ from data_prep.conditions import (
     CONDITIONS,
     Condition,
     GaussianNoise,
+    Missing,
+    Outliers,
     RandomSubset,
     Stride,
     Unchanged,
+    UnevenDensity,
+    _along_random_axis,
 )
 from data_prep.scene import Mesh, PointCloud
 
@@ -55,6 +59,17 @@ def test_the_table_literally() -> None:
         "512-random": RandomSubset(512),
         "noise-0.05-code": GaussianNoise(0.10),
         "noise-0.10-code": GaussianNoise(0.20),
+        "256": Stride(8),
+        "128": Stride(16),
+        "noise-0.15": GaussianNoise(0.15),
+        "noise-0.20": GaussianNoise(0.20),
+        "outliers-0.01": Outliers(0.01),
+        "outliers-0.05": Outliers(0.05),
+        "outliers-0.10": Outliers(0.10),
+        "missing-0.25": Missing(0.25),
+        "missing-0.50": Missing(0.50),
+        "density-3": UnevenDensity(3),
+        "density-10": UnevenDensity(10),
     }
     assert len(BY_ID) == len(CONDITIONS)
 
@@ -71,10 +86,23 @@ def test_every_condition(condition: Condition) -> None:
     assert one.source is MESH
     assert one.points.dtype == np.float32
     assert one.points.tobytes() == same.points.tobytes()
-    draws = isinstance(condition.perturbation, RandomSubset | GaussianNoise)
+    draws = not isinstance(condition.perturbation, Unchanged | Stride)
     assert (one.points.tobytes() != other.points.tobytes()) == draws
     number = condition.id.partition("-")[0]
-    assert len(one) == (int(number) if number.isdigit() else 2048)
+    counts = {"missing-0.25": 1536, "missing-0.50": 1024, "density-3": 1024, "density-10": 1024}
+    assert len(one) == (int(number) if number.isdigit() else counts.get(condition.id, 2048))
+
+
+@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda c: c.id)
+@pytest.mark.parametrize("points", [[], [[0.1, 0.2, 0.3]], [[0.1, 0.2, 0.3]] * 50])
+def test_odd_clouds(condition: Condition, points: list[list[float]]) -> None:
+    """Nothing, a point, one point many times: no error, no value out of nowhere."""
+    cloud = PointCloud(np.array(points, np.float32).reshape(-1, 3))
+    made = condition.perturbation.apply(cloud, np.random.default_rng(0)).points
+    assert np.isfinite(made).all()
+    assert len(made) <= len(points)
+    if not isinstance(condition.perturbation, GaussianNoise | Outliers):
+        assert (made == np.float32([0.1, 0.2, 0.3])).all()
 
 
 def test_unchanged() -> None:
@@ -85,7 +113,7 @@ def test_unchanged() -> None:
 # --- fewer points ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("condition", "step"), [("1024", 2), ("512", 4)])
+@pytest.mark.parametrize(("condition", "step"), [("1024", 2), ("512", 4), ("256", 8), ("128", 16)])
 def test_stride_takes_exactly_these_rows(condition: str, step: int) -> None:
     assert rows(apply(condition, cloud_of())) == list(range(0, 2048, step))
 
@@ -178,3 +206,153 @@ def test_noise_on_nothing_and_on_nonsense() -> None:
     assert np.isnan(noisy[0])
     assert noisy[1] == np.inf
     assert np.isfinite(noisy[2])
+
+
+# --- outliers -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("condition", "count"), [("outliers-0.01", 20), ("outliers-0.05", 102), ("outliers-0.10", 205)]
+)
+def test_outliers_take_the_place_of_so_many_points(condition: str, count: int) -> None:
+    """2,048 shares of 0.01, 0.05 and 0.1 are 20.48, 102.4 and 204.8."""
+    cloud = cloud_of()
+    before, after = cloud.points, apply(condition, cloud).points
+    strayed = (before != after).any(axis=1)
+    assert strayed.sum() == count
+    assert np.linalg.norm(after[strayed], axis=1).max() <= 1
+    assert rows(PointCloud(after[~strayed])) == np.flatnonzero(~strayed).tolist()
+
+
+def test_outliers_are_uniform_in_the_ball() -> None:
+    made = Outliers(1.0).apply(PointCloud(np.zeros((20_000, 3))), np.random.default_rng(4)).points
+    radius = np.linalg.norm(made.astype(np.float64), axis=1)
+    # The volume within a radius, and the area of a sphere below a height (Archimedes), are uniform.
+    # 0.1 * sqrt(20,000) = 14: any other power of the radius would be seen.
+    assert stats.kstest(radius**3, stats.uniform.cdf).pvalue > RARE
+    for axis in range(3):
+        height = made[:, axis] / radius
+        assert stats.kstest(height, stats.uniform(-1, 2).cdf).pvalue > RARE
+        assert abs(np.corrcoef(radius, height)[0, 1]) < SIGMAS / math.sqrt(20_000)
+
+
+def test_any_row_may_stray() -> None:
+    """Each of 40 rows with probability 1/4, whatever its place."""
+    counts, draws, rng = np.zeros(40), 2000, np.random.default_rng(5)
+    cloud = cloud_of(40)
+    for _ in range(draws):
+        counts += (Outliers(0.25).apply(cloud, rng).points != cloud.points).any(axis=1)
+    assert counts.sum() == 10 * draws
+    # As in the test of the subsets: N - 1 directions of variance p (1 - p) N / (N - 1).
+    statistic = ((counts - draws / 4) ** 2).sum() / (draws * 3 / 16 * 40 / 39)
+    assert stats.chi2.ppf(RARE, 39) < statistic < stats.chi2.isf(RARE, 39)
+
+
+# --- missing parts --------------------------------------------------------------------------------
+
+
+def ball(count: int, seed: int = 6) -> PointCloud:
+    """Points in a ball: of any direction, no two of the same place."""
+    return Outliers(1.0).apply(PointCloud(np.zeros((count, 3))), np.random.default_rng(seed))
+
+
+def test_the_axis_is_of_unit_length_and_of_any_direction() -> None:
+    """The base vectors lie along an axis at its components."""
+    rng, base = np.random.default_rng(8), PointCloud(np.eye(3))
+    axes = np.array([_along_random_axis(base, rng) for _ in range(4000)])
+    np.testing.assert_allclose((axes**2).sum(axis=1), 1, rtol=1e-15 * 8)  # a few roundings
+    for axis in range(3):  # Archimedes: the heights of a sphere's points are uniform
+        assert stats.kstest(axes[:, axis], stats.uniform(-1, 2).cdf).pvalue > RARE
+    for one, other in ((0, 1), (0, 2), (1, 2)):  # E (x y)^2 = 1/15
+        products = axes[:, one] * axes[:, other]
+        assert abs(products.mean()) < SIGMAS / math.sqrt(15 * len(axes))
+
+
+@pytest.mark.parametrize(("condition", "count"), [("missing-0.25", 1536), ("missing-0.50", 1024)])
+def test_a_plane_cuts_off_the_points_beyond_it(condition: str, count: int) -> None:
+    cloud = ball(2048)
+    normal = np.random.default_rng(7).normal(size=3)  # what the perturbation draws first
+    x, y, z = cloud.points.astype(np.float64).T
+    heights = x * normal[0] + y * normal[1] + z * normal[2]
+    level = sorted(heights)[count]
+    left = apply(condition, cloud, seed=7).points
+    assert len(left) == count
+    np.testing.assert_array_equal(left, cloud.points[heights < level])  # in their order
+
+
+def test_missing_of_what_has_no_sides() -> None:
+    same = PointCloud(np.zeros((10, 3)))
+    assert len(Missing(0.25).apply(same, np.random.default_rng(0))) == 8  # round(2.5), to the even
+    tied = PointCloud([[1.0, 0, 0]] * 4 + [[np.nan, 0, 0], [np.inf, -np.inf, 0]])
+    left = Missing(0.5).apply(tied, np.random.default_rng(0)).points
+    np.testing.assert_array_equal(left, tied.points[:3])
+
+
+# --- uneven density -------------------------------------------------------------------------------
+
+
+class Upright:
+    """Random numbers that give a vertical axis and starts at equal steps through 0..1."""
+
+    def __init__(self, starts: int) -> None:
+        self.starts = iter((np.arange(starts) + 0.5) / starts)
+
+    def normal(self, size: int) -> np.ndarray:
+        return np.array([0.0, 3.0, 0.0])[:size]
+
+    def random(self) -> float:
+        return next(self.starts)
+
+
+@pytest.mark.parametrize("ratio", [3.0, 10.0])
+@pytest.mark.parametrize("power", [0.3, 1.0, 3.0])
+def test_every_row_stays_with_exactly_its_chance(ratio: float, power: float) -> None:
+    """Heights u^power: more points at one end, at none, at the other; more is where it is dense."""
+    y = np.random.default_rng(9).random(400) ** power
+    y[:2] = 0, 1
+    cloud = PointCloud(np.c_[np.arange(400), y, np.zeros(400)])
+    y = cloud.points[:, 1].astype(np.float64)
+    t = y if y.mean() >= 0.5 else 1 - y
+    weight = 1 + (ratio - 1) * t
+    chance = 200 * weight / weight.sum()
+    assert chance.max() <= 1
+    assert chance[t == 1] / chance[t == 0] == pytest.approx(ratio, rel=1e-12)
+    starts = 500
+    counts, rng = np.zeros(400), Upright(starts)
+    for _ in range(starts):
+        made = UnevenDensity(ratio).apply(cloud, rng).points  # type: ignore[arg-type]
+        kept = made[:, 0].astype(int)
+        assert len(kept) == 200
+        assert (np.diff(kept) > 0).all()  # none twice, in order
+        counts[kept] += 1
+    # A row stays for the starts of an arc of the circle 0..1 that is as long as its chance, and so
+    # many equal steps hold one more or one less of them.
+    assert np.abs(counts - starts * chance).max() <= 1
+
+
+def test_density_along_any_axis() -> None:
+    """What is left is denser towards a direction, another one for each cloud."""
+    whole = ball(2048)
+    leaning = np.empty((300, 3))
+    for seed in range(300):
+        leaning[seed] = apply("density-10", whole, seed).points.mean(axis=0, dtype=np.float64)
+    length = np.linalg.norm(leaning, axis=1)
+    # Of a ball along its diameter, weights 1 + 9 t with t = (1 + x) / 2 and E x^2 = 1/5:
+    # E[x (5.5 + 4.5 x)] / 5.5 = 0.9 / 5.5 = 0.1636. One of 1,024 points, half of all there are, has
+    # a mean with components of deviation at most sqrt(1/5 / 1024) = 0.014.
+    assert np.abs(length - 0.1636).max() < 4 * 0.014
+    directions = leaning / length[:, None]
+    for axis in range(3):
+        assert stats.kstest(directions[:, axis], stats.uniform(-1, 2).cdf).pvalue > RARE
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_without_extent_every_second_row_stays(bad: float) -> None:
+    for cloud in (
+        PointCloud(np.full((11, 3), 0.5)),
+        PointCloud(np.r_[[[bad, -bad, 0.0]], ball(10).points]),
+    ):
+        made = UnevenDensity(10).apply(cloud, np.random.default_rng(0)).points
+        assert len(made) == 5
+    steps = np.diff(rows(UnevenDensity(1).apply(cloud_of(64), np.random.default_rng(0))))
+    assert (steps == 2).all()

@@ -13,7 +13,6 @@ from pc2pix.augment import (
     POINTS_SEEN,
     Scene,
     degrade,
-    draw_points,
     mirror,
     take_evenly,
 )
@@ -21,21 +20,6 @@ from pc2pix.augment import (
 
 def seeded(seed=0):
     return torch.Generator().manual_seed(seed)
-
-
-def test_drawn_points_are_points_of_their_cloud_none_twice():
-    clouds = torch.arange(2 * 50 * 3).reshape(2, 50, 3).float()
-    drawn = draw_points(clouds, 20, seeded())
-    for cloud, points in zip(clouds, drawn, strict=True):
-        rows = [cloud.tolist().index(point) for point in points.tolist()]
-        assert len(set(rows)) == 20
-        assert rows != sorted(rows)
-
-
-def test_all_points_is_a_permutation():
-    clouds = torch.randn(3, 40, 3, generator=seeded())
-    drawn = draw_points(clouds, 40, seeded(1))
-    assert torch.equal(drawn.sort(dim=1).values, clouds.sort(dim=1).values)
 
 
 def test_degraded_clouds_are_fewer_and_noisy_as_stated():

@@ -8,7 +8,6 @@ from torch import nn
 from torch.nn import functional
 
 from learning import convolution
-from learning.convolution import Convolution
 from pc2pix import engine
 from pc2pix.engine import NineProducts, Phases, Rows, fold, upsampled
 from pc2pix.model import Generator, ModelConfig
@@ -112,22 +111,6 @@ def test_every_form_of_upsampling(monkeypatch, form, shape):
 def test_the_form_follows_from_the_channels(channels, dtype, form):
     kernel = torch.zeros(channels, channels, 3, 3, dtype=torch.float64)
     assert isinstance(upsampled(kernel, (1, channels, 4, 4), dtype), form)
-
-
-@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
-@pytest.mark.parametrize(("size", "stride", "padding"), [(3, 1, 1), (4, 2, 1), (1, 1, 0)])
-def test_prepacked_kernels_are_kernels(monkeypatch, dtype, size, stride, padding):
-    torch.manual_seed(0)
-    kernel, bias = torch.randn(7, 20, size, size).double(), torch.randn(7).double()
-    x = torch.randn(3, 20, 8, 8).to(dtype, memory_format=torch.channels_last)
-    like = (8, 20, 8, 8)
-    fast = Convolution(kernel, bias, like, dtype, stride=stride, padding=padding)
-    monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
-    plain = Convolution(kernel, bias, like, dtype, stride=stride, padding=padding)
-    assert not plain.prepacked
-    # up to 320 products in another order; bfloat16 then rounds values up to 64 to units of 1/4
-    atol = 1e-4 if dtype == torch.float32 else 0.25
-    torch.testing.assert_close(fast(x), plain(x), rtol=0, atol=atol)
 
 
 def test_pytorch_without_the_operators_draws_the_same(monkeypatch):

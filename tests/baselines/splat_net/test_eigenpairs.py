@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.splat_net.eigenpairs import smallest_eigenpairs
+
+UPPER = np.triu_indices(3)
+
+
+def packed(matrices):
+    return np.asarray(matrices, np.float64)[:, *UPPER]
+
+
+def turned(values, rng):
+    """Symmetric matrices [n, 3, 3] of eigenvalues [n, 3], and the eigenvectors as columns."""
+    vectors, _ = np.linalg.qr(rng.normal(size=(len(values), 3, 3)))
+    return (vectors * values[:, None]) @ vectors.mT, vectors
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-60, 1.0, 1e60, 1e300])
+def test_against_lapack(scale):
+    rng = np.random.default_rng(0)
+    gaps = rng.uniform(0.1, 1, (500, 3)).cumsum(axis=1) - 0.5  # also negative, all well apart
+    matrices, vectors = turned(gaps, rng)
+    found, across = smallest_eigenpairs(packed(matrices * scale))
+    np.testing.assert_allclose(found / scale, np.linalg.eigvalsh(matrices)[:, 0], atol=1e-13)
+    # an error of 1e-15 over a gap of 0.1 turns a vector by 1e-14; its cosine by nothing
+    np.testing.assert_allclose(np.abs((across * vectors[..., 0]).sum(axis=1)), 1, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 1, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "values", [(0, 0, 1), (0, 1, 1), (1, 1, 2), (1, 1 + 1e-9, 2), (0, 1e-9, 1)]
+)
+def test_equal_eigenvalues(values):
+    """Where two are nearly equal, to the root of float64's last digit: 1e-8."""
+    rng = np.random.default_rng(1)
+    matrices, _ = turned(np.tile(np.array(values, np.float64), (200, 1)), rng)
+    found, across = smallest_eigenpairs(packed(matrices))
+    np.testing.assert_allclose(found, values[0], rtol=0, atol=3e-8)
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 1, atol=1e-15)
+    # whichever vector it is, it is one of the smallest eigenvalue, as nearly as there are two
+    stretch = np.linalg.norm((matrices @ across[..., None])[..., 0] - values[0] * across, axis=1)
+    assert stretch.max() < 1e-7
+
+
+def test_matrices_by_hand():
+    matrices = [np.zeros((3, 3)), 5 * np.eye(3), np.diag([3.0, 1.0, 2.0]), np.ones((3, 3)),
+                [[2, -1, 0], [-1, 2, 0], [0, 0, 40]], np.diag([0.0, 0.0, 7.0])]  # fmt: skip
+    values, vectors = smallest_eigenpairs(packed(matrices))
+    np.testing.assert_allclose(values, [0, 5, 1, 0, 1, 0], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(vectors[0], [0, 0, 1], rtol=0, atol=0)
+    np.testing.assert_allclose(vectors[1], [0, 0, 1], rtol=0, atol=0)
+    np.testing.assert_allclose(np.abs(vectors[2]), [0, 1, 0], rtol=0, atol=1e-7)
+    assert abs(vectors[3].sum()) < 1e-7
+    np.testing.assert_allclose(np.abs(vectors[4] @ [1, 1, 0]), 2**0.5, rtol=1e-12)
+    assert abs(vectors[5, 2]) < 1e-7
+
+
+def test_matrices_do_not_know_of_each_other():
+    """Matrices of rank 1 and 0 take another way, and only they."""
+    rng = np.random.default_rng(2)
+    matrices, _ = turned(rng.uniform(0, 1, (20, 3)), rng)
+    alone = smallest_eigenpairs(packed(matrices))
+    mixed = smallest_eigenpairs(packed([*matrices, np.diag([1.0, 0, 0]), np.zeros((3, 3))]))
+    for one, other in zip(alone, mixed, strict=True):
+        np.testing.assert_array_equal(one, other[:20])
+
+
+def test_no_matrices():
+    values, vectors = smallest_eigenpairs(np.empty((0, 6)))
+    assert values.shape == (0,)
+    assert vectors.shape == (0, 3)

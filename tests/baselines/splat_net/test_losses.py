@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from baselines.splat_net.losses import (
+    FOREGROUND_WEIGHT,
+    OBJECTIVES,
+    STRUCTURE_WEIGHT,
+    PatchJudge,
+    coverage_error,
+    judge_error,
+    picture_error,
+)
+from learning.structural_similarity import structural_similarity
+
+
+def scene(channels=3, size=32):
+    """A white picture whose upper half the object covers, by a quarter at least."""
+    real = torch.ones(1, channels, size, size, dtype=torch.float64)
+    coverage = torch.zeros(1, 1, size, size, dtype=torch.float64)
+    coverage[:, :, : size // 2] = 0.25
+    real[:, 0, : size // 2] = 0.5
+    return real, coverage
+
+
+def test_what_is_drawn_right_costs_nothing():
+    real, coverage = scene()
+    assert abs(picture_error(real, real, coverage).item()) < 1e-12
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_picture_error_counts_the_object_three_times(channels):
+    real, coverage = scene(channels)
+    for half, weight in ((slice(0, 16), FOREGROUND_WEIGHT), (slice(16, 32), 1.0)):
+        drawn = real.clone()
+        drawn[:, 0, half] -= 0.2
+        structure = 1 - structural_similarity(drawn, real)
+        assert structure > 0.01
+        expected = weight * 0.2 / channels / 2 + STRUCTURE_WEIGHT * structure
+        assert abs(picture_error(drawn, real, coverage) - expected) < 1e-12
+
+
+def test_coverage_error_at_no_idea_is_ln_2():
+    _, coverage = scene()
+    found = coverage_error(torch.zeros_like(coverage), coverage).item()
+    assert found == pytest.approx(math.log(2) * (FOREGROUND_WEIGHT + 1) / 2, rel=1e-12)
+
+
+def test_coverage_error_by_hand():
+    logits = torch.full((1, 1, 1, 2), math.log(3), dtype=torch.float64)  # 3/4
+    coverage = torch.tensor([[[[0.5, 0.0]]]], dtype=torch.float64)
+    covered = -0.5 * math.log(3 / 4) - 0.5 * math.log(1 / 4)
+    free = -math.log(1 / 4)
+    expected = (FOREGROUND_WEIGHT * covered + free) / 2
+    assert coverage_error(logits, coverage).item() == pytest.approx(expected, rel=1e-12)
+
+
+def test_certain_errors_stay_finite():
+    sure = torch.full((1, 1, 2, 2), 200.0)
+    assert coverage_error(sure, torch.zeros_like(sure)).item() == 200
+    assert coverage_error(sure, torch.ones_like(sure)).item() == 0
+
+
+def test_gradients_are_those_of_finite_differences():
+    random = torch.Generator().manual_seed(0)
+    real = torch.rand(1, 1, 13, 13, generator=random, dtype=torch.float64)
+    drawn = torch.rand(1, 1, 13, 13, generator=random, dtype=torch.float64).requires_grad_()
+    coverage = (torch.rand(1, 1, 13, 13, generator=random) < 0.5).double()
+    assert torch.autograd.gradcheck(lambda x: picture_error(x, real, coverage), drawn)
+    assert torch.autograd.gradcheck(lambda x: coverage_error(x, coverage), drawn)
+
+
+def test_judges_are_held_to_margins_of_one():
+    real, drawn = torch.tensor([2.0, 0.5, -1.0]), torch.tensor([-2.0, 0.0, 1.0])
+    # max(0, 1 - r) is 0, 0.5, 2; max(0, 1 + d) is 0, 1, 2
+    assert judge_error(real, drawn).item() == pytest.approx(2.5 / 3 + 3 / 3)
+    assert judge_error(torch.ones(5), -torch.ones(5)).item() == 0
+
+
+@pytest.mark.parametrize("size", [32, 64, 128])
+def test_patches_of_a_judge(size):
+    torch.manual_seed(0)
+    judge = PatchJudge().eval()
+    pictures = torch.rand(2, 4, size, size)
+    found = judge(pictures)
+    assert found.shape == (2, 1, size // 8, size // 8)
+    # what a patch sees: 22 px of the three halvings, and 16 more of the last kernel
+    pictures[:, :, 40:] = 0.5
+    assert torch.equal(judge(pictures)[:, :, 0], found[:, :, 0])
+
+
+def test_a_judge_is_bounded():
+    """Spectral normalisation: no layer of the first three stretches by more than its norm, 1."""
+    torch.manual_seed(0)
+    judge = PatchJudge()
+    for _ in range(30):  # the power iteration needs some rounds
+        judge(torch.rand(1, 4, 32, 32))
+    for place in (0, 2, 4):
+        kernel = judge.eval()[place].weight.flatten(1)
+        assert torch.linalg.matrix_norm(kernel, 2).item() == pytest.approx(1, abs=0.02)
+
+
+def test_objectives():
+    assert {name: objective.patch_weight for name, objective in OBJECTIVES.items()} == {
+        "l1": 0.0,
+        "l1-patch": 0.02,
+    }
+    assert all(objective.source for objective in OBJECTIVES.values())

@@ -1,0 +1,214 @@
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.splat_net.network import SIZES
+from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
+from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels, find_surfels, stack
+from data_prep.camera import camera_to_world
+from data_prep.camera import project as pixels_of
+from data_prep.scene import View
+
+from .conftest import make_cloud
+from .slow_projection import SlowProjection
+
+VIEWS = [View(0, 0), View(37, -20), View(-140, 35), View(90, 90)]
+# Coordinates up to 128 px, in float32 from a depth of 1 or more: 2**-18 of a pixel for their own
+# digits, and 128 times the 2**-21 of a depth of 4, make 1e-4, of which each share of a point has
+# its part; a few points share a pixel. A nearness is good to 1e-6, a turned normal to 1e-6.
+CLOSE = 5e-4
+
+
+def made_up(count, seed=0, spread=0.7):
+    """Surfels whose parts have nothing to do with each other, so that none is taken for another.
+
+    No point is so near an edge between pixels, the end of what is seen, or at right angles to its
+    own normal, that float32 might decide otherwise.
+    """
+    rng = np.random.default_rng(seed)
+    points, *moved = rng.normal(scale=spread, size=(1 + len(FLATTENED), 9 * count, 3))
+    points, flattened = points.astype(np.float32), np.stack(moved, axis=1).astype(np.float32)
+    normals = rng.normal(size=(9 * count, len(HOPS), 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    safe = np.ones(9 * count, bool)
+    for view in VIEWS:
+        camera = camera_to_world(view)[:3, 3]
+        toward = (normals * (camera - points)[:, None]).sum(axis=2)
+        safe &= (np.abs(toward) > 1e-3).all(axis=1)
+        for some in (points, *flattened.swapaxes(0, 1)):
+            places, depths = pixels_of(some, view)
+            for size in (64, 128, 256):
+                scaled = places * size / 128
+                safe &= (np.abs(scaled - np.rint(scaled)) > 2e-3).all(axis=1)
+            safe &= (depths > 1) | (depths < 0)
+    assert safe.sum() >= count
+    kept = np.flatnonzero(safe)[:count]
+    variation = rng.uniform(0, 1 / 3, (count, len(HOPS)))
+    parts = (points[kept], flattened[kept], normals[kept], variation)
+    return Surfels(*(torch.from_numpy(part.astype(np.float32)) for part in parts))
+
+
+def check(surfels, views, inputs, size=128):
+    found = project(stack([surfels]), cameras(views), inputs, size)
+    assert found.shape == (len(views), inputs.channels, size, size)
+    assert found.dtype == torch.float32
+    assert found.is_contiguous(memory_format=torch.channels_last)
+    for one, view in zip(found, views, strict=True):
+        expected = SlowProjection(surfels, view, size).channels(inputs)
+        np.testing.assert_allclose(one, expected, rtol=0, atol=CLOSE)
+    return found
+
+
+@pytest.mark.parametrize("spread", [0.4, 3.0])
+def test_every_channel_against_plain_loops(spread):
+    """A cloud inside the picture, and one that is mostly beside it and behind the camera."""
+    surfels = made_up(150, spread=spread)
+    depths = np.concatenate([pixels_of(surfels.points.numpy(), view)[1] for view in VIEWS])
+    assert (depths < 0).any() == (spread == 3.0)
+    found = check(surfels, VIEWS, ALL_INPUTS)
+    assert (found.amax(dim=(0, 2, 3)) > 0.1).all()  # no channel is empty
+
+
+@pytest.mark.parametrize("size", [64, 256])
+def test_other_sizes_have_windows_of_the_same_angle(size):
+    check(made_up(60), VIEWS[1:3], Inputs(windows=(1, 3, 5, 7)), size)
+
+
+def test_number_and_order_of_the_channels_of_every_combination():
+    surfels, view = made_up(40), VIEWS[1]
+    slow = SlowProjection(surfels, view)
+    for windows, *flags in itertools.product(((3,), (7,), (3, 7), (1, 5, 9)), *[(False, True)] * 4):
+        inputs = Inputs(windows, *flags)
+        (found,) = project(stack([surfels]), cameras([view]), inputs)
+        assert len(found) == inputs.channels
+        np.testing.assert_allclose(found, slow.channels(inputs), rtol=0, atol=CLOSE)
+
+
+def test_number_of_channels():
+    assert ALL_INPUTS.channels == 2 + 1 + 3 + 2 * len(FLATTENED) + 4 * len(HOPS)
+    assert SIZES["tiny"].inputs.channels == 2 + 1 + 3
+    alone = Inputs((3,), normals=True, density=False, flattened=False, far=False)
+    assert alone.channels == 1 + 4 * len(HOPS)
+
+
+def one_point(place, normals, variation):
+    """Surfels [1, 1, ...] of a point where it is flattened to."""
+    point = torch.tensor([[place]])
+    flattened = point[:, :, None].expand(-1, -1, len(FLATTENED), -1)
+    return Surfels(point, flattened, torch.tensor([[normals]]), torch.tensor([[variation]]))
+
+
+def test_a_single_point_by_hand():
+    """At the origin, seen from the front: between the four pixels in the middle, 4 away."""
+    normals = [[0.0, 0.6, 0.8], *[[0.8, 0.6, 0.0]] * (len(HOPS) - 1)]
+    variation = [0.25, *[0.125] * (len(HOPS) - 1)]
+    surfels = one_point([0.0, 0.0, 0.0], normals, variation)
+    (found,) = project(surfels, cameras([View(0, 0)]), ALL_INPUTS).numpy()
+    near, quarter, whole = 1.25 / 2, np.log1p(0.25), np.log1p(1)
+    expected = [near, near, near, quarter, whole, whole, *[near, quarter] * len(FLATTENED)]
+    first = len(expected)
+    # The camera stands on -Z: its right is -X, its back is -Z. The first normal points away from it
+    # and is turned round; the others are at right angles to where it looks, and stay.
+    expected += [0.0, -0.6, 0.8, 0.75, *[-0.8, 0.6, 0.0, 0.375] * (len(HOPS) - 1)]
+    # row and column 64.0 fall in pixel 64
+    np.testing.assert_allclose(found[:, 64, 64], expected, rtol=0, atol=1e-6)
+    disc = np.zeros((128, 128), bool)
+    disc[63:66, 63:66] = True
+    np.testing.assert_array_equal(found[0] > 0, disc)
+    np.testing.assert_array_equal(found[first + 2] != 0, disc)
+    disc[61:68, 61:68] = True
+    np.testing.assert_array_equal(found[1] > 0, disc)
+    np.testing.assert_array_equal(found[-1] != 0, disc)
+    assert set(np.argwhere(found[3] > 0).ravel()) == {63, 64}
+    # of sixteen squares of 3 px that hold some of it, the middle four hold all
+    parts = 4 * whole + 8 * np.log1p(0.5) + 4 * quarter
+    assert found[4].sum() == pytest.approx(parts, rel=1e-6)
+
+
+def test_ties_in_depth_go_to_the_first_point():
+    """A plane across the view: all depths are equal, to the last digit."""
+    surfels = made_up(150)
+    points = surfels.points.clone()
+    points[:, 2] = 0.25
+    points[75:, :2] = points[:75, :2]  # twice: in one pixel as well
+    flat = dataclasses.replace(surfels, points=points)
+    found = check(flat, VIEWS[:1], ALL_INPUTS)
+    depths = found[0, 0].unique()
+    assert len(depths) == 2
+    assert depths.tolist() == [0, 0.5]  # (5.25 - 4.25) / 2
+
+
+def test_what_is_not_seen_leaves_no_trace():
+    """Behind the camera, in it, too near, beside, above and far beyond the picture; infinite."""
+    hidden = torch.tensor([
+        (0.1, 0.1, -4.5), (0.0, 0.0, -4.0), (0.0, 0.0, -3.81), (1.2, 0.0, 0.0), (-1.2, 0.0, 0.0),
+        (0.0, 1.2, 0.0), (0.0, -1.2, 0.0), (0.3, 0.2, -1e30), (3e38, 3e38, -3e38), (2e38, 0.0, 0.0),
+    ])  # fmt: skip
+    seen = made_up(20)
+    where = {"points": hidden, "flattened": hidden[:, None].expand(-1, len(FLATTENED), -1)}
+    more = {
+        name: torch.cat([where.get(name, vars(seen)[name][: len(hidden)]), value])
+        for name, value in vars(seen).items()
+    }
+    views = [View(0, 0)]
+    alone = project(stack([seen]), cameras(views), ALL_INPUTS)
+    together = project(stack([Surfels(**more)]), cameras(views), ALL_INPUTS)
+    assert torch.equal(alone, together)
+    nothing = Surfels(**{name: value[: len(hidden)] for name, value in more.items()})
+    assert (project(stack([nothing]), cameras(views), ALL_INPUTS) == 0).all()
+
+
+def test_nearness_ends_where_it_says():
+    """0 at 1.25 beyond the origin; at most 1.5; what is nearer than 0.2 is cut off."""
+    for z, expected in ((1.25, 0.0), (1.5, 0.0), (-3.0, 1.5), (-3.79, 1.5), (-1.0, 1.125)):
+        surfels = one_point([0.0, 0.0, z], [[0.0] * 3] * len(HOPS), [0.0] * len(HOPS))
+        (found,) = project(surfels, cameras([View(0, 0)]), ALL_INPUTS)
+        assert found[[0, 1, 2, 6], 64, 64].tolist() == [expected] * 4
+        assert found[3, 64, 64] > 0  # it is counted
+
+
+def test_one_cloud_for_all_cameras_or_one_each():
+    surfels = made_up(150)
+    seen = cameras(VIEWS)
+    once = project(stack([surfels]), seen, ALL_INPUTS)
+    each = project(stack([surfels] * len(VIEWS)), seen, ALL_INPUTS)
+    assert torch.equal(once, each)
+
+
+def test_clouds_do_not_mix():
+    clouds = [made_up(90, seed) for seed in range(3)]
+    together = project(stack(clouds), cameras(VIEWS[:3]), ALL_INPUTS)
+    for i, surfels in enumerate(clouds):
+        alone = project(stack([surfels]), cameras(VIEWS[i : i + 1]), ALL_INPUTS)
+        # one cloud may go another way through the matrix product: coordinates by a last digit
+        torch.testing.assert_close(together[i : i + 1], alone, rtol=0, atol=CLOSE)
+
+
+def test_the_order_of_the_points_does_not_matter():
+    cloud = make_cloud(700)
+    views = cameras(VIEWS)
+    first = project(stack([find_surfels(cloud)]), views, ALL_INPUTS)
+    shuffled = np.random.default_rng(0).permutation(cloud)
+    assert torch.equal(project(stack([find_surfels(shuffled)]), views, ALL_INPUTS), first)
+
+
+def test_bfloat16_is_the_last_step():
+    surfels = stack([made_up(200)])
+    exact = project(surfels, cameras(VIEWS), ALL_INPUTS)
+    coarse = project(surfels, cameras(VIEWS), ALL_INPUTS, dtype=torch.bfloat16)
+    assert coarse.is_contiguous(memory_format=torch.channels_last)
+    assert torch.equal(coarse, exact.bfloat16())
+
+
+def test_cameras_are_the_inverse_of_poses():
+    found = cameras(VIEWS)
+    assert found.shape == (len(VIEWS), 3, 4)
+    assert found.dtype == torch.float32
+    for one, view in zip(found.double().numpy(), VIEWS, strict=True):
+        product = np.vstack([one, [0, 0, 0, 1]]) @ camera_to_world(view)
+        np.testing.assert_allclose(product, np.eye(4), rtol=0, atol=1e-6)  # of distances of 4

@@ -1,0 +1,268 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.splat_net import renderer as renderer_module
+from baselines.splat_net.engine import GROUP
+from baselines.splat_net.network import (
+    CODE_POINTS,
+    NetworkConfig,
+    camera_numbers,
+    code_rows,
+    composite,
+)
+from baselines.splat_net.projection import ALL_INPUTS, cameras, project
+from baselines.splat_net.renderer import SplatNetRenderer
+from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.weights import Weights
+from data_prep.failures import StageFailure
+from data_prep.scene import PointCloud, View
+
+from .conftest import lived_in, make_cloud
+
+VIEWS = [View(0, 0), View(90, 20), View(-180, -40)]
+CONFIG = NetworkConfig(widths=(8, 12, 16, 20, 24), code=4, heads=("colour",))
+# Sums of up to 9 x 24 float32 products in another order, through 20 layers: some 1e-6.
+CLOSE = 1e-5
+
+
+def build(code=4, **options):
+    config = NetworkConfig(widths=CONFIG.widths, code=code, heads=CONFIG.heads)
+    return SplatNetRenderer(Weights(lived_in(config), {}, "0" * 64), **options)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return build()
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    return PointCloud(make_cloud())
+
+
+def test_pictures(renderer, cloud):
+    images = renderer.draw(renderer.prepare(cloud), VIEWS)
+    assert images.shape == (3, 128, 128, 3)
+    assert images.dtype == np.float32
+    assert images.flags.c_contiguous
+    assert images.min() >= 0
+    assert images.max() <= 1
+    assert np.abs(images[0] - images[1]).max() > 0.01
+
+
+def test_pictures_are_the_networks(renderer, cloud):
+    """Step by step: surfels, channels, code, network, composite."""
+    network = renderer.weights.network
+    surfels = stack([find_surfels(cloud.points)])
+    code = network.code(surfels.points[:, code_rows(2048)]).expand(3, -1)
+    channels = project(surfels, cameras(VIEWS), ALL_INPUTS)
+    _, (expected,) = composite(network(channels, code, camera_numbers(VIEWS)), ("colour",))
+    found = renderer.draw(renderer.prepare(cloud), VIEWS)
+    np.testing.assert_allclose(found, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
+
+
+def test_drawing_is_deterministic_and_ignores_the_rng(renderer, cloud):
+    first = renderer.draw(renderer.prepare(cloud), VIEWS)
+    rng = np.random.default_rng(5)
+    state = rng.bit_generator.state
+    assert np.array_equal(first, renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng))
+    assert rng.bit_generator.state == state
+
+
+@pytest.mark.parametrize("count", [100, CODE_POINTS + 500])
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_the_order_of_the_points_does_not_matter(count, precision):
+    renderer, points = build(precision=precision), make_cloud(count)
+    points[: count // 2] = points[count // 2 : 2 * (count // 2)]  # half of them twice
+    first = renderer.draw(renderer.prepare(PointCloud(points)), VIEWS)
+    shuffled = np.random.default_rng(0).permutation(points)
+    again = renderer.draw(renderer.prepare(PointCloud(shuffled)), VIEWS)
+    assert first.tobytes() == again.tobytes()
+
+
+@pytest.mark.parametrize(("precision", "atol"), [("float32", CLOSE), ("bfloat16", 0.05)])
+def test_neighbours_and_groups_do_not_matter(cloud, precision, atol):
+    """Other kernels may serve a group of another size: in bfloat16 a value moves by some 1/256."""
+    renderer = build(precision=precision)
+    state = renderer.prepare(cloud)
+    views = [View(17.0 * i, 3.0 * i - 30) for i in range(GROUP + 1)]
+    together = renderer.draw(state, views)
+    for some in (slice(0, 1), slice(GROUP, GROUP + 1), slice(3, 8)):
+        alone = renderer.draw(state, views[some])
+        np.testing.assert_allclose(alone, together[some], rtol=0, atol=atol)
+    assert renderer.draw(state, views).tobytes() == together.tobytes()
+
+
+def test_groups_of_large_clouds_are_small(renderer, cloud, monkeypatch):
+    sizes = []
+
+    def counting(surfels, at, *options):
+        sizes.append(len(at))
+        return project(surfels, at, *options)
+
+    monkeypatch.setattr(renderer_module, "project", counting)
+    state = renderer.prepare(cloud)
+    for limit, expected in ((10 * 2048, [5]), (2 * 2048, [2, 2, 1]), (1, [1] * 5)):
+        sizes.clear()
+        monkeypatch.setattr(renderer_module, "POINTS_TOGETHER", limit)
+        images = renderer.draw(state, [*VIEWS, *VIEWS[:2]])
+        assert sizes == expected
+        np.testing.assert_allclose(images[3:], images[:2], rtol=0, atol=CLOSE)
+
+
+def test_threads_do_not_matter(renderer, cloud):
+    one = renderer.draw(renderer.prepare(cloud), VIEWS)
+    torch.set_num_threads(2)
+    two = renderer.draw(renderer.prepare(cloud), VIEWS)
+    np.testing.assert_allclose(two, one, rtol=0, atol=CLOSE)
+
+
+def test_bfloat16_draws_nearly_the_same(cloud):
+    exact, coarse = build(), build(precision="bfloat16")
+    state = coarse.prepare(cloud)
+    for one, other in zip(vars(state.surfels).values(),
+                          vars(exact.prepare(cloud).surfels).values(), strict=True):  # fmt: skip
+        assert torch.equal(one, other)  # what is prepared knows of no precision
+    found, expected = coarse.draw(state, VIEWS), exact.draw(state, VIEWS)
+    assert found.dtype == np.float32
+    # Half a unit of 8 digits is 2e-3 of a value; some twenty roundings in a row, added as errors
+    # do. A sigmoid hands on a quarter, of values around 2.
+    assert 1e-4 < np.abs(found - expected).mean() < 2e-3 * 20**0.5 / 2
+
+
+@pytest.mark.parametrize("size", [64, 256])
+def test_other_sizes(cloud, size):
+    renderer = build(size=size)
+    images = renderer.draw(renderer.prepare(cloud), VIEWS)
+    assert images.shape == (3, size, size, 3)
+    assert np.isfinite(images).all()
+    assert images.std() > 0.01
+
+
+@pytest.mark.parametrize("size", [0, -16, 8, 100, 130])
+def test_sizes_that_are_refused(size):
+    with pytest.raises(ValueError, match=f"size {size}: expected a multiple of 16"):
+        build(size=size)
+
+
+def test_unknown_precisions_are_refused():
+    with pytest.raises(ValueError, match="precision must be"):
+        build(precision="float16")
+
+
+def test_azimuth_is_periodic(renderer, cloud):
+    images = renderer.draw(renderer.prepare(cloud), [View(90, 0), View(450, 0), View(-270, 0)])
+    assert np.array_equal(images[1], images[0])
+    assert np.array_equal(images[2], images[0])
+
+
+def test_angles_may_be_numpys(renderer, cloud):
+    state = renderer.prepare(cloud)
+    (found,) = renderer.draw(state, [View(np.float64(90), np.float32(20))])
+    assert np.array_equal(found, renderer.draw(state, VIEWS[1:2])[0])
+
+
+def test_no_views(renderer, cloud):
+    assert renderer.draw(renderer.prepare(cloud), []).shape == (0, 128, 128, 3)
+
+
+@pytest.mark.parametrize("elevation", [-90, 90])
+def test_poles_are_drawn(renderer, cloud, elevation):
+    assert np.isfinite(renderer.draw(renderer.prepare(cloud), [View(0, elevation)])).all()
+
+
+def test_networks_without_a_code():
+    renderer = build(code=0)
+    state = renderer.prepare(PointCloud(make_cloud(200)))
+    assert state.code is None
+    assert np.isfinite(renderer.draw(state, VIEWS)).all()
+
+
+@pytest.mark.parametrize("code", [0, 4])
+@pytest.mark.parametrize(
+    ("points", "stage", "problem"),
+    [
+        (np.empty((0, 3)), "input", "no points"),
+        (np.array([[0, 0, np.nan]]), "input", "1 of 1 points are not finite"),
+        (np.array([[0, np.inf, 0], [0, 0, 0], [-np.inf, 0, 0]]), "input", "2 of 3 points"),
+    ],
+)
+def test_impossible_clouds_fail_by_name(code, points, stage, problem):
+    with pytest.raises(StageFailure, match=problem) as failure:
+        build(code=code).prepare(PointCloud(points))
+    assert failure.value.stage == stage
+
+
+def test_codes_that_are_not_finite_fail_by_name(renderer):
+    with pytest.raises(StageFailure, match="too large for its code") as failure:
+        renderer.prepare(PointCloud(np.full((4, 3), 3e38) * [1, -1, 1]))
+    assert failure.value.stage == "encode"
+
+
+def test_pictures_that_are_not_finite_fail_by_name(cloud):
+    renderer = build(code=0)
+    state = renderer.prepare(cloud)
+    renderer.folded.for_many.last.bias[0] = torch.nan
+    with pytest.raises(StageFailure, match="the picture is not finite") as failure:
+        renderer.draw(state, VIEWS)
+    assert failure.value.stage == "draw"
+
+
+def grid():
+    return np.stack(np.mgrid[-8:9, -8:9, -8:9], axis=-1).reshape(-1, 3) / 16
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((1, 3)),
+        np.full((1, 3), 0.5),
+        make_cloud(2),
+        make_cloud(9),
+        np.zeros((500, 3)),
+        np.tile(make_cloud(1), (500, 1)),
+        make_cloud(300) * [1, 1, 0],
+        make_cloud(300) * [0, 1, 0],
+        np.where(np.arange(300)[:, None] < 150, [0, 1, 1], [1, 1, 1]) * make_cloud(300),
+        grid(),
+        make_cloud(300) * 1e-30,
+        make_cloud(300) * 1e30,
+        make_cloud(300) + np.array([1e6, 0, 0]),
+        make_cloud(300) * 8,  # the camera stands among them
+        np.vstack([make_cloud(300), [[1e6, 0, 0], [3e38, 0, 0]]]),
+        -np.zeros((3, 3)),
+    ],
+)
+def test_odd_clouds_are_drawn(points):
+    """Without a code nothing has to be small; what is not in the picture is not seen."""
+    renderer = build(code=0)
+    images = renderer.draw(renderer.prepare(PointCloud(points.astype(np.float32))), VIEWS)
+    assert np.isfinite(images).all()
+    assert images.min() >= 0
+    assert images.max() <= 1
+
+
+def test_an_outlier_moves_only_what_it_covers():
+    """Of a network without a code: far off, it is not in the picture at all."""
+    renderer, points = build(code=0), make_cloud(300)
+    plain = renderer.draw(renderer.prepare(PointCloud(points)), VIEWS)
+    for far in (1e3, 3e38):
+        more = PointCloud(np.vstack([points, [[far, far, far]]]).astype(np.float32))
+        images = renderer.draw(renderer.prepare(more), VIEWS)
+        np.testing.assert_allclose(images, plain, rtol=0, atol=CLOSE)
+
+
+def test_many_points(renderer):
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(200_000, 3)).astype(np.float32)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    state = renderer.prepare(PointCloud(points))
+    assert len(state.surfels) == 200_000
+    images = renderer.draw(state, VIEWS[:1])
+    assert np.isfinite(images).all()
+    # a sphere as seen from 4: normals are radial, for neighbours are near
+    radial = (state.surfels.normals[0, :, 0] * state.surfels.points[0]).sum(dim=1).abs()
+    assert radial.median() > 0.9999

@@ -1,0 +1,231 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.splat_net.surfels import FLATTENED, HOPS, NEIGHBOURS, Surfels, find_surfels, stack
+
+from .conftest import make_cloud
+
+ROUNDED = 2.0**-23  # a number below 2 in float32, off by half of its last digit, and as much again
+
+
+def arrays(surfels):
+    return {name: value.numpy() for name, value in vars(surfels).items()}
+
+
+def test_shapes_and_types():
+    surfels = find_surfels(make_cloud(50))
+    assert len(surfels) == 50
+    shapes = {name: (a.shape, a.dtype) for name, a in arrays(surfels).items()}
+    assert shapes == {
+        "points": ((50, 3), np.float32),
+        "flattened": ((50, len(FLATTENED), 3), np.float32),
+        "normals": ((50, len(HOPS), 3), np.float32),
+        "variation": ((50, len(HOPS)), np.float32),
+    }
+
+
+def test_against_all_pairs_and_ways_of_so_many_hops():
+    """How often a point counts in a neighbourhood is the number of ways that lead to it."""
+    found = arrays(find_surfels(make_cloud(120)))
+    place = found["points"].astype(np.float64)
+    hop = np.zeros((120, 120), int)
+    for i, p in enumerate(place):
+        hop[i, np.argsort([np.linalg.norm(q - p) for q in place])[:NEIGHBOURS]] = 1
+    for i, p in enumerate(place):
+        for scale, hops in enumerate(HOPS):
+            ways = np.linalg.matrix_power(hop, hops)[i]
+            assert ways.sum() == NEIGHBOURS**hops
+            values, vectors = np.linalg.eig(np.cov(place.T, bias=True, fweights=ways))
+            least = np.argmin(values)
+            assert abs(found["variation"][i, scale] - values[least] / values.sum()) < ROUNDED
+            # the smallest eigenvalues are 1e-3 apart or more: 1e-12 of an angle, in float64
+            normal = vectors[:, least]
+            assert abs(abs(found["normals"][i, scale] @ normal) - 1) < 2 * ROUNDED
+            if scale in FLATTENED:
+                height = (p - np.average(place, axis=0, weights=ways)) @ normal
+                flattened = found["flattened"][i, FLATTENED.index(scale)]
+                assert np.abs(flattened - (p - height * normal)).max() < ROUNDED
+
+
+def test_a_plane():
+    rng = np.random.default_rng(0)
+    normal = np.array([2.0, -1.0, 2.0]) / 3
+    flat = rng.uniform(-1, 1, (300, 3))
+    flat -= (flat @ normal)[:, None] * normal - 0.25 * normal
+    surfels = arrays(find_surfels(flat.astype(np.float32)))
+    # points are off the plane by float32, 6e-8, of neighbourhoods 0.1 wide
+    assert np.abs(np.abs(surfels["normals"] @ normal) - 1).max() < 1e-6
+    assert surfels["variation"].max() < 1e-12
+    on_it = np.broadcast_to(surfels["points"][:, None], surfels["flattened"].shape)
+    np.testing.assert_allclose(surfels["flattened"], on_it, rtol=0, atol=4 * ROUNDED)
+
+
+def test_a_bump_is_moved_onto_the_plane():
+    """One point of a lattice above it comes down, and the others hardly rise."""
+    x, y = np.mgrid[-6:7, -6:7] * 0.1
+    cloud = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1).astype(np.float32)
+    middle = len(cloud) // 2
+    cloud[middle, 2] = 0.02
+    surfels = arrays(find_surfels(cloud))
+    at = np.flatnonzero(surfels["points"][:, 2] > 0).item()
+    # of two hops a hundred ways, it is on a fifth of them at most: so far rises the mean
+    assert (surfels["flattened"][at, :, 2] > 0).all()
+    assert np.abs(surfels["flattened"][..., 2]).max() < 0.2 * 0.02
+
+
+def test_a_line_has_no_variation_and_normals_across():
+    along = np.array([1.0, 2.0, -2.0]) / 3
+    cloud = (np.linspace(-1, 1, 60)[:, None] * along).astype(np.float32)
+    surfels = arrays(find_surfels(cloud))
+    assert surfels["variation"].max() < 1e-12  # 6e-8 off a line 0.1 long
+    # any direction across is as good: that of the rounding of float32
+    assert np.abs(surfels["normals"] @ along).max() < 1e-5
+    np.testing.assert_allclose(np.linalg.norm(surfels["normals"], axis=2), 1, rtol=0, atol=1e-6)
+
+
+def test_a_sphere():
+    """Fibonacci's. Normals are radial to within the cap that they are fitted to."""
+    count = 2000
+    i = np.arange(count) + 0.5
+    z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
+    ring = np.sqrt(1 - z * z)
+    cloud = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    surfels = arrays(find_surfels(cloud.astype(np.float32)))
+    radial = np.abs((surfels["normals"] * surfels["points"][:, None]).sum(axis=2))
+    # a cap of 10 points has height 2 * 10 / count: that is 1 - cosine of the angle to its edge
+    height = 2 * NEIGHBOURS / count
+    assert radial.min() > 1 - height / 4  # and of half the angle; larger caps are as symmetric
+    # of a cap, heights are uniform (Archimedes): h^2 / 12 over h - h^2 / 4, for points without end.
+    # Ten are few; one of them is in the middle and others on the rim.
+    assert abs(np.median(surfels["variation"][:, 0]) / (height / 12) - 1) < 0.5
+    # larger caps bend more, and all of it inwards
+    assert (np.diff(surfels["variation"], axis=1) > 0).mean() > 0.99
+    assert (np.linalg.norm(surfels["flattened"], axis=2) < 1).all()
+
+
+def test_an_edge_and_corners_by_hand():
+    """Up to 10 points are all neighbours of each other, after any number of hops."""
+    # two halves of planes that meet in the Z axis: x has variance 1/3 - 1/9, covariance with y -1/9
+    edge = np.array([(x, y, z) for x, y in ((1, 0), (0, 1), (0, 0)) for z in (-2, 2)], np.float32)
+    surfels = arrays(find_surfels(edge))
+    bisector = np.array([1, 1, 0]) / 2**0.5
+    np.testing.assert_allclose(np.abs(surfels["normals"] @ bisector), 1, rtol=0, atol=ROUNDED)
+    # eigenvalues 1/9, 3/9 and 4
+    np.testing.assert_allclose(surfels["variation"], 1 / 40, rtol=1e-6)
+    cube = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+    np.testing.assert_allclose(arrays(find_surfels(cube))["variation"], 1 / 3, rtol=1e-6)
+    assert arrays(find_surfels(cube))["variation"].max() <= np.float32(1 / 3)
+
+
+def lattice():
+    return np.stack(np.mgrid[-4:5, -4:5, -1:2], axis=-1).reshape(-1, 3).astype(np.float32) / 8
+
+
+@pytest.mark.parametrize("cloud", [make_cloud(300), np.tile(make_cloud(70), (4, 1)), lattice()])
+def test_the_order_of_the_points_does_not_matter(cloud):
+    rng = np.random.default_rng(0)
+    first = find_surfels(cloud)
+    for other in (cloud[::-1], rng.permutation(cloud)):
+        again = find_surfels(np.ascontiguousarray(other))
+        for name, value in arrays(first).items():
+            assert value.tobytes() == arrays(again)[name].tobytes()
+
+
+def test_threads_do_not_matter():
+    one, two = (find_surfels(make_cloud(500), workers=n) for n in (1, 2))
+    for name, value in arrays(one).items():
+        assert value.tobytes() == arrays(two)[name].tobytes()
+
+
+def test_points_that_are_listed_twice_count_once():
+    once = find_surfels(make_cloud(70))
+    twice = find_surfels(np.vstack([make_cloud(70), make_cloud(70)[::-2]]))
+    for name, value in arrays(once).items():
+        assert value.tobytes() == arrays(twice)[name].tobytes()
+
+
+def check(surfels, count):
+    assert len(surfels) == count
+    assert all(np.isfinite(a).all() for a in arrays(surfels).values())
+    lengths = np.linalg.norm(surfels.normals.numpy(), axis=2)
+    np.testing.assert_allclose(lengths, 1, rtol=0, atol=1e-6)
+    assert surfels.variation.min() >= 0
+    assert surfels.variation.max() <= np.float32(1 / 3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 11, 20_000])
+def test_points_that_coincide_are_one(count):
+    surfels = find_surfels(np.tile(make_cloud(1), (count, 1)))
+    check(surfels, 1)
+    assert (surfels.variation == 0).all()
+    assert torch.equal(surfels.points, torch.from_numpy(make_cloud(1)))
+    assert (surfels.flattened == surfels.points[:, None]).all()
+
+
+@pytest.mark.parametrize("count", range(2, 13))
+def test_few_points(count):
+    surfels = find_surfels(make_cloud(count))
+    check(surfels, count)
+    if count <= 3:  # they lie in a plane
+        assert surfels.variation.max() < 1e-12
+        moved = surfels.flattened - surfels.points[:, None]
+        assert moved.abs().max() < ROUNDED
+
+
+@pytest.mark.parametrize("exponent", [-100, -40, 40, 100])  # 1e-30 to 1e30
+def test_units_do_not_matter(exponent):
+    cloud = make_cloud(200)
+    plain, scaled = find_surfels(cloud), find_surfels(cloud * np.float32(2.0**exponent))
+    check(scaled, 200)
+    back = 2.0**-exponent
+    np.testing.assert_array_equal(scaled.points.numpy() * back, plain.points)
+    np.testing.assert_allclose(scaled.flattened.numpy() * back, plain.flattened, atol=ROUNDED)
+    np.testing.assert_allclose(scaled.variation, plain.variation, rtol=0, atol=ROUNDED)
+    along = (scaled.normals * plain.normals).sum(dim=2).abs()
+    np.testing.assert_allclose(along, 1, rtol=0, atol=4 * ROUNDED)
+
+
+def test_the_largest_numbers_there_are():
+    cloud = make_cloud(100)
+    cloud = cloud / np.abs(cloud).max() * np.finfo(np.float32).max
+    check(find_surfels(cloud), 100)
+
+
+def test_half_of_a_cloud_in_a_plane_while_denormals_are_flushed():
+    # SciPy's balanced tree would overflow the stack, hence a process of its own
+    script = (
+        "import numpy as np, torch; from baselines.splat_net.surfels import find_surfels;"
+        "torch.set_flush_denormal(True);"
+        "a = np.random.default_rng(0).uniform(-1, 1, (100, 3)).astype(np.float32);"
+        "a[:60, 0] = 0; a[60:, 0] = 4 * abs(a[60:, 0]);"
+        "s = find_surfels(a); print(bool(s.normals.isfinite().all()), len(s))"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (run.returncode, run.stdout.strip()) == (0, "True 100")
+
+
+def test_clouds_are_stacked():
+    parts = [find_surfels(make_cloud(20, seed)) for seed in range(3)]
+    together = stack(parts)
+    assert isinstance(together, Surfels)
+    assert len(together) == 20
+    for name, value in vars(together).items():
+        assert value.shape[0] == 3
+        for i, part in enumerate(parts):
+            assert torch.equal(value[i], vars(part)[name])
+
+
+def test_clouds_of_fewer_places_are_filled_up_with_their_last():
+    parts = [find_surfels(make_cloud(count, count)) for count in (20, 17)]
+    together = stack(parts)
+    assert len(together) == 20
+    for name, value in vars(together).items():
+        assert torch.equal(value[0], vars(parts[0])[name])
+        assert torch.equal(value[1, :17], vars(parts[1])[name])
+        assert torch.equal(value[1, 17:], vars(parts[1])[name][-1:].expand_as(value[1, 17:]))

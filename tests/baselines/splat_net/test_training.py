@@ -1,0 +1,379 @@
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from baselines.splat_net.losses import COVERAGE_WEIGHT, GREY_WEIGHT
+from baselines.splat_net.network import NetworkConfig, camera_numbers
+from baselines.splat_net.projection import cameras, project
+from baselines.splat_net.surfels import HOPS, find_surfels, stack
+from baselines.splat_net.train import (
+    KIND,
+    MAX_NOISE,
+    POINTS_SEEN,
+    VIEWS_TOGETHER,
+    SplatNetConfig,
+    _Trainer,
+    train_splat_net,
+)
+from data_prep.failures import BadInput
+from data_prep.scene import View
+from data_prep.training_set import SurfaceSet
+from learning import checkpoint
+from learning.training_loop import Cadence
+
+from .conftest import SMALL, make_data
+
+CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
+BATCH = 2 * VIEWS_TOGETHER
+CODELESS = dataclasses.replace(SMALL, code=0)
+
+
+class Killed(Exception):
+    pass
+
+
+def kill_at(step):
+    def on_progress(report):
+        if report.step == step:
+            raise Killed
+
+    return on_progress
+
+
+def configure(**changes):
+    defaults = {"network": SMALL, "batch": BATCH, "cadence": CADENCE, "cool_down": 2}
+    return SplatNetConfig(**{**defaults, **changes})
+
+
+def build(data, **changes):
+    return _Trainer(data, configure(**changes), torch.device("cpu"))
+
+
+def read_log(out_dir):
+    with (out_dir / "losses.csv").open(newline="") as file:
+        return list(csv.reader(file))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"objective": "l1-patch", "warm_up": 1}, {"network": CODELESS}],
+    ids=["l1", "l1-patch", "codeless"],
+)
+def test_a_killed_run_resumes_bit_for_bit(data, tmp_path, changes):
+    config = configure(steps=5, **changes)
+    whole = train_splat_net(data, config, tmp_path / "whole")
+    # killed after step 3 is logged: the checkpoint is that of step 2, the row of step 3 must go
+    with pytest.raises(Killed):
+        train_splat_net(data, config, tmp_path / "cut", on_progress=kill_at(3))
+    assert checkpoint.load(tmp_path / "cut" / checkpoint.FILE_NAME, KIND)[1] == 2
+    cut = train_splat_net(data, config, tmp_path / "cut")
+    (state, step, _), (other, other_step, _) = (checkpoint.load(p, KIND) for p in (whole, cut))
+    assert step == other_step == 5
+    assert state.keys() == other.keys()
+    assert all(torch.equal(state[key], other[key]) for key in state)
+    log = read_log(tmp_path / "whole")
+    assert [row[0] for row in log] == ["step", "1", "2", "3", "4", "5"]
+    assert log == read_log(tmp_path / "cut")
+
+
+def test_a_run_can_be_lengthened_but_not_changed(data, trained):
+    out_dir = trained.parent
+    config = SplatNetConfig(network=SMALL, steps=2, batch=4, cadence=Cadence(1, 2, 2))
+    before = trained.read_bytes()
+    assert train_splat_net(data, config, out_dir, on_progress=kill_at(1)) == trained
+    assert trained.read_bytes() == before
+    other = dataclasses.replace(SMALL, widths=(4, 6, 8, 10, 14))
+    for changes, told in (
+        ({"seed": 1}, "seed = 0, asked for 1; use"),
+        ({"network": other}, r"network = .*12\].*, asked for .*14\]"),
+        ({"cool_down": 3}, "cool_down = 2000, asked for 3"),
+    ):
+        with pytest.raises(BadInput, match=told):
+            train_splat_net(data, dataclasses.replace(config, steps=3, **changes), out_dir)
+    changed = dataclasses.replace(data, grey=255 - data.grey)
+    with pytest.raises(BadInput, match="trained with data ="):
+        train_splat_net(changed, dataclasses.replace(config, steps=3), out_dir)
+
+
+def test_reports_and_sheets(data, tmp_path):
+    reports = []
+    train_splat_net(data, configure(steps=4), tmp_path, on_progress=reports.append)
+    assert [r.step for r in reports] == [1, 2, 3, 4]
+    assert list(reports[0].losses) == ["colour", "grey", "coverage"]
+    with Image.open(tmp_path / "sheets" / "step-000004.png") as sheet:
+        assert sheet.size == (3 * 128, 3 * 128)
+        picture = np.asarray(sheet)
+    # object i from its view i: the truth is what it was given, to the last digit
+    for i in range(3):
+        truth = data.seen.images[i, i]
+        np.testing.assert_array_equal(picture[:128, 128 * i : 128 * (i + 1)], truth)
+    drawn = picture[256:]
+    assert (drawn[..., 0] == drawn[..., 2]).all()  # in grey
+
+
+def test_sheets_change_nothing(data):
+    trainer = build(data)
+    trainer.take_step()
+    before = {key: value.clone() for key, value in trainer.state().items()}
+    first = trainer.sheet()
+    assert np.array_equal(first, trainer.sheet())
+    after = trainer.state()
+    assert before.keys() == after.keys()
+    assert all(torch.equal(before[key], after[key]) for key in before)
+
+
+def test_bfloat16_trains_on_what_float32_sees(data, tmp_path):
+    exact, coarse = build(data), build(data, precision="bfloat16")
+    for one, other in zip(exact._draw_batch()[:3], coarse._draw_batch()[:3], strict=True):
+        assert one.dtype == torch.float32
+        assert torch.equal(one, other)
+    one, other = exact.take_step(), coarse.take_step()
+    assert one != other
+    for name, value in one.items():
+        # 8 digits, of logits around 1: some 1e-2 of a pixel, and as much of their mean
+        assert other[name] == pytest.approx(value, rel=0.05)
+
+
+def test_losses_have_the_same_columns_before_and_after_the_judge_takes_part(data):
+    trainer = build(data, objective="l1-patch", warm_up=2)
+    steps = [trainer.take_step() for _ in range(3)]
+    assert [list(step) for step in steps] == [
+        ["colour", "grey", "coverage", "judge", "patches"]
+    ] * 3
+    assert [(s["judge"], s["patches"]) for s in steps[:2]] == [(0, 0)] * 2
+    assert steps[2]["judge"] > 0
+    assert steps[2]["patches"] != 0
+
+
+def test_before_the_judge_takes_part_the_objective_is_l1(data):
+    plain, patches = build(data), build(data, objective="l1-patch", warm_up=2)
+    for _ in range(2):
+        expected = plain.take_step()
+        found = patches.take_step()
+        assert {name: found[name] for name in expected} == expected
+    plain.take_step(), patches.take_step()
+    different = [
+        not torch.equal(a, b)
+        for a, b in zip(plain.network.parameters(), patches.network.parameters(), strict=True)
+    ]
+    assert any(different)
+
+
+def test_a_step_of_the_network_leaves_the_judge_its_own_gradients(data):
+    """The judge is trained by its hinge loss alone, and can be trained again afterwards."""
+    trainer = build(data, objective="l1-patch")
+    trainer.take_step()
+    assert all(p.requires_grad for p in trainer.judge.parameters())
+    kept = [p.grad.clone() for p in trainer.judge.parameters()]
+    assert any(grad.abs().max() > 0 for grad in kept)
+    drawn = torch.rand(BATCH, 4, 128, 128, requires_grad=True)
+    trainer.judge.requires_grad_(False)
+    trainer.judge(drawn).mean().backward()
+    assert all(
+        torch.equal(p.grad, k) for p, k in zip(trainer.judge.parameters(), kept, strict=True)
+    )
+
+
+def test_the_learning_rate_falls_to_nothing(data):
+    trainer = build(data, steps=6, cool_down=3, learning_rate=0.5)
+    rates = []
+    for _ in range(6):
+        trainer.take_step()
+        rates.append(trainer.adam.param_groups[0]["lr"])
+    assert rates == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.5 * 2 / 3, 0.5 / 3])
+    assert trainer._warmth() == 0
+    assert build(data, steps=6, cool_down=0)._warmth() == 1
+
+
+def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data, monkeypatch):
+    """Differentiating it by the terms: each is replaced by its own multiple of one parameter."""
+    trainer = build(data)
+    trainer.adam = torch.optim.SGD(trainer.network.parameters(), lr=0.0)
+    bias = trainer.network.last.bias
+    factors = {"colour": 3.0, "grey": 5.0, "coverage": 7.0}
+    kinds = iter(("colour", "grey"))
+    monkeypatch.setattr(
+        "baselines.splat_net.train.picture_error", lambda *_: bias[0] * factors[next(kinds)]
+    )
+    monkeypatch.setattr(
+        "baselines.splat_net.train.coverage_error", lambda *_: bias[0] * factors["coverage"]
+    )
+    trainer.take_step()
+    expected = 3 + 5 * GREY_WEIGHT + 7 * COVERAGE_WEIGHT
+    assert bias.grad[0].item() == pytest.approx(expected, rel=1e-6)
+    assert (bias.grad[1:] == 0).all()
+
+
+def test_both_heads_learn_from_their_own_pictures(data, monkeypatch):
+    trainer = build(data)
+    bias = trainer.network.last.bias
+    seen = []
+
+    def error(drawn, real, coverage):
+        seen.append((drawn, real))
+        return drawn.mean() if drawn.shape[1] == 1 else 0 * drawn.mean()
+
+    monkeypatch.setattr("baselines.splat_net.train.picture_error", error)
+    trainer.take_step()
+    assert [tuple(d.shape) for d, _ in seen] == [(BATCH, 3, 128, 128), (BATCH, 1, 128, 128)]
+    assert [d.shape for d, _ in seen] == [r.shape for _, r in seen]
+    assert (bias.grad[1:4] == 0).all()
+    assert bias.grad[4] != 0
+
+
+def test_the_average_follows_the_network(data):
+    trainer = build(data)
+    start = {key: value.clone() for key, value in trainer.average.state_dict().items()}
+    trainer.take_step()
+    now = trainer.network.state_dict()
+    # after one step the memory is 2/11 long
+    for key, value in trainer.average.state_dict().items():
+        if value.is_floating_point():
+            expected = torch.lerp(start[key], now[key], 9 / 11)
+            torch.testing.assert_close(value, expected, rtol=1e-6, atol=1e-7)
+
+
+def smooth_clouds(count):
+    """Waves in front of the camera: every point has one clear normal, which points at it."""
+    rng = np.random.default_rng(0)
+    clouds = rng.uniform(-0.6, 0.6, (count, 2048, 3))
+    for i, cloud in enumerate(clouds):
+        cloud[:, 2] = 0.1 * np.sin(3 * cloud[:, 0] + i) * np.cos(2 * cloud[:, 1])
+    return clouds.astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def waves(data):
+    angles = {
+        "azimuth_deg": data.seen.azimuth_deg / 9,
+        "elevation_deg": data.seen.elevation_deg / 2,
+    }
+    seen = dataclasses.replace(data.seen, clouds=smooth_clouds(3), **angles)
+    return SurfaceSet(seen, data.coverage, data.grey)
+
+
+def test_a_scene_is_what_was_asked_for(waves):
+    """Objects 2 and 0 from two views each, as they are."""
+    trainer = build(waves)
+    objects, views = torch.tensor([2, 0]), torch.tensor([[3, 1], [0, 2]])
+    clouds = torch.from_numpy(waves.seen.clouds)[objects]
+    channels, points, angles, truth = trainer._scene(clouds, objects, views, torch.zeros(2) > 0)
+    pairs = [(2, 3), (2, 1), (0, 0), (0, 2)]
+    looks = [View(waves.seen.azimuth_deg[p], waves.seen.elevation_deg[p]) for p in pairs]
+    surfels = [find_surfels(waves.seen.clouds[i]) for i in (2, 0)]
+    assert torch.equal(points, torch.stack([s.points for s in surfels]))
+    assert torch.equal(angles, camera_numbers(looks))
+    expected = project(stack([surfels[0]] * 2 + [surfels[1]] * 2), cameras(looks), SMALL.inputs)
+    assert torch.equal(channels, expected)
+    for i, pair in enumerate(pairs):
+        colour = torch.from_numpy(waves.seen.images[pair]).permute(2, 0, 1) / 255
+        assert torch.equal(truth.colour[i], colour)
+        assert torch.equal(truth.grey[i, 0], torch.from_numpy(waves.grey[pair]) / 255)
+        assert torch.equal(truth.coverage[i, 0], torch.from_numpy(waves.coverage[pair]) / 255)
+
+
+def test_a_mirrored_scene_is_the_mirrored_picture(waves):
+    """A mirrored cloud, projected from the opposite azimuth: left and right change places."""
+    trainer = build(waves)
+    objects, views = torch.tensor([1, 1]), torch.tensor([[0, 1], [0, 1]])
+    clouds = torch.from_numpy(waves.seen.clouds)[objects]
+    which = torch.tensor([False, True])
+    channels, points, angles, truth = trainer._scene(clouds, objects, views, which)
+    flipped = waves.seen.clouds[1] * np.array([-1, 1, 1], np.float32)
+    looks = [View(-waves.seen.azimuth_deg[1, i], waves.seen.elevation_deg[1, i]) for i in (0, 1)]
+    surfels = find_surfels(flipped)
+    assert torch.equal(points[1], surfels.points)
+    assert torch.equal(channels[2:], project(stack([surfels] * 2), cameras(looks), SMALL.inputs))
+    assert torch.equal(angles[2:], angles[:2] * torch.tensor([-1, 1, 1, 1]))
+    for pictures in (truth.colour, truth.grey, truth.coverage):
+        assert torch.equal(pictures[2:], pictures[:2].flip(3))
+    mirrored = channels[:2].flip(3).clone()
+    for scale in range(len(HOPS)):
+        mirrored[:, SMALL.inputs.channels - 4 * (scale + 1)] *= -1  # normals to the right
+    apart = (channels[2:] - mirrored).abs()
+    # all but points that lie on the edge between two pixels to 2**-18 of one, if there are any
+    assert (apart > 1e-4).float().mean() < 1e-4
+    assert (channels[2:] - channels[:2]).abs().mean() > 100 * apart.mean()
+
+
+def test_batches_are_augmented_as_stated(data):
+    trainer = build(data)
+    scene = trainer._scene
+    counts, noisy, views = set(), [], set()
+
+    def spy(points, objects, seen_from, mirrored):
+        counts.add(points.shape[1])
+        farthest = points.abs().amax(dim=(1, 2))
+        noisy.extend((farthest > 0.5).tolist())
+        assert (farthest < 0.5 + 6 * MAX_NOISE).all()
+        views.update(tuple(sorted(row)) for row in seen_from.tolist())
+        assert all(len(set(row)) == VIEWS_TOGETHER for row in seen_from.tolist())
+        return scene(points[:, :64], objects, seen_from, mirrored)
+
+    trainer._scene = spy
+    for _ in range(20):
+        trainer._draw_batch()
+    assert counts == set(POINTS_SEEN)
+    assert len(views) == math.comb(4, VIEWS_TOGETHER)
+    assert set(noisy) == {True, False}
+
+
+def test_without_augmentation_clouds_are_whole_and_clean(data):
+    trainer = build(data, augment=False)
+    known = {np.sort(np.abs(cloud).ravel()).tobytes() for cloud in data.seen.clouds}
+    for _ in range(3):
+        _, points, _, _ = trainer._draw_batch()
+        for cloud in points.numpy():
+            assert np.sort(np.abs(cloud).ravel()).tobytes() in known  # mirrored or not
+
+
+def test_clouds_with_points_that_are_listed_twice(data):
+    clouds = data.seen.clouds.copy()
+    clouds[0, 1000:] = clouds[0, :1048]
+    clouds[1, -1] = clouds[1, 0]
+    seen = dataclasses.replace(data.seen, clouds=clouds)
+    trainer = build(SurfaceSet(seen, data.coverage, data.grey), augment=False)
+    objects, views = torch.arange(3), torch.zeros(3, 1, dtype=torch.int64)
+    shown = trainer._scene(torch.from_numpy(clouds), objects, views, torch.zeros(3) > 0)
+    assert shown[0].isfinite().all()
+    assert all(math.isfinite(value) for value in trainer.take_step().values())
+
+
+def test_bad_configurations_are_refused():
+    with pytest.raises(BadInput, match="unknown 'l2'; choose one of l1, l1-patch"):
+        SplatNetConfig(objective="l2")
+    for batch in (0, -VIEWS_TOGETHER, VIEWS_TOGETHER + 1):
+        with pytest.raises(BadInput, match=f"batch {batch}: .* multiple of {VIEWS_TOGETHER}"):
+            SplatNetConfig(batch=batch)
+    with pytest.raises(BadInput, match="both materials are trained at once"):
+        SplatNetConfig(network=NetworkConfig(heads=("grey",)))
+
+
+def test_too_few_views_are_refused(tmp_path):
+    data = make_data(objects=2, views=VIEWS_TOGETHER - 1)
+    with pytest.raises(BadInput, match=f"at least {VIEWS_TOGETHER} are drawn together; render"):
+        train_splat_net(data, configure(steps=1), tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_short_training_learns(waves):
+    """Three objects, each of one colour in front of white: the losses must fall by half."""
+    coverage = np.zeros((3, 4, 128, 128), np.uint8)
+    coverage[:, :, 40:88, 40:88] = 255
+    images = np.full((3, 4, 128, 128, 3), 255, np.uint8)
+    for i, colour in enumerate([(200, 40, 90), (30, 160, 60), (20, 60, 190)]):
+        images[i, :, 40:88, 40:88] = colour
+    grey = np.where(coverage > 0, 180, 255).astype(np.uint8)
+    data = SurfaceSet(dataclasses.replace(waves.seen, images=images), coverage, grey)
+    trainer = build(data, batch=VIEWS_TOGETHER, steps=60, cool_down=20, learning_rate=1e-2)
+    steps = [trainer.take_step() for _ in range(60)]
+    for name in ("colour", "grey", "coverage"):
+        first, last = ([step[name] for step in some] for some in (steps[:5], steps[-10:]))
+        assert np.mean(last) < 0.5 * np.mean(first)

@@ -1,0 +1,264 @@
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.comparison import Comparison, Estimate, Quality
+from bench.crossings import (
+    NO_VALUE,
+    UNDECIDED,
+    Contest,
+    contests,
+    courses,
+    pairs_among,
+    sign_changes,
+)
+from bench.families import FAMILIES, families_of
+from bench.statistics import mean_interval
+
+NAN = float("nan")
+BY_ID = {family.id: family for family in FAMILIES}
+OFFSETS = np.array([-0.03, 0.0, 0.01, 0.02])  # of four objects, with mean 0
+
+
+def contest(leads, family="noise"):
+    """Leads as values, or as (value, low, high), at the first steps of a family."""
+    told = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in leads]
+    conditions = BY_ID[family].conditions[: len(told)]
+    (reduced,) = (f for f in families_of(conditions) if f.id == family)
+    values, others = (0.5,) * len(told), (0.25,) * len(told)
+    return Contest("chair", reduced, "ssim", "splat-net", "pc2pix", values, others, tuple(told))
+
+
+def comparison(condition, scores, metric="ssim", class_name="chair"):
+    """Methods by the score of each object."""
+    qualities = {
+        method: Quality(metric, Estimate(float(np.mean(of)), NAN, NAN), np.array(of, float))
+        for method, of in scores.items()
+    }
+    count = len(next(iter(qualities.values())).per_object)
+    objects = tuple("abcdefgh"[:count])
+    nothing = {method: np.zeros(count) for method in scores}
+    return Comparison(
+        condition,
+        class_name,
+        objects,
+        nothing,
+        nothing,
+        dict.fromkeys(scores, (count, count)),
+        {metric: qualities},
+    )
+
+
+def along(family, curves, spread=0.0, **changes):
+    """Comparisons at all conditions of a family: methods by their curve on its axis.
+
+    Objects differ from the curve, all methods' alike but for `spread` of the first's.
+    """
+    first = next(iter(curves))
+    return [
+        comparison(
+            condition,
+            {m: f(x) + OFFSETS * (1 + spread * (m == first)) for m, f in curves.items()},
+            **changes,
+        )
+        for x, condition in BY_ID[family].steps
+    ]
+
+
+# --- where a curve passes through 0 ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([1, 1, 1], []),
+        ([1, -1, -1], [(0, 0.5)]),
+        ([3, -1, -1], [(0, 0.75)]),
+        ([1, 2, -6], [(1, 1.25)]),
+        ([-1, 1, -1], [(0, 0.5), (1, 1.5)]),
+        ([1, 0, -1], [(0, 1.0)]),  # at a step
+        ([1, 0, 0, -1], [(0, 1.0)]),
+        ([1, 0, 1], []),  # touched
+        ([0, -1, -1], []),  # begins at 0: nobody was ahead
+        ([1, 1, 0], []),
+        ([1, NAN, -1], []),  # nothing is known of what lies between
+        ([NAN, 1, -1], [(1, 1.5)]),
+        ([], []),
+    ],
+)
+def test_sign_changes_by_hand(values, expected):
+    assert sign_changes(range(len(values)), values) == expected
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.lists(st.sampled_from([-3.0, -1.0, 0.0, 1.0, 2.0]), min_size=2, max_size=7))
+def test_sign_changes_by_going_along(values):
+    """In steps of 1/60, which hit all zeros of such lines: 1/2, 1/3, 1/4, 2/5, 3/5, 2/3, 3/4."""
+    fine = np.arange(60 * (len(values) - 1) + 1) / 60
+    lines = np.interp(fine, range(len(values)), values)
+    lines[np.abs(lines) < 1e-12] = 0
+    sided = np.flatnonzero(lines)
+    turns = [
+        fine[i + 1]  # of a stretch at 0 its beginning
+        for i, j in pairwise(sided)
+        if lines[i] * lines[j] < 0
+    ]
+    found = [at for _, at in sign_changes(range(len(values)), values)]
+    assert found == pytest.approx(turns, abs=1e-12)
+    for after, at in sign_changes(range(len(values)), values):
+        assert after < at <= after + 1
+
+
+# --- contests -------------------------------------------------------------------------------------
+
+
+def test_straight_curves_cross_where_they_do():
+    """0.8 - x and 0.6 + x/2 meet at 2/15, whatever the steps; every object alike."""
+    compared = along("noise", {"splat-net": lambda x: 0.8 - x, "pc2pix": lambda x: 0.6 + x / 2})
+    (made,) = contests(compared, ["ssim"])
+    assert (made.method, made.rival, made.family.id) == ("splat-net", "pc2pix", "noise")
+    # 0.2 - 1.5 x
+    expected = [0.2, 0.125, 0.05, -0.025, -0.1]
+    assert [of.value for of in made.leads] == pytest.approx(expected, abs=1e-12)
+    assert made.values == pytest.approx([0.8, 0.75, 0.7, 0.65, 0.6])
+    assert made.rival_values == pytest.approx([0.6, 0.625, 0.65, 0.675, 0.7])
+    assert made.ahead == ("splat-net",) * 3 + ("pc2pix",) * 2
+    (crossing,) = made.crossings
+    assert crossing.after == 2
+    assert (crossing.at, crossing.low, crossing.high) == pytest.approx((2 / 15,) * 3, abs=1e-9)
+
+
+def test_a_crossing_reaches_as_far_as_the_interval_holds_nought():
+    """Leads 0.2 - 1.5 x with the same interval around each: it holds 0 for [low, high] / 1.5."""
+    compared = along(
+        "noise", {"splat-net": lambda x: 0.8 - x, "pc2pix": lambda x: 0.6 + x / 2}, spread=0.5
+    )
+    (made,) = contests(compared, ["ssim"])
+    low, high = mean_interval(0.5 * OFFSETS)
+    assert low < 0 < high
+    for of, value in zip(made.leads, [0.2, 0.125, 0.05, -0.025, -0.1], strict=True):
+        assert tuple(of) == pytest.approx((value, value + low, value + high), abs=1e-12)
+    (crossing,) = made.crossings
+    assert crossing.at == pytest.approx(2 / 15, abs=1e-9)
+    assert crossing.low == pytest.approx((0.2 + low) / 1.5, abs=1e-9)
+    assert crossing.high == pytest.approx((0.2 + high) / 1.5, abs=1e-9)
+
+
+def test_on_a_logarithmic_axis_lines_are_straight_in_the_logarithm():
+    """2048 to 128 are four equal steps; curves meet between the second and the third."""
+    compared = along(
+        "points",
+        {
+            "splat-net": lambda n: 0.4 + 0.1 * math.log2(n / 128),
+            "surface-apss": lambda n: 0.65,
+        },
+    )
+    (made,) = contests(compared, ["ssim"])
+    assert made.ahead == ("splat-net",) * 2 + ("surface-apss",) * 3
+    (crossing,) = made.crossings
+    assert crossing.after == 1
+    assert crossing.at == pytest.approx(128 * 2**2.5, rel=1e-9)
+
+
+def test_of_a_falling_axis_too_low_is_the_lower_end():
+    leads = [(0.3, 0.1, 0.5), (0.1, -0.1, 0.3), (-0.1, -0.3, 0.1), (-0.3, -0.5, -0.1)]
+    (crossing,) = contest(leads, "points").crossings
+    # 2048, 1024, 512, 256: the lower end passes through 0 halfway between the first two, the lead
+    # between the second and the third, the upper end between the last two
+    expected = (2**9.5, 2**8.5, 2**10.5)
+    assert (crossing.at, crossing.low, crossing.high) == pytest.approx(expected, rel=1e-12)
+
+
+def test_an_interval_that_holds_nought_to_the_end():
+    leads = [(0.2, 0.1, 0.3), (0.05, -0.05, 0.15), (-0.05, -0.15, 0.05)]
+    made = contest(leads)
+    assert made.ahead == ("splat-net", UNDECIDED, UNDECIDED)
+    (crossing,) = made.crossings
+    assert crossing.at == pytest.approx(0.075)
+    assert crossing.low == pytest.approx(0.05 * 2 / 3)
+    assert crossing.high == 0.10
+
+
+def test_back_and_forth():
+    leads = [(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)]
+    first, second = contest(leads).crossings
+    assert [c.after for c in (first, second)] == [0, 1]
+    # the interval is 0.1 wide and the lead falls by 0.2 in 0.05
+    assert (first.low, first.at, first.high) == pytest.approx((0.0125, 0.025, 0.0375))
+    assert (second.low, second.at, second.high) == pytest.approx((0.0625, 0.075, 0.0875))
+
+
+def test_without_intervals_nobody_is_ahead_but_curves_cross():
+    made = contest([0.1, -0.3])
+    assert made.ahead == (UNDECIDED, UNDECIDED)
+    (crossing,) = made.crossings
+    assert crossing.at == pytest.approx(0.0125)
+    assert math.isnan(crossing.low)
+    assert math.isnan(crossing.high)
+    assert contest([NAN, -0.3]).ahead == (NO_VALUE, UNDECIDED)
+
+
+def test_an_interval_that_ends_at_nought_decides_nothing():
+    assert contest([(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)]).ahead == (UNDECIDED, UNDECIDED)
+
+
+def test_distances_are_ahead_where_they_are_smaller():
+    curves = {"splat-net": lambda x: 10 + 100 * x, "surface-apss": lambda x: 20.0}
+    (made,) = contests(along("noise", curves, metric="fd-views"), ["fd-views"])
+    assert [of.value for of in made.leads] == pytest.approx([10, 5, 0, -5, -10], abs=1e-9)
+    assert made.ahead[0] == "splat-net"
+    assert made.ahead[-1] == "surface-apss"
+
+
+# --- which ----------------------------------------------------------------------------------------
+
+
+def test_pairs():
+    assert pairs_among(["surface-apss", "pc2pix", "splat-net", "splat", "blank"]) == [
+        ("splat-net", "surface-apss"),
+        ("pc2pix", "surface-apss"),
+        ("splat-net", "pc2pix"),
+    ]
+    assert pairs_among(["pc2pix@a.safetensors", "surface-apss@resolution=25", "pc2pix"]) == [
+        ("pc2pix@a.safetensors", "surface-apss@resolution=25"),
+        ("pc2pix", "surface-apss@resolution=25"),
+    ]
+    assert pairs_among(["splat", "surface-fit", "pc2pix"]) == []
+
+
+def test_every_family_that_the_conditions_make_up():
+    scores = {"pc2pix": [0.5, 0.6], "surface-apss": [0.4, 0.7], "blank": [0.1, 0.2]}
+    compared = [
+        comparison(condition, scores, class_name=name)
+        for name in ("chair", "sofa")
+        for condition in ("1024", "2048", "noise-0.05", "density-3")
+    ]
+    made = contests(compared, ["ssim"])
+    assert [(c.class_name, c.family.id, c.family.conditions) for c in made] == [
+        (name, *family)
+        for name in ("chair", "sofa")
+        for family in (
+            ("points", ("2048", "1024")),
+            ("noise", ("2048", "noise-0.05")),
+            ("density", ("1024", "density-3")),
+        )
+    ]
+    every = courses(compared, ["ssim"])
+    assert [c.method for c in every] == ["pc2pix", "surface-apss", "blank"] * 6
+    assert [e.value for e in every[0].estimates] == [0.55, 0.55]
+    assert len(every[0].estimates) == len(every[0].family.steps)
+    assert courses([comparison("512", scores)], ["ssim"]) == ()
+
+
+def test_estimates_are_of_the_conditions_in_the_order_of_the_family():
+    scores = {"512": 0.3, "2048": 0.1, "1024": 0.2}
+    compared = [comparison(c, {"splat": [v, v]}) for c, v in scores.items()]
+    (made,) = courses(compared, ["ssim"])
+    assert made.family.conditions == ("2048", "1024", "512")
+    assert [e.value for e in made.estimates] == [0.1, 0.2, 0.3]
