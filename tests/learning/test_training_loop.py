@@ -12,7 +12,6 @@ from learning import checkpoint, training_loop
 from learning.divergence import TrainingDiverged
 from learning.training_loop import Cadence
 
-
 CADENCE = Cadence(log=1, sheet=100, checkpoint=2)
 
 
