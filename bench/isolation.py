@@ -118,8 +118,17 @@ def run_tasks(
                         except ProcessExpired as error:
                             yield task, _obituary(error, over_limit, limits)
         finally:
-            pool.stop()
-            pool.join()
+            _stop(pool)
+
+
+def _stop(pool: ProcessPool) -> None:
+    """Stop all workers at once, and wait until nothing is left of the pool."""
+    pool.stop()
+    # An interrupt in the middle of `Condition.notify`, while a task is put into the queue, leaves a
+    # waiter behind that swallows the next notification: that of the end, which the pool's thread
+    # would wait for without end. So there is one more.
+    pool._context.task_queue.put(None)  # pyright: ignore[reportPrivateUsage]
+    pool.join()
 
 
 def _let_go(pool: ProcessPool) -> None:

@@ -109,10 +109,15 @@ def _fit(covariance: Floats) -> tuple[Floats, Floats]:
 
 def stack(surfels: list[Surfels]) -> Surfels:
     """Clouds as one with a leading dimension; where one has fewer places, its last is repeated."""
-    numbers = torch.arange(max(len(s) for s in surfels))
-    rows = [numbers.clamp(max=len(s) - 1) for s in surfels]
+    most = max(len(s) for s in surfels)
 
     def together(name: str) -> Tensor:
-        return torch.stack([vars(s)[name][own] for s, own in zip(surfels, rows, strict=True)])
+        return torch.stack([_filled_up(vars(s)[name], most) for s in surfels])
 
     return Surfels(*(together(field.name) for field in fields(Surfels)))
+
+
+def _filled_up(rows: Tensor, count: int) -> Tensor:
+    if len(rows) == count:
+        return rows
+    return rows[torch.arange(count).clamp(max=len(rows) - 1)]

@@ -51,9 +51,9 @@ from learning.processes import ONE, Processes, connect
 KIND = "splat-net"
 HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 2  # of a cloud, in a step
-POINTS_SEEN = (2048, 2048, 1024, 512)  # one of these for all clouds of a step
+POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # one of these for all clouds of a step
 MAX_NOISE = 0.12  # standard deviation, in radii of the unit sphere: a little beyond the paper's
-CLEAN_SHARE = 0.3
+CLEAN_SHARE = 0.4
 SHEET_CLOUDS = 8
 
 

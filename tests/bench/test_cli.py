@@ -56,7 +56,8 @@ def test_unknown_suite(command, no_machine):
     assert (status, out) == (2, "")
     assert err == (
         "bench: unknown suite 'chair-robustnes': did you mean 'chair-robustness'? "
-        "there are chair-robustness, speed-accuracy, thirteen-classes, latent, stability, speed\n"
+        "there are chair-robustness, speed-accuracy, thirteen-classes, beyond-training, latent, "
+        "stability, speed\n"
     )
 
 

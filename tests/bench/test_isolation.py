@@ -7,6 +7,7 @@ import sys
 import time
 from contextlib import closing
 from itertools import count, islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from bench.isolation import Limits, Lost, run_tasks
 
 LIMITS = Limits(time_s=60.0, memory_gib=8.0)
+ROOT = Path(__file__).parents[2]
 
 
 def square(x: int) -> int:
@@ -91,3 +93,47 @@ def test_tasks_are_taken_as_workers_get_free():
     with closing(run_tasks(endless(), square, 1, LIMITS)) as stream:
         assert len(list(islice(stream, 5))) == 5
     assert len(taken) <= 5 + 2
+
+
+INTERRUPTED = """
+import threading
+import pebble
+from bench.isolation import Limits, run_tasks
+
+def half(x):
+    return x / 2
+
+def leave_a_waiter_behind(queue):
+    # `Condition.notify`, interrupted after it has woken a thread and before it has crossed it out.
+    stale = threading.Lock()
+    stale.acquire()
+    queue.not_empty._waiters.appendleft(stale)
+
+pools = []
+class Pool(pebble.ProcessPool):
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        pools.append(self)
+
+if __name__ == "__main__":
+    pebble.ProcessPool = Pool
+    results = run_tasks(range(100), half, 1, Limits(time_s=60.0, memory_gib=8.0))
+    print(next(results))
+    queue = pools[0]._context.task_queue
+    while not queue.not_empty._waiters:  # the pool's thread has taken all there is
+        pass
+    with queue.mutex:
+        leave_a_waiter_behind(queue)
+    results.close()
+    print("closed")
+"""
+
+
+def test_an_interrupt_within_a_notification_does_not_keep_the_pool_from_ending(tmp_path):
+    script = tmp_path / "interrupted.py"
+    script.write_text(INTERRUPTED)
+    done = subprocess.run(
+        [sys.executable, script], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.stdout, done.stderr) == ("(0, 0.0)\nclosed\n", "")

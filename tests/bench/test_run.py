@@ -411,6 +411,8 @@ def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
         "surface-apss",
         "pc2pix",
         "pc2pix@acgan",
+        "splat-net",
+        "splat-net@grey",
         "splat",
         "true-mesh",
         "constant",

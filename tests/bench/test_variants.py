@@ -68,7 +68,7 @@ def test_every_knob_is_a_field_of_a_method():
         for value in (knob.low, knob.high):
             turned = find_method(f"{knob.method}@{knob.name}={value:g}")
             assert getattr(turned.load("cpu"), knob.field) == value
-            assert (turned.version, turned.weights) == (method.version, method.weights)
+            assert (turned.version, turned.weights_file) == (method.version, method.weights_file)
 
 
 def test_yardsticks_are_found_but_no_methods_of_the_list():

@@ -255,12 +255,12 @@ def test_an_outlier_moves_only_what_it_covers():
         np.testing.assert_allclose(images, plain, rtol=0, atol=CLOSE)
 
 
-def test_many_points(renderer):
+def test_a_million_points(renderer):
     rng = np.random.default_rng(0)
-    points = rng.normal(size=(200_000, 3)).astype(np.float32)
+    points = rng.normal(size=(1_000_000, 3)).astype(np.float32)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     state = renderer.prepare(PointCloud(points))
-    assert len(state.surfels) == 200_000
+    assert len(state.surfels) == 1_000_000
     images = renderer.draw(state, VIEWS[:1])
     assert np.isfinite(images).all()
     # a sphere as seen from 4: normals are radial, for neighbours are near

@@ -191,6 +191,26 @@ def test_units_do_not_matter(exponent):
     np.testing.assert_allclose(along, 1, rtol=0, atol=4 * ROUNDED)
 
 
+@pytest.mark.parametrize("far", [1e4, 1e15, 3e38])
+def test_one_outlier_spoils_nothing_but_its_neighbours(far):
+    plain = find_surfels(make_cloud(300))
+    more = find_surfels(np.vstack([make_cloud(300), [[0, 0, far]]]).astype(np.float32))
+    check(more, 301)
+    # among the last to be sorted by X it is somewhere; it is nobody's neighbour
+    kept = more.points.abs().amax(dim=1) < 1
+    np.testing.assert_allclose(more.variation[kept], plain.variation, rtol=0, atol=ROUNDED)
+    along = (more.normals[kept] * plain.normals).sum(dim=2).abs()
+    np.testing.assert_allclose(along, 1, rtol=0, atol=4 * ROUNDED)
+    np.testing.assert_allclose(more.flattened[kept], plain.flattened, rtol=0, atol=ROUNDED)
+
+
+def test_where_a_cloud_is_does_not_matter():
+    """Multiples of 1/32, which float32 has out there as well."""
+    cloud = np.random.default_rng(0).integers(-32, 32, (300, 3)).astype(np.float32) / 32
+    here, there = find_surfels(cloud), find_surfels(cloud + np.float32(2.0**16))
+    np.testing.assert_allclose(there.variation, here.variation, rtol=0, atol=ROUNDED)
+
+
 def test_the_largest_numbers_there_are():
     cloud = make_cloud(100)
     cloud = cloud / np.abs(cloud).max() * np.finfo(np.float32).max

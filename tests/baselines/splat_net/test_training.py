@@ -181,6 +181,18 @@ def test_a_step_of_the_network_leaves_the_judge_its_own_gradients(data):
     )
 
 
+def test_the_judge_learns_which_pictures_are_real(data):
+    trainer = build(data, objective="l1-patch", judge_lr=1e-2)
+    drawn, real = torch.zeros(2, 4, 32, 32), torch.ones(2, 4, 32, 32)
+    errors = [trainer._judge(drawn, real)["judge"].item() for _ in range(20)]
+    assert errors[-1] < 0.5 * errors[0]
+    on_real, on_drawn = trainer.judge.eval()(torch.cat([real, drawn])).chunk(2)
+    assert on_real.mean() > on_drawn.mean() + 0.5
+    # what the network is told to make small is what the judge says of its pictures, negated
+    told = trainer._judge(drawn, real)["patches"].item()
+    assert told == pytest.approx(-on_drawn.mean().item(), abs=0.3)
+
+
 def test_the_learning_rate_falls_to_nothing(data):
     trainer = build(data, steps=6, cool_down=3, learning_rate=0.5)
     rates = []
