@@ -1,8 +1,8 @@
 """What the camera sees of the points: the pictures that the network is shown, one channel each.
 
 Every channel is made by scattering all points of all pictures at once, in float32: in bfloat16
-depths of neighbouring points would be equal. A point's disc is a square of pixels (the network makes
-it round where that matters), of which the nearest point wins; squares grow with the picture, so
+depths of neighbouring points would be equal. A point's disc is a square of pixels, of which the
+nearest point wins (where it matters the network makes it round); squares grow with the picture, so
 that they cover the same angle at any size.
 """
 

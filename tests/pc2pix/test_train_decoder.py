@@ -168,7 +168,7 @@ def test_a_bundled_decoder_has_its_checksum(own, weights, monkeypatch, tmp_path)
     [
         (lambda t, h: t.pop("layers.0.bias"), "tensor layers.0.bias is missing"),
         (lambda t, h: t.update(extra=torch.zeros(1)), "tensor extra is unknown"),
-        (lambda t, h: t.update({"layers.0.bias": torch.zeros(5)}), "layers.0.bias has shape [5], expected [64]"),
+        (lambda t, h: t.update({"layers.0.bias": torch.zeros(5)}), "layers.0.bias has shape [5]"),
         (lambda t, h: t["layers.0.bias"].fill_(torch.nan), "layers.0.bias is not finite"),
         (lambda t, h: h.update(format="pc2pix-decoder-9"), "pc2pix-decoder-9"),
         (lambda t, h: h.pop("weights"), "belongs to weights of sha256 None"),
