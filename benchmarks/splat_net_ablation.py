@@ -84,13 +84,11 @@ def _any(values: np.ndarray) -> bool:
 def differences(measured: dict[str, pd.DataFrame]) -> pd.DataFrame:
     """Without a part less with all: a row per part, condition and metric, with its interval."""
     rows = []
-    whole = measured[WHOLE].set_index(["condition", "chair"])
     for part, table in measured.items():
-        other = table.set_index(["condition", "chair"])
         for condition in TESTED:
             for metric in METRICS:
-                values = other.loc[condition, metric]
-                change = (values - whole.loc[condition, metric]).dropna().to_numpy()
+                values = _values(table, condition, metric)
+                change = (values - _values(measured[WHOLE], condition, metric)).dropna().to_numpy()
                 low, high = mean_interval(change)
                 rows.append(
                     {"without": part, "condition": condition, "metric": metric,
@@ -98,6 +96,11 @@ def differences(measured: dict[str, pd.DataFrame]) -> pd.DataFrame:
                      "ci_low": low, "ci_high": high}
                 )  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def _values(table: pd.DataFrame, condition: str, metric: str) -> pd.Series:
+    """A metric by chair."""
+    return table[table["condition"] == condition].set_index("chair")[metric]
 
 
 def costs(renderers: dict[str, SplatNetRenderer]) -> dict[str, tuple[float, float]]:
@@ -132,17 +135,18 @@ def to_markdown(found: pd.DataFrame, cost: dict[str, tuple[float, float]]) -> st
         "|---" * (len(TESTED) + 4) + "|",
     ]
     for part, (prepare_ms, draw_ms) in cost.items():
-        of = found[found["without"] == part].set_index(["condition", "metric"])
-        cells = [_cell(of.loc[(c, "ssim")], part == WHOLE) for c in TESTED]
-        cells.append(_cell(of.loc[("2048", "thin_recall")], part == WHOLE))
+        of = found[found["without"] == part]
+        cells = [_cell(of, c, "ssim") for c in TESTED] + [_cell(of, "2048", "thin_recall")]
         lines.append(f"| {part} | {' | '.join(cells)} | {prepare_ms:.1f} | {draw_ms:.2f} |")
     return "\n".join(lines) + "\n"
 
 
-def _cell(row: pd.Series, whole: bool) -> str:
-    if whole:
-        return f"{row['value']:.3f}"
-    return f"{row['change']:+.3f} [{row['ci_low']:+.3f}, {row['ci_high']:+.3f}]"
+def _cell(of: pd.DataFrame, condition: str, metric: str) -> str:
+    ((part, value, change, low, high),) = of.loc[
+        (of["condition"] == condition) & (of["metric"] == metric),
+        ["without", "value", "change", "ci_low", "ci_high"],
+    ].itertuples(index=False)
+    return f"{value:.3f}" if part == WHOLE else f"{change:+.3f} [{low:+.3f}, {high:+.3f}]"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

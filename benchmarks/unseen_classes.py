@@ -14,7 +14,7 @@ it was.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -97,21 +97,22 @@ def measure(
 def differences(measured: dict[str, pd.DataFrame]) -> pd.DataFrame:
     """Each network against the rival on the same clouds, by class and condition, paired."""
     keys = ["class", "condition", "object"]
-    rival = measured[RIVAL].set_index(keys)["ssim"]
     rows = []
     for network, table in measured.items():
         if network == RIVAL:
             continue
-        own = table.set_index(keys)["ssim"]
-        for (name, condition), values in own.groupby(level=["class", "condition"], sort=False):
-            theirs = rival.loc[name, condition]
-            gain = values.to_numpy() - theirs.to_numpy()
-            low, high = mean_interval(gain)
-            rows.append(
-                {"network": network, "class": name, "condition": condition, "objects": len(gain),
-                 "ssim": float(values.mean()), RIVAL: float(theirs.mean()),
-                 "gain": float(gain.mean()), "ci_low": low, "ci_high": high}
-            )  # fmt: skip
+        both = table.merge(measured[RIVAL], on=keys, suffixes=("", "_of_rival"), validate="1:1")
+        for name in dict.fromkeys(both["class"]):
+            for condition in dict.fromkeys(both["condition"]):
+                part = both[(both["class"] == name) & (both["condition"] == condition)]
+                gain = (part["ssim"] - part["ssim_of_rival"]).to_numpy()
+                low, high = mean_interval(gain)
+                rows.append(
+                    {"network": network, "class": name, "condition": condition,
+                     "objects": len(gain), "ssim": float(part["ssim"].mean()),
+                     RIVAL: float(part["ssim_of_rival"].mean()), "gain": float(gain.mean()),
+                     "ci_low": low, "ci_high": high}
+                )  # fmt: skip
     return pd.DataFrame(rows)
 
 
@@ -146,7 +147,9 @@ def to_markdown(found: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
-def study(out: Path, tested: dict[str, list[SceneObject]], weights: dict[str, Path]) -> str:
+def study(
+    out: Path, tested: Mapping[str, Sequence[SceneObject]], weights: Mapping[str, Path]
+) -> str:
     """Draw and compare: `weights` by "without CLASS", ALL; `tested` objects by class."""
     chairs = SplatNetRenderer(load_weights("chair"))
     everything = SplatNetRenderer(load_weights(weights[ALL]))
