@@ -129,6 +129,15 @@ def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimi
     optimizer.load_state_dict(whole)
 
 
+def training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
+    """How weights were trained, as JSON for their file's header: the configuration, and the steps
+    that were taken. Left out are the keys `apart`, which the header has of their own, and what
+    says only how often something was written."""
+    left_out = {*apart, "cadence"}
+    kept = {key: value for key, value in config.items() if key not in left_out}
+    return json.dumps(kept | {"steps": step})
+
+
 def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str, Tensor]:
     """Kernels in float16, everything of one dimension as it is: how weights are exported.
 

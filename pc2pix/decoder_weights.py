@@ -29,12 +29,11 @@ def export_decoder(checkpoint_path: Path, path: Path) -> str:
     state, step, config = checkpoint.load(checkpoint_path, KIND)
     tensors = checkpoint.sub_state(state, "decoder")
     stored = checkpoint.halved(tensors, checkpoint_path, "train again with other settings")
-    training = {k: v for k, v in config.items() if k not in ("model", "cadence", "weights")}
     header = {
         "format": FORMAT,
         "weights": config["weights"],
         "model": json.dumps(config["model"]),
-        "training": json.dumps(training | {"steps": step}),
+        "training": checkpoint.training_header(config, step, ["model", "weights"]),
     }
     checkpoint.write_atomically(path, stored, header)
     return file_sha256(path)

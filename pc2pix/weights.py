@@ -63,10 +63,7 @@ def export(checkpoint_path: Path, path: Path) -> str:
         "format": FORMAT,
         "encoder": ENCODER_NAMES[config["model"]["encoder"]],
         "model": json.dumps(config["model"]),
-        "training": json.dumps(
-            {key: value for key, value in config.items() if key not in ("model", "cadence")}
-            | {"steps": step}
-        ),
+        "training": checkpoint.training_header(config, step, ["model"]),
     }
     checkpoint.write_atomically(path, stored, header)
     return file_sha256(path)

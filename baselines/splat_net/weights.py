@@ -59,10 +59,7 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     header = {
         "format": FORMAT,
         "network": json.dumps(asdict(replace(network, heads=(head,)))),
-        "training": json.dumps(
-            {key: value for key, value in config.items() if key not in ("network", "cadence")}
-            | {"steps": step}
-        ),
+        "training": checkpoint.training_header(config, step, ["network"]),
     }
     checkpoint.write_atomically(path, stored, header)
     return file_sha256(path)
