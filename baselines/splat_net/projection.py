@@ -54,6 +54,11 @@ class Inputs:
             + 4 * len(HOPS) * self.normals
         )
 
+    @property
+    def surfaces(self) -> bool:
+        """Whether any channel needs the neighbours of points."""
+        return self.normals or self.flattened
+
 
 ALL_INPUTS = Inputs()
 

@@ -71,7 +71,8 @@ class SplatNetRenderer:
         bad = int((~np.isfinite(cloud.points)).any(axis=1).sum())
         if bad:
             raise StageFailure("input", f"{bad} of {len(cloud)} points are not finite")
-        surfels = stack([find_surfels(cloud.points, torch.get_num_threads())])
+        workers = torch.get_num_threads()
+        surfels = stack([find_surfels(cloud.points, workers, surfaces=self.inputs.surfaces)])
         surfels = Surfels(*(value.to(self.device) for value in vars(surfels).values()))
         if not self.network.config.code:
             return Prepared(surfels, None)

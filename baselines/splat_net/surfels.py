@@ -48,14 +48,20 @@ class Surfels:
         return self.points.shape[-2]
 
 
-def find_surfels(points: NDArray[np.float32], workers: int = 1) -> Surfels:
+def find_surfels(
+    points: NDArray[np.float32], workers: int = 1, *, surfaces: bool = True
+) -> Surfels:
     """The surfels of a cloud [N, 3] of finite points, N > 0: sorted, and each place once.
 
     Their order says nothing, nor does a point that is listed twice. `workers` threads search for
     neighbours. Of a single place any vector is as good a normal as another: the result is finite,
-    and variation 0.
+    and variation 0. Without `surfaces` there are the points alone, of no scale: the search costs
+    many times as much as they do.
     """
     place = np.unique(points, axis=0).astype(np.float64)
+    if not surfaces:
+        none = torch.empty((len(place), 0, 3))
+        return Surfels(torch.from_numpy(place.astype(np.float32)), none, none, none[..., 0])
     # Of a mixture of distributions the mean is the mean of the means, and so are second moments:
     # a hop is one product with the sparse matrix that averages over neighbours. Moments about the
     # cloud's middle, so that covariances do not drown in a distant cloud's coordinates; the median,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -266,7 +267,8 @@ class _Trainer:
                 strict=True,
             )
         ]
-        found = stack(list(self.searchers.map(find_surfels, points.numpy())))
+        search = functools.partial(find_surfels, surfaces=self.config.network.inputs.surfaces)
+        found = stack(list(self.searchers.map(search, points.numpy())))
         together = dataclasses.replace(
             found,
             **{

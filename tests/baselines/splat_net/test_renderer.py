@@ -13,9 +13,9 @@ from baselines.splat_net.network import (
     code_rows,
     composite,
 )
-from baselines.splat_net.projection import ALL_INPUTS, cameras, project
-from baselines.splat_net.renderer import SplatNetRenderer
-from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
+from baselines.splat_net.renderer import Prepared, SplatNetRenderer
+from baselines.splat_net.surfels import HOPS, find_surfels, stack
 from baselines.splat_net.weights import Weights
 from data_prep.failures import StageFailure
 from data_prep.scene import PointCloud, View
@@ -28,8 +28,8 @@ CONFIG = NetworkConfig(widths=(8, 12, 16, 20, 24), code=4, heads=("colour",))
 CLOSE = 1e-5
 
 
-def build(code=4, **options):
-    config = NetworkConfig(widths=CONFIG.widths, code=code, heads=CONFIG.heads)
+def build(code=4, inputs=ALL_INPUTS, **options):
+    config = NetworkConfig(inputs, CONFIG.widths, code, CONFIG.heads)
     return SplatNetRenderer(Weights(lived_in(config), {}, "0" * 64), **options)
 
 
@@ -62,6 +62,16 @@ def test_pictures_are_the_networks(renderer, cloud):
     _, (expected,) = composite(network(channels, code, camera_numbers(VIEWS)), ("colour",))
     found = renderer.draw(renderer.prepare(cloud), VIEWS)
     np.testing.assert_allclose(found, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
+
+
+@pytest.mark.parametrize("normals", [False, True])
+@pytest.mark.parametrize("flattened", [False, True])
+def test_surfaces_are_found_where_a_channel_needs_them(cloud, normals, flattened):
+    renderer = build(inputs=Inputs(normals=normals, flattened=flattened))
+    state = renderer.prepare(cloud)
+    assert state.surfels.normals.shape[-2] == (len(HOPS) if normals or flattened else 0)
+    whole = Prepared(stack([find_surfels(cloud.points)]), state.code)
+    assert renderer.draw(state, VIEWS).tobytes() == renderer.draw(whole, VIEWS).tobytes()
 
 
 def test_drawing_is_deterministic_and_ignores_the_rng(renderer, cloud):

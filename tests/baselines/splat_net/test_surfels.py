@@ -150,6 +150,15 @@ def test_points_that_are_listed_twice_count_once():
         assert value.tobytes() == arrays(twice)[name].tobytes()
 
 
+def test_points_alone_where_no_surface_is_asked_for():
+    cloud = np.vstack([make_cloud(70), make_cloud(70)[::-2]])
+    alone = find_surfels(cloud, surfaces=False)
+    assert alone.points.numpy().tobytes() == find_surfels(cloud).points.numpy().tobytes()
+    assert alone.normals.shape == alone.flattened.shape == (70, 0, 3)
+    assert alone.variation.shape == (70, 0)
+    assert stack([alone, find_surfels(cloud[:9], surfaces=False)]).points.shape == (2, 70, 3)
+
+
 def check(surfels, count):
     assert len(surfels) == count
     assert all(np.isfinite(a).all() for a in arrays(surfels).values())
