@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -11,7 +10,16 @@ from bench.crossings import Contest, Course
 from bench.crossings_tables import CrossingsTable, shown_in_training, told_crossing
 from bench.families import Family
 from bench.report_curves import curves
-from bench.report_page import Cell, Line, NumberTable, Plot, Style, TableGroup, Tags
+from bench.report_page import (
+    Cell,
+    Line,
+    NumberTable,
+    Plot,
+    Style,
+    TableGroup,
+    Tags,
+    lead_cell,
+)
 from bench.tables import Table
 
 _REMARK = (
@@ -87,17 +95,12 @@ def _leads(contests: Sequence[Contest], unfolded: bool) -> NumberTable:
 
 
 def _lead(c: Contest, step: int) -> Cell:
-    value, low, high = c.leads[step]
-    if not math.isfinite(value):
-        return Cell("-")
-    digits = decimals(c.metric)
-    interval = f"{low:+.{digits}f} to {high:+.{digits}f}" if math.isfinite(low) else ""
-    return Cell(
-        f"{value:+.{digits}f}",
-        value,
-        interval,
-        mark="ahead" if c.ahead[step] == c.method else "",
-        gap="behind" if c.ahead[step] == c.rival else "",
+    ahead = c.ahead[step]
+    return lead_cell(
+        c.leads[step],
+        decimals(c.metric),
+        mark="ahead" if ahead == c.method else "",
+        gap="behind" if ahead == c.rival else "",
     )
 
 

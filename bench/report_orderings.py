@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bench.class_orderings import Ordering, OrderingsTable
 from bench.class_tables import AVERAGE, SURFACE, decimals
-from bench.report_page import Cell, Line, NumberTable, TableGroup, Tags
+from bench.report_page import Cell, Line, NumberTable, TableGroup, Tags, lead_cell
 from bench.table_rows import ordered
 
 _REMARK = (
@@ -50,15 +50,9 @@ def _leads(rows: Sequence[Ordering]) -> NumberTable:
 
 
 def _cell(row: Ordering) -> Cell:
-    value, low, high = row.lead
-    if not math.isfinite(value):
-        return Cell("-")
-    digits = decimals(row.metric)
-    interval = f"{low:+.{digits}f} to {high:+.{digits}f}" if math.isfinite(low) else ""
-    return Cell(
-        f"{value:+.{digits}f}",
-        value,
-        interval,
+    return lead_cell(
+        row.lead,
+        decimals(row.metric),
         mark="reproduced" if row.verdict == "reproduced" else "",
         gap="opposite" if row.verdict == "opposite" else "",
     )

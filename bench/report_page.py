@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import math
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -46,6 +47,18 @@ class Cell:
     paper: str = ""
     gap: str = ""
     mark: str = ""
+
+
+def lead_cell(
+    lead: tuple[float, float, float], digits: int, *, mark: str = "", gap: str = ""
+) -> Cell:
+    """A signed number with its interval (value, low, high); a dash where it is not finite, and no
+    interval where that is not."""
+    value, low, high = lead
+    if not math.isfinite(value):
+        return Cell("-")
+    interval = f"{low:+.{digits}f} to {high:+.{digits}f}" if math.isfinite(low) else ""
+    return Cell(f"{value:+.{digits}f}", value, interval, mark=mark, gap=gap)
 
 
 @dataclass(frozen=True)

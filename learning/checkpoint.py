@@ -7,7 +7,8 @@ JSON in the file's header. A process killed at any moment leaves the previous ch
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,32 @@ def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
         raise BadInput(
             f"{path}: not a whole safetensors file ({reason}); fetch or write it again"
         ) from None
+
+
+def read_weights(
+    path: Path, expected: str, remedy: str
+) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """As `read_safetensors`, of exported weights: their header names the format `expected`.
+
+    Raises BadInput, with the `remedy`, also where it names another.
+    """
+    tensors, header = read_safetensors(path)
+    if header.get("format") != expected:
+        raise BadInput(
+            f"{path}: expected format {expected!r} in the header, found {header.get('format')!r}; "
+            f"{remedy}"
+        )
+    return tensors, header
+
+
+@contextmanager
+def understanding_header(path: Path, remedy: str) -> Generator[None]:
+    """What is raised inside by a header that lacks something, or says something else than it
+    should, becomes BadInput with the `remedy`."""
+    try:
+        yield
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BadInput(f"{path}: its header cannot be read ({error!r}); {remedy}") from None
 
 
 def save(

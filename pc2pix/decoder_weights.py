@@ -18,7 +18,6 @@ from pc2pix.weight_files import find_decoder, training_command
 from pc2pix.weights import Weights
 
 FORMAT = "pc2pix-decoder-1"
-EXPORT = "pc2pix.decoder_weights.export_decoder"
 
 
 def export_decoder(checkpoint_path: Path, path: Path) -> str:
@@ -48,12 +47,7 @@ def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, s
     """
     path = find_decoder(name_or_path)
     command = training_command(name_or_path)
-    tensors, header = checkpoint.read_safetensors(path)
-    if header.get("format") != FORMAT:
-        raise BadInput(
-            f"{path}: expected format {FORMAT!r} in the header, found {header.get('format')!r}; "
-            f"make it with '{command}'"
-        )
+    tensors, header = checkpoint.read_weights(path, FORMAT, f"make it with '{command}'")
     if header.get("weights") != weights.sha256:
         raise BadInput(
             f"{path}: belongs to weights of sha256 {header.get('weights')}, not to these of sha256 "

@@ -26,7 +26,7 @@ from pc2pix.weight_files import find_weights
 FORMAT = "pc2pix-weights-1"
 # `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
-EXPORT = "pc2pix.weights.export"
+REMEDY = "write the file again with pc2pix.weights.export"
 MOST_WIDTH = 4.0  # four times the paper's
 MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
@@ -77,31 +77,22 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     superfluous, of the wrong shape or not finite.
     """
     path = find_weights(name_or_path)
-    tensors, header = checkpoint.read_safetensors(path)
-    if header.get("format") != FORMAT:
-        raise BadInput(
-            f"{path}: expected format {FORMAT!r} in the header, found {header.get('format')!r}; "
-            f"write the file with {EXPORT}"
-        )
-    try:
+    tensors, header = checkpoint.read_weights(path, FORMAT, REMEDY)
+    with checkpoint.understanding_header(path, REMEDY):
         model, training = json.loads(header["model"]), json.loads(header["training"])
         config = _sane(ModelConfig(**model))
         card = {"model": model, **training}
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BadInput(
-            f"{path}: its header cannot be read ({error!r}); write it again with {EXPORT}"
-        ) from None
     if header.get("encoder") != ENCODER_NAMES[config.encoder]:
         raise BadInput(
             f"{path}: expected encoder {ENCODER_NAMES[config.encoder]!r} in the header, found "
-            f"{header.get('encoder')!r}; write the file with {EXPORT}"
+            f"{header.get('encoder')!r}; {REMEDY}"
         )
     expected = {"code_mean": (config.latent_dim,), "code_std": (config.latent_dim,)}
     with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
         outlines = {"encoder": build_encoder(config), "generator": Generator(config)}
     for prefix, network in outlines.items():
         expected |= weight_tensors.shapes(network, f"{prefix}.")
-    weight_tensors.check(path, tensors, expected, f"write the file again with {EXPORT}")
+    weight_tensors.check(path, tensors, expected, REMEDY)
     encoder, generator = build_encoder(config), Generator(config)
     weight_tensors.fill(encoder, checkpoint.sub_state(tensors, "encoder"))
     weight_tensors.fill(generator, checkpoint.sub_state(tensors, "generator"))

@@ -23,7 +23,7 @@ from learning import checkpoint, weight_tensors
 from learning.weight_files import file_sha256
 
 FORMAT = "splat-net-weights-1"
-EXPORT = "baselines.splat_net.weights.export"
+REMEDY = "write the file again with baselines.splat_net.weights.export"
 MOST_WIDTH = 4096
 MOST_WINDOW = 63
 
@@ -72,24 +72,15 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     format, or tensors are missing, superfluous, of the wrong shape or not finite.
     """
     path = find_weights(name_or_path)
-    tensors, header = checkpoint.read_safetensors(path)
-    if header.get("format") != FORMAT:
-        raise BadInput(
-            f"{path}: expected format {FORMAT!r} in the header, found {header.get('format')!r}; "
-            f"write the file with {EXPORT}"
-        )
-    try:
+    tensors, header = checkpoint.read_weights(path, FORMAT, REMEDY)
+    with checkpoint.understanding_header(path, REMEDY):
         config = network_config(json.loads(header["network"]))
         card = {**json.loads(header["training"])}
         if len(config.heads) != 1:
             raise ValueError(f"heads {config.heads}, expected one")
-    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BadInput(
-            f"{path}: its header cannot be read ({error!r}); write it again with {EXPORT}"
-        ) from None
     with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
         expected = weight_tensors.shapes(SplatNet(config))
-    weight_tensors.check(path, tensors, expected, f"write the file again with {EXPORT}")
+    weight_tensors.check(path, tensors, expected, REMEDY)
     network = SplatNet(config)
     weight_tensors.fill(network, tensors)
     return Weights(network, {"network": asdict(config), **card}, file_sha256(path))
