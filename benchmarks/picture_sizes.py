@@ -28,6 +28,7 @@ from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.render import render
 from data_prep.scene import IMAGE_SIZE, Images
+from data_prep.whole_files import write_whole
 
 SIZES = (64, 128, 256)
 TESTED = ("2048", "512", "noise-0.05")
@@ -124,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     found, shown = measure(options.weights, options.chairs)
     found.to_csv(options.out / "sizes.csv", index=False, float_format="%.6f")
     text = to_markdown(found)
-    (options.out / "sizes.md").write_text(text)
+    write_whole(options.out / "sizes.md", text.encode())
     sheet(shown).save(options.out / "sizes.png")
     print(text)
 

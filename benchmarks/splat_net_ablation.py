@@ -35,6 +35,7 @@ from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.scene import Renderer
 from data_prep.training_set import SurfaceSet, add_surfaces
+from data_prep.whole_files import write_whole
 
 WHOLE = "nothing"  # is left out
 PARTS = (WHOLE, "normals", "density", "code", "discs", "flattened", "far")
@@ -170,7 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     found = differences(measured)
     found.to_csv(options.out / "ablation.csv", index=False, float_format="%.6f")
     text = to_markdown(found, costs(renderers))
-    (options.out / "ablation.md").write_text(text)
+    write_whole(options.out / "ablation.md", text.encode())
     print(text)
 
 
