@@ -20,3 +20,20 @@ def update(average: nn.Module, current: nn.Module, decay: float, step: int) -> N
             value.lerp_(state[name], 1 - decay)
         else:
             value.copy_(state[name])
+
+
+@torch.no_grad()
+def take_statistics(current: nn.Module, average: nn.Module) -> None:
+    """Let BatchNorms of `current`, which is in training mode, normalise by the statistics of
+    `average`, and leave these as they are.
+
+    A batch whose clouds all have few points normalises itself in training, but not at inference,
+    where statistics are of all batches. Trained on to the end like that, splat-net lost .05 of SSIM
+    at 512 points; what is trained last has to be what draws.
+    """
+    averaged = dict(average.named_modules())
+    for name, module in current.named_modules():
+        if isinstance(module, nn.BatchNorm2d):
+            for own, other in zip(module.buffers(), averaged[name].buffers(), strict=True):
+                own.copy_(other)
+            module.eval()

@@ -27,7 +27,7 @@ class Objective:
 
 OBJECTIVES = {
     "l1": Objective(0.0, "weighted L1 + SSIM + cross entropy of the coverage"),
-    "l1-patch": Objective(0.02, "l1, and hinge losses of patches (Isola et al. 2017)"),
+    "l1-patch": Objective(0.05, "l1, and hinge losses of patches (Isola et al. 2017)"),
 }
 
 

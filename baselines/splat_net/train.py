@@ -45,7 +45,7 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 from data_prep.training_set import SurfaceSet
 from learning import checkpoint, training_loop
-from learning.averaging import update
+from learning.averaging import take_statistics, update
 from learning.clouds import add_noise, draw_points
 from learning.processes import ONE, Processes, connect
 
@@ -64,7 +64,8 @@ class SplatNetConfig:
 
     objective  a key of `baselines.splat_net.losses.OBJECTIVES`
     warm_up    steps before the judge of patches takes part
-    cool_down  last steps, over which the learning rate falls to nothing
+    cool_down  last steps, over which the learning rate falls to nothing, and networks normalise as
+               they will when they draw (`learning.averaging.take_statistics`)
     batch      pictures a step, a multiple of VIEWS_TOGETHER
     augment    fewer points and noise; without it every cloud is seen whole and clean
     """
@@ -173,6 +174,8 @@ class _Trainer:
     def take_step(self) -> dict[str, float]:
         self.network.train()
         self.judge.train()
+        if self._warmth() < 1:
+            take_statistics(self.network, self.average)
         channels, points, angles, truth = self._draw_batch()
         with self._autocast():
             output = self._draw(self.network, channels, points, angles)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from learning.averaging import update
+from learning.averaging import take_statistics, update
 
 
 def build(value):
@@ -34,3 +34,24 @@ def test_an_average_of_equals_stays():
     for step in range(5):
         update(average, current, 0.9, step)
     assert all((value == 3).all() for value in average.state_dict().values())
+
+
+def test_networks_are_trained_as_they_draw():
+    """BatchNorms normalise by the average's statistics; weights and statistics stay."""
+    current = nn.Sequential(nn.Conv2d(1, 2, 1), nn.BatchNorm2d(2), nn.Dropout())
+    average = nn.Sequential(nn.Conv2d(1, 2, 1), nn.BatchNorm2d(2), nn.Dropout())
+    norm, averaged = current[1], average[1]
+    norm.weight.data.fill_(3)
+    averaged.running_mean.copy_(torch.tensor([1.0, -2.0]))
+    averaged.running_var.copy_(torch.tensor([4.0, 0.25]))
+    averaged.num_batches_tracked.fill_(7)
+    norm.eps = averaged.eps = 0.0
+    current.train()
+    take_statistics(current, average)
+    found = norm(torch.tensor([[5.0], [5.0]]).T[..., None, None])  # one pixel of two channels
+    torch.testing.assert_close(found.flatten(), torch.tensor([3 * (5 - 1) / 2, 3 * (5 + 2) / 0.5]))
+    assert norm.running_mean.tolist() == averaged.running_mean.tolist() == [1, -2]
+    assert int(norm.num_batches_tracked) == 7
+    assert norm.weight.requires_grad
+    assert current[2].training
+    assert not norm.training

@@ -106,6 +106,6 @@ def test_a_judge_is_bounded():
 def test_objectives():
     assert {name: objective.patch_weight for name, objective in OBJECTIVES.items()} == {
         "l1": 0.0,
-        "l1-patch": 0.02,
+        "l1-patch": 0.05,
     }
     assert all(objective.source for objective in OBJECTIVES.values())

@@ -204,6 +204,25 @@ def test_the_learning_rate_falls_to_nothing(data):
     assert build(data, steps=6, cool_down=0)._warmth() == 1
 
 
+def statistics(network):
+    return torch.cat([value.flatten() for key, value in network.state_dict().items()
+                      if key.endswith(("running_mean", "running_var"))])  # fmt: skip
+
+
+def test_the_last_steps_normalise_by_the_averages_statistics(data):
+    trainer = build(data, steps=6, cool_down=3)
+    for _ in range(4):
+        before = statistics(trainer.average)
+        trainer.take_step()
+        assert not torch.equal(statistics(trainer.average), before)
+    kept, weights = statistics(trainer.average), trainer.average.last.weight.clone()
+    trainer.take_step()
+    trainer.take_step()
+    assert torch.equal(statistics(trainer.average), kept)
+    assert torch.equal(statistics(trainer.network), kept)
+    assert not torch.equal(trainer.average.last.weight, weights)
+
+
 def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data, monkeypatch):
     """Differentiating it by the terms: each is replaced by its own multiple of one parameter."""
     trainer = build(data)
