@@ -8,8 +8,8 @@ from learning.weight_files import find_file
 
 FOLDER = Path(__file__).parent / "weights"
 BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
-    "chair": "f39359f7d39ea636d9e7a3a5dcedb10ed092fb3c7ceee040ecf50a80578ce77d",
-    "chair-grey": "6b3da32118eaced060bf6812172a2cabac69b8d12050bbfb16b3dcf01c7588e1",
+    "chair": "66d61b5579fefe4967e9839267856fd2992be54c96e7eaf5dd9c6d29c5ed17e3",
+    "chair-grey": "5cd5b83ad09ef394ae9882309ccbe7ec509d01559930af686fd24c5850df51dd",
 }
 
 
