@@ -42,7 +42,7 @@ def write_class_figures(
     folder = directory / FIGURES
     folder.mkdir(exist_ok=True)
     network = network_of(methods)
-    _pictures(folder / "classes.png", [SURFACE, network, "splat"], jobs)
+    _pictures(folder / "classes.png", [SURFACE, network, "splat-net", "splat"], jobs)
     if network is not None and SURFACE in methods:
         _dots(folder / "table5.png", table.rows, network, published)
 
