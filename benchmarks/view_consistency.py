@@ -66,6 +66,7 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.shapes.chair_spec import draw_chair_spec
+from data_prep.whole_files import write_whole
 
 CLASS, SPLIT, RUN_SEED = "chair", "test", 0
 METHODS = "splat-net,pc2pix,surface-apss,splat"
@@ -143,8 +144,8 @@ def main() -> None:
         text = to_markdown(rows) + failures(found)
         print(text, end="")
         given.out.mkdir(parents=True, exist_ok=True)
-        (given.out / "view-consistency.csv").write_text(to_csv(rows), encoding="utf-8")
-        (given.out / "view-consistency.md").write_text(text, encoding="utf-8")
+        write_whole(given.out / "view-consistency.csv", to_csv(rows).encode())
+        write_whole(given.out / "view-consistency.md", text.encode())
         write_figure(given.out / "view-consistency.png", rows)
         show(given.out, methods, given.threads)
     except BadInput as error:
