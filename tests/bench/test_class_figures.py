@@ -91,6 +91,13 @@ def test_figure_4(drawn, tmp_path):
     assert (tmp_path / "figures" / "classes.png").is_file()
 
 
+def test_every_road_of_the_run_has_a_column(drawn, tmp_path):
+    methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
+    pictures, _ = drawn(ROWS, make_jobs(tmp_path, methods=methods))
+    titles = [axis.get_title() for axis in pictures.axes if axis.get_title()]
+    assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"] * 2
+
+
 def test_dots(drawn, tmp_path):
     _, dots = drawn(ROWS, make_jobs(tmp_path))
     ours, paper = dots.axes
