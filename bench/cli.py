@@ -667,6 +667,12 @@ def train_splat_net(
     objects: ObjectsOption = None,
     size: Annotated[str, typer.Option(help="tiny, default or large.")] = "default",
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            help="Go on from weights: a bundled name, or a file with the grey one beside."
+        ),
+    ] = None,
     objective: Annotated[str, typer.Option(help="l1 or l1-patch.")] = "l1",
     without: Annotated[
         str | None,
@@ -695,13 +701,10 @@ def train_splat_net(
         dataset, _classes(class_name), objects, steps, batch, augment, precision.value,
         device.value, seed, threads, out,
     )  # fmt: skip
-    parts = _names(without) or ()
-    _print_once(
-        train(
-            options,
-            SplatNetOptions(size, objective, views, warm_up, cool_down, learning_rate, parts),
-        )
+    splat_net = SplatNetOptions(
+        size, objective, views, warm_up, cool_down, learning_rate, _names(without) or (), start
     )
+    _print_once(train(options, splat_net))
 
 
 @train_app.command("views")

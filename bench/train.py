@@ -73,6 +73,7 @@ class SplatNetOptions:
 
     size     a key of `baselines.splat_net.network.SIZES`
     without  what it has to do without, see `do_without`
+    start    weights to start from, see `baselines.splat_net.start.read_start`; None: random ones
     """
 
     size: str
@@ -82,6 +83,7 @@ class SplatNetOptions:
     cool_down: int
     learning_rate: float
     without: tuple[str, ...]
+    start: str | None
 
 
 def train_autoencoder(
@@ -152,6 +154,7 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
 def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Path:
     """Train splat-net; returns the exported weights file, `weights-grey` stands beside it."""
     from baselines.splat_net.network import SIZES
+    from baselines.splat_net.start import read_start
     from baselines.splat_net.train import SplatNetConfig, train_splat_net
     from baselines.splat_net.weights import export
     from learning.processes import is_first
@@ -160,8 +163,10 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
     _set_threads(options.threads)
     if splat_net.size not in SIZES:
         raise BadInput(f"--size: unknown '{splat_net.size}'; choose one of {', '.join(SIZES)}")
+    network = do_without(SIZES[splat_net.size], splat_net.without)
+    start = None if splat_net.start is None else read_start(splat_net.start, network)
     config = SplatNetConfig(
-        network=do_without(SIZES[splat_net.size], splat_net.without),
+        network=network,
         objective=splat_net.objective,
         steps=options.steps,
         warm_up=splat_net.warm_up,
@@ -171,6 +176,7 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
         learning_rate=splat_net.learning_rate,
         precision=options.precision,
         seed=options.seed,
+        start=start.sha256 if start else None,
     )
     objects = training_objects(options)
     seen = training_set(objects, splat_net.views)
@@ -178,7 +184,12 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
         data = add_surfaces(seen, objects, lambda: advance(0))
     with ConsoleProgress("splat-net", quiet=not is_first()) as show:
         checkpoint = train_splat_net(
-            data, config, options.out, device=options.device, on_progress=show
+            data,
+            config,
+            options.out,
+            start=start.network if start else None,
+            device=options.device,
+            on_progress=show,
         )
     weights = options.out / "weights.safetensors"
     if is_first():

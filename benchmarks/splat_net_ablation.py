@@ -4,10 +4,11 @@ The same training without one input at a time: normals, density, the flattened p
 behind, the wide discs, the code of the whole cloud. All trainings are of the same length, by `l1`,
 shorter than that of the bundled weights: what is compared is differences.
 
-`python -m benchmarks.splat_net_ablation --out DIR [--without a,b] [--steps N] [--threads T]` trains
-what is not there yet, draws validation chairs (choices are made on these), and writes ablation.csv
-and ablation.md: mean SSIM and thin-recall against the whole network, paired, with 95 % intervals
-over chairs; the cost of `prepare`, and of `draw` per picture of 20 in bfloat16, in turns (medians).
+`python -m benchmarks.splat_net_ablation --out DIR [--without a,b] [--steps N] [--threads T]
+[--precision P]` trains what is not there yet, draws validation chairs (choices are made on these),
+and writes ablation.csv and ablation.md: mean SSIM and thin-recall against the whole network,
+paired, with 95 % intervals over chairs; the cost of `prepare`, and of `draw` per picture of 20 in
+bfloat16, in turns (medians).
 A stopped study goes on where it was.
 """
 
@@ -17,6 +18,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -36,6 +38,7 @@ from data_prep.randomness import generator
 from data_prep.scene import Renderer
 from data_prep.training_set import SurfaceSet, add_surfaces
 from data_prep.whole_files import write_whole
+from learning import training_loop
 
 WHOLE = "nothing"  # is left out
 PARTS = (WHOLE, "normals", "density", "code", "discs", "flattened", "far")
@@ -47,12 +50,12 @@ METRICS = ("ssim", "thin_recall", "thin_precision")
 TIMED_VIEWS, ROUNDS = 20, 15
 
 
-def train(data: SurfaceSet, part: str, steps: int, folder: Path) -> Path:
+def train(
+    data: SurfaceSet, part: str, steps: int, precision: training_loop.Precision, folder: Path
+) -> Path:
     """The weights of the training without `part`; a finished one is taken from `folder`."""
     network = DEFAULT if part == WHOLE else do_without(DEFAULT, (part,))
-    config = SplatNetConfig(
-        network=network, steps=steps, cool_down=steps // 4, precision="bfloat16"
-    )
+    config = SplatNetConfig(network=network, steps=steps, cool_down=steps // 4, precision=precision)
     checkpoint = train_splat_net(data, config, folder)
     weights = folder / "weights.safetensors"
     export(checkpoint, weights, "colour")
@@ -158,6 +161,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=STEPS)
     parser.add_argument("--objects", type=int, default=OBJECTS)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument(
+        "--precision", choices=get_args(training_loop.Precision), default="bfloat16"
+    )
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
     objects = tuple(ProceduralObject("chair", "train", i) for i in range(options.objects))
@@ -165,7 +171,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     renderers, measured = {}, {}
     for part in (WHOLE, *options.without.split(",")):
         print(f"without {part}: {options.steps} steps", flush=True)
-        weights = load_weights(train(data, part, options.steps, options.out / part))
+        weights = load_weights(
+            train(data, part, options.steps, options.precision, options.out / part)
+        )
         renderers[part] = SplatNetRenderer(weights, precision="bfloat16")
         measured[part] = measure(renderers[part])
     found = differences(measured)

@@ -5,10 +5,10 @@ many steps; the bundled one knows chairs only. All draw test objects of the clas
 surface-apss on the same clouds: procedural ones, and with `--real FOLDER` meshes from a folder with
 a sub-folder for each class.
 
-`python -m benchmarks.unseen_classes --out DIR [--real FOLDER] [--steps N] [--threads T]` trains
-what is not there yet and writes unseen.csv and unseen.md: mean SSIM by class and condition, and the
-difference to surface-apss, paired, with 95 % intervals over objects. A stopped study goes on where
-it was.
+`python -m benchmarks.unseen_classes --out DIR [--real FOLDER] [--classes a,b] [--steps N]
+[--threads T] [--precision P]` trains what is not there yet and writes unseen.csv and unseen.md:
+mean SSIM by class and condition, and the difference to surface-apss, paired, with 95 % intervals
+over objects. A stopped study goes on where it was.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -37,6 +38,7 @@ from data_prep.scene import Renderer
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.training_set import SurfaceSet, TrainingSet, add_surfaces
 from data_prep.whole_files import write_whole
+from learning import training_loop
 
 OBJECTS, VIEWS = 120, 8  # of each class
 STEPS = 600
@@ -59,9 +61,9 @@ def without_class(data: SurfaceSet, classes: Sequence[str], name: str) -> Surfac
     )
 
 
-def train(data: SurfaceSet, steps: int, folder: Path) -> Path:
+def train(data: SurfaceSet, steps: int, precision: training_loop.Precision, folder: Path) -> Path:
     """Weights; a finished training is taken from `folder`."""
-    config = SplatNetConfig(steps=steps, cool_down=steps // 3, precision="bfloat16")
+    config = SplatNetConfig(steps=steps, cool_down=steps // 3, precision=precision)
     checkpoint = train_splat_net(data, config, folder)
     weights = folder / "weights.safetensors"
     export(checkpoint, weights, "colour")
@@ -178,12 +180,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--real", type=Path, help="meshes in a sub-folder for each class")
     parser.add_argument("--steps", type=int, default=STEPS)
     parser.add_argument("--objects", type=int, default=OBJECTS, help="of each class, to train on")
+    parser.add_argument("--classes", default=",".join(CLASSES), help="left out, each in its turn")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument(
+        "--precision", choices=get_args(training_loop.Precision), default="bfloat16"
+    )
     options = parser.parse_args(arguments)
     torch.set_num_threads(options.threads)
-    classes = tuple(CLASSES)
+    classes = options.classes.split(",")
+    if unknown := ", ".join(sorted({*classes} - {*CLASSES})):
+        parser.error(f"--classes: unknown {unknown}; choose of {', '.join(CLASSES)}")
     objects = tuple(
-        ProceduralObject(name, "train", i) for name in classes for i in range(options.objects)
+        ProceduralObject(name, "train", i) for name in CLASSES for i in range(options.objects)
     )
     data = add_surfaces(training_set(objects, VIEWS), objects)
     labels = [obj.class_name for obj in objects]
@@ -192,7 +200,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         key = ALL if name == ALL else f"without {name}"
         print(f"{key}: {options.steps} steps", flush=True)
         part = data if name == ALL else without_class(data, labels, name)
-        weights[key] = train(part, options.steps, options.out / key.replace(" ", "-"))
+        folder = options.out / key.replace(" ", "-")
+        weights[key] = train(part, options.steps, options.precision, folder)
     tested = {
         name: [ProceduralObject(name, "test", i) for i in range(TEST_OBJECTS)] for name in classes
     }

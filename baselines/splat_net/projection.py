@@ -21,6 +21,7 @@ from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world
 from data_prep.scene import IMAGE_SIZE, View
 
 NEAREST = 0.05 * CAMERA_DISTANCE  # what is nearer than this, the mesh renderer cuts off as well
+DENSITY_WINDOWS = (1, 3, 9)  # sides in pixels, at 128 px
 EMPTY = 1e4  # depth where there is no point
 FARTHEST = CAMERA_DISTANCE + 1.25  # nearness 0: the far end of the unit sphere, and room for noise
 
@@ -44,15 +45,30 @@ class Inputs:
     far: bool = True
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What each channel is, in the order of `project`."""
+        return (
+            *(f"nearest in {window}" for window in self.windows),
+            *(["farthest"] if self.far else []),
+            *(f"density in {window}" for window in DENSITY_WINDOWS if self.density),
+            *(
+                f"flattened {i} {what}"
+                for i in FLATTENED
+                for what in ("depth", "density")
+                if self.flattened
+            ),
+            *(
+                f"normal {i} {what}"
+                for i in HOPS
+                for what in ("x", "y", "z", "variation")
+                if self.normals
+            ),
+        )
+
+    @property
     def channels(self) -> int:
         """How many."""
-        return (
-            len(self.windows)
-            + self.far
-            + 3 * self.density
-            + 2 * len(FLATTENED) * self.flattened
-            + 4 * len(HOPS) * self.normals
-        )
+        return len(self.names)
 
     @property
     def surfaces(self) -> bool:
@@ -105,7 +121,7 @@ def project(
     if inputs.density:
         count = seen.count()
         next(planes).copy_(torch.log1p(count))
-        for window in (3, 9):
+        for window in DENSITY_WINDOWS[1:]:
             next(planes).copy_(torch.log1p(_spread(count, _scaled(window, size), torch.add)))
     if inputs.flattened:
         for moved in surfels.flattened.unbind(-2):

@@ -68,6 +68,7 @@ class SplatNetConfig:
                they will when they draw (`learning.averaging.take_statistics`)
     batch      pictures a step, a multiple of VIEWS_TOGETHER
     augment    fewer points and noise; without it every cloud is seen whole and clean
+    start      checksums of the weights that training starts from; None where they are random
     """
 
     network: NetworkConfig = DEFAULT
@@ -82,6 +83,7 @@ class SplatNetConfig:
     ema_decay: float = 0.998
     precision: training_loop.Precision = "float32"
     seed: int = 0
+    start: str | None = None
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
 
     def __post_init__(self) -> None:
@@ -105,10 +107,14 @@ def train_splat_net(
     config: SplatNetConfig,
     out_dir: Path,
     *,
+    start: SplatNet | None = None,
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+
+    start  a network of `config.network` whose weights training starts from, where `config.start`
+           names them
 
     Raises BadInput where `out_dir` holds a run of another configuration or other data, or objects
     have fewer than VIEWS_TOGETHER views; TrainingDiverged where a loss stops being finite.
@@ -120,7 +126,7 @@ def train_splat_net(
         )
     found = training_loop.prepare_device(device)
     team = connect(found)
-    trainer = _Trainer(data, config, found, team)
+    trainer = _Trainer(data, config, found, team, start)
     seen = data.seen
     data_hash = training_loop.hash_arrays(
         *(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds),
@@ -133,7 +139,12 @@ class _Trainer:
     kind = KIND
 
     def __init__(
-        self, data: SurfaceSet, config: SplatNetConfig, device: torch.device, team: Processes = ONE
+        self,
+        data: SurfaceSet,
+        config: SplatNetConfig,
+        device: torch.device,
+        team: Processes = ONE,
+        start: SplatNet | None = None,
     ) -> None:
         self.data, self.config, self.device, self.team = data, config, device, team
         self.batch = config.batch
@@ -142,6 +153,8 @@ class _Trainer:
         network, judge = training_loop.seeded(
             config.seed, lambda: (SplatNet(config.network), PatchJudge())
         )
+        if start is not None:
+            network.load_state_dict(start.state_dict())
         self.network, self.judge = network.to(device), judge.to(device)
         for part in (self.network, self.judge):
             part.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -174,7 +187,7 @@ class _Trainer:
     def take_step(self) -> dict[str, float]:
         self.network.train()
         self.judge.train()
-        if self._warmth() < 1:
+        if self._left() <= self.config.cool_down:
             take_statistics(self.network, self.average)
         channels, points, angles, truth = self._draw_batch()
         with self._autocast():
@@ -200,9 +213,11 @@ class _Trainer:
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
         return {name: value.item() for name, value in terms.items()}
 
+    def _left(self) -> int:
+        return self.config.steps - int(self.steps_done)
+
     def _warmth(self) -> float:
-        left = self.config.steps - int(self.steps_done)
-        return min(1.0, left / max(1, self.config.cool_down))
+        return min(1.0, self._left() / max(1, self.config.cool_down))
 
     def _judge(self, drawn: Tensor, real: Tensor) -> dict[str, Tensor]:
         """A step of the judge, and what it says of the drawn pictures; zeros before it takes part,

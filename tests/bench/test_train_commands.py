@@ -7,10 +7,12 @@ import pytest
 import torch
 
 import bench.train
+from baselines.splat_net.weights import load_weights
 from bench.methods import find_method
 from data_prep.datasets import ProceduralObject
 from data_prep.scene import View
 from learning.divergence import TrainingDiverged
+from learning.weight_files import file_sha256
 
 
 def test_a_training_that_diverged_is_one_line(command, monkeypatch):
@@ -101,6 +103,16 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
         assert pictures.dtype == np.float32
         assert (pictures == pictures[..., :1]).all() == (planes == 2)
 
+    # and from its weights another goes on, without one more input
+    start = ("--start", str(out / "weights.safetensors"))
+    further = (*options[:-3], "density,discs,far", "--out", str(tmp_path / "further"))
+    status, said, err = command("train", "splat-net", *further, *start, "--steps", "1")
+    assert status == 0, err
+    found = load_weights(said.strip())
+    assert found.network.config.inputs.channels == 1
+    files = [out / f"{name}.safetensors" for name in ("weights", "weights-grey")]
+    assert found.card["start"] == " ".join(file_sha256(file) for file in files)
+
 
 @pytest.mark.parametrize(
     ("options", "problem"),
@@ -108,6 +120,7 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
         (("--size", "huge"), "--size: unknown 'huge'; choose one of tiny, default, large"),
         (("--without", "colour"), "--without colour: there are normals, density, flattened, far,"),
         (("--objective", "l2"), "objective: unknown 'l2'; choose one of l1, l1-patch"),
+        (("--start", "chair", "--size", "tiny"), "--start chair: is of NetworkConfig(inputs="),
         (("--batch", "7"), "batch 7: 2 views of a cloud are drawn together; use a multiple of 2"),
         (("--views", "1"), "1 views of an object: at least 2 are drawn together; render more"),
     ],

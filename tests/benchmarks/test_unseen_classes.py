@@ -9,6 +9,7 @@ from benchmarks.unseen_classes import (
     TESTED,
     ahead,
     differences,
+    main,
     measure,
     to_markdown,
     without_class,
@@ -94,3 +95,9 @@ def test_a_failure_is_scored_as_a_blank_picture() -> None:
     assert list(found.index) == list(TESTED)
     assert found.drop("512").to_numpy() == pytest.approx(1.0)
     assert 0 < found["512"] < 1
+
+
+def test_a_class_that_does_not_exist_is_named(capsys) -> None:
+    with pytest.raises(SystemExit):
+        main(["--out", "unused", "--classes", "chair,stool"])
+    assert "unknown stool; choose of airplane" in capsys.readouterr().err

@@ -211,13 +211,13 @@ def statistics(network):
 
 def test_the_last_steps_normalise_by_the_averages_statistics(data):
     trainer = build(data, steps=6, cool_down=3)
-    for _ in range(4):
+    for _ in range(3):
         before = statistics(trainer.average)
         trainer.take_step()
         assert not torch.equal(statistics(trainer.average), before)
     kept, weights = statistics(trainer.average), trainer.average.last.weight.clone()
-    trainer.take_step()
-    trainer.take_step()
+    for _ in range(3):
+        trainer.take_step()
     assert torch.equal(statistics(trainer.average), kept)
     assert torch.equal(statistics(trainer.network), kept)
     assert not torch.equal(trainer.average.last.weight, weights)
@@ -395,7 +395,8 @@ def test_too_few_views_are_refused(tmp_path):
 
 
 def test_a_short_training_learns(waves):
-    """Three objects, each of one colour in front of white: the losses must fall by half."""
+    """Three objects, each of one colour in front of white: the losses must fall by half. (Of three
+    seeds on one machine the worst fell to .34; 60 steps of one cloud, to .58.)"""
     coverage = np.zeros((3, 4, 128, 128), np.uint8)
     coverage[:, :, 40:88, 40:88] = 255
     images = np.full((3, 4, 128, 128, 3), 255, np.uint8)
@@ -403,8 +404,8 @@ def test_a_short_training_learns(waves):
         images[i, :, 40:88, 40:88] = colour
     grey = np.where(coverage > 0, 180, 255).astype(np.uint8)
     data = SurfaceSet(dataclasses.replace(waves.seen, images=images), coverage, grey)
-    trainer = build(data, batch=VIEWS_TOGETHER, steps=60, cool_down=20, learning_rate=1e-2)
-    steps = [trainer.take_step() for _ in range(60)]
+    trainer = build(data, steps=90, cool_down=30, learning_rate=1e-2)
+    steps = [trainer.take_step() for _ in range(90)]
     for name in ("colour", "grey", "coverage"):
         first, last = ([step[name] for step in some] for some in (steps[:5], steps[-10:]))
         assert np.mean(last) < 0.5 * np.mean(first)

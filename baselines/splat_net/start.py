@@ -1,0 +1,85 @@
+"""Weights to go on training from, on other objects or for longer: both files of a training in one.
+
+A training exports its network twice, each with one head; what is trained has both. Inputs that the
+new network does without are cut out of the first layer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from baselines.splat_net.network import NetworkConfig, SplatNet
+from baselines.splat_net.projection import Inputs
+from baselines.splat_net.weight_files import BUNDLED
+from baselines.splat_net.weights import load_weights
+from data_prep.failures import BadInput
+
+GREY = "-grey"  # stands at the end of the name of the file with that head
+HEAD = ("last.weight", "last.bias")
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A network with both heads in evaluation mode, and the checksums of its files."""
+
+    network: SplatNet
+    sha256: str
+
+
+def read_start(name_or_path: str, config: NetworkConfig) -> Start:
+    """The network `config` with the weights of a bundled name, or of a file and the one beside it.
+
+    name_or_path  "chair" for `chair` and `chair-grey`, "FILE.safetensors" for it and
+                  "FILE-grey.safetensors"
+
+    Raises BadInput as `load_weights`; where the two are not of one training; and where the network
+    differs from `config` in more than inputs that are left out.
+    """
+    colour = load_weights(name_or_path)
+    grey = load_weights(_beside(name_or_path))
+    if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
+        raise _not_one_training(name_or_path, "the heads are not colour and grey")
+    state = colour.network.state_dict()
+    for key, other in grey.network.state_dict().items():
+        own, shared = state[key], other
+        if key in HEAD:  # alpha comes before the materials
+            state[key], own, shared = torch.cat([own, other[1:]]), own[:1], other[:1]
+        if not torch.equal(own, shared):
+            raise _not_one_training(name_or_path, f"{key} differs")
+    whole = replace(colour.network.config, heads=config.heads)
+    if replace(whole, inputs=config.inputs) != config:
+        raise BadInput(
+            f"--start {name_or_path}: is of {whole}, asked for {config}; use the same --size"
+        )
+    kept = _places(config.inputs, whole.inputs, name_or_path)
+    state["first.conv.weight"] = state["first.conv.weight"][:, kept]
+    network = SplatNet(config)
+    network.load_state_dict(state)
+    return Start(network.eval().requires_grad_(False), f"{colour.sha256} {grey.sha256}")
+
+
+def _beside(name_or_path: str) -> str:
+    if name_or_path in BUNDLED:
+        return name_or_path + GREY
+    path = Path(name_or_path)
+    return str(path.with_name(f"{path.stem}{GREY}{path.suffix}"))
+
+
+def _places(few: Inputs, many: Inputs, name_or_path: str) -> list[int]:
+    """Where the channels `few` are among `many`."""
+    places = {name: place for place, name in enumerate(many.names)}
+    if new := [name for name in few.names if name not in places]:
+        raise BadInput(
+            f"--start {name_or_path}: has never seen {', '.join(new)}; leave them out, too"
+        )
+    return [places[name] for name in few.names]
+
+
+def _not_one_training(name_or_path: str, why: str) -> BadInput:
+    return BadInput(
+        f"--start {name_or_path}: is not of one training with {_beside(name_or_path)}: {why}; "
+        "give the file in colour of a training, the one in grey beside it"
+    )

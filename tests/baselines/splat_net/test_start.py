@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+import torch
+
+from baselines.splat_net.network import DEFAULT, NetworkConfig, camera_numbers
+from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
+from baselines.splat_net.start import read_start
+from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.train import KIND, SplatNetConfig, _Trainer, train_splat_net
+from baselines.splat_net.weight_files import BUNDLED
+from baselines.splat_net.weights import export
+from bench.train import do_without
+from data_prep.failures import BadInput
+from data_prep.scene import View
+from learning import checkpoint
+from learning.weight_files import file_sha256
+
+from .conftest import SMALL, make_cloud, make_data
+
+VIEWS = [View(30.0, 10.0), View(-100.0, -20.0)]
+
+
+@pytest.fixture
+def files(trained, tmp_path):
+    export(trained, tmp_path / "weights.safetensors", "colour")
+    export(trained, tmp_path / "weights-grey.safetensors", "grey")
+    return tmp_path / "weights.safetensors"
+
+
+def test_both_heads_come_back_as_they_were_trained(trained, files) -> None:
+    start = read_start(str(files), SMALL)
+    trained_state = checkpoint.sub_state(checkpoint.load(trained, KIND)[0], "average")
+    for key, value in start.network.state_dict().items():
+        if not key.endswith("num_batches_tracked"):  # which files do not keep
+            kept = trained_state[key].half() if value.dim() > 1 else trained_state[key]
+            assert torch.equal(value, kept.float()), key
+    grey = files.with_name("weights-grey.safetensors")
+    assert start.sha256 == f"{file_sha256(files)} {file_sha256(grey)}"
+
+
+def test_bundled_weights_are_a_start() -> None:
+    start = read_start("chair", DEFAULT)
+    assert start.sha256 == f"{BUNDLED['chair']} {BUNDLED['chair-grey']}"
+    assert start.network.config == DEFAULT
+
+
+@pytest.mark.parametrize("part", ["normals", "density", "flattened", "far", "discs"])
+def test_a_network_without_an_input_draws_as_one_that_does_not_heed_it(part) -> None:
+    few = do_without(DEFAULT, (part,))
+    cut = read_start("chair", few).network
+    assert cut.config == few
+    whole = read_start("chair", DEFAULT).network
+    gone = [i for i, name in enumerate(ALL_INPUTS.names) if name not in few.inputs.names]
+    assert len(gone) == DEFAULT.inputs.channels - few.inputs.channels > 0
+    with torch.no_grad():
+        whole.first.conv.weight[:, gone] = 0
+        channels = _seen(ALL_INPUTS)
+        kept = channels[:, [i for i in range(channels.shape[1]) if i not in gone]]
+        code, angles = torch.zeros(2, DEFAULT.code), camera_numbers(VIEWS)
+        expected, drawn = whole(channels, code, angles), cut(kept, code, angles)
+    # a sum of fewer terms, in another order: 22 channels x 9 taps of some 10 in float32, 18 layers
+    torch.testing.assert_close(drawn, expected, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("part", ["normals", "density", "flattened", "far"])
+def test_channels_are_named_in_their_order(part) -> None:
+    # discs change what other channels are of: they are not among these
+    few = dataclasses.replace(ALL_INPUTS, **{part: False})
+    kept = [ALL_INPUTS.names.index(name) for name in few.names]
+    assert torch.equal(_seen(few), _seen(ALL_INPUTS)[:, kept])
+
+
+def _seen(inputs: Inputs) -> torch.Tensor:
+    surfels = stack([find_surfels(make_cloud())])
+    return project(surfels, cameras(VIEWS), inputs)
+
+
+def test_training_goes_on_from_it(trained, files, tmp_path) -> None:
+    start = read_start(str(files), SMALL)
+    config = SplatNetConfig(network=SMALL, steps=1, cool_down=1, batch=4, start=start.sha256)
+    trainer = _Trainer(make_data(), config, torch.device("cpu"), start=start.network)
+    for part in (trainer.network, trainer.average):
+        state = part.state_dict()
+        assert all(torch.equal(state[k], v) for k, v in start.network.state_dict().items())
+    assert all(parameter.requires_grad for parameter in trainer.network.parameters())
+
+    path = train_splat_net(make_data(), config, tmp_path / "on", start=start.network)
+    before, after = start.network.state_dict(), checkpoint.load(path, KIND)
+    assert after[2]["start"] == start.sha256
+    moved = checkpoint.sub_state(after[0], "network")
+    assert any(not torch.equal(before[k], moved[k]) for k in before)
+    # Adam's first step is one of the learning rate, whatever the gradient
+    for key, parameter in trainer.network.named_parameters():
+        assert (moved[key] - parameter).abs().max() <= 1.01 * config.learning_rate
+    # the statistics stay those of the start, for all its steps are the last
+    assert torch.equal(moved["first.norm.running_var"], before["first.norm.running_var"])
+
+
+def test_a_start_is_part_of_what_a_run_is(trained, files, tmp_path) -> None:
+    data = make_data()
+    config = SplatNetConfig(network=SMALL, steps=1, batch=4)
+    train_splat_net(data, config, tmp_path / "run")
+    start = read_start(str(files), SMALL)
+    other = dataclasses.replace(config, steps=2, start=start.sha256)
+    with pytest.raises(BadInput, match="trained with start = None, asked for"):
+        train_splat_net(data, other, tmp_path / "run", start=start.network)
+
+
+@pytest.mark.parametrize(
+    ("config", "told"),
+    [
+        (dataclasses.replace(SMALL, widths=(4, 6, 8, 10, 14)), "10, 12.*asked for.*10, 14.*--size"),
+        (dataclasses.replace(SMALL, code=0), "code=4.*asked for.*code=0"),
+    ],
+)
+def test_another_network_is_refused(files, config: NetworkConfig, told: str) -> None:
+    with pytest.raises(BadInput, match=told):
+        read_start(str(files), config)
+
+
+def test_inputs_that_it_never_saw_are_named(trained, data, tmp_path) -> None:
+    blind = dataclasses.replace(SMALL, inputs=dataclasses.replace(ALL_INPUTS, far=False))
+    path = train_splat_net(data, SplatNetConfig(network=blind, steps=1, batch=4), tmp_path / "run")
+    export(path, tmp_path / "w.safetensors", "colour")
+    export(path, tmp_path / "w-grey.safetensors", "grey")
+    with pytest.raises(BadInput, match="has never seen farthest"):
+        read_start(str(tmp_path / "w.safetensors"), SMALL)
+
+
+def test_files_of_two_trainings_are_refused(trained, files, data, tmp_path) -> None:
+    other = train_splat_net(
+        data, SplatNetConfig(network=SMALL, steps=1, batch=4, seed=1), tmp_path / "run"
+    )
+    export(other, tmp_path / "weights-grey.safetensors", "grey")
+    with pytest.raises(BadInput, match=r"weights.safetensors: is not of one training.* differs"):
+        read_start(str(files), SMALL)
+
+
+def test_a_head_that_is_missing_or_the_wrong_one(trained, files) -> None:
+    grey = files.with_name("weights-grey.safetensors")
+    with pytest.raises(BadInput, match=r"weights-grey-grey\.safetensors' is neither"):
+        read_start(str(grey), SMALL)
+    grey.write_bytes(files.read_bytes())
+    with pytest.raises(BadInput, match="the heads are not colour and grey"):
+        read_start(str(files), SMALL)
