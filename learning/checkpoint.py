@@ -98,14 +98,10 @@ def load(path: Path, kind: str) -> tuple[dict[str, Tensor], int, dict[str, Any]]
             f"{path}: expected a checkpoint ({FORMAT}, {kind}), found {found}; "
             "choose another output directory"
         )
-    try:
+    with understanding_header(path, "choose another output directory"):
         step, config = int(header["step"]), json.loads(header["config"])
         if step < 0 or not isinstance(config, dict):
             raise ValueError(f"step {step}, {type(config).__name__} as configuration")
-    except (KeyError, ValueError, RecursionError) as error:
-        raise BadInput(
-            f"{path}: its header cannot be read ({error}); choose another output directory"
-        ) from None
     return state, step, config
 
 

@@ -53,14 +53,13 @@ def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, s
             f"{path}: belongs to weights of sha256 {header.get('weights')}, not to these of sha256 "
             f"{weights.sha256}; make the right one with '{command}'"
         )
-    try:
+    with checkpoint.understanding_header(path, f"make it again with '{command}'"):
         config = ModelConfig(**json.loads(header["model"]))
-        if config != weights.encoder.config:
-            raise ValueError(f"{config}, the encoder's is {weights.encoder.config}")
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    if config != weights.encoder.config:
         raise BadInput(
-            f"{path}: its model does not fit ({error}); make it again with '{command}'"
-        ) from None
+            f"{path}: its model does not fit ({config}, the encoder's is "
+            f"{weights.encoder.config}); make it again with '{command}'"
+        )
     decoder = Decoder(config)
     expected = weight_tensors.shapes(decoder)
     weight_tensors.check(path, tensors, expected, f"make it again with '{command}'")
