@@ -130,6 +130,13 @@ METHODS = (
         source="splat-net in bfloat16",
         precision="bfloat16",
     ),
+    _splat_net(
+        "splat-net@tiny",
+        "chair-tiny",
+        source="splat-net without normals, of half the width, in bfloat16 "
+        "(baselines/splat_net/weights/chair-tiny.md)",
+        precision="bfloat16",
+    ),
     Method(
         "surface-apss",
         load=partial(loaders.renderer, "baselines.surface:SurfaceApss"),

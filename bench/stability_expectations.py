@@ -294,6 +294,7 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
     "splat-net": _splat_net(),
     "splat-net@grey": _splat_net(),
     "splat-net@bf16": _splat_net(),
+    "splat-net@tiny": _splat_net(),
     "splat": _splat(),
     "true-mesh": {},
     "constant": {},
