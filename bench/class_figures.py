@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from bench.artifacts import Artifact
 from bench.class_orderings import PAPER_METRIC, PAPER_NETWORK
 from bench.class_tables import AVERAGE, SURFACE, ClassTable, network_of
-from bench.figures import FIGURES, pictures_of, show
+from bench.figures import FIGURES, show
 from bench.record import GROUND_TRUTH
 from bench.ssim import ssim_per_image
 from bench.table_rows import Row, ordered
 from bench.tables import Published
-from bench.work import Job
 
 BLOCKS = 2  # of classes, side by side
 DISTANCES = (PAPER_METRIC, "fd-views")  # the first that has a value is shown
@@ -26,14 +26,14 @@ MARKERS = {SURFACE: "s", PAPER_NETWORK: "o"}
 
 
 def write_class_figures(
-    directory: Path, table: ClassTable, published: Published, jobs: Sequence[Job]
+    directory: Path, table: ClassTable, published: Published, artifacts: Sequence[Artifact]
 ) -> None:
     """`classes.png` (the paper's Figure 4) and `table5.png`.
 
-    `jobs` are those whose pictures are there, ground truths included. Without pc2pix or without
-    SR, there is no second figure; where all methods have failed, none.
+    `artifacts` are all that there are, ground truths included. Without pc2pix or without SR, there
+    is no second figure; where all methods have failed, none.
     """
-    methods = ordered(job.method for job in jobs if job.condition)
+    methods = ordered(artifact.method for artifact in artifacts if artifact.condition)
     if not methods:
         return
     import matplotlib as mpl
@@ -42,29 +42,29 @@ def write_class_figures(
     folder = directory / FIGURES
     folder.mkdir(exist_ok=True)
     network = network_of(methods)
-    _pictures(folder / "classes.png", [SURFACE, network, "splat-net", "splat"], jobs)
+    _pictures(folder / "classes.png", [SURFACE, network, "splat-net", "splat"], artifacts)
     if network is not None and SURFACE in methods:
         _dots(folder / "table5.png", table.rows, network, published)
 
 
-def _pictures(path: Path, methods: Sequence[str | None], jobs: Sequence[Job]) -> None:
+def _pictures(path: Path, methods: Sequence[str | None], artifacts: Sequence[Artifact]) -> None:
     """The first view of the first object of each class, nobody has chosen: truth, then methods.
 
     At the first condition; below each picture its SSIM with the truth.
     """
     from matplotlib import pyplot as plt
 
-    condition = next(job.condition for job in jobs if job.condition)
-    first: dict[str, Job] = {}
-    for job in jobs:
-        if job.method == GROUND_TRUTH:
-            first.setdefault(job.object.class_name, job)
+    condition = next(artifact.condition for artifact in artifacts if artifact.condition)
+    first: dict[str, Artifact] = {}
+    for artifact in artifacts:
+        if artifact.method == GROUND_TRUTH:
+            first.setdefault(artifact.class_name, artifact)
     by_cell = {
-        (job.object.class_name, job.object.object_id, job.method): job
-        for job in jobs
-        if job.condition == condition
+        (artifact.class_name, artifact.object_id, artifact.method): artifact
+        for artifact in artifacts
+        if artifact.condition == condition
     }
-    there = {job.method for job in jobs}
+    there = {artifact.method for artifact in artifacts}
     shown = [method for method in methods if method in there]
     rows, width = math.ceil(len(first) / BLOCKS), 1 + len(shown)
     figure, axes = plt.subplots(
@@ -79,14 +79,14 @@ def _pictures(path: Path, methods: Sequence[str | None], jobs: Sequence[Job]) ->
     for number, (class_name, truth) in enumerate(first.items()):
         block, row = divmod(number, rows)
         line = axes[row, block * width : (block + 1) * width]
-        true = pictures_of(truth)[:1]
+        true = truth.pictures()[:1]
         show(line[0], true[0])
         line[0].set_axis_on()
         line[0].set_ylabel(class_name, fontsize=9)
         for axis, method in zip(line[1:], shown, strict=True):
             axis.set_axis_on()
-            job = by_cell.get((class_name, truth.object.object_id, str(method)))
-            picture = None if job is None else pictures_of(job)[:1]
+            artifact = by_cell.get((class_name, truth.object_id, str(method)))
+            picture = None if artifact is None else artifact.pictures()[:1]
             show(axis, None if picture is None else picture[0])
             if picture is not None:
                 axis.set_xlabel(f"{ssim_per_image(true, picture).ssim[0]:.2f}", fontsize=7)

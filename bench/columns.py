@@ -12,9 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from bench.artifacts import Artifact, read_artifact
 from bench.record import COLUMNS, SCHEMA_VERSION, to_frame
 from bench.tables import Features
-from bench.work import Job, Result, read_artifact
+from bench.work import Result
 from data_prep.failures import BadInput
 from data_prep.whole_files import whole_file
 
@@ -61,14 +62,16 @@ def read_records(directory: Path) -> pd.DataFrame:
     return table.to_pandas()
 
 
-def write_features(directory: Path, metric: str, jobs: Sequence[Job]) -> None:
-    """Collect one extractor's features from the artifacts of finished jobs into one file, which is
-    written whole or not at all; without jobs, there is none."""
-    if not jobs:
+def write_features(directory: Path, metric: str, artifacts: Sequence[Artifact]) -> None:
+    """Collect one extractor's features from all artifacts into one file, which is written whole or
+    not at all; without artifacts, there is none."""
+    if not artifacts:
         return
     groups = (  # a few row groups, little memory
-        pa.concat_tables([_feature_table(job, metric) for job in jobs[start : start + 64]])
-        for start in range(0, len(jobs), 64)
+        pa.concat_tables(
+            [_feature_table(artifact, metric) for artifact in artifacts[start : start + 64]]
+        )
+        for start in range(0, len(artifacts), 64)
     )
     first = next(groups)
     with (
@@ -93,15 +96,15 @@ def read_features(directory: Path, metric: str) -> Features | None:
     return Features(table.drop_columns(["features"]).to_pandas(), values)
 
 
-def _feature_table(job: Job, metric: str) -> pa.Table:
-    values = read_artifact(job.artifact)[metric]
+def _feature_table(artifact: Artifact, metric: str) -> pa.Table:
+    values = read_artifact(artifact.path)[metric]
     count, width = values.shape
     return pa.table(
         {
-            "method": [job.method] * count,
-            "condition": [job.condition] * count,
-            "class": [job.object.class_name] * count,
-            "object": [job.object.object_id] * count,
+            "method": [artifact.method] * count,
+            "condition": [artifact.condition] * count,
+            "class": [artifact.class_name] * count,
+            "object": [artifact.object_id] * count,
             "view": pa.array(range(count), pa.int32()),
             "features": pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), width),
         }

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from bench.artifacts import Artifact
 from bench.comparison import candidates
 from bench.crossings import Course, place_of
 from bench.families import Family
-from bench.figures import FIGURES, pictures_of, show
+from bench.figures import FIGURES, show
 from bench.frontier_figures import FLOOR_STYLES, HUES
 from bench.methods import FLOORS
 from bench.metric_table import is_similarity
 from bench.record import GROUND_TRUTH
 from bench.table_rows import ordered
-from bench.work import Job
 
 PANEL_IN = (3.1, 2.5)
 LEGEND_IN = 0.7
@@ -29,10 +29,12 @@ SUBDIVIDED = (1, 2, 5)
 OBJECTS_SHOWN = 2
 
 
-def write_beyond_figures(directory: Path, courses: Sequence[Course], jobs: Sequence[Job]) -> None:
+def write_beyond_figures(
+    directory: Path, courses: Sequence[Course], artifacts: Sequence[Artifact]
+) -> None:
     """`beyond` (PNG and SVG) and `beyond-pictures.png`.
 
-    `jobs` are those whose pictures are there, ground truths included.
+    `artifacts` are all that there are, ground truths included.
     """
     import matplotlib as mpl
 
@@ -45,7 +47,7 @@ def write_beyond_figures(directory: Path, courses: Sequence[Course], jobs: Seque
     for kind in ("png", "svg"):
         figure.savefig(folder / f"beyond.{kind}", dpi=110)
     plt.close(figure)
-    _pictures(folder / "beyond-pictures.png", courses, jobs)
+    _pictures(folder / "beyond-pictures.png", courses, artifacts)
 
 
 def beyond_figure(courses: Sequence[Course]) -> Any:
@@ -157,15 +159,17 @@ def _bands(
         )
 
 
-def _pictures(path: Path, courses: Sequence[Course], jobs: Sequence[Job]) -> None:
+def _pictures(path: Path, courses: Sequence[Course], artifacts: Sequence[Artifact]) -> None:
     """The first view of the first objects, nobody has chosen: a row for each method, a column for
     each condition, family after family. No picture of ceiling and floors."""
     from matplotlib import pyplot as plt
 
-    objects = ordered_objects(jobs)[:OBJECTS_SHOWN]
-    methods = candidates(ordered(job.method for job in jobs if job.condition))
+    objects = ordered_objects(artifacts)[:OBJECTS_SHOWN]
+    methods = candidates(ordered(artifact.method for artifact in artifacts if artifact.condition))
     columns = ordered(c for course in courses for c in course.family.conditions)
-    at = {(_object(job), job.method, job.condition): job for job in jobs}
+    at = {
+        (artifact.object, artifact.method, artifact.condition): artifact for artifact in artifacts
+    }
     rows = [(obj, method) for obj in objects for method in methods]
     if not rows:
         return
@@ -178,8 +182,8 @@ def _pictures(path: Path, courses: Sequence[Course], jobs: Sequence[Job]) -> Non
     for axis_row, (obj, method) in zip(axes, rows, strict=True):
         cells = [(obj, GROUND_TRUTH, ""), *((obj, method, condition) for condition in columns)]
         for axis, cell in zip(axis_row, cells, strict=True):
-            job = at.get(cell)
-            show(axis, None if job is None else pictures_of(job)[0])
+            artifact = at.get(cell)
+            show(axis, None if artifact is None else artifact.pictures()[0])
         axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
     for axis, title in zip(axes[0], [GROUND_TRUTH, *columns], strict=True):
         axis.set_title(title, fontsize=9)
@@ -188,10 +192,6 @@ def _pictures(path: Path, courses: Sequence[Course], jobs: Sequence[Job]) -> Non
     plt.close(figure)
 
 
-def ordered_objects(jobs: Sequence[Job]) -> list[tuple[str, str]]:
-    """The objects of jobs by class and name, in the order of the jobs."""
-    return list(dict.fromkeys(map(_object, jobs)))
-
-
-def _object(job: Job) -> tuple[str, str]:
-    return job.object.class_name, job.object.object_id
+def ordered_objects(artifacts: Sequence[Artifact]) -> list[tuple[str, str]]:
+    """The objects of artifacts by class and name, in the order of the artifacts."""
+    return list(dict.fromkeys(a.object for a in artifacts))

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.artifacts import Artifact
 from bench.foreground import object_boxes
 from bench.methods import FLOORS, find_method
 from bench.metric_table import IMAGE_METRICS
 from bench.record import GROUND_TRUTH
 from bench.tables import Row, Table
 from bench.thin_parts import evaluated
-from bench.work import Job, read_artifact
 
 FIGURES = "figures"
 OBJECTS_SHOWN = 4
@@ -26,14 +26,14 @@ THIN_TINT = (225, 0, 75)
 METRICS_SHOWN = ("ssim", "structure", "fd-views", "fid")
 
 
-def write_figures(directory: Path, tables: Sequence[Table], jobs: Sequence[Job]) -> None:
+def write_figures(directory: Path, tables: Sequence[Table], artifacts: Sequence[Artifact]) -> None:
     """Robustness curves (after Tables 3 and 4), picture grids (the paper's Figures 1 and 3) and a
     sheet of thin parts.
 
-    `jobs` are those whose pictures are there, ground truths included. Where all others have failed,
-    there is nothing to draw.
+    `artifacts` are all that there are, ground truths included. Where all methods have failed, there
+    is nothing to draw.
     """
-    if all(job.method == GROUND_TRUTH for job in jobs):
+    if all(artifact.method == GROUND_TRUTH for artifact in artifacts):
         return
     import matplotlib as mpl
 
@@ -41,8 +41,8 @@ def write_figures(directory: Path, tables: Sequence[Table], jobs: Sequence[Job])
     folder = directory / FIGURES
     folder.mkdir(exist_ok=True)
     _robustness(folder / "robustness.png", tables)
-    _grid(folder / "pictures.png", jobs)
-    _thin_parts(folder / "thin-parts.png", jobs)
+    _grid(folder / "pictures.png", artifacts)
+    _thin_parts(folder / "thin-parts.png", artifacts)
 
 
 def _robustness(path: Path, tables: Sequence[Table]) -> None:
@@ -80,7 +80,7 @@ def _robustness(path: Path, tables: Sequence[Table]) -> None:
     plt.close(figure)
 
 
-def _grid(path: Path, jobs: Sequence[Job]) -> None:
+def _grid(path: Path, artifacts: Sequence[Artifact]) -> None:
     """The first view of the first objects: a row per object and method, a column per condition.
 
     Ceiling and floors are left out: the first column shows the truth, and what looks at no cloud
@@ -88,10 +88,14 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
     """
     from matplotlib import pyplot as plt
 
-    objects = list(dict.fromkeys(_object(job) for job in jobs))[:OBJECTS_SHOWN]
-    conditions = list(dict.fromkeys(job.condition for job in jobs if job.condition))
-    methods = _rivals(jobs)
-    by_cell = {(_object(job), job.method, job.condition): job for job in jobs}
+    objects = list(dict.fromkeys(artifact.object for artifact in artifacts))[:OBJECTS_SHOWN]
+    conditions = list(
+        dict.fromkeys(artifact.condition for artifact in artifacts if artifact.condition)
+    )
+    methods = _rivals(artifacts)
+    by_cell = {
+        (artifact.object, artifact.method, artifact.condition): artifact for artifact in artifacts
+    }
     rows = [(obj, method) for obj in objects for method in methods]
     columns = [GROUND_TRUTH, *conditions]
     if not rows:
@@ -102,8 +106,8 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
     for axis_row, (obj, method) in zip(axes, rows, strict=True):
         for axis, column in zip(axis_row, columns, strict=True):
             of_method = (method, column) if column != GROUND_TRUTH else (GROUND_TRUTH, "")
-            job = by_cell.get((obj, of_method[0], of_method[1]))
-            show(axis, None if job is None else pictures_of(job)[0])
+            artifact = by_cell.get((obj, of_method[0], of_method[1]))
+            show(axis, None if artifact is None else artifact.pictures()[0])
         axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
     for axis, column in zip(axes[0], columns, strict=True):
         axis.set_title(column, fontsize=9)
@@ -112,7 +116,7 @@ def _grid(path: Path, jobs: Sequence[Job]) -> None:
     plt.close(figure)
 
 
-def _thin_parts(path: Path, jobs: Sequence[Job]) -> None:
+def _thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
     """Objects with the most thin parts, each in the view that shows most of them, cut out.
 
     Columns: the truth, the truth with the evaluated pixels tinted, then method by method the
@@ -120,21 +124,23 @@ def _thin_parts(path: Path, jobs: Sequence[Job]) -> None:
     """
     from matplotlib import pyplot as plt
 
-    truths = [job for job in jobs if job.method == GROUND_TRUTH][:THIN_OF]
-    parts = {_object(job): evaluated(pictures_of(job)) for job in truths}
+    truths = [artifact for artifact in artifacts if artifact.method == GROUND_TRUTH][:THIN_OF]
+    parts = {artifact.object: evaluated(artifact.pictures()) for artifact in truths}
     counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
-    by_count = sorted(truths, key=lambda job: -int(counts[_object(job)].sum()))
-    chosen = [job for job in by_count if counts[_object(job)].any()][:OBJECTS_SHOWN]
-    there = {job.condition for job in jobs}
+    by_count = sorted(truths, key=lambda artifact: -int(counts[artifact.object].sum()))
+    chosen = [artifact for artifact in by_count if counts[artifact.object].any()][:OBJECTS_SHOWN]
+    there = {artifact.condition for artifact in artifacts}
     columns = [
         (method, condition)
-        for method in _rivals(jobs)
+        for method in _rivals(artifacts)
         for condition in THIN_CONDITIONS
         if condition in there
     ]
     if not chosen or not columns:
         return
-    by_cell = {(_object(job), job.method, job.condition): job for job in jobs}
+    by_cell = {
+        (artifact.object, artifact.method, artifact.condition): artifact for artifact in artifacts
+    }
     figure, axes = plt.subplots(
         len(chosen),
         2 + len(columns),
@@ -142,17 +148,17 @@ def _thin_parts(path: Path, jobs: Sequence[Job]) -> None:
         squeeze=False,
     )
     for axis_row, truth in zip(axes, chosen, strict=True):
-        obj = _object(truth)
+        obj = truth.object
         view = int(counts[obj].argmax())
-        true = pictures_of(truth)[view]
+        true = truth.pictures()[view]
         top, bottom, left, right = object_boxes(true[None])[0].tolist()
         cut = slice(max(top - 3, 0), bottom + 3), slice(max(left - 3, 0), right + 3)
         tinted = np.where(parts[obj][view][..., None], np.array(THIN_TINT, np.uint8), true)
         show(axis_row[0], true[cut], "nearest")
         show(axis_row[1], tinted[cut], "nearest")
         for axis, cell in zip(axis_row[2:], columns, strict=True):
-            job = by_cell.get((obj, *cell))
-            show(axis, None if job is None else pictures_of(job)[view][cut], "nearest")
+            artifact = by_cell.get((obj, *cell))
+            show(axis, None if artifact is None else artifact.pictures()[view][cut], "nearest")
         axis_row[0].set_ylabel(f"{obj[1][:18]}\nview {view}", fontsize=7)
     titles = [GROUND_TRUTH, "its thin parts", *(f"{m}\n{c}" for m, c in columns)]
     for axis, title in zip(axes[0], titles, strict=True):
@@ -173,16 +179,7 @@ def show(axis: Any, picture: NDArray[np.uint8] | None, interpolation: str | None
         axis.imshow(picture, interpolation=interpolation)
 
 
-def _rivals(jobs: Sequence[Job]) -> list[str]:
+def _rivals(artifacts: Sequence[Artifact]) -> list[str]:
     """The methods that are compared, in order: without ceiling and floors."""
-    methods = dict.fromkeys(job.method for job in jobs if job.condition)
+    methods = dict.fromkeys(artifact.method for artifact in artifacts if artifact.condition)
     return [m for m in methods if m not in FLOORS and not find_method(m).sees_mesh]
-
-
-def _object(job: Job) -> tuple[str, str]:
-    return job.object.class_name, job.object.object_id
-
-
-def pictures_of(job: Job) -> NDArray[np.uint8]:
-    """The pictures [V, H, W, 3] in the artifact of a finished job."""
-    return read_artifact(job.artifact)["images"]

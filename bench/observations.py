@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.foreground import foreground
 from bench.stability_cases import CASES
-from bench.work import Job, Result, read_artifact
+from bench.work import Job, Result
 
 
 @dataclass(frozen=True)
@@ -75,4 +75,4 @@ def _change(pictures: NDArray[np.uint8], like: NDArray[np.uint8]) -> tuple[float
 
 
 def _pictures(job: Job) -> NDArray[np.uint8]:
-    return read_artifact(job.artifact)["images"]
+    return job.made.pictures()

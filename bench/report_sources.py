@@ -15,13 +15,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.artifacts import read_artifact
 from bench.lookup import find
 from bench.methods import FLOOR
 from bench.plan import Protocol, artifact_path, plan
 from bench.record import GROUND_TRUTH
 from bench.store import JOURNAL
 from bench.suites import SUITES
-from bench.work import Job, cloud_of, read_artifact
+from bench.work import Job, cloud_of
 from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput
 

@@ -12,6 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from bench import manifest as manifests
+from bench.artifacts import Artifact
 from bench.class_figures import write_class_figures
 from bench.class_orderings import OrderingsTable
 from bench.class_tables import ClassTable
@@ -316,8 +317,8 @@ def _count_new(todo: Plan, hopeless: Mapping[str, Result], journal: Journal) -> 
     return sum(key in journal.added for key in settled_by)
 
 
-def _with_pictures(todo: Plan, results: Mapping[str, Result]) -> list[Job]:
-    return [j for j in (*todo.references, *todo.items) if results[j.key].artifact_sha256]
+def _with_pictures(todo: Plan, results: Mapping[str, Result]) -> list[Artifact]:
+    return [j.made for j in (*todo.references, *todo.items) if results[j.key].artifact_sha256]
 
 
 @contextmanager

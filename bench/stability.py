@@ -36,7 +36,7 @@ from bench.stability_plan import stability_jobs
 from bench.stability_tables import Matrix, observations_to_csv
 from bench.store import check_directory, open_journal, set_aside, write_manifest
 from bench.suites import STABILITY, StabilitySuite
-from bench.work import Job, Result, read_artifact
+from bench.work import Job, Result
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
@@ -197,7 +197,7 @@ def _draw(
     for matrix in matrices:
         write_matrix(folder / f"{matrix.name}.png", matrix)
     first = {
-        (job.condition, job.method): read_artifact(job.artifact)["images"][0]
+        (job.condition, job.method): job.made.pictures()[0]
         for job in jobs
         if results[job.key].artifact_sha256
     }

@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.artifacts import Artifact, read_artifact
 from bench.methods import FLOORS, Method, find_method
 from bench.metric_table import Extractor, find_extractor
 from bench.record import GROUND_TRUTH, Record
@@ -60,6 +61,12 @@ class Job:
     artifact: Path
     reference: Path | None
     batch: int | None = None
+
+    @property
+    def made(self) -> Artifact:
+        """What the job leaves behind where it ends well."""
+        obj = self.object
+        return Artifact(self.method, self.condition, obj.class_name, obj.object_id, self.artifact)
 
 
 @dataclass(frozen=True)
@@ -120,12 +127,6 @@ def reason_of(error: BaseException) -> str:
 def failed(job: Job, reason: str) -> Result:
     """The result of a job that gave no pictures."""
     return Result(job.key, tuple(_records(job, "failed", reason=reason)), None)
-
-
-def read_artifact(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an artifact: `images` and one per feature extractor."""
-    with np.load(path, allow_pickle=False) as arrays:
-        return dict(arrays)
 
 
 def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:

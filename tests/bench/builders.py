@@ -148,7 +148,7 @@ def write_run(directory: Path, **changes) -> Path:
                 results.append(Result(job.key, records, "0" * 64))
     write_records(directory, results)
     for extractor in EXTRACTORS:
-        write_features(directory, extractor, jobs)
+        write_features(directory, extractor, [job.made for job in jobs])
     write_tables(directory)
     write_cost(directory)
     return directory

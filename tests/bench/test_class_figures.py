@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
+from bench.artifacts import read_artifact
 from bench.class_figures import write_class_figures
 from bench.class_tables import ClassTable
 from bench.published import published
 from bench.record import GROUND_TRUTH
 from bench.ssim import ssim_per_image
 from bench.tables import Row
-from bench.work import read_artifact
 
 from .builders import make_job, make_truth, write_artifact
 
@@ -31,7 +31,7 @@ def drawn(monkeypatch, tmp_path):
 
     def draw(rows, jobs):
         table = ClassTable("table5_classes", "", tuple(rows), 3)
-        write_class_figures(tmp_path, table, PAPER, jobs)
+        write_class_figures(tmp_path, table, PAPER, [job.made for job in jobs])
         return kept
 
     yield draw

@@ -12,13 +12,13 @@ import torch
 import bench.metric_table
 import bench.results
 import bench.run
+from bench.artifacts import read_artifact
 from bench.check import _stale_tables
 from bench.report import read_page
 from bench.results import class_orderings, read_scored, tables
 from bench.run import Options, run
 from bench.store import read_manifest
 from bench.views_network import Labels, ViewsNetwork, to_file, view_features
-from bench.work import read_artifact
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES

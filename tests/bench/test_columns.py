@@ -160,7 +160,7 @@ def test_features_go_and_come_back(tmp_path):
         write_artifact(job, images=np.zeros(1), metric=values)
         jobs.append(job)
         expected |= {(job.method, job.object.object_id, v): values[v] for v in range(2)}
-    write_features(tmp_path, "metric", jobs)
+    write_features(tmp_path, "metric", [job.made for job in jobs])
     found = read_features(tmp_path, "metric")
     for method in ("m0", "m1"):
         pictures = found.pictures(method, "2048", "chair")
@@ -186,12 +186,12 @@ def test_interrupted_features_leave_the_old_ones(tmp_path):
         job = replace(job, artifact=job.artifact.with_name(f"{i}.npz"))
         write_artifact(job, images=np.zeros(1), metric=np.full((2, 5), i, np.float32))
         jobs.append(job)
-    write_features(tmp_path, "metric", jobs[:1])
+    write_features(tmp_path, "metric", [job.made for job in jobs[:1]])
     (path,) = (tmp_path / "features").iterdir()
     old = path.read_bytes()
     jobs[-1].artifact.unlink()
     with pytest.raises(FileNotFoundError):
-        write_features(tmp_path, "metric", jobs)
+        write_features(tmp_path, "metric", [job.made for job in jobs])
     assert path.read_bytes() == old
     assert list(path.parent.iterdir()) == [path]
 

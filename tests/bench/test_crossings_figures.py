@@ -164,7 +164,7 @@ def test_files(tmp_path):
     jobs += [make_job(artifacts, None, m, c) for m in METHODS for c in families[0].conditions[:2]]
     for number, job in enumerate(jobs):
         write_artifact(job, seed=number)
-    write_beyond_figures(tmp_path, every_course(families), jobs)
+    write_beyond_figures(tmp_path, every_course(families), [job.made for job in jobs])
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
         *("beyond.png", "beyond.svg", "beyond-pictures.png"),
     }

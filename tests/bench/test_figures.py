@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
+from bench.artifacts import read_artifact
 from bench.figures import THIN_TINT, write_figures
 from bench.tables import Row, Table
-from bench.work import read_artifact
 
 from .builders import make_job, make_truth, write_artifact
 
@@ -24,7 +24,7 @@ def drawn(monkeypatch, tmp_path):
     monkeypatch.setattr(plt, "close", kept.append)
 
     def draw(tables, jobs):
-        write_figures(tmp_path, tables, jobs)
+        write_figures(tmp_path, tables, [job.made for job in jobs])
         for name in ("robustness.png", "pictures.png"):
             assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
         return kept
@@ -160,5 +160,5 @@ def test_ceiling_and_floor_alone_have_curves_but_no_grid(tmp_path):
     jobs = [make_truth(tmp_path), *(make_job(tmp_path, method=m) for m in ("true-mesh", "blank"))]
     for job in jobs:
         write_artifact(job)
-    write_figures(tmp_path, CURVES, jobs)
+    write_figures(tmp_path, CURVES, [job.made for job in jobs])
     assert [path.name for path in (tmp_path / "figures").iterdir()] == ["robustness.png"]

@@ -10,6 +10,7 @@ from harness_objects import Calling, Refusing, Tetrahedron
 
 import bench.work
 from baselines.surface import SurfaceApss
+from bench.artifacts import read_artifact
 from bench.foreground import object_boxes
 from bench.methods import METHODS, Method
 from bench.metric_table import VIEWS_WEIGHTS
@@ -17,7 +18,7 @@ from bench.metrics import ssim
 from bench.spent import Spent
 from bench.ssim import ssim_per_image_and_box
 from bench.views_network import load_views_network, view_features
-from bench.work import cloud_of, do, read_artifact
+from bench.work import cloud_of, do
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.images import to_float, to_uint8
 from data_prep.randomness import generator
