@@ -159,16 +159,17 @@ def run(
         _run_speed(options)
         return
     finished = run_suite(options)
-    for table in finished.tables:
+    outputs = finished.outputs
+    for table in outputs.tables:
         print(table.to_markdown())
-    print(finished.cost)
-    if finished.trade is not None:
-        print(finished.trade.frontier.to_markdown())
-        print(finished.trade.points.to_markdown())
-    if finished.orderings is not None:
-        print(finished.orderings.to_markdown())
-    if finished.beyond is not None and finished.beyond.crossings is not None:
-        print(finished.beyond.crossings.to_markdown())
+    print(outputs.cost)
+    if outputs.trade is not None:
+        print(outputs.trade.frontier.to_markdown())
+        print(outputs.trade.points.to_markdown())
+    if outputs.orderings is not None:
+        print(outputs.orderings.to_markdown())
+    if outputs.beyond is not None and outputs.beyond.crossings is not None:
+        print(outputs.beyond.crossings.to_markdown())
     stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     print(

@@ -5,21 +5,15 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
 from bench import manifest as manifests
 from bench.artifacts import Artifact
-from bench.class_figures import write_class_figures
-from bench.class_orderings import OrderingsTable
-from bench.class_tables import ClassTable
-from bench.columns import write_features, write_records
-from bench.crossings_figures import write_beyond_figures
-from bench.figures import FIGURES, write_figures
-from bench.frontier_figures import write_frontier
+from bench.finish import Outputs, timed, write_outputs
 from bench.isolation import Limits
 from bench.lookup import find
 from bench.methods import find_method
@@ -28,21 +22,10 @@ from bench.plan import Plan, Protocol, plan, with_floor
 from bench.pool import run_jobs
 from bench.probe import environment
 from bench.progress import progress
-from bench.published import published
 from bench.report import Made, write_report
-from bench.results import (
-    Beyond,
-    Trade,
-    write_beyond,
-    write_cost,
-    write_orderings,
-    write_tables,
-    write_trade,
-)
 from bench.spent import shares
 from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
 from bench.suites import SUITES, Suite
-from bench.tables import Table
 from bench.work import Job, Result, failed
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import Dataset, open_dataset
@@ -73,18 +56,11 @@ class Options:
 class Finished:
     """A complete run: where it is, its tables, and how many items were done now and before.
 
-    trade   quality against cost; None for a suite without
-    orderings  SR against pc2pix class by class; None for a suite without
-    beyond  methods along families of conditions; None for a suite without
     shares  of the workers' time, see `bench.spent.shares`
     """
 
     directory: Path
-    tables: tuple[Table, ...]
-    cost: str
-    trade: Trade | None
-    orderings: OrderingsTable | None
-    beyond: Beyond | None
+    outputs: Outputs
     done: int
     reused: int
     failed: int
@@ -110,33 +86,20 @@ def run(options: Options) -> Finished:
     seconds: dict[str, float] = {}
     with open_journal(directory) as journal:
         write_manifest(directory, manifest)
-        with _timed("ground truth", seconds):
+        with timed("ground truth", seconds):
             truths = do_jobs(todo.references, journal, workers, suite.limits, "ground truth")
             _check_any_truth(todo, truths)
-        with _timed("items", seconds):
+        with timed("items", seconds):
             drawable, hopeless = _split(todo, truths)
             results = do_jobs(drawable, journal, workers, suite.limits, suite.id) | hopeless
-        with _timed("tables", seconds):
-            write_records(directory, [results[job.key] for job in todo.items])
-            with_pictures = _with_pictures(todo, truths | results)
-            for metric, _ in protocol.features:
-                write_features(directory, metric, with_pictures)
-            tables = write_tables(directory)
-            cost = write_cost(directory)
-            trade = write_trade(directory)
-            ordered = write_orderings(directory)
-            along = write_beyond(directory)
-        with _timed("figures", seconds):
-            by_class = next((t for t in tables if isinstance(t, ClassTable)), None)
-            if by_class is not None:
-                paper = published(protocol.suite.id)
-                write_class_figures(directory, by_class, paper, with_pictures)
-            elif trade is not None:
-                write_frontier(directory / FIGURES, trade.frontier.places)
-            elif along is not None and along.courses:
-                write_beyond_figures(directory, along.courses, with_pictures)
-            else:
-                write_figures(directory, tables, with_pictures)
+        outputs = write_outputs(
+            directory,
+            suite.id,
+            [results[job.key] for job in todo.items],
+            _with_pictures(todo, truths | results),
+            [metric for metric, _ in protocol.features],
+            seconds,
+        )
         for line in journal.damage:
             _say(line)
         spent = (result.spent for result in (*truths.values(), *results.values()))
@@ -147,15 +110,11 @@ def run(options: Options) -> Finished:
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
         write_manifest(directory, manifest)
-    write_report(directory, made=Made(tables, ordered, along))
+    write_report(directory, made=Made(outputs.tables, outputs.orderings, outputs.beyond))
     done = _count_new(todo, hopeless, journal)
     return Finished(
         directory,
-        tuple(tables),
-        cost,
-        trade,
-        ordered,
-        along,
+        outputs,
         done=done,
         reused=len(todo.items) - done,
         failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),
@@ -319,13 +278,6 @@ def _count_new(todo: Plan, hopeless: Mapping[str, Result], journal: Journal) -> 
 
 def _with_pictures(todo: Plan, results: Mapping[str, Result]) -> list[Artifact]:
     return [j.made for j in (*todo.references, *todo.items) if results[j.key].artifact_sha256]
-
-
-@contextmanager
-def _timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
-    start = time.perf_counter()
-    yield
-    seconds[stage] = round(time.perf_counter() - start, 1)
 
 
 def _say(line: str) -> None:

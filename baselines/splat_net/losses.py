@@ -19,15 +19,21 @@ GREY_WEIGHT = 0.5
 
 @dataclass(frozen=True)
 class Objective:
-    """Which terms count. `patch_weight` is that of the judge of patches; 0: there is none."""
+    """Which terms count.
 
-    patch_weight: float
+    patch_weight  that of the judge of patches on clean clouds, and on those with the strongest
+                  noise of the training; between the two it rises with the standard deviation. The
+                  less the points say, the more the mean of all pictures that are possible is
+                  blurred, and the more counts that a picture is likely. None: there is no judge
+    """
+
+    patch_weight: tuple[float, float] | None
     source: str
 
 
 OBJECTIVES = {
-    "l1": Objective(0.0, "weighted L1 + SSIM + cross entropy of the coverage"),
-    "l1-patch": Objective(0.05, "l1, and hinge losses of patches (Isola et al. 2017)"),
+    "l1": Objective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
+    "l1-patch": Objective((0.05, 0.2), "l1, and hinge losses of patches (Isola et al. 2017)"),
 }
 
 

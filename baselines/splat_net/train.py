@@ -189,7 +189,7 @@ class _Trainer:
         self.judge.train()
         if self._left() <= self.config.cool_down:
             take_statistics(self.network, self.average)
-        channels, points, angles, truth = self._draw_batch()
+        channels, points, angles, truth, noise = self._draw_batch()
         with self._autocast():
             output = self._draw(self.network, channels, points, angles)
         _, (colour, grey) = composite(output, HEADS)
@@ -201,8 +201,11 @@ class _Trainer:
         total = terms["colour"] + GREY_WEIGHT * terms["grey"] + COVERAGE_WEIGHT * terms["coverage"]
         if self.objective.patch_weight:
             drawn = torch.cat([colour, grey], dim=1)
-            terms |= self._judge(drawn, torch.cat([truth.colour, truth.grey], dim=1))
-            total = total + self.objective.patch_weight * terms["patches"]
+            error, patches = self._judge(drawn, torch.cat([truth.colour, truth.grey], dim=1))
+            terms |= {"judge": error, "patches": patches.mean()}
+            clean, noisy = self.objective.patch_weight
+            weight = clean + (noisy - clean) * noise.to(self.device) / MAX_NOISE
+            total = total + (weight * patches).mean()
         self.adam.zero_grad()
         total.backward()
         self.team.average_gradients(self.network.parameters())
@@ -219,12 +222,13 @@ class _Trainer:
     def _warmth(self) -> float:
         return min(1.0, self._left() / max(1, self.config.cool_down))
 
-    def _judge(self, drawn: Tensor, real: Tensor) -> dict[str, Tensor]:
-        """A step of the judge, and what it says of the drawn pictures; zeros before it takes part,
-        so that losses.csv has the same columns from the first step to the last."""
+    def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
+        """A step of the judge: its error, and how false [B] it finds the drawn pictures. Zeros
+        before it takes part, so that losses.csv has the same columns from first to last step."""
         if int(self.steps_done) < self.config.warm_up:
-            nothing = torch.zeros((), device=drawn.device)
-            return {"judge": nothing, "patches": nothing}
+            return torch.zeros((), device=drawn.device), torch.zeros(
+                len(drawn), device=drawn.device
+            )
         with self._autocast():
             judged = self.judge(torch.cat([real, drawn.detach()])).float()
         error = judge_error(*judged.chunk(2))
@@ -234,9 +238,9 @@ class _Trainer:
         self.judge_adam.step()
         self.judge.requires_grad_(False)
         with self._autocast():
-            patches = -self.judge(drawn).float().mean()
+            patches = -self.judge(drawn).float().mean(dim=(1, 2, 3))
         self.judge.requires_grad_(True)
-        return {"judge": error.detach(), "patches": patches}
+        return error.detach(), patches
 
     def _autocast(self) -> torch.autocast:
         enabled = self.config.precision == "bfloat16"
@@ -249,19 +253,24 @@ class _Trainer:
             code = network.code(few).repeat_interleave(len(angles) // len(points), dim=0)
         return network(channels, code, angles)
 
-    def _draw_batch(self) -> tuple[Tensor, Tensor, Tensor, Truth]:
-        """Channels [B, C, S, S], points [B / VIEWS_TOGETHER, N, 3], angles and truth of B views."""
+    def _draw_batch(self) -> tuple[Tensor, Tensor, Tensor, Truth, Tensor]:
+        """Channels [B, C, S, S], points [B / VIEWS_TOGETHER, N, 3], angles and truth of B views,
+        and the standard deviation [B] of the noise that their clouds have."""
         count, views = self.data.seen.azimuth_deg.shape
         clouds = self.batch // VIEWS_TOGETHER
         objects = torch.randint(count, (clouds,), generator=self.random)
         order = torch.rand(clouds, views, generator=self.random).argsort(dim=1)
         mirrored = torch.rand(clouds, generator=self.random) < 0.5
         points = self.clouds[objects]
+        noise = torch.zeros(clouds)
         if self.config.augment:
             which = int(torch.randint(len(POINTS_SEEN), (), generator=self.random))
             points = draw_points(points, POINTS_SEEN[which], self.random)
-            points = add_noise(points, MAX_NOISE, CLEAN_SHARE, self.random)
-        return self._scene(points, objects, order[:, :VIEWS_TOGETHER], mirrored)
+            clean = points
+            points = add_noise(clean, MAX_NOISE, CLEAN_SHARE, self.random)
+            noise = (points - clean).std(dim=(1, 2))
+        scene = self._scene(points, objects, order[:, :VIEWS_TOGETHER], mirrored)
+        return *scene, noise.repeat_interleave(VIEWS_TOGETHER)
 
     @torch.no_grad()
     def _scene(

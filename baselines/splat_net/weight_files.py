@@ -8,8 +8,8 @@ from learning.weight_files import find_file
 
 FOLDER = Path(__file__).parent / "weights"
 BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
-    "chair": "66d61b5579fefe4967e9839267856fd2992be54c96e7eaf5dd9c6d29c5ed17e3",
-    "chair-grey": "5cd5b83ad09ef394ae9882309ccbe7ec509d01559930af686fd24c5850df51dd",
+    "chair": "622e000f9a825f15cc334d42cdc7de34ad980e7ab94bc0fd891eb36154d5e606",
+    "chair-grey": "59a432cf2994844e445b63bca5526c9e69f6219bdebdaa47d479bc4e62f63e61",
     "chair-tiny": "7dd599c6fae9dc1d23811a85a96f06cb3cf8c2f5b39e95b7f850fa3c4b5603e9",
 }
 

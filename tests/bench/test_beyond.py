@@ -174,7 +174,7 @@ def test_a_run(tmp_path, monkeypatch):
         )
     )
     assert (done.done, done.failed) == (6, 0)
-    assert done.beyond is not None
+    assert done.outputs.beyond is not None
     found = {
         path.name
         for folder in ("tables", "figures")

@@ -68,7 +68,7 @@ def finished(tmp_path_factory, tiny_weights):
 def test_one_worker_does_all(finished):
     assert (finished.done, finished.failed) == (16, 0)
     assert read_manifest(finished.directory)["workers"] == 1
-    assert ", nothing beside it; all 2 views of a cloud drawn in one call." in finished.cost
+    assert ", nothing beside it; all 2 views of a cloud drawn in one call." in finished.outputs.cost
 
 
 def test_what_the_run_leaves_behind(finished):
@@ -113,11 +113,11 @@ def test_places_follow_from_the_records(finished, tiny_weights):
 
 
 def test_distances_are_those_of_the_table(finished):
-    (sets,) = (table for table in finished.tables if table.name == "table_frechet")
+    (sets,) = (table for table in finished.outputs.tables if table.name == "table_frechet")
     expected = {(row.method, row.condition): row.value for row in sets.rows}
     found = {
         (p.method, p.condition): p.quality.value
-        for p in finished.trade.frontier.places
+        for p in finished.outputs.trade.frontier.places
         if p.metric == "fd-views"
     }
     assert found == expected

@@ -105,7 +105,7 @@ def test_a_judge_is_bounded():
 
 def test_objectives():
     assert {name: objective.patch_weight for name, objective in OBJECTIVES.items()} == {
-        "l1": 0.0,
-        "l1-patch": 0.05,
+        "l1": None,
+        "l1-patch": (0.05, 0.2),
     }
     assert all(objective.source for objective in OBJECTIVES.values())

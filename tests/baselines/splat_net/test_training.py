@@ -184,13 +184,13 @@ def test_a_step_of_the_network_leaves_the_judge_its_own_gradients(data):
 def test_the_judge_learns_which_pictures_are_real(data):
     trainer = build(data, objective="l1-patch", judge_lr=1e-2)
     drawn, real = torch.zeros(2, 4, 32, 32), torch.ones(2, 4, 32, 32)
-    errors = [trainer._judge(drawn, real)["judge"].item() for _ in range(20)]
+    errors = [trainer._judge(drawn, real)[0].item() for _ in range(20)]
     assert errors[-1] < 0.5 * errors[0]
     on_real, on_drawn = trainer.judge.eval()(torch.cat([real, drawn])).chunk(2)
     assert on_real.mean() > on_drawn.mean() + 0.5
     # what the network is told to make small is what the judge says of its pictures, negated
-    told = trainer._judge(drawn, real)["patches"].item()
-    assert told == pytest.approx(-on_drawn.mean().item(), abs=0.3)
+    told = trainer._judge(drawn, real)[1].tolist()
+    assert told == pytest.approx((-on_drawn.mean(dim=(1, 2, 3))).tolist(), abs=0.3)
 
 
 def test_the_learning_rate_falls_to_nothing(data):
@@ -240,6 +240,44 @@ def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data, monkeypatch):
     expected = 3 + 5 * GREY_WEIGHT + 7 * COVERAGE_WEIGHT
     assert bias.grad[0].item() == pytest.approx(expected, rel=1e-6)
     assert (bias.grad[1:] == 0).all()
+
+
+def test_the_judge_counts_the_more_the_more_noise_a_cloud_has(data, monkeypatch):
+    """All other terms are taken out, and the judge's opinion of each picture is its first pixel's
+    logit of coverage: the gradient there is the weight of that picture, over their number."""
+    trainer = build(data, objective="l1-patch")
+    trainer.adam = torch.optim.SGD(trainer.network.parameters(), lr=0.0)
+    outputs = []
+
+    def forward(*inputs):
+        outputs.append(torch.zeros(BATCH, 5, 128, 128, requires_grad=True))
+        return outputs[-1]
+
+    monkeypatch.setattr(trainer, "_draw", forward)
+    for term in ("picture_error", "coverage_error"):
+        monkeypatch.setattr(f"baselines.splat_net.train.{term}", lambda *_: torch.zeros(()))
+    monkeypatch.setattr(
+        trainer, "_judge", lambda drawn, real: (torch.zeros(()), outputs[-1][:, 0, 0, 0])
+    )
+    batch = trainer._draw_batch()
+    noise = torch.tensor([0.0, 0.25, 0.5, 1.0]) * MAX_NOISE
+    monkeypatch.setattr(trainer, "_draw_batch", lambda: (*batch[:4], noise))
+    trainer.take_step()
+    # .05 on a clean cloud, .2 at the strongest noise
+    expected = [w / BATCH for w in (0.05, 0.0875, 0.125, 0.2)]
+    assert outputs[-1].grad[:, 0, 0, 0].tolist() == pytest.approx(expected)
+
+
+def test_a_batch_says_how_noisy_its_clouds_are(data):
+    """Twelve clouds all of whose points are at the origin: what they are away from it is noise."""
+    nowhere = dataclasses.replace(data.seen, clouds=np.zeros_like(data.seen.clouds))
+    trainer = build(dataclasses.replace(data, seen=nowhere), batch=24)
+    _, points, _, _, noise = trainer._draw_batch()
+    assert noise.shape == (24,)
+    assert torch.equal(noise[::2], noise[1::2])  # two views of a cloud follow each other
+    torch.testing.assert_close(noise[::2], points.std(dim=(1, 2)))
+    assert (noise == 0).any()
+    assert 0.03 < noise.max() < 1.1 * MAX_NOISE
 
 
 def test_both_heads_learn_from_their_own_pictures(data, monkeypatch):
@@ -360,7 +398,8 @@ def test_without_augmentation_clouds_are_whole_and_clean(data):
     trainer = build(data, augment=False)
     known = {np.sort(np.abs(cloud).ravel()).tobytes() for cloud in data.seen.clouds}
     for _ in range(3):
-        _, points, _, _ = trainer._draw_batch()
+        _, points, _, _, noise = trainer._draw_batch()
+        assert (noise == 0).all()
         for cloud in points.numpy():
             assert np.sort(np.abs(cloud).ravel()).tobytes() in known  # mirrored or not
 

@@ -1,0 +1,100 @@
+"""The end of a run: records, features, tables and figures from what its jobs came to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.artifacts import Artifact
+from bench.class_figures import write_class_figures
+from bench.class_orderings import OrderingsTable
+from bench.class_tables import ClassTable
+from bench.columns import write_features, write_records
+from bench.crossings_figures import write_beyond_figures
+from bench.figures import FIGURES, write_figures
+from bench.frontier_figures import write_frontier
+from bench.published import published
+from bench.results import (
+    Beyond,
+    Trade,
+    write_beyond,
+    write_cost,
+    write_orderings,
+    write_tables,
+    write_trade,
+)
+from bench.tables import Table
+from bench.work import Result
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The tables of a run.
+
+    trade      quality against cost; None for a suite without
+    orderings  SR against pc2pix class by class; None for a suite without
+    beyond     methods along families of conditions; None for a suite without
+    """
+
+    tables: tuple[Table, ...]
+    cost: str
+    trade: Trade | None
+    orderings: OrderingsTable | None
+    beyond: Beyond | None
+
+
+def write_outputs(
+    directory: Path,
+    suite: str,
+    results: Sequence[Result],
+    artifacts: Sequence[Artifact],
+    features: Iterable[str],
+    seconds: dict[str, float],
+) -> Outputs:
+    """Write all that is made from results into a directory with a manifest.
+
+    results    of the items, failed ones included
+    artifacts  all that there are, ground truths included
+    features   extractors whose features are in the artifacts
+    seconds    gets what each stage took
+    """
+    with timed("tables", seconds):
+        write_records(directory, results)
+        for metric in features:
+            write_features(directory, metric, artifacts)
+        outputs = Outputs(
+            tables=tuple(write_tables(directory)),
+            cost=write_cost(directory),
+            trade=write_trade(directory),
+            orderings=write_orderings(directory),
+            beyond=write_beyond(directory),
+        )
+    with timed("figures", seconds):
+        _write_figures(directory, suite, outputs, artifacts)
+    return outputs
+
+
+def _write_figures(
+    directory: Path, suite: str, outputs: Outputs, artifacts: Sequence[Artifact]
+) -> None:
+    by_class = next((t for t in outputs.tables if isinstance(t, ClassTable)), None)
+    along = outputs.beyond
+    if by_class is not None:
+        write_class_figures(directory, by_class, published(suite), artifacts)
+    elif outputs.trade is not None:
+        write_frontier(directory / FIGURES, outputs.trade.frontier.places)
+    elif along is not None and along.courses:
+        write_beyond_figures(directory, along.courses, artifacts)
+    else:
+        write_figures(directory, outputs.tables, artifacts)
+
+
+@contextmanager
+def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
+    """Within, time goes to `seconds[stage]`, rounded to tenths."""
+    start = time.perf_counter()
+    yield
+    seconds[stage] = round(time.perf_counter() - start, 1)
