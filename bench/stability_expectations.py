@@ -263,10 +263,11 @@ def _splat() -> dict[str, Expectation]:
 
 
 def _splat_net() -> dict[str, Expectation]:
+    blank = Fails("draw: . of 4 pictures are blank")
     empty = Either(
-        (Changes("plain", 1.0, _UNIT), _BLANK), "what it draws where it sees nothing is left open"
+        (Changes("plain", 1.0, _UNIT), blank), "what it draws where it sees nothing is left open"
     )
-    far = Either((Draws(), Fails("draw: . of 4 pictures are blank")), "few points are in sight")
+    far = Either((Draws(), blank), "few points are in sight")
     return {
         "0-points": Fails("input: no points"),
         **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
