@@ -154,7 +154,7 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
 def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Path:
     """Train splat-net; returns the exported weights file, `weights-grey` stands beside it."""
     from baselines.splat_net.network import SIZES
-    from baselines.splat_net.start import read_start
+    from baselines.splat_net.start import grey_beside, read_start
     from baselines.splat_net.train import SplatNetConfig, train_splat_net
     from baselines.splat_net.weights import export
     from learning.processes import is_first
@@ -194,7 +194,7 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
     weights = options.out / "weights.safetensors"
     if is_first():
         export(checkpoint, weights, "colour")
-        export(checkpoint, options.out / "weights-grey.safetensors", "grey")
+        export(checkpoint, grey_beside(weights), "grey")
     return weights
 
 

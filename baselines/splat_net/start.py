@@ -39,7 +39,7 @@ def read_start(name_or_path: str, config: NetworkConfig) -> Start:
     differs from `config` in more than inputs that are left out.
     """
     colour = load_weights(name_or_path)
-    grey = load_weights(_beside(name_or_path))
+    grey = load_weights(_grey_of(name_or_path))
     if (colour.network.config.heads, grey.network.config.heads) != (("colour",), ("grey",)):
         raise _not_one_training(name_or_path, "the heads are not colour and grey")
     state = colour.network.state_dict()
@@ -61,11 +61,13 @@ def read_start(name_or_path: str, config: NetworkConfig) -> Start:
     return Start(network.eval().requires_grad_(False), f"{colour.sha256} {grey.sha256}")
 
 
-def _beside(name_or_path: str) -> str:
-    if name_or_path in BUNDLED:
-        return name_or_path + GREY
-    path = Path(name_or_path)
-    return str(path.with_name(f"{path.stem}{GREY}{path.suffix}"))
+def grey_beside(path: Path) -> Path:
+    """The file with the grey head that goes with the one in colour."""
+    return path.with_name(f"{path.stem}{GREY}{path.suffix}")
+
+
+def _grey_of(name_or_path: str) -> str:
+    return name_or_path + GREY if name_or_path in BUNDLED else str(grey_beside(Path(name_or_path)))
 
 
 def _places(few: Inputs, many: Inputs, name_or_path: str) -> list[int]:
@@ -80,6 +82,6 @@ def _places(few: Inputs, many: Inputs, name_or_path: str) -> list[int]:
 
 def _not_one_training(name_or_path: str, why: str) -> BadInput:
     return BadInput(
-        f"--start {name_or_path}: is not of one training with {_beside(name_or_path)}: {why}; "
+        f"--start {name_or_path}: is not of one training with {_grey_of(name_or_path)}: {why}; "
         "give the file in colour of a training, the one in grey beside it"
     )

@@ -139,6 +139,16 @@ def test_files_of_two_trainings_are_refused(trained, files, data, tmp_path) -> N
         read_start(str(files), SMALL)
 
 
+@pytest.mark.parametrize("key", ["last.weight", "last.bias"])
+def test_heads_that_see_another_coverage_are_refused(trained, files, key) -> None:
+    grey = files.with_name("weights-grey.safetensors")
+    tensors, header = checkpoint.read_safetensors(grey)
+    tensors[key][0] += 1
+    checkpoint.write_atomically(grey, tensors, header)
+    with pytest.raises(BadInput, match=f"is not of one training.*: {key} differs"):
+        read_start(str(files), SMALL)
+
+
 def test_a_head_that_is_missing_or_the_wrong_one(trained, files) -> None:
     grey = files.with_name("weights-grey.safetensors")
     with pytest.raises(BadInput, match=r"weights-grey-grey\.safetensors' is neither"):
