@@ -8,31 +8,48 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.record import GROUND_TRUTH
 
-@dataclass(frozen=True)
-class Artifact:
-    """What is in the file `path`: a method's pictures of an object under a condition, or the ground
-    truth of one (method GROUND_TRUTH, no condition)."""
+
+class Item(NamedTuple):
+    """One method on one cloud; of a ground truth the method is GROUND_TRUTH, without condition."""
 
     method: str
     condition: str
     class_name: str
     object_id: str
-    path: Path
+
+    @property
+    def truth(self) -> Item:
+        """The true pictures of its object."""
+        return Item(GROUND_TRUTH, "", self.class_name, self.object_id)
 
     @property
     def object(self) -> tuple[str, str]:
         """Class and name."""
         return self.class_name, self.object_id
 
+
+@dataclass(frozen=True)
+class Artifact:
+    """The pictures of an item are in the file `path`."""
+
+    item: Item
+    path: Path
+
     def pictures(self) -> NDArray[np.uint8]:
         """All views [V, S, S, 3]."""
         return read_artifact(self.path)["images"]
+
+
+def artifact_path(directory: Path, key: str) -> Path:
+    """Where the artifact of a job has its place in the directory of a run."""
+    return directory / "artifacts" / key[:2] / f"{key}.npz"
 
 
 def read_artifact(path: Path) -> dict[str, NDArray[Any]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.artifacts import Artifact
+from bench.artifacts import Artifact, Item
 from bench.class_orderings import PAPER_METRIC, PAPER_NETWORK
 from bench.class_tables import AVERAGE, SURFACE, ClassTable, network_of
 from bench.figures import FIGURES, show
@@ -33,7 +33,7 @@ def write_class_figures(
     `artifacts` are all that there are, ground truths included. Without pc2pix or without SR, there
     is no second figure; where all methods have failed, none.
     """
-    methods = ordered(artifact.method for artifact in artifacts if artifact.condition)
+    methods = ordered(artifact.item.method for artifact in artifacts if artifact.item.condition)
     if not methods:
         return
     import matplotlib as mpl
@@ -54,17 +54,13 @@ def _pictures(path: Path, methods: Sequence[str | None], artifacts: Sequence[Art
     """
     from matplotlib import pyplot as plt
 
-    condition = next(artifact.condition for artifact in artifacts if artifact.condition)
+    condition = next(artifact.item.condition for artifact in artifacts if artifact.item.condition)
     first: dict[str, Artifact] = {}
     for artifact in artifacts:
-        if artifact.method == GROUND_TRUTH:
-            first.setdefault(artifact.class_name, artifact)
-    by_cell = {
-        (artifact.class_name, artifact.object_id, artifact.method): artifact
-        for artifact in artifacts
-        if artifact.condition == condition
-    }
-    there = {artifact.method for artifact in artifacts}
+        if artifact.item.method == GROUND_TRUTH:
+            first.setdefault(artifact.item.class_name, artifact)
+    by_item = {artifact.item: artifact for artifact in artifacts}
+    there = {artifact.item.method for artifact in artifacts}
     shown = [method for method in methods if method in there]
     rows, width = math.ceil(len(first) / BLOCKS), 1 + len(shown)
     figure, axes = plt.subplots(
@@ -85,7 +81,7 @@ def _pictures(path: Path, methods: Sequence[str | None], artifacts: Sequence[Art
         line[0].set_ylabel(class_name, fontsize=9)
         for axis, method in zip(line[1:], shown, strict=True):
             axis.set_axis_on()
-            artifact = by_cell.get((class_name, truth.object_id, str(method)))
+            artifact = by_item.get(Item(str(method), condition, *truth.item.object))
             picture = None if artifact is None else artifact.pictures()[:1]
             show(axis, None if picture is None else picture[0])
             if picture is not None:

@@ -114,6 +114,10 @@ def run(
     out: Annotated[
         Path | None, typer.Option(help="The run's folder; default: results/runs/SUITE-DATASET.")
     ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(metavar="k/N", help="Only the kth of N parts; 'bench merge' joins them."),
+    ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start over; an old run is renamed, not deleted.")
     ] = False,
@@ -130,6 +134,7 @@ def run(
     from bench.lookup import find
     from bench.run import Options
     from bench.run import run as run_suite
+    from bench.shards import read_shard
     from bench.suites import LATENT, SPEED, STABILITY, SUITES
 
     if workers is not None and workers < 1:
@@ -146,6 +151,7 @@ def run(
         seed=seed,
         out=out,
         fresh=fresh,
+        shard=read_shard(shard) if shard else None,
         inception_weights=inception_weights,
     )
     chosen = find(suite, (*SUITES, LATENT, STABILITY, SPEED), "suite")
@@ -159,7 +165,17 @@ def run(
         _run_speed(options)
         return
     finished = run_suite(options)
-    outputs = finished.outputs
+    _print_tables(finished.outputs)
+    stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
+    parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
+    print(
+        f"{finished.done} items done, {finished.reused} from before, {finished.failed} failed "
+        f"({stages})\ntime of the workers: {parts}\nresults in {finished.directory}",
+        file=sys.stderr,
+    )
+
+
+def _print_tables(outputs: Any) -> None:
     for table in outputs.tables:
         print(table.to_markdown())
     print(outputs.cost)
@@ -170,13 +186,6 @@ def run(
         print(outputs.orderings.to_markdown())
     if outputs.beyond is not None and outputs.beyond.crossings is not None:
         print(outputs.beyond.crossings.to_markdown())
-    stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
-    parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
-    print(
-        f"{finished.done} items done, {finished.reused} from before, {finished.failed} failed "
-        f"({stages})\ntime of the workers: {parts}\nresults in {finished.directory}",
-        file=sys.stderr,
-    )
 
 
 def _run_latent(options: Any) -> None:
@@ -353,6 +362,25 @@ def shrink(
         print(f"bench: {found.told}", file=sys.stderr)
         raise typer.Exit(1)
     print(found.told)
+
+
+@app.command("merge")
+def merge_shards(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a run.")
+    ],
+    out: Annotated[Path, typer.Option(help="The folder of the whole run.")],
+) -> None:
+    """Put shards ('bench run --shard k/N') together into the run that they are parts of."""
+    from bench.merge import merge
+
+    merged = merge(directories, out)
+    _print_tables(merged.outputs)
+    print(
+        f"{merged.jobs} jobs of {len(directories)} shards, {merged.copied} copied now\n"
+        f"results in {merged.directory}",
+        file=sys.stderr,
+    )
 
 
 @app.command()

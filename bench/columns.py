@@ -1,8 +1,12 @@
-"""Records and features as Parquet files: what tables are made from, and what scripts may read."""
+"""Records, features and the list of jobs as Parquet files.
+
+What tables, reports and merged runs are made from, and what scripts may read.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
@@ -12,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.artifacts import Artifact, read_artifact
+from bench.artifacts import Artifact, Item, artifact_path, read_artifact
 from bench.record import COLUMNS, SCHEMA_VERSION, to_frame
 from bench.tables import Features
 from bench.work import Result
@@ -20,7 +24,9 @@ from data_prep.failures import BadInput
 from data_prep.whole_files import whole_file
 
 RECORDS = "records.parquet"
+JOBS = "jobs.parquet"
 FEATURES = "features"
+_ITEM = ("method", "condition", "class", "object")
 _SCHEMA_KEY = b"pc2pix_bench_schema"
 
 
@@ -36,9 +42,12 @@ def write_records(directory: Path, results: Sequence[Result]) -> pd.DataFrame:
 
 def read_records(directory: Path) -> pd.DataFrame:
     """The records of a run. Raises BadInput: none there, unreadable, or of another version."""
-    path = directory / RECORDS
+    return _read_table(directory / RECORDS, COLUMNS).to_pandas()
+
+
+def _read_table(path: Path, columns: Sequence[str]) -> pa.Table:
     if not path.is_file():
-        raise BadInput(f"{directory}: no {RECORDS}; the run is not finished, start it again")
+        raise BadInput(f"{path.parent}: no {path.name}; the run is not finished, start it again")
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
@@ -56,10 +65,56 @@ def read_records(directory: Path) -> pd.DataFrame:
             f"{path}: schema {schema} is older than {SCHEMA_VERSION}; start the run again with its "
             "command, to measure what is new"
         )
-    lacking = [name for name in COLUMNS if name not in table.column_names]
+    lacking = [name for name in columns if name not in table.column_names]
     if lacking:
         raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
-    return table.to_pandas()
+    return table
+
+
+def write_jobs(directory: Path, done: Sequence[tuple[Item, Result]]) -> None:
+    """Write `jobs.parquet`, whole or not at all: a row for each job, ground truths too, in the
+    order of `done`; the checksum of its artifact is null where it has none."""
+    items, results = [item for item, _ in done], [result for _, result in done]
+    table = pa.table(
+        {
+            "key": [result.key for result in results],
+            "method": [item.method for item in items],
+            "condition": [item.condition for item in items],
+            "class": [item.class_name for item in items],
+            "object": [item.object_id for item in items],
+            "artifact_sha256": pa.array([r.artifact_sha256 for r in results], pa.string()),
+        }
+    )
+    table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
+    with whole_file(directory / JOBS) as new:
+        pq.write_table(table, new)
+
+
+@dataclass(frozen=True)
+class JobRow:
+    """A finished job: `key` is its name in the journal; without an artifact, it failed."""
+
+    key: str
+    item: Item
+    artifact_sha256: str | None
+
+
+def read_jobs(directory: Path) -> list[JobRow]:
+    """The jobs of a finished run, in the order of its plan.
+
+    Raises BadInput: none there, unreadable, or of another version.
+    """
+    columns = ("key", *_ITEM, "artifact_sha256")
+    table = _read_table(directory / JOBS, columns)
+    rows = zip(*(table.column(name).to_pylist() for name in columns), strict=True)
+    return [JobRow(key, Item(*item), sha) for key, *item, sha in rows]
+
+
+def artifacts_of(directory: Path, jobs: Iterable[JobRow]) -> list[Artifact]:
+    """Where the pictures are of those jobs that have any."""
+    return [
+        Artifact(job.item, artifact_path(directory, job.key)) for job in jobs if job.artifact_sha256
+    ]
 
 
 def write_features(directory: Path, metric: str, artifacts: Sequence[Artifact]) -> None:
@@ -101,10 +156,10 @@ def _feature_table(artifact: Artifact, metric: str) -> pa.Table:
     count, width = values.shape
     return pa.table(
         {
-            "method": [artifact.method] * count,
-            "condition": [artifact.condition] * count,
-            "class": [artifact.class_name] * count,
-            "object": [artifact.object_id] * count,
+            "method": [artifact.item.method] * count,
+            "condition": [artifact.item.condition] * count,
+            "class": [artifact.item.class_name] * count,
+            "object": [artifact.item.object_id] * count,
             "view": pa.array(range(count), pa.int32()),
             "features": pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), width),
         }

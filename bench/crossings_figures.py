@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.artifacts import Artifact
+from bench.artifacts import Artifact, Item
 from bench.comparison import candidates
 from bench.crossings import Course, place_of
 from bench.families import Family
@@ -164,12 +164,10 @@ def _pictures(path: Path, courses: Sequence[Course], artifacts: Sequence[Artifac
     each condition, family after family. No picture of ceiling and floors."""
     from matplotlib import pyplot as plt
 
+    by_item = {artifact.item: artifact for artifact in artifacts}
     objects = ordered_objects(artifacts)[:OBJECTS_SHOWN]
-    methods = candidates(ordered(artifact.method for artifact in artifacts if artifact.condition))
+    methods = candidates(ordered(item.method for item in by_item if item.condition))
     columns = ordered(c for course in courses for c in course.family.conditions)
-    at = {
-        (artifact.object, artifact.method, artifact.condition): artifact for artifact in artifacts
-    }
     rows = [(obj, method) for obj in objects for method in methods]
     if not rows:
         return
@@ -180,9 +178,9 @@ def _pictures(path: Path, courses: Sequence[Course], artifacts: Sequence[Artifac
         squeeze=False,
     )
     for axis_row, (obj, method) in zip(axes, rows, strict=True):
-        cells = [(obj, GROUND_TRUTH, ""), *((obj, method, condition) for condition in columns)]
+        cells = [(GROUND_TRUTH, ""), *((method, condition) for condition in columns)]
         for axis, cell in zip(axis_row, cells, strict=True):
-            artifact = at.get(cell)
+            artifact = by_item.get(Item(*cell, *obj))
             show(axis, None if artifact is None else artifact.pictures()[0])
         axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
     for axis, title in zip(axes[0], [GROUND_TRUTH, *columns], strict=True):
@@ -194,4 +192,4 @@ def _pictures(path: Path, courses: Sequence[Course], artifacts: Sequence[Artifac
 
 def ordered_objects(artifacts: Sequence[Artifact]) -> list[tuple[str, str]]:
     """The objects of artifacts by class and name, in the order of the artifacts."""
-    return list(dict.fromkeys(a.object for a in artifacts))
+    return list(dict.fromkeys(a.item.object for a in artifacts))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.artifacts import Artifact
+from bench.artifacts import Artifact, Item
 from bench.foreground import object_boxes
 from bench.methods import FLOORS, find_method
 from bench.metric_table import IMAGE_METRICS
@@ -33,7 +33,7 @@ def write_figures(directory: Path, tables: Sequence[Table], artifacts: Sequence[
     `artifacts` are all that there are, ground truths included. Where all methods have failed, there
     is nothing to draw.
     """
-    if all(artifact.method == GROUND_TRUTH for artifact in artifacts):
+    if all(artifact.item.method == GROUND_TRUTH for artifact in artifacts):
         return
     import matplotlib as mpl
 
@@ -88,14 +88,10 @@ def _grid(path: Path, artifacts: Sequence[Artifact]) -> None:
     """
     from matplotlib import pyplot as plt
 
-    objects = list(dict.fromkeys(artifact.object for artifact in artifacts))[:OBJECTS_SHOWN]
-    conditions = list(
-        dict.fromkeys(artifact.condition for artifact in artifacts if artifact.condition)
-    )
-    methods = _rivals(artifacts)
-    by_cell = {
-        (artifact.object, artifact.method, artifact.condition): artifact for artifact in artifacts
-    }
+    by_item = {artifact.item: artifact for artifact in artifacts}
+    objects = list(dict.fromkeys(item.object for item in by_item))[:OBJECTS_SHOWN]
+    conditions = list(dict.fromkeys(item.condition for item in by_item if item.condition))
+    methods = _rivals(by_item)
     rows = [(obj, method) for obj in objects for method in methods]
     columns = [GROUND_TRUTH, *conditions]
     if not rows:
@@ -106,7 +102,7 @@ def _grid(path: Path, artifacts: Sequence[Artifact]) -> None:
     for axis_row, (obj, method) in zip(axes, rows, strict=True):
         for axis, column in zip(axis_row, columns, strict=True):
             of_method = (method, column) if column != GROUND_TRUTH else (GROUND_TRUTH, "")
-            artifact = by_cell.get((obj, of_method[0], of_method[1]))
+            artifact = by_item.get(Item(*of_method, *obj))
             show(axis, None if artifact is None else artifact.pictures()[0])
         axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
     for axis, column in zip(axes[0], columns, strict=True):
@@ -124,23 +120,21 @@ def _thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
     """
     from matplotlib import pyplot as plt
 
-    truths = [artifact for artifact in artifacts if artifact.method == GROUND_TRUTH][:THIN_OF]
-    parts = {artifact.object: evaluated(artifact.pictures()) for artifact in truths}
+    by_item = {artifact.item: artifact for artifact in artifacts}
+    truths = [artifact for artifact in artifacts if artifact.item.method == GROUND_TRUTH][:THIN_OF]
+    parts = {truth.item.object: evaluated(truth.pictures()) for truth in truths}
     counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
-    by_count = sorted(truths, key=lambda artifact: -int(counts[artifact.object].sum()))
-    chosen = [artifact for artifact in by_count if counts[artifact.object].any()][:OBJECTS_SHOWN]
-    there = {artifact.condition for artifact in artifacts}
+    by_count = sorted(truths, key=lambda truth: -int(counts[truth.item.object].sum()))
+    chosen = [truth for truth in by_count if counts[truth.item.object].any()][:OBJECTS_SHOWN]
+    there = {item.condition for item in by_item}
     columns = [
         (method, condition)
-        for method in _rivals(artifacts)
+        for method in _rivals(by_item)
         for condition in THIN_CONDITIONS
         if condition in there
     ]
     if not chosen or not columns:
         return
-    by_cell = {
-        (artifact.object, artifact.method, artifact.condition): artifact for artifact in artifacts
-    }
     figure, axes = plt.subplots(
         len(chosen),
         2 + len(columns),
@@ -148,7 +142,7 @@ def _thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
         squeeze=False,
     )
     for axis_row, truth in zip(axes, chosen, strict=True):
-        obj = truth.object
+        obj = truth.item.object
         view = int(counts[obj].argmax())
         true = truth.pictures()[view]
         top, bottom, left, right = object_boxes(true[None])[0].tolist()
@@ -157,7 +151,7 @@ def _thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
         show(axis_row[0], true[cut], "nearest")
         show(axis_row[1], tinted[cut], "nearest")
         for axis, cell in zip(axis_row[2:], columns, strict=True):
-            artifact = by_cell.get((obj, *cell))
+            artifact = by_item.get(Item(*cell, *obj))
             show(axis, None if artifact is None else artifact.pictures()[view][cut], "nearest")
         axis_row[0].set_ylabel(f"{obj[1][:18]}\nview {view}", fontsize=7)
     titles = [GROUND_TRUTH, "its thin parts", *(f"{m}\n{c}" for m, c in columns)]
@@ -179,7 +173,7 @@ def show(axis: Any, picture: NDArray[np.uint8] | None, interpolation: str | None
         axis.imshow(picture, interpolation=interpolation)
 
 
-def _rivals(artifacts: Sequence[Artifact]) -> list[str]:
+def _rivals(items: Iterable[Item]) -> list[str]:
     """The methods that are compared, in order: without ceiling and floors."""
-    methods = dict.fromkeys(artifact.method for artifact in artifacts if artifact.condition)
+    methods = dict.fromkeys(item.method for item in items if item.condition)
     return [m for m in methods if m not in FLOORS and not find_method(m).sees_mesh]

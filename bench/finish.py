@@ -8,15 +8,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.artifacts import Artifact
+from bench.artifacts import Artifact, Item, artifact_path
 from bench.class_figures import write_class_figures
 from bench.class_orderings import OrderingsTable
 from bench.class_tables import ClassTable
-from bench.columns import write_features, write_records
+from bench.columns import write_features, write_jobs, write_records
 from bench.crossings_figures import write_beyond_figures
 from bench.figures import FIGURES, write_figures
 from bench.frontier_figures import write_frontier
 from bench.published import published
+from bench.record import GROUND_TRUTH
 from bench.results import (
     Beyond,
     Trade,
@@ -49,20 +50,24 @@ class Outputs:
 def write_outputs(
     directory: Path,
     suite: str,
-    results: Sequence[Result],
-    artifacts: Sequence[Artifact],
+    done: Sequence[tuple[Item, Result]],
     features: Iterable[str],
     seconds: dict[str, float],
 ) -> Outputs:
     """Write all that is made from results into a directory with a manifest.
 
-    results    of the items, failed ones included
-    artifacts  all that there are, ground truths included
-    features   extractors whose features are in the artifacts
-    seconds    gets what each stage took
+    done      what became of all jobs in the order of the plan: ground truths, then items
+    features  extractors whose features are in the artifacts
+    seconds   gets what each stage took
     """
+    artifacts = [
+        Artifact(item, artifact_path(directory, result.key))
+        for item, result in done
+        if result.artifact_sha256
+    ]
     with timed("tables", seconds):
-        write_records(directory, results)
+        write_records(directory, [result for item, result in done if item.method != GROUND_TRUTH])
+        write_jobs(directory, done)
         for metric in features:
             write_features(directory, metric, artifacts)
         outputs = Outputs(

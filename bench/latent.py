@@ -83,6 +83,7 @@ def _check(options: Options) -> Split:
             ("conditions", options.conditions, "clouds have all their 2048 points"),
             ("views", options.views, "everything is seen from one fixed view"),
             ("workers", options.workers, "it works in one process"),
+            ("shard", options.shard, "it works in one process"),
             ("inception-weights", options.inception_weights, "no fid is taken"),
         ),
     )

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.methods import objectives
-from bench.plan import Protocol
+from bench.plan import Protocol, method_identity
 from bench.record import SCHEMA_VERSION
+from bench.shards import WHOLE
 
 PACKAGES = (
     "pc2pix-bench",
@@ -41,7 +42,9 @@ def describe(
         "views": protocol.views,
         "seed": protocol.seed,
         "device": protocol.device,
+        "shard": str(protocol.shard) if protocol.shard else WHOLE,
         "methods": list(protocol.methods),
+        "identities": {m: method_identity(m, protocol.device) for m in protocol.methods},
         "objectives": objectives(protocol.methods),
         "conditions": list(protocol.conditions),
         "objects": [f"{o.class_name}/{o.object_id}" for o in protocol.objects],

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.artifacts import artifact_path
 from bench.lookup import find
 from bench.methods import FLOOR, find_method
 from bench.record import GROUND_TRUTH, SCHEMA_VERSION
+from bench.shards import Shard
 from bench.suites import Suite
 from bench.work import Job
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
@@ -29,7 +31,7 @@ class Protocol:
 
     `environment` names what pictures depend on beside our own code (GL driver, library versions);
     `features` are the (id, weights file) of the set metrics that can be taken, `feature_identity`
-    the checksum or version behind each.
+    the checksum or version behind each; `shard` is the part of a run that `objects` are.
     """
 
     suite: Suite
@@ -43,6 +45,7 @@ class Protocol:
     features: tuple[tuple[str, str], ...]
     feature_identity: Mapping[str, str]
     environment: Mapping[str, str]
+    shard: Shard | None = None
 
 
 @dataclass(frozen=True)
@@ -129,11 +132,6 @@ def _job(
         artifact=artifact_path(directory, key),
         reference=reference,
     )
-
-
-def artifact_path(directory: Path, key: str) -> Path:
-    """Where the artifact of a job has its place."""
-    return directory / "artifacts" / key[:2] / f"{key}.npz"
 
 
 def _common_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]) -> list[Any]:

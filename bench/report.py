@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bench.artifacts import Item
 from bench.class_orderings import OrderingsTable
 from bench.columns import read_features, read_records
 from bench.comparison import compare
@@ -31,7 +32,7 @@ from bench.report_methods import role, styles
 from bench.report_orderings import orderings_group
 from bench.report_page import Choice, Page, html
 from bench.report_pictures import cases, extremes, grids, shown_objects
-from bench.report_sources import Item, Sources, open_sources
+from bench.report_sources import Sources, open_sources
 from bench.report_tables import failure_groups, table_groups
 from bench.results import Beyond, beyond, class_orderings, how_timed, tables
 from bench.store import read_finished
@@ -82,7 +83,7 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
     records = _in_order(read_records(directory), manifest)
     views = int(manifest["views"])
     chosen = extremes(records)
-    sources = open_sources(directory, manifest, records, _shown(records, chosen))
+    sources = open_sources(directory, manifest, _shown(records, chosen))
     look = styles(manifest["methods"])
     metrics = list(suite.frontier or (QUALITY,))
     features: dict[str, Features] = {}

@@ -12,11 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.artifacts import Item
 from bench.cloud_dots import draw_dots
 from bench.record import GROUND_TRUTH
 from bench.report_methods import rivals
 from bench.report_page import Case, CaseGroup, Grid, GridCell, Picture, Tags
-from bench.report_sources import Item, Sources
+from bench.report_sources import Sources
 from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each
@@ -111,7 +112,7 @@ def _turned(grid: Grid) -> Grid:
 
 
 def _grid_cell(sources: Sources, item: Item, record: Mapping[str, Any] | None) -> GridCell:
-    what = f"{item.method} at {item.condition}, {item.class_name} {item.object}"
+    what = f"{item.method} at {item.condition}, {item.class_name} {item.object_id}"
     if record is None:
         return GridCell(Picture("", f"{what}: not measured"), "not measured")
     if record["outcome"] != "ok":

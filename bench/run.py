@@ -12,7 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from bench import manifest as manifests
-from bench.artifacts import Artifact
+from bench.artifacts import Item
 from bench.finish import Outputs, timed, write_outputs
 from bench.isolation import Limits
 from bench.lookup import find
@@ -23,6 +23,7 @@ from bench.pool import run_jobs
 from bench.probe import environment
 from bench.progress import progress
 from bench.report import Made, write_report
+from bench.shards import Shard
 from bench.spent import shares
 from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
 from bench.suites import SUITES, Suite
@@ -30,6 +31,7 @@ from bench.work import Job, Result, failed
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import Dataset, open_dataset
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.scene_objects import SceneObject
 
 RUNS = Path("results/runs")
 
@@ -49,6 +51,7 @@ class Options:
     seed: int = 0
     out: Path | None = None
     fresh: bool = False
+    shard: Shard | None = None
     inception_weights: str | None = None
 
 
@@ -75,7 +78,7 @@ def run(options: Options) -> Finished:
     """
     start = time.perf_counter()
     suite = find(options.suite, SUITES, "suite")
-    directory = options.out or RUNS / default_name(suite.id, options.dataset)
+    directory = options.out or RUNS / default_name(suite.id, options.dataset, options.shard)
     protocol, skipped = _protocol(suite, options)
     workers = _workers(suite, options)
     todo = plan(protocol, directory)  # refuses weights that cannot be used
@@ -95,8 +98,7 @@ def run(options: Options) -> Finished:
         outputs = write_outputs(
             directory,
             suite.id,
-            [results[job.key] for job in todo.items],
-            _with_pictures(todo, truths | results),
+            _in_order(todo, truths | results),
             [metric for metric, _ in protocol.features],
             seconds,
         )
@@ -145,10 +147,12 @@ def _workers(suite: Suite, options: Options) -> int:
     return options.workers or manifests.cores()
 
 
-def default_name(suite: str, dataset: str) -> str:
-    """The folder of a run: suite and dataset, as one file name."""
+def default_name(suite: str, dataset: str, shard: Shard | None = None) -> str:
+    """The folder of a run: suite, dataset and shard, as one file name."""
     kind, _, location = dataset.partition(":")
     parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
+    if shard is not None:
+        parts.append(f"shard-{shard.number}-of-{shard.count}")
     return re.sub(r"[^A-Za-z0-9._-]+", "-", "-".join(parts))
 
 
@@ -169,6 +173,8 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
         for class_name in _classes(suite, dataset)
         for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
     )
+    if options.shard is not None:
+        objects = _dealt(options.shard, objects)
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
     skipped: dict[str, str] = {}
@@ -187,6 +193,7 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
         methods=methods,
         conditions=conditions,
         objects=objects,
+        shard=options.shard,
         views=options.views or suite.views,
         seed=options.seed,
         device=options.device,
@@ -195,6 +202,12 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
         environment=environment(),
     )
     return protocol, skipped
+
+
+def _dealt(shard: Shard, objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
+    if not (dealt := shard.of(objects)):
+        raise BadInput(f"--shard {shard}: there are only {len(objects)} objects; make fewer shards")
+    return dealt
 
 
 def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
@@ -276,8 +289,8 @@ def _count_new(todo: Plan, hopeless: Mapping[str, Result], journal: Journal) -> 
     return sum(key in journal.added for key in settled_by)
 
 
-def _with_pictures(todo: Plan, results: Mapping[str, Result]) -> list[Artifact]:
-    return [j.made for j in (*todo.references, *todo.items) if results[j.key].artifact_sha256]
+def _in_order(todo: Plan, results: Mapping[str, Result]) -> list[tuple[Item, Result]]:
+    return [(job.item, results[job.key]) for job in (*todo.references, *todo.items)]
 
 
 def _say(line: str) -> None:

@@ -13,9 +13,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.artifacts import Item
 from bench.image_metric import ImageMetric, find_metric
 from bench.metric_table import column
-from bench.report_sources import Item, Sources, open_sources
+from bench.report_sources import Sources, open_sources
 from bench.results import TABLES, read_scored, table_files
 from bench.tables import Table, image_rows
 from bench.work import Pictures, reason_of
@@ -36,7 +37,7 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table]:
             raise BadInput(
                 f"metric '{metric.id}': the records have a column of that name; rename it"
             )
-    sources = open_sources(directory, run.manifest, run.records, ())
+    sources = open_sources(directory, run.manifest, ())
     made = []
     for metric in metrics:
         records = scored(run.records, sources, metric)

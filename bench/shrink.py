@@ -25,6 +25,7 @@ from bench.lookup import find
 from bench.plan import Protocol, plan
 from bench.progress import PLAIN_EVERY_S
 from bench.render_cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file, find_drawer
+from bench.shards import objects_to_search
 from bench.stability_plan import stability_jobs
 from bench.store import MANIFEST, read_finished
 from bench.suites import STABILITY, SUITES
@@ -223,7 +224,7 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> Item:
             raise BadInput(f"{name}: there is no such case any more; run the suite again")
         return Item(directory, name, record["reason"], found[0], STABILITY.limits)
     suite = find(manifest["suite"], SUITES, "suite")
-    dataset, count = open_dataset(manifest["dataset"]), len(manifest["objects"])
+    dataset, count = open_dataset(manifest["dataset"]), objects_to_search(manifest)
     wanted = record["class"], record["object"]
     candidates = (o for c in suite.classes for o in dataset.objects(c, count, count))
     objects = tuple(o for o in candidates if (o.class_name, o.object_id) == wanted)[:1]

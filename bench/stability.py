@@ -91,6 +91,7 @@ def _check(options: Options, suite: StabilitySuite) -> None:
             ("conditions", options.conditions, "its cases take their place"),
             ("views", options.views, "each case has its own"),
             ("limit", options.limit, "all cases are taken of one object"),
+            ("shard", options.shard, "all cases are taken of one object"),
             ("inception-weights", options.inception_weights, "no fid is taken"),
         ),
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bench.plan import artifact_path, digest, method_identity
+from bench.artifacts import artifact_path
+from bench.plan import digest, method_identity
 from bench.record import SCHEMA_VERSION
 from bench.stability_cases import CASES
 from bench.suites import StabilitySuite

@@ -5,6 +5,7 @@
     artifacts/           pictures and features of each job, named by the job's key
     records.parquet      the records of the last complete run, made from the journal
     features/*.parquet   the features behind the Fréchet distances, made from the artifacts
+    jobs.parquet         what each artifact is of: all jobs of that run, in the order of its plan
     tables/              made from records and features
 
 A line counts if its checksum fits and its artifact is there with the right bytes; a job whose line
@@ -37,6 +38,7 @@ SET_ASIDE = "set-aside"
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 _FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
+SHARD = "shard"  # likewise; manifests from before there were any have none
 
 
 @dataclass
@@ -130,10 +132,11 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
     if not _holds_run(directory):
         return
     found = read_manifest(directory)
-    for name in FIXED:
-        if found.get(name) != manifest[name]:
+    for name in (*FIXED, SHARD):
+        there, wished = found.get(name), manifest.get(name)
+        if there != wished:
             raise BadInput(
-                f"{directory}: holds a run of {name} {found.get(name)!r}, not {manifest[name]!r}; "
+                f"{directory}: holds a run of {name} {there!r}, not {wished!r}; "
                 "give another --out, or --fresh to start over"
             )
 
@@ -233,7 +236,25 @@ def _next_shard(directory: Path) -> Path:
     return folder / f"{1 + max(taken, default=0):04d}.jsonl"
 
 
+def read_results(directory: Path) -> dict[str, Result]:
+    """The results in a directory's journal, by key; lines that do not count are left alone."""
+    found: dict[str, Result] = {}
+    for shard in _shards(directory / JOURNAL):
+        good, _ = _read_lines(shard)
+        found |= _to_results(good)
+    return found
+
+
 def _read_shard(shard: Path, journal: Journal) -> None:
+    good, damage = _read_lines(shard)
+    journal.finished |= _to_results(good)
+    if damage:
+        kept = _replace_shard(shard, good, journal.directory)
+        journal.damage += [*damage, f"{shard}: kept for you to look at as {kept}"]
+
+
+def _read_lines(shard: Path) -> tuple[list[bytes], list[str]]:
+    """The lines that count, and what is wrong with the others."""
     lines: Sequence[bytes] = shard.read_bytes().split(b"\n")
     good: list[bytes] = []
     damage: list[str] = []
@@ -247,14 +268,18 @@ def _read_shard(shard: Path, journal: Journal) -> None:
             damage.append(f"{shard}: line {number} {what}; its job is done again")
             continue
         good.append(line)
-        values = json.loads(body)
+    return good, damage
+
+
+def _to_results(lines: Sequence[bytes]) -> dict[str, Result]:
+    found: dict[str, Result] = {}
+    for line in lines:
+        values = json.loads(line.partition(b" ")[2])
         if any(record.keys() != _FIELDS for record in values["records"]):
             continue  # of another schema: its key, which names the schema, is no job's any more
         records = tuple(Record(**record) for record in values["records"])
-        journal.finished[values["key"]] = Result(values["key"], records, values["artifact_sha256"])
-    if damage:
-        kept = _replace_shard(shard, good, journal.directory)
-        journal.damage += [*damage, f"{shard}: kept for you to look at as {kept}"]
+        found[values["key"]] = Result(values["key"], records, values["artifact_sha256"])
+    return found
 
 
 def _replace_shard(shard: Path, good: Sequence[bytes], directory: Path) -> Path:

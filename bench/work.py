@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.artifacts import Artifact, read_artifact
+from bench.artifacts import Artifact, Item, read_artifact
 from bench.methods import FLOORS, Method, find_method
 from bench.metric_table import Extractor, find_extractor
 from bench.record import GROUND_TRUTH, Record
@@ -63,10 +63,14 @@ class Job:
     batch: int | None = None
 
     @property
+    def item(self) -> Item:
+        """What it draws."""
+        return Item(self.method, self.condition, self.object.class_name, self.object.object_id)
+
+    @property
     def made(self) -> Artifact:
-        """What the job leaves behind where it ends well."""
-        obj = self.object
-        return Artifact(self.method, self.condition, obj.class_name, obj.object_id, self.artifact)
+        """What it leaves behind where it ends well."""
+        return Artifact(self.item, self.artifact)
 
 
 @dataclass(frozen=True)

@@ -324,17 +324,6 @@ def test_a_run_that_was_stopped_and_changed_shows_what_its_records_measured(copi
     np.testing.assert_array_equal(_grid_pictures(copied)["2048"]["splat"], kept[0])
 
 
-def test_damaged_lines_of_the_journal_are_left_alone(copied):
-    shard = copied / "journal" / "0001.jsonl"
-    lines = shard.read_bytes().splitlines(keepends=True)
-    shard.write_bytes(
-        lines[0].replace(b"records", b"rekords") + b"".join(lines[1:-1]) + lines[-1][:90]
-    )
-    before = shard.read_bytes()
-    write_report(copied)
-    assert shard.read_bytes() == before
-
-
 def test_missing_pictures_are_named_and_the_rest_is_there(copied):
     shutil.rmtree(copied / "artifacts")
     document = page_of(copied)

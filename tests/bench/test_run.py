@@ -76,6 +76,7 @@ def test_files_of_a_run(finished):
     assert {name for name in names if not name.startswith("artifacts/")} == {
         "manifest.json",
         "records.parquet",
+        "jobs.parquet",
         "cost.md",
         "report.html",
         "lock",
@@ -90,7 +91,7 @@ def test_files_of_a_run(finished):
         *(("features/judge.parquet",) if JUDGE_WEIGHTS.is_file() else ()),
     }
     assert (
-        len(names) == 19 + JUDGE_WEIGHTS.is_file() + 3 + 24
+        len(names) == 20 + JUDGE_WEIGHTS.is_file() + 3 + 24
     )  # and an artifact for each ground truth and item
     for name in ("robustness", "pictures", "thin-parts"):
         with Image.open(directory / "figures" / f"{name}.png") as image:

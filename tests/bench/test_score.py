@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import bench.artifacts
 import bench.score
 from bench.image_metric import ImageMetric, find_metric, metric_ids
 from bench.score import checked_scores, score
@@ -135,12 +136,12 @@ def test_every_picture_counts_where_it_belongs(copied, metrics):
 
 def test_scores_stand_with_their_own_views(copied):
     run = bench.score.read_scored(copied)
-    sources = bench.score.open_sources(copied, run.manifest, run.records, ())
+    sources = bench.score.open_sources(copied, run.manifest, ())
     light = made(lambda truth, drawn: drawn.mean(axis=(1, 2, 3)), "light")
     values = bench.score.scored(run.records, sources, light)
     names = ["method", "condition", "class", "object"]
     for record in values[values["method"] == "splat"].to_dict("records"):
-        pictures = sources.pictures(bench.score.Item(*(record[name] for name in names)))
+        pictures = sources.pictures(bench.artifacts.Item(*(record[name] for name in names)))
         assert pictures[0].mean() != pictures[1].mean()
         assert record["light"] == pictures[record["view"]].mean()
 
@@ -155,7 +156,7 @@ def test_failed_pictures_are_scored_as_blank_ones(copied, metrics):
         failed.map({True: "x: y", False: ""}),
     )
     broken = records.assign(outcome=outcome, reason=reason)
-    sources = bench.score.open_sources(copied, run.manifest, records, ())
+    sources = bench.score.open_sources(copied, run.manifest, ())
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
     values = bench.score.scored(broken, sources, blank)
     assert values.loc[failed, "is_blank"].isna().all()

@@ -1,0 +1,246 @@
+"""Merging. The shards take over what the whole run has drawn, for their keys are the same."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+import bench.run
+from bench.columns import read_jobs, write_jobs
+from bench.merge import merge
+from bench.results import tables
+from bench.run import Options, run
+from bench.shards import Shard
+from bench.store import open_journal, read_manifest, read_results, write_manifest
+from data_prep.failures import BadInput
+
+COUNT = 2
+
+
+def as_shard(finished, tiny_weights, out, number, count=COUNT):
+    """A shard of the finished run, by `run`: nothing is left to draw."""
+    for name in ("journal", "artifacts"):
+        shutil.copytree(finished[0] / name, out / name)
+    write_manifest(out, read_manifest(finished[0]) | {"shard": f"{number}/{count}"})
+    done = run(
+        Options(
+            suite="chair-robustness",
+            methods=("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
+            conditions=("2048", "noise-0.10"),
+            limit=3,
+            views=2,
+            workers=1,
+            shard=Shard(number, count),
+            out=out,
+        )
+    )
+    assert done.done == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def made(finished, tiny_weights, tmp_path_factory):
+    """Both shards of the finished run."""
+    environment = read_manifest(finished[0])["environment"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.run, "environment", lambda: environment)
+        patch.setenv("XDG_CACHE_HOME", str(finished[0].parent))  # no weights for fid
+        folder = tmp_path_factory.mktemp("shards")
+        return [as_shard(finished, tiny_weights, folder / str(k), k) for k in (1, 2)]
+
+
+@pytest.fixture
+def shards(made, tmp_path):
+    """Copies, to be altered."""
+    return [shutil.copytree(d, tmp_path / f"shard-{k}") for k, d in enumerate(made, 1)]
+
+
+def values(directory):
+    frame = pd.read_parquet(directory / "records.parquet")
+    return frame.drop(columns=["prepare_s", "draw_s"])
+
+
+def texts(directory):
+    return {path.name: path.read_bytes() for path in (directory / "tables").iterdir()}
+
+
+def test_a_shard_has_its_objects_and_tables_of_them(made):
+    first, second = (read_manifest(directory)["objects"] for directory in made)
+    assert first == ["chair/test-0000", "chair/test-0002"]
+    assert second == ["chair/test-0001"]
+    assert set(values(made[1])["object"]) == {"test-0001"}
+    assert all(row.n == 4 for row in tables(made[0])[0].rows)
+    assert (made[1] / "report.html").is_file()
+
+
+def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
+    merged = merge(made[::-1], tmp_path / "whole")
+    whole = tmp_path / "whole"
+    assert (merged.jobs, merged.copied) == (27, 27)
+    assert texts(whole) == texts(finished[0])
+    pd.testing.assert_frame_equal(values(whole), values(finished[0]))
+    assert read_jobs(whole) == read_jobs(finished[0])
+    assert read_results(whole) == read_results(finished[0])
+    for job in read_jobs(whole):
+        path = f"artifacts/{job.key[:2]}/{job.key}.npz"
+        assert (whole / path).read_bytes() == (finished[0] / path).read_bytes()
+    for metric in ("fd-views", "judge"):
+        file = f"features/{metric}.parquet"
+        pd.testing.assert_frame_equal(
+            pd.read_parquet(whole / file), pd.read_parquet(finished[0] / file)
+        )
+    manifest, one_piece = read_manifest(whole), read_manifest(finished[0])
+    for name in ("objects", "methods", "conditions", "suite", "identities", "shard"):
+        assert manifest[name] == one_piece[name]
+    assert [part["shard"] for part in manifest["merged"]] == ["1/2", "2/2"]
+    assert (whole / "report.html").is_file()
+
+
+def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weights, monkeypatch):
+    environment = read_manifest(finished[0])["environment"]
+    monkeypatch.setattr(bench.run, "environment", lambda: environment)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
+    merge(made, tmp_path / "whole")
+    again = run(
+        Options(
+            suite="chair-robustness",
+            methods=("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
+            conditions=("2048", "noise-0.10"),
+            limit=3,
+            views=2,
+            workers=1,
+            out=tmp_path / "whole",
+        )
+    )
+    assert (again.done, again.reused, again.failed) == (0, 24, 0)
+
+
+def test_a_merge_that_was_stopped_goes_on(made, tmp_path):
+    whole = tmp_path / "whole"
+    merge(made, whole)
+    expected = texts(whole)
+    jobs = read_jobs(whole)
+    gone = whole / "artifacts" / jobs[0].key[:2] / f"{jobs[0].key}.npz"
+    gone.unlink()
+    (journal,) = (whole / "journal").glob("*.jsonl")
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[:-2]) + lines[-2][:50])
+    write_manifest(whole, read_manifest(whole) | {"finished": None})
+    assert merge(made, whole).copied == 3  # that artifact, and the two lines
+    assert texts(whole) == expected
+    assert merge(made, whole).copied == 0
+
+
+def test_a_missing_shard_is_named(shards, tmp_path):
+    with pytest.raises(BadInput, match=r"missing: shard 1/2; make it with --shard"):
+        merge(shards[1:], tmp_path / "whole")
+    assert not (tmp_path / "whole").exists()
+
+
+def test_a_shard_that_is_there_twice_is_named(shards, tmp_path):
+    twice = shutil.copytree(shards[1], tmp_path / "again")
+    with pytest.raises(BadInput, match=r"shard 2/2: is there twice, in .*shard-2 and .*again"):
+        merge([*shards, twice], tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"shard": None}, "shard-2: is a whole run, no shard"),
+        ({"shard": "2/3"}, "shard-2: is shard 2/3, .*shard-1 1/2"),
+        ({"seed": 7}, "shard-2: not of one run with .*shard-1: its seed is 7, there 0"),
+        ({"conditions": ["2048"]}, "its conditions is "),
+        ({"finished": None}, "shard-2: the run is not finished"),
+        ({"objects": ["chair/test-0000"]}, "chair/test-0000: is in several shards"),
+        ({"objects": ["chair/a", "chair/b", "chair/c"]}, "objects: 1/2 has 2, 2/2 has 3"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, told):
+    write_manifest(shards[1], read_manifest(shards[1]) | changes)
+    with pytest.raises(BadInput, match=told):
+        merge(shards, tmp_path / "whole")
+    assert not (tmp_path / "whole").exists()
+
+
+def test_another_version_of_a_package_is_named_alone(shards, tmp_path):
+    manifest = read_manifest(shards[1])
+    write_manifest(shards[1], manifest | {"versions": manifest["versions"] | {"torch": "1.0"}})
+    with pytest.raises(BadInput, match=r"its versions is \{'torch': '1.0'\}, there \{'torch': '2"):
+        merge(shards, tmp_path / "whole")
+
+
+@pytest.mark.parametrize("harm", ["gone", "altered", "unlisted"])
+def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_path, harm):
+    job = read_jobs(shards[0])[4]
+    path = shards[0] / "artifacts" / job.key[:2] / f"{job.key}.npz"
+    told = f"{path}: missing or altered; run the shard again"
+    if harm == "gone":
+        path.unlink()
+    elif harm == "altered":
+        path.write_bytes(path.read_bytes()[:-1] + b"x")
+    else:
+        shutil.rmtree(shards[0] / "journal")
+        told = "is not in its journal any more"
+    with pytest.raises(BadInput, match=told):
+        merge(shards, tmp_path / "whole")
+    assert read_manifest(tmp_path / "whole")["finished"] is None
+
+
+def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
+    """A shard in which one job failed: without artifact, its records say why."""
+    results = read_results(shards[1])
+    jobs = read_jobs(shards[1])
+    chosen = jobs[3]
+    records = [
+        replace(r, outcome="failed", reason="apss: no faces", ssim=None)
+        for r in results[chosen.key].records
+    ]
+    failed = replace(results[chosen.key], records=tuple(records), artifact_sha256=None)
+    with open_journal(shards[1]) as journal:
+        journal.append(failed)
+    write_jobs(shards[1], [(j.item, failed if j == chosen else results[j.key]) for j in jobs])
+    merge(shards, tmp_path / "whole")
+    frame = pd.read_parquet(tmp_path / "whole" / "records.parquet")
+    reasons = frame[frame["outcome"] == "failed"]
+    assert set(reasons["reason"]) == {"apss: no faces"}
+    assert len(reasons) == 2
+    assert set(reasons["method"]) == {chosen.item.method}
+
+
+def test_a_folder_with_another_run_is_left_alone(copied, shards):
+    manifest = read_manifest(copied)
+    write_manifest(copied, manifest | {"seed": 5})
+    with pytest.raises(BadInput, match="holds a run of seed 5, not 0"):
+        merge(shards, copied)
+
+
+def test_more_shards_than_objects(finished, tiny_weights, tmp_path, monkeypatch):
+    environment = read_manifest(finished[0])["environment"]
+    monkeypatch.setattr(bench.run, "environment", lambda: environment)
+    with pytest.raises(BadInput, match=r"--shard 4/4: there are only 3 objects; make fewer shards"):
+        as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
+
+
+def test_by_the_command_line(made, tmp_path, command):
+    status, out, err = command("merge", *made, "--out", tmp_path / "whole")
+    assert status == 0
+    assert "Table 3: SSIM" in out
+    assert "27 jobs of 2 shards, 27 copied now" in err
+    status, _, err = command("merge", made[0], "--out", tmp_path / "half")
+    assert status == 2
+    assert err == "bench: missing: shard 2/2; make it with --shard, and give it too\n"
+
+
+@pytest.mark.parametrize("suite", ["latent", "stability", "speed"])
+def test_suites_without_shards_say_so(tmp_path, command, suite):
+    status, _, err = command("run", "--suite", suite, "--shard", "1/2", "--out", tmp_path / "r")
+    assert status == 2
+    assert f"--shard: has no meaning for the suite {suite}" in err
+
+
+def test_the_manifest_of_a_shard_names_it(made):
+    assert json.loads((made[0] / "manifest.json").read_text())["shard"] == "1/2"

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.shards import Shard, deal_back, objects_to_search, read_shard
+from data_prep.failures import BadInput
+
+
+def test_every_nth_from_the_kth():
+    assert Shard(1, 3).of("abcdefgh") == ("a", "d", "g")
+    assert Shard(2, 3).of("abcdefgh") == ("b", "e", "h")
+    assert Shard(3, 3).of("abcdefgh") == ("c", "f")
+    assert Shard(1, 1).of("ab") == ("a", "b")
+    assert Shard(3, 3).of("ab") == ()
+
+
+@given(st.lists(st.integers(), max_size=40), st.integers(1, 12))
+def test_what_was_dealt_comes_back_in_its_order(things, count):
+    assert deal_back([Shard(k, count).of(things) for k in range(1, count + 1)]) == things
+
+
+@pytest.mark.parametrize("dealt", [["ab", "cde"], ["abc", "d"], ["ab", "c", "de"], ["", "a"]])
+def test_what_cannot_have_been_dealt(dealt):
+    with pytest.raises(ValueError, match="not dealt in turns"):
+        deal_back(dealt)
+
+
+def test_names():
+    assert str(read_shard("2/16")) == "2/16"
+    assert read_shard("16/16") == Shard(16, 16)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1", "0/4", "5/4", "1/0", "-1/4", "1/4/4", "a/b", "1 /4", "१/४"]
+)
+def test_what_is_no_shard(text):
+    with pytest.raises(BadInput, match=r"--shard .*: give k/N, the kth of N parts"):
+        read_shard(text)
+
+
+def test_how_far_into_its_dataset_a_shard_reaches():
+    """Of 11 objects shard 3 of 4 has numbers 3, 7 and 11: the last is the eleventh."""
+    assert objects_to_search({"objects": ["c/a"] * 3, "shard": "3/4"}) == 12
+    assert objects_to_search({"objects": ["c/a"] * 3, "shard": None}) == 3
+    assert objects_to_search({"objects": ["c/a"] * 3}) == 3
