@@ -123,7 +123,7 @@ def _in_order(parts: Sequence[Part]) -> list[Part]:
     count = first.shard.count
     if missing := [f"{k}/{count}" for k in range(1, count + 1) if k not in found]:
         named = ", ".join(missing)
-        raise BadInput(f"missing: shard {named}; make it with --shard, and give it, too")
+        raise BadInput(f"missing: shard {named}; make it with --shard, and give it too")
     return [found[k] for k in range(1, count + 1)]
 
 

@@ -64,8 +64,8 @@ def values(directory):
     return frame.drop(columns=["prepare_s", "draw_s"])
 
 
-def texts(directory):
-    return {path.name: path.read_bytes() for path in (directory / "tables").iterdir()}
+def texts(directory, folder="tables"):
+    return {path.name: path.read_bytes() for path in (directory / folder).iterdir()}
 
 
 def test_a_shard_has_its_objects_and_tables_of_them(made):
@@ -82,6 +82,7 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
     whole = tmp_path / "whole"
     assert (merged.jobs, merged.copied) == (27, 27)
     assert texts(whole) == texts(finished[0])
+    assert texts(whole, "figures") == texts(finished[0], "figures")
     pd.testing.assert_frame_equal(values(whole), values(finished[0]))
     assert read_jobs(whole) == read_jobs(finished[0])
     assert read_results(whole) == read_results(finished[0])
