@@ -15,9 +15,11 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+
+from bench.executor import feed
 
 if TYPE_CHECKING:
     from pebble import ProcessPool
@@ -69,6 +71,67 @@ class Lost:
         return f"{self.kind}: {self.detail}"
 
 
+class TaskPool(Generic[Task, Result]):
+    """Worker processes that do `work(task)`, one task at a time each.
+
+    `work` and the tasks cross process boundaries: a function of a module, and plain values.
+    `environment` is put on top of this process's own. To be closed, whatever happens, before
+    another is made.
+    """
+
+    def __init__(
+        self,
+        work: Callable[[Task], Result],
+        workers: int,
+        limits: Limits,
+        environment: Mapping[str, str] = WORKER_ENVIRONMENT,
+    ) -> None:
+        from pebble import ProcessPool
+
+        self._work, self._limits = work, limits
+        # A short queue: what is scheduled has been pickled; there may be 10^5 tasks.
+        self.room = 2 * workers
+        self._waiting: dict[Future[Result], Task] = {}
+        self._around = ExitStack()
+        self._around.enter_context(_environment(environment))  # workers read it when they start
+        self._pool = ProcessPool(
+            max_workers=workers,
+            max_tasks=TASKS_PER_WORKER,
+            initializer=_die_with_parent,
+            context=multiprocessing.get_context("spawn"),
+        )
+        self._around.callback(_stop, self._pool)
+        self._over_limit = self._around.enter_context(_watch_memory(limits.memory_gib))
+
+    def submit(self, task: Task) -> None:
+        """Have a task done; at most `room` may be under way."""
+        future = self._pool.schedule(self._work, args=[task], timeout=self._limits.time_s)
+        self._waiting[future] = task  # type: ignore[index]
+
+    def collect(self) -> Iterator[tuple[Task, Result | Lost]]:
+        """Wait until tasks have ended; each with its result, or with what became of its worker.
+
+        What `work` raises is raised here.
+        """
+        from pebble import ProcessExpired
+
+        for future in wait(self._waiting, return_when=FIRST_COMPLETED).done:
+            task = self._waiting.pop(future)
+            try:
+                result: Result | Lost = future.result()
+            except TimeoutError:
+                result = Lost("timeout", f"no result within {self._limits.time_s:g} s")
+            except ProcessExpired as error:
+                result = _obituary(error, self._over_limit, self._limits)
+            yield task, result
+
+    def close(self) -> None:
+        """Stop all workers at once; idle ones are let go."""
+        if not self._waiting:
+            _let_go(self._pool)
+        self._around.close()
+
+
 def run_tasks(
     tasks: Iterable[Task],
     work: Callable[[Task], Result],
@@ -78,47 +141,12 @@ def run_tasks(
 ) -> Generator[tuple[Task, Result | Lost], None, None]:
     """Each task with `work(task)`, or with what became of its worker, as they come.
 
-    `work` and the tasks cross process boundaries: a function of a module, and plain values. What
-    `work` raises is raised here. Closing the iterator stops all workers at once. Tasks are taken
+    As `TaskPool`. Closing the iterator stops all workers at once. Tasks are taken
     from their iterable as workers get free; one that has ended is asked again after each result,
-    so that an iterable may wait for results before it goes on. `environment` is put on
-    top of this process's own.
+    so that an iterable may wait for results before it goes on.
     """
-    from pebble import ProcessExpired, ProcessPool
-
-    with _environment(environment):  # read by a spawned worker when it starts
-        pool = ProcessPool(
-            max_workers=workers,
-            max_tasks=TASKS_PER_WORKER,
-            initializer=_die_with_parent,
-            context=multiprocessing.get_context("spawn"),
-        )
-        try:
-            with _watch_memory(limits.memory_gib) as over_limit:
-                waiting: dict[Future[Result], Task] = {}
-                queue = iter(tasks)
-                while True:
-                    # A short queue: what is scheduled has been pickled; there may be 10^5 tasks.
-                    while len(waiting) < 2 * workers:
-                        try:
-                            task = next(queue)
-                        except StopIteration:
-                            break
-                        future = pool.schedule(work, args=[task], timeout=limits.time_s)
-                        waiting[future] = task  # type: ignore[index]
-                    if not waiting:
-                        _let_go(pool)
-                        return
-                    for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                        task = waiting.pop(future)
-                        try:
-                            yield task, future.result()
-                        except TimeoutError:
-                            yield task, Lost("timeout", f"no result within {limits.time_s:g} s")
-                        except ProcessExpired as error:
-                            yield task, _obituary(error, over_limit, limits)
-        finally:
-            _stop(pool)
+    with closing(TaskPool(work, workers, limits, environment)) as pool:
+        yield from feed(tasks, pool)
 
 
 def _stop(pool: ProcessPool) -> None:
