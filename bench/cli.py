@@ -705,7 +705,7 @@ def train_splat_net(
     objective: Annotated[str, typer.Option(help="l1 or l1-patch.")] = "l1",
     without: Annotated[
         str | None,
-        typer.Option(help="Inputs to leave out: normals,density,flattened,far,discs,code."),
+        typer.Option(help="Inputs to leave out: normals,density,flattened,far,discs."),
     ] = None,
     augment: Annotated[bool, typer.Option(help="Show noise and fewer points.")] = True,
     steps: StepsOption = 8000,

@@ -224,6 +224,12 @@ YARDSTICKS = (
         load=partial(loaders.widened, precision="bfloat16"),
         source="the same in bfloat16",
     ),
+    _splat_net(
+        "splat-net@no-normals",
+        "chair-no-normals",
+        source="splat-net without normals and flattened points: no neighbours are sought "
+        "(baselines/splat_net/weights/chair-no-normals.md)",
+    ),
 )
 # Of networks that take weights of your own: loader, identity, version, the command that trains.
 OWN_WEIGHTS: dict[str, tuple[Callable[..., Renderer], Callable[[str], str], int, str]] = {

@@ -276,8 +276,8 @@ def _splat_net() -> dict[str, Expectation]:
         **dict.fromkeys((*_SMALL, *_LARGE), Changes("plain", 1.0, _UNIT)),
         **dict.fromkeys(_SHIFTS, empty),
         **dict.fromkeys(("noise-5", "noise-10"), far),
-        # The points are seen as before; the code is of another pose, and says something else.
-        "turned": Agrees("plain", 0.1),
+        # The points are seen as before, but for rounding, of which bfloat16 shows the more.
+        "turned": Agrees("plain", 0.02),
     }
 
 

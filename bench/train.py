@@ -200,20 +200,18 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
 
 def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
     """The network without these parts. Raises BadInput for one that there is not."""
-    inputs, code = network.inputs, network.code
+    inputs = network.inputs
     for part in parts:
         if part == "discs":
             inputs = replace(inputs, windows=inputs.windows[:1])
-        elif part == "code":
-            code = 0
         elif part in ("normals", "density", "flattened", "far"):
             inputs = replace(inputs, **{part: False})
         else:
             raise BadInput(
-                f"--without {part}: there are normals, density, flattened, far, discs (all but the "
-                "narrowest) and code"
+                f"--without {part}: there are normals, density, flattened, far and discs (all but "
+                "the narrowest)"
             )
-    return replace(network, inputs=inputs, code=code)
+    return replace(network, inputs=inputs)
 
 
 def training_clouds(objects: tuple[SceneObject, ...]) -> NDArray[np.float32]:

@@ -1,8 +1,8 @@
 """What each input of splat-net pays, and what it costs.
 
 The same training without one input at a time: normals, density, the flattened points, the depth
-behind, the wide discs, the code of the whole cloud. All trainings are of the same length, by `l1`,
-shorter than that of the bundled weights: what is compared is differences.
+behind, the wide discs. All trainings are of the same length, by `l1`, shorter than that of the
+bundled weights: what is compared is differences.
 
 `python -m benchmarks.splat_net_ablation --out DIR [--without a,b] [--steps N] [--threads T]
 [--precision P]` trains what is not there yet, draws validation chairs (choices are made on these),
@@ -41,7 +41,7 @@ from data_prep.whole_files import write_whole
 from learning import training_loop
 
 WHOLE = "nothing"  # is left out
-PARTS = (WHOLE, "normals", "density", "code", "discs", "flattened", "far")
+PARTS = (WHOLE, "normals", "density", "discs", "flattened", "far")
 OBJECTS, VIEWS = 1500, 8
 STEPS = 1500
 TEST_CHAIRS, TEST_VIEWS = 40, 5

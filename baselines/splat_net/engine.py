@@ -11,7 +11,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from baselines.splat_net.network import SMALLEST, Block, SplatNet, composite
+from baselines.splat_net.network import Block, SplatNet, composite
 from learning.convolution import Convolution
 
 Precision = Literal["float32", "bfloat16"]
@@ -20,8 +20,8 @@ GROUP = 20  # pictures that pass together: fewer leave the processor waiting bet
 
 
 class FoldedSplatNet:
-    """See the module. `network` is kept, for its modulation and for `for_one`: it must not change
-    any more. Raises ValueError for another precision."""
+    """See the module. `network` is kept, for `for_one`: it must not change any more. Raises
+    ValueError for another precision."""
 
     def __init__(self, network: SplatNet, precision: Precision = "float32", size: int = 128):
         if precision not in DTYPES:
@@ -36,14 +36,11 @@ class FoldedSplatNet:
         """Kernels laid out for a group are slow with a single picture."""
         return _Layers(self.network, self.dtype, self.size, 1)
 
-    def __call__(self, channels: Tensor, code: Tensor | None, angles: Tensor) -> Tensor:
-        """Pictures float32 [P, S, S, 3] in 0..1 by the first head, of channels of `dtype`.
-
-        The arguments are those of `SplatNet`.
-        """
-        prior = None if code is None else self.network.prior(code, angles, self.size // SMALLEST)
+    def __call__(self, channels: Tensor) -> Tensor:
+        """Pictures float32 [P, S, S, 3] in 0..1 by the first head, of channels [P, C, S, S] of
+        `dtype`."""
         layers = self.for_one if len(channels) == 1 else self.for_many
-        output = layers(channels, prior)
+        output = layers(channels)
         _, (picture, *_) = composite(output, self.network.config.heads)
         return picture.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 
@@ -76,15 +73,12 @@ class _Layers:
                 self.up.append((below, blocks))
             self.last = _plain(network.last, [group, widths[0], size, size], dtype, padding=1)
 
-    def __call__(self, channels: Tensor, prior: Tensor | None) -> Tensor:
+    def __call__(self, channels: Tensor) -> Tensor:
         x = self.first(channels)
         passed = []
         for halving, block in self.down:
             passed.append(x)
             x = block(halving(x))
-        if prior is not None:
-            x = torch.cat([x, prior.to(self.dtype)], dim=1)
-            x = x.contiguous(memory_format=torch.channels_last)
         x = self.middle(x)
         for lift, blocks in self.up:
             y = passed.pop()

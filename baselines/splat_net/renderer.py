@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from baselines.splat_net.engine import GROUP, FoldedSplatNet, Precision
-from baselines.splat_net.network import SMALLEST, camera_numbers, code_rows
+from baselines.splat_net.network import SMALLEST
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
 from baselines.splat_net.weights import Weights
@@ -18,14 +16,6 @@ from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 
 POINTS_TOGETHER = 2**19  # of all pictures of a group: a bound on memory for large clouds
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """A cloud's surfels, one leading dimension, and its code [1, code] if the network has one."""
-
-    surfels: Surfels
-    code: Tensor | None
 
 
 class SplatNetRenderer:
@@ -58,12 +48,11 @@ class SplatNetRenderer:
         self.folded = FoldedSplatNet(self.network, precision, size)
 
     @torch.inference_mode()
-    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Prepared:
-        """Neighbours and normals of all points, and the code; `rng` is not used.
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:
+        """Neighbours and normals of all points, with one leading dimension; `rng` is not used.
 
-        Raises StageFailure("input") for an empty or non-finite cloud, and StageFailure("encode")
-        for one so large that its code is not finite. A single point, or points that all coincide,
-        are drawn like any others.
+        Raises StageFailure("input") for an empty or non-finite cloud. A single point, or points
+        that all coincide, are drawn like any others.
         """
         del rng
         if not len(cloud):
@@ -73,28 +62,21 @@ class SplatNetRenderer:
             raise StageFailure("input", f"{bad} of {len(cloud)} points are not finite")
         workers = torch.get_num_threads()
         surfels = stack([find_surfels(cloud.points, workers, surfaces=self.inputs.surfaces)])
-        surfels = Surfels(*(value.to(self.device) for value in vars(surfels).values()))
-        if not self.network.config.code:
-            return Prepared(surfels, None)
-        code = self.network.code(surfels.points[:, code_rows(len(surfels))])
-        if not code.isfinite().all():
-            raise StageFailure("encode", "the cloud is too large for its code to be finite")
-        return Prepared(surfels, code)
+        return Surfels(*(value.to(self.device) for value in vars(surfels).values()))
 
     @torch.inference_mode()
     def draw(
-        self, state: Prepared, views: Sequence[View], rng: np.random.Generator | None = None
+        self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
         """Pictures float32 [V, size, size, 3] in 0..1; no randomness. No views: an empty array."""
         del rng
         images = np.empty((len(views), self.size, self.size, 3), np.float32)
-        group = max(1, min(GROUP, POINTS_TOGETHER // len(state.surfels)))
+        group = max(1, min(GROUP, POINTS_TOGETHER // len(state)))
         for start in range(0, len(views), group):
             seen = views[start : start + group]
             at = cameras(seen).to(self.device)
-            channels = project(state.surfels, at, self.inputs, self.size, self.folded.dtype)
-            code = None if state.code is None else state.code.expand(len(seen), -1)
-            drawn = self.folded(channels, code, camera_numbers(seen).to(self.device))
+            channels = project(state, at, self.inputs, self.size, self.folded.dtype)
+            drawn = self.folded(channels)
             if not drawn.isfinite().all():
                 raise StageFailure("draw", "the picture is not finite")
             images[start : start + group] = drawn.cpu().numpy()

@@ -35,8 +35,6 @@ from baselines.splat_net.network import (
     Material,
     NetworkConfig,
     SplatNet,
-    camera_numbers,
-    code_rows,
     composite,
 )
 from baselines.splat_net.projection import cameras, project
@@ -189,9 +187,9 @@ class _Trainer:
         self.judge.train()
         if self._left() <= self.config.cool_down:
             take_statistics(self.network, self.average)
-        channels, points, angles, truth, noise = self._draw_batch()
+        channels, truth, noise = self._draw_batch()
         with self._autocast():
-            output = self._draw(self.network, channels, points, angles)
+            output = self.network(channels)
         _, (colour, grey) = composite(output, HEADS)
         terms = {
             "colour": picture_error(colour, truth.colour, truth.coverage),
@@ -246,16 +244,9 @@ class _Trainer:
         enabled = self.config.precision == "bfloat16"
         return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
 
-    def _draw(self, network: SplatNet, channels: Tensor, points: Tensor, angles: Tensor) -> Tensor:
-        code = None
-        if network.config.code:
-            few = points[:, code_rows(points.shape[1])]
-            code = network.code(few).repeat_interleave(len(angles) // len(points), dim=0)
-        return network(channels, code, angles)
-
-    def _draw_batch(self) -> tuple[Tensor, Tensor, Tensor, Truth, Tensor]:
-        """Channels [B, C, S, S], points [B / VIEWS_TOGETHER, N, 3], angles and truth of B views,
-        and the standard deviation [B] of the noise that their clouds have."""
+    def _draw_batch(self) -> tuple[Tensor, Truth, Tensor]:
+        """Channels [B, C, S, S] and truth of B views, and the standard deviation [B] of the noise
+        that their clouds have."""
         count, views = self.data.seen.azimuth_deg.shape
         clouds = self.batch // VIEWS_TOGETHER
         objects = torch.randint(count, (clouds,), generator=self.random)
@@ -275,7 +266,7 @@ class _Trainer:
     @torch.no_grad()
     def _scene(
         self, points: Tensor, objects: Tensor, views: Tensor, mirrored: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor, Truth]:
+    ) -> tuple[Tensor, Truth]:
         """What the network is shown of objects [K] from their views [K, M], and the truth.
 
         A mirrored shape seen from the opposite azimuth gives the mirrored picture, for the light
@@ -312,8 +303,7 @@ class _Trainer:
             return torch.where(flip, taken.flip(3), taken)
 
         truth = Truth(pictures(seen.images), pictures(self.data.grey), pictures(self.data.coverage))
-        angles = camera_numbers(looks).to(self.device)
-        return channels, found.points.to(self.device), angles, truth
+        return channels, truth
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
@@ -323,8 +313,8 @@ class _Trainer:
         objects = torch.arange(count) * len(self.clouds) // count
         views = (torch.arange(count) % self.data.seen.azimuth_deg.shape[1])[:, None]
         nowhere = torch.zeros(count, dtype=torch.bool)
-        channels, points, angles, truth = self._scene(self.clouds[objects], objects, views, nowhere)
-        output = self._draw(self.average, channels, points, angles)
+        channels, truth = self._scene(self.clouds[objects], objects, views, nowhere)
+        output = self.average(channels)
         _, (colour, grey) = composite(output, HEADS)
         rows = torch.stack([truth.colour, colour, grey.expand_as(colour)])  # [3, K, 3, S, S]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)

@@ -8,9 +8,10 @@ from learning.weight_files import find_file
 
 FOLDER = Path(__file__).parent / "weights"
 BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
-    "chair": "622e000f9a825f15cc334d42cdc7de34ad980e7ab94bc0fd891eb36154d5e606",
-    "chair-grey": "59a432cf2994844e445b63bca5526c9e69f6219bdebdaa47d479bc4e62f63e61",
-    "chair-tiny": "7dd599c6fae9dc1d23811a85a96f06cb3cf8c2f5b39e95b7f850fa3c4b5603e9",
+    "chair": "4fd59c7c06567f4c19360be9c1954f8c2b0a16c017614dd8dfb93f59131a677c",
+    "chair-grey": "2ddba23294142dc7c54f3d6a4fe2c14afceb4d6f58f9c25983367aec3dc2d601",
+    "chair-no-normals": "b411d622ce88468a6ae2a1403657c5e994608d22a47a23eecebe6927f70d7250",
+    "chair-tiny": "d862563619856ee2392310c2d0a885bcd1bb7575515b5d4db642d56e99c3647a",
 }
 
 

@@ -22,7 +22,7 @@ from data_prep.failures import BadInput
 from learning import checkpoint, weight_tensors
 from learning.weight_files import file_sha256
 
-FORMAT = "splat-net-weights-1"
+FORMAT = "splat-net-weights-2"  # of the first, networks had a code of the whole cloud
 REMEDY = "write the file again with baselines.splat_net.weights.export"
 MOST_WIDTH = 4096
 MOST_WINDOW = 63
@@ -97,9 +97,8 @@ def network_config(found: Mapping[str, Any]) -> NetworkConfig:
             "heads": tuple(found["heads"]),
         }
     )
-    sizes = (*config.widths, config.code)
-    if not all(type(n) is int and 0 <= n <= MOST_WIDTH for n in sizes):  # True is an int, too
-        raise ValueError(f"widths {config.widths}, code {config.code}")
+    if not all(type(n) is int and n <= MOST_WIDTH for n in config.widths):  # True is an int, too
+        raise ValueError(f"widths {config.widths}")
     flags = (inputs.normals, inputs.density, inputs.flattened, inputs.far)
     if not all(isinstance(flag, bool) for flag in flags):
         raise ValueError(f"inputs {inputs}, expected true or false")

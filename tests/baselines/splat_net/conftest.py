@@ -10,7 +10,7 @@ from baselines.splat_net.train import SplatNetConfig, train_splat_net
 from data_prep.training_set import SurfaceSet, TrainingSet
 from learning.training_loop import Cadence
 
-SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12), code=4)
+SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12))
 
 
 @pytest.fixture(autouse=True)

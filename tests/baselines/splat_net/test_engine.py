@@ -7,15 +7,14 @@ import torch
 
 from baselines.splat_net import engine
 from baselines.splat_net.engine import FoldedSplatNet
-from baselines.splat_net.network import NetworkConfig, SplatNet, camera_numbers, composite
+from baselines.splat_net.network import NetworkConfig, SplatNet, composite
 from baselines.splat_net.projection import Inputs
-from data_prep.scene import View
 from learning import convolution
 
 from .conftest import lived_in
 
-SMALL = NetworkConfig(widths=(8, 12, 16, 20, 24), code=4)
-CODELESS = NetworkConfig(widths=(8, 12, 16, 20, 24), code=0, heads=("grey",))
+SMALL = NetworkConfig(widths=(8, 12, 16, 20, 24))
+GREY = NetworkConfig(widths=(8, 12, 16, 20, 24), heads=("grey",))
 # Sums of up to 9 x 24 float32 products in another order, through 20 layers: some 1e-6.
 CLOSE = 1e-5
 
@@ -23,18 +22,16 @@ CLOSE = 1e-5
 def inputs(config, count, size=128):
     random = torch.Generator().manual_seed(1)
     channels = torch.rand(count, config.inputs.channels, size, size, generator=random)
-    code = 2 * torch.rand(count, config.code, generator=random) - 1 if config.code else None
-    views = [View(40.0 * i, 10.0 * i - 40) for i in range(count)]
-    return channels.to(memory_format=torch.channels_last), code, camera_numbers(views)
+    return channels.to(memory_format=torch.channels_last)
 
 
-def drawn(network, channels, code, angles):
+def drawn(network, channels):
     with torch.no_grad():
-        _, (picture, *_) = composite(network(channels, code, angles), network.config.heads)
+        _, (picture, *_) = composite(network(channels), network.config.heads)
     return picture.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 
 
-@pytest.fixture(params=[SMALL, CODELESS], ids=["code", "codeless"])
+@pytest.fixture(params=[SMALL, GREY], ids=["both", "grey"])
 def network(request):
     return lived_in(request.param)
 
@@ -42,21 +39,21 @@ def network(request):
 @pytest.mark.parametrize("size", [16, 64, 128])
 def test_float32_draws_what_the_network_draws(network, size):
     given = inputs(network.config, 3, size)
-    found = FoldedSplatNet(network, size=size)(*given)
+    found = FoldedSplatNet(network, size=size)(given)
     assert found.shape == (3, size, size, 3)
     assert found.dtype == torch.float32
-    expected = drawn(network, *given)
+    expected = drawn(network, given)
     assert expected.std() > 0.01
     torch.testing.assert_close(found, expected, rtol=0, atol=CLOSE)
 
 
 def test_bfloat16_is_bfloat16(network):
-    channels, code, angles = inputs(network.config, 3)
+    channels = inputs(network.config, 3)
     folded = FoldedSplatNet(network, "bfloat16")
     assert folded.dtype == torch.bfloat16
-    found = folded(channels.bfloat16(), code, angles)
+    found = folded(channels.bfloat16())
     assert found.dtype == torch.float32
-    apart = (found - drawn(network, channels, code, angles)).abs().mean()
+    apart = (found - drawn(network, channels)).abs().mean()
     # Half a unit of 8 digits is 2e-3 of a value; some twenty roundings in a row, added as errors
     # do. A sigmoid hands on a quarter, of values around 2.
     assert 1e-4 < apart < 2e-3 * 20**0.5 / 2
@@ -64,11 +61,11 @@ def test_bfloat16_is_bfloat16(network):
 
 def test_pytorch_without_the_operators_draws_the_same(network, monkeypatch):
     given = inputs(network.config, 2)
-    fast = FoldedSplatNet(network)(*given)
+    fast = FoldedSplatNet(network)(given)
     monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
     plain = FoldedSplatNet(network)
     assert not plain.for_many.last.prepacked
-    torch.testing.assert_close(plain(*given), fast, rtol=0, atol=CLOSE)
+    torch.testing.assert_close(plain(given), fast, rtol=0, atol=CLOSE)
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
@@ -76,11 +73,10 @@ def test_one_picture_or_many(network, monkeypatch, precision):
     """Kernels for groups of 3: of five pictures, of two, of each alone."""
     monkeypatch.setattr(engine, "GROUP", 3)
     folded = FoldedSplatNet(network, precision, size=64)
-    channels, code, angles = inputs(network.config, 5, 64)
-    channels = channels.to(folded.dtype)
+    channels = inputs(network.config, 5, 64).to(folded.dtype)
 
     def part(some):
-        return folded(channels[some], None if code is None else code[some], angles[some])
+        return folded(channels[some])
 
     together = part(slice(0, 5))
     assert (together[0] - together[1]).abs().max() > 0.01
@@ -96,12 +92,12 @@ def test_one_picture_or_many(network, monkeypatch, precision):
 def test_the_first_head_is_drawn():
     network = lived_in(SMALL)
     given = inputs(SMALL, 1, 32)
-    _, (colour, grey) = composite(network(*given), ("colour", "grey"))
-    found = FoldedSplatNet(network, size=32)(*given).permute(0, 3, 1, 2)
+    _, (colour, grey) = composite(network(given), ("colour", "grey"))
+    found = FoldedSplatNet(network, size=32)(given).permute(0, 3, 1, 2)
     torch.testing.assert_close(found, colour, rtol=0, atol=CLOSE)
     assert (found - grey).abs().max() > 0.01
-    alone = lived_in(CODELESS)
-    found = FoldedSplatNet(alone, size=32)(*inputs(CODELESS, 1, 32))
+    alone = lived_in(GREY)
+    found = FoldedSplatNet(alone, size=32)(inputs(GREY, 1, 32))
     assert torch.equal(found[..., 0], found[..., 1])  # grey in three planes
     assert torch.equal(found[..., 0], found[..., 2])
 
@@ -109,24 +105,24 @@ def test_the_first_head_is_drawn():
 @pytest.mark.parametrize("flags", list(itertools.product((False, True), repeat=4)))
 def test_every_combination_of_channels(flags):
     """From one channel, whose layout in memory is ambiguous, to all."""
-    config = NetworkConfig(Inputs((3,), *flags), (2, 2, 2, 2, 2), 0, ("grey",))
+    config = NetworkConfig(Inputs((3,), *flags), (2, 2, 2, 2, 2), ("grey",))
     network = lived_in(config)
     given = inputs(config, 2, 32)
-    found = FoldedSplatNet(network, size=32)(*given)
-    torch.testing.assert_close(found, drawn(network, *given), rtol=0, atol=CLOSE)
+    found = FoldedSplatNet(network, size=32)(given)
+    torch.testing.assert_close(found, drawn(network, given), rtol=0, atol=CLOSE)
 
 
 def test_layers_one_channel_wide():
-    config = NetworkConfig(widths=(1, 1, 1, 1, 1), code=1)
+    config = NetworkConfig(widths=(1, 1, 1, 1, 1))
     network = lived_in(config)
     given = inputs(config, 2, 16)
-    found = FoldedSplatNet(network, size=16)(*given)
-    torch.testing.assert_close(found, drawn(network, *given), rtol=0, atol=CLOSE)
+    found = FoldedSplatNet(network, size=16)(given)
+    torch.testing.assert_close(found, drawn(network, given), rtol=0, atol=CLOSE)
 
 
 def test_folding_leaves_the_network_as_it_is(network):
     before = {key: value.clone() for key, value in network.state_dict().items()}
-    FoldedSplatNet(network, size=32)(*inputs(network.config, 2, 32))
+    FoldedSplatNet(network, size=32)(inputs(network.config, 2, 32))
     for key, value in network.state_dict().items():
         assert torch.equal(value, before[key])
 
@@ -134,11 +130,11 @@ def test_folding_leaves_the_network_as_it_is(network):
 @pytest.mark.parametrize("where", ["first.norm.bias", "down.3.1.norm.running_mean", "last.bias"])
 def test_what_is_not_finite_stays_so(monkeypatch, where):
     """By PyTorch's convolutions; oneDNN's ReLU makes 0 of NaN, which only the last layer keeps."""
-    network = lived_in(CODELESS)
+    network = lived_in(GREY)
     network.state_dict()[where][0] = torch.nan
     if where != "last.bias":
         monkeypatch.setattr(convolution, "_prepacks", lambda weight: False)
-    found = FoldedSplatNet(network, size=32)(*inputs(CODELESS, 1, 32))
+    found = FoldedSplatNet(network, size=32)(inputs(GREY, 1, 32))
     assert found.isnan().any()
 
 

@@ -7,14 +7,11 @@ import torch
 from baselines.splat_net import renderer as renderer_module
 from baselines.splat_net.engine import GROUP
 from baselines.splat_net.network import (
-    CODE_POINTS,
     NetworkConfig,
-    camera_numbers,
-    code_rows,
     composite,
 )
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
-from baselines.splat_net.renderer import Prepared, SplatNetRenderer
+from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import HOPS, find_surfels, stack
 from baselines.splat_net.weights import Weights
 from data_prep.failures import StageFailure
@@ -23,13 +20,13 @@ from data_prep.scene import PointCloud, View
 from .conftest import lived_in, make_cloud
 
 VIEWS = [View(0, 0), View(90, 20), View(-180, -40)]
-CONFIG = NetworkConfig(widths=(8, 12, 16, 20, 24), code=4, heads=("colour",))
+CONFIG = NetworkConfig(widths=(8, 12, 16, 20, 24), heads=("colour",))
 # Sums of up to 9 x 24 float32 products in another order, through 20 layers: some 1e-6.
 CLOSE = 1e-5
 
 
-def build(code=4, inputs=ALL_INPUTS, **options):
-    config = NetworkConfig(inputs, CONFIG.widths, code, CONFIG.heads)
+def build(inputs=ALL_INPUTS, **options):
+    config = NetworkConfig(inputs, CONFIG.widths, CONFIG.heads)
     return SplatNetRenderer(Weights(lived_in(config), {}, "0" * 64), **options)
 
 
@@ -54,12 +51,11 @@ def test_pictures(renderer, cloud):
 
 
 def test_pictures_are_the_networks(renderer, cloud):
-    """Step by step: surfels, channels, code, network, composite."""
+    """Step by step: surfels, channels, network, composite."""
     network = renderer.weights.network
     surfels = stack([find_surfels(cloud.points)])
-    code = network.code(surfels.points[:, code_rows(2048)]).expand(3, -1)
     channels = project(surfels, cameras(VIEWS), ALL_INPUTS)
-    _, (expected,) = composite(network(channels, code, camera_numbers(VIEWS)), ("colour",))
+    _, (expected,) = composite(network(channels), ("colour",))
     found = renderer.draw(renderer.prepare(cloud), VIEWS)
     np.testing.assert_allclose(found, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
 
@@ -69,8 +65,8 @@ def test_pictures_are_the_networks(renderer, cloud):
 def test_surfaces_are_found_where_a_channel_needs_them(cloud, normals, flattened):
     renderer = build(inputs=Inputs(normals=normals, flattened=flattened))
     state = renderer.prepare(cloud)
-    assert state.surfels.normals.shape[-2] == (len(HOPS) if normals or flattened else 0)
-    whole = Prepared(stack([find_surfels(cloud.points)]), state.code)
+    assert state.normals.shape[-2] == (len(HOPS) if normals or flattened else 0)
+    whole = stack([find_surfels(cloud.points)])
     assert renderer.draw(state, VIEWS).tobytes() == renderer.draw(whole, VIEWS).tobytes()
 
 
@@ -82,7 +78,7 @@ def test_drawing_is_deterministic_and_ignores_the_rng(renderer, cloud):
     assert rng.bit_generator.state == state
 
 
-@pytest.mark.parametrize("count", [100, CODE_POINTS + 500])
+@pytest.mark.parametrize("count", [100, 1500])
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_the_order_of_the_points_does_not_matter(count, precision):
     renderer, points = build(precision=precision), make_cloud(count)
@@ -133,8 +129,8 @@ def test_threads_do_not_matter(renderer, cloud):
 def test_bfloat16_draws_nearly_the_same(cloud):
     exact, coarse = build(), build(precision="bfloat16")
     state = coarse.prepare(cloud)
-    for one, other in zip(vars(state.surfels).values(),
-                          vars(exact.prepare(cloud).surfels).values(), strict=True):  # fmt: skip
+    for one, other in zip(vars(state).values(),
+                          vars(exact.prepare(cloud)).values(), strict=True):  # fmt: skip
         assert torch.equal(one, other)  # what is prepared knows of no precision
     found, expected = coarse.draw(state, VIEWS), exact.draw(state, VIEWS)
     assert found.dtype == np.float32
@@ -184,14 +180,6 @@ def test_poles_are_drawn(renderer, cloud, elevation):
     assert np.isfinite(renderer.draw(renderer.prepare(cloud), [View(0, elevation)])).all()
 
 
-def test_networks_without_a_code():
-    renderer = build(code=0)
-    state = renderer.prepare(PointCloud(make_cloud(200)))
-    assert state.code is None
-    assert np.isfinite(renderer.draw(state, VIEWS)).all()
-
-
-@pytest.mark.parametrize("code", [0, 4])
 @pytest.mark.parametrize(
     ("points", "stage", "problem"),
     [
@@ -200,20 +188,14 @@ def test_networks_without_a_code():
         (np.array([[0, np.inf, 0], [0, 0, 0], [-np.inf, 0, 0]]), "input", "2 of 3 points"),
     ],
 )
-def test_impossible_clouds_fail_by_name(code, points, stage, problem):
+def test_impossible_clouds_fail_by_name(points, stage, problem):
     with pytest.raises(StageFailure, match=problem) as failure:
-        build(code=code).prepare(PointCloud(points))
+        build().prepare(PointCloud(points))
     assert failure.value.stage == stage
 
 
-def test_codes_that_are_not_finite_fail_by_name(renderer):
-    with pytest.raises(StageFailure, match="too large for its code") as failure:
-        renderer.prepare(PointCloud(np.full((4, 3), 3e38) * [1, -1, 1]))
-    assert failure.value.stage == "encode"
-
-
 def test_pictures_that_are_not_finite_fail_by_name(cloud):
-    renderer = build(code=0)
+    renderer = build()
     state = renderer.prepare(cloud)
     renderer.folded.for_many.last.bias[0] = torch.nan
     with pytest.raises(StageFailure, match="the picture is not finite") as failure:
@@ -247,8 +229,8 @@ def grid():
     ],
 )
 def test_odd_clouds_are_drawn(points):
-    """Without a code nothing has to be small; what is not in the picture is not seen."""
-    renderer = build(code=0)
+    """Nothing has to be small; what is not in the picture is not seen."""
+    renderer = build()
     images = renderer.draw(renderer.prepare(PointCloud(points.astype(np.float32))), VIEWS)
     assert np.isfinite(images).all()
     assert images.min() >= 0
@@ -256,8 +238,8 @@ def test_odd_clouds_are_drawn(points):
 
 
 def test_an_outlier_moves_only_what_it_covers():
-    """Of a network without a code: far off, it is not in the picture at all."""
-    renderer, points = build(code=0), make_cloud(300)
+    """Far off, it is not in the picture at all."""
+    renderer, points = build(), make_cloud(300)
     plain = renderer.draw(renderer.prepare(PointCloud(points)), VIEWS)
     for far in (1e3, 3e38):
         more = PointCloud(np.vstack([points, [[far, far, far]]]).astype(np.float32))
@@ -270,9 +252,9 @@ def test_a_million_points(renderer):
     points = rng.normal(size=(1_000_000, 3)).astype(np.float32)
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     state = renderer.prepare(PointCloud(points))
-    assert len(state.surfels) == 1_000_000
+    assert len(state) == 1_000_000
     images = renderer.draw(state, VIEWS[:1])
     assert np.isfinite(images).all()
     # a sphere as seen from 4: normals are radial, for neighbours are near
-    radial = (state.surfels.normals[0, :, 0] * state.surfels.points[0]).sum(dim=1).abs()
+    radial = (state.normals[0, :, 0] * state.points[0]).sum(dim=1).abs()
     assert radial.median() > 0.9999

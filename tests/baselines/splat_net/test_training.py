@@ -10,7 +10,7 @@ import torch
 from PIL import Image
 
 from baselines.splat_net.losses import COVERAGE_WEIGHT, GREY_WEIGHT
-from baselines.splat_net.network import NetworkConfig, camera_numbers
+from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import HOPS, find_surfels, stack
 from baselines.splat_net.train import (
@@ -32,7 +32,6 @@ from .conftest import SMALL, make_data
 
 CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
 BATCH = 2 * VIEWS_TOGETHER
-CODELESS = dataclasses.replace(SMALL, code=0)
 
 
 class Killed(Exception):
@@ -63,8 +62,8 @@ def read_log(out_dir):
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"objective": "l1-patch", "warm_up": 1}, {"network": CODELESS}],
-    ids=["l1", "l1-patch", "codeless"],
+    [{}, {"objective": "l1-patch", "warm_up": 1}],
+    ids=["l1", "l1-patch"],
 )
 def test_a_killed_run_resumes_bit_for_bit(data, tmp_path, changes):
     config = configure(steps=5, **changes)
@@ -131,9 +130,9 @@ def test_sheets_change_nothing(data):
 
 def test_bfloat16_trains_on_what_float32_sees(data, tmp_path):
     exact, coarse = build(data), build(data, precision="bfloat16")
-    for one, other in zip(exact._draw_batch()[:3], coarse._draw_batch()[:3], strict=True):
-        assert one.dtype == torch.float32
-        assert torch.equal(one, other)
+    one, other = (trainer._draw_batch()[0] for trainer in (exact, coarse))
+    assert one.dtype == torch.float32
+    assert torch.equal(one, other)
     one, other = exact.take_step(), coarse.take_step()
     assert one != other
     for name, value in one.items():
@@ -253,7 +252,7 @@ def test_the_judge_counts_the_more_the_more_noise_a_cloud_has(data, monkeypatch)
         outputs.append(torch.zeros(BATCH, 5, 128, 128, requires_grad=True))
         return outputs[-1]
 
-    monkeypatch.setattr(trainer, "_draw", forward)
+    monkeypatch.setattr(trainer.network, "forward", forward)
     for term in ("picture_error", "coverage_error"):
         monkeypatch.setattr(f"baselines.splat_net.train.{term}", lambda *_: torch.zeros(()))
     monkeypatch.setattr(
@@ -261,18 +260,26 @@ def test_the_judge_counts_the_more_the_more_noise_a_cloud_has(data, monkeypatch)
     )
     batch = trainer._draw_batch()
     noise = torch.tensor([0.0, 0.25, 0.5, 1.0]) * MAX_NOISE
-    monkeypatch.setattr(trainer, "_draw_batch", lambda: (*batch[:4], noise))
+    monkeypatch.setattr(trainer, "_draw_batch", lambda: (*batch[:2], noise))
     trainer.take_step()
     # .05 on a clean cloud, .2 at the strongest noise
     expected = [w / BATCH for w in (0.05, 0.0875, 0.125, 0.2)]
     assert outputs[-1].grad[:, 0, 0, 0].tolist() == pytest.approx(expected)
 
 
-def test_a_batch_says_how_noisy_its_clouds_are(data):
+def batch_of(trainer, monkeypatch):
+    """Clouds of a batch as they are projected, and the noise that it says they have."""
+    with monkeypatch.context() as patch:
+        patch.setattr(trainer, "_scene", lambda points, *rest: (points, None))
+        points, _, noise = trainer._draw_batch()
+    return points, noise
+
+
+def test_a_batch_says_how_noisy_its_clouds_are(data, monkeypatch):
     """Twelve clouds all of whose points are at the origin: what they are away from it is noise."""
     nowhere = dataclasses.replace(data.seen, clouds=np.zeros_like(data.seen.clouds))
     trainer = build(dataclasses.replace(data, seen=nowhere), batch=24)
-    _, points, _, _, noise = trainer._draw_batch()
+    points, noise = batch_of(trainer, monkeypatch)
     assert noise.shape == (24,)
     assert torch.equal(noise[::2], noise[1::2])  # two views of a cloud follow each other
     torch.testing.assert_close(noise[::2], points.std(dim=(1, 2)))
@@ -333,12 +340,10 @@ def test_a_scene_is_what_was_asked_for(waves):
     trainer = build(waves)
     objects, views = torch.tensor([2, 0]), torch.tensor([[3, 1], [0, 2]])
     clouds = torch.from_numpy(waves.seen.clouds)[objects]
-    channels, points, angles, truth = trainer._scene(clouds, objects, views, torch.zeros(2) > 0)
+    channels, truth = trainer._scene(clouds, objects, views, torch.zeros(2) > 0)
     pairs = [(2, 3), (2, 1), (0, 0), (0, 2)]
     looks = [View(waves.seen.azimuth_deg[p], waves.seen.elevation_deg[p]) for p in pairs]
     surfels = [find_surfels(waves.seen.clouds[i]) for i in (2, 0)]
-    assert torch.equal(points, torch.stack([s.points for s in surfels]))
-    assert torch.equal(angles, camera_numbers(looks))
     expected = project(stack([surfels[0]] * 2 + [surfels[1]] * 2), cameras(looks), SMALL.inputs)
     assert torch.equal(channels, expected)
     for i, pair in enumerate(pairs):
@@ -354,13 +359,11 @@ def test_a_mirrored_scene_is_the_mirrored_picture(waves):
     objects, views = torch.tensor([1, 1]), torch.tensor([[0, 1], [0, 1]])
     clouds = torch.from_numpy(waves.seen.clouds)[objects]
     which = torch.tensor([False, True])
-    channels, points, angles, truth = trainer._scene(clouds, objects, views, which)
+    channels, truth = trainer._scene(clouds, objects, views, which)
     flipped = waves.seen.clouds[1] * np.array([-1, 1, 1], np.float32)
     looks = [View(-waves.seen.azimuth_deg[1, i], waves.seen.elevation_deg[1, i]) for i in (0, 1)]
     surfels = find_surfels(flipped)
-    assert torch.equal(points[1], surfels.points)
     assert torch.equal(channels[2:], project(stack([surfels] * 2), cameras(looks), SMALL.inputs))
-    assert torch.equal(angles[2:], angles[:2] * torch.tensor([-1, 1, 1, 1]))
     for pictures in (truth.colour, truth.grey, truth.coverage):
         assert torch.equal(pictures[2:], pictures[:2].flip(3))
     mirrored = channels[:2].flip(3).clone()
@@ -394,11 +397,11 @@ def test_batches_are_augmented_as_stated(data):
     assert set(noisy) == {True, False}
 
 
-def test_without_augmentation_clouds_are_whole_and_clean(data):
+def test_without_augmentation_clouds_are_whole_and_clean(data, monkeypatch):
     trainer = build(data, augment=False)
     known = {np.sort(np.abs(cloud).ravel()).tobytes() for cloud in data.seen.clouds}
     for _ in range(3):
-        _, points, _, _, noise = trainer._draw_batch()
+        points, noise = batch_of(trainer, monkeypatch)
         assert (noise == 0).all()
         for cloud in points.numpy():
             assert np.sort(np.abs(cloud).ravel()).tobytes() in known  # mirrored or not
@@ -435,7 +438,7 @@ def test_too_few_views_are_refused(tmp_path):
 
 def test_a_short_training_learns(waves):
     """Three objects, each of one colour in front of white: the losses must fall by half. (Of three
-    seeds on one machine the worst fell to .34; 60 steps of one cloud, to .58.)"""
+    seeds on one machine the worst fell to .27; at a rate of 1e-2, which overshoots, to .64.)"""
     coverage = np.zeros((3, 4, 128, 128), np.uint8)
     coverage[:, :, 40:88, 40:88] = 255
     images = np.full((3, 4, 128, 128, 3), 255, np.uint8)
@@ -443,7 +446,7 @@ def test_a_short_training_learns(waves):
         images[i, :, 40:88, 40:88] = colour
     grey = np.where(coverage > 0, 180, 255).astype(np.uint8)
     data = SurfaceSet(dataclasses.replace(waves.seen, images=images), coverage, grey)
-    trainer = build(data, steps=90, cool_down=30, learning_rate=1e-2)
+    trainer = build(data, steps=90, cool_down=30, learning_rate=4e-3)
     steps = [trainer.take_step() for _ in range(90)]
     for name in ("colour", "grey", "coverage"):
         first, last = ([step[name] for step in some] for some in (steps[:5], steps[-10:]))
