@@ -82,8 +82,8 @@ def merge(directories: Sequence[Path], out: Path) -> Merged:
         done = _collect(parts, manifest["objects"], journal)
         seconds: dict[str, float] = {}
         outputs = write_outputs(out, manifest["suite"], done, manifest["feature_identity"], seconds)
-        for name, spent in seconds.items():
-            manifest["stage_seconds"][name] = manifest["stage_seconds"].get(name, 0.0) + spent
+        stages = manifest["stage_seconds"]
+        stages |= {name: round(stages.get(name, 0) + spent, 1) for name, spent in seconds.items()}
         write_manifest(out, manifest | {"finished": manifests.now()})
     write_report(out, made=Made(outputs.tables, outputs.orderings, outputs.beyond))
     return Merged(out, outputs, len(done), len(journal.added))
@@ -148,7 +148,7 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
     if doubled := [name for name, times in Counter(objects).items() if times > 1]:
         raise BadInput(f"{doubled[0]}: is in several shards; were they made of one dataset?")
     first = parts[0].manifest
-    processors = dict.fromkeys(str(p.manifest["machine"]["cpu"]) for p in parts)
+    processors = dict.fromkeys(str(p.manifest.get("machine", {}).get("cpu")) for p in parts)
     seconds: dict[str, float] = {}
     for part in parts:
         for stage, spent in part.manifest.get("stage_seconds", {}).items():
@@ -158,8 +158,8 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
         "objects": objects,
         "shard": WHOLE,
         "merged": [{name: part.manifest.get(name) for name in OWN} for part in parts],
-        "machine": first["machine"] | {"cpu": "; ".join(processors)},
-        "workers": max(int(p.manifest["workers"]) for p in parts),
+        "machine": first.get("machine", {}) | {"cpu": "; ".join(processors)},
+        "workers": max(int(p.manifest.get("workers", 1)) for p in parts),
         "stage_seconds": seconds,
         "command": sys.argv,
         "finished": None,
