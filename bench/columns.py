@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,15 +35,19 @@ def write_records(directory: Path, results: Sequence[Result]) -> pd.DataFrame:
     """Write `records.parquet`, whole or not at all, and return its frame."""
     frame = to_frame([record for result in results for record in result.records])
     table = pa.Table.from_pandas(frame, preserve_index=False)
-    table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
-    with whole_file(directory / RECORDS) as new:
-        pq.write_table(table, new)
+    _write_table(directory / RECORDS, table)
     return frame
 
 
 def read_records(directory: Path) -> pd.DataFrame:
     """The records of a run. Raises BadInput: none there, unreadable, or of another version."""
     return _read_table(directory / RECORDS, COLUMNS).to_pandas()
+
+
+def _write_table(path: Path, table: pa.Table) -> None:
+    table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
+    with whole_file(path) as new:
+        pq.write_table(table, new)
 
 
 def _read_table(path: Path, columns: Sequence[str]) -> pa.Table:
@@ -71,25 +76,6 @@ def _read_table(path: Path, columns: Sequence[str]) -> pa.Table:
     return table
 
 
-def write_jobs(directory: Path, done: Sequence[tuple[Item, Result]]) -> None:
-    """Write `jobs.parquet`, whole or not at all: a row for each job, ground truths too, in the
-    order of `done`; the checksum of its artifact is null where it has none."""
-    items, results = [item for item, _ in done], [result for _, result in done]
-    table = pa.table(
-        {
-            "key": [result.key for result in results],
-            "method": [item.method for item in items],
-            "condition": [item.condition for item in items],
-            "class": [item.class_name for item in items],
-            "object": [item.object_id for item in items],
-            "artifact_sha256": pa.array([r.artifact_sha256 for r in results], pa.string()),
-        }
-    )
-    table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
-    with whole_file(directory / JOBS) as new:
-        pq.write_table(table, new)
-
-
 @dataclass(frozen=True)
 class JobRow:
     """A finished job: `key` is its name in the journal; without an artifact, it failed."""
@@ -97,6 +83,15 @@ class JobRow:
     key: str
     item: Item
     artifact_sha256: str | None
+
+
+def write_jobs(directory: Path, jobs: Sequence[JobRow]) -> None:
+    """Write `jobs.parquet`, whole or not at all: all jobs, ground truths too, in the given order;
+    the checksum of an artifact is null where there is none."""
+    columns: dict[str, Any] = {"key": [job.key for job in jobs]}
+    columns |= {name: [job.item[i] for job in jobs] for i, name in enumerate(_ITEM)}
+    columns["artifact_sha256"] = pa.array([job.artifact_sha256 for job in jobs], pa.string())
+    _write_table(directory / JOBS, pa.table(columns))
 
 
 def read_jobs(directory: Path) -> list[JobRow]:

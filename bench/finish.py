@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.artifacts import Artifact, Item, artifact_path
+from bench.artifacts import Artifact, Item
 from bench.class_figures import write_class_figures
 from bench.class_orderings import OrderingsTable
 from bench.class_tables import ClassTable
-from bench.columns import write_features, write_jobs, write_records
+from bench.columns import JobRow, artifacts_of, write_features, write_jobs, write_records
 from bench.crossings_figures import write_beyond_figures
 from bench.figures import FIGURES, write_figures
 from bench.frontier_figures import write_frontier
@@ -60,14 +60,11 @@ def write_outputs(
     features  extractors whose features are in the artifacts
     seconds   gets what each stage took
     """
-    artifacts = [
-        Artifact(item, artifact_path(directory, result.key))
-        for item, result in done
-        if result.artifact_sha256
-    ]
+    jobs = [JobRow(result.key, item, result.artifact_sha256) for item, result in done]
+    artifacts = artifacts_of(directory, jobs)
     with timed("tables", seconds):
         write_records(directory, [result for item, result in done if item.method != GROUND_TRUTH])
-        write_jobs(directory, done)
+        write_jobs(directory, jobs)
         for metric in features:
             write_features(directory, metric, artifacts)
         outputs = Outputs(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from harness_objects import Tetrahedron
 
-from bench.columns import write_features, write_jobs, write_records
+from bench.columns import JobRow, write_features, write_jobs, write_records
 from bench.metric_table import IMAGE_METRICS, column
 from bench.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.results import write_cost, write_tables
@@ -147,7 +147,7 @@ def write_run(directory: Path, **changes) -> Path:
                 jobs.append(job)
                 results.append(Result(job.key, records, "0" * 64))
     write_records(directory, results)
-    write_jobs(directory, [(job.item, Result(job.key, (), "0" * 64)) for job in jobs])
+    write_jobs(directory, [JobRow(job.key, job.item, "0" * 64) for job in jobs])
     for extractor in EXTRACTORS:
         write_features(directory, extractor, [job.made for job in jobs])
     write_tables(directory)

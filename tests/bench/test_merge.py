@@ -21,23 +21,21 @@ from data_prep.failures import BadInput
 COUNT = 2
 
 
+def options(tiny_weights, out, **changes):
+    """As the finished run."""
+    methods = ("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
+    return Options(
+        suite="chair-robustness", methods=methods, conditions=("2048", "noise-0.10"),
+        limit=3, views=2, workers=1, out=out, **changes,
+    )  # fmt: skip
+
+
 def as_shard(finished, tiny_weights, out, number, count=COUNT):
     """A shard of the finished run, by `run`: nothing is left to draw."""
     for name in ("journal", "artifacts"):
         shutil.copytree(finished[0] / name, out / name)
     write_manifest(out, read_manifest(finished[0]) | {"shard": f"{number}/{count}"})
-    done = run(
-        Options(
-            suite="chair-robustness",
-            methods=("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
-            conditions=("2048", "noise-0.10"),
-            limit=3,
-            views=2,
-            workers=1,
-            shard=Shard(number, count),
-            out=out,
-        )
-    )
+    done = run(options(tiny_weights, out, shard=Shard(number, count)))
     assert done.done == 0
     return out
 
@@ -106,17 +104,7 @@ def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weig
     monkeypatch.setattr(bench.run, "environment", lambda: environment)
     monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
     merge(made, tmp_path / "whole")
-    again = run(
-        Options(
-            suite="chair-robustness",
-            methods=("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
-            conditions=("2048", "noise-0.10"),
-            limit=3,
-            views=2,
-            workers=1,
-            out=tmp_path / "whole",
-        )
-    )
+    again = run(options(tiny_weights, tmp_path / "whole"))
     assert (again.done, again.reused, again.failed) == (0, 24, 0)
 
 
@@ -203,7 +191,7 @@ def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
     failed = replace(results[chosen.key], records=tuple(records), artifact_sha256=None)
     with open_journal(shards[1]) as journal:
         journal.append(failed)
-    write_jobs(shards[1], [(j.item, failed if j == chosen else results[j.key]) for j in jobs])
+    write_jobs(shards[1], [replace(j, artifact_sha256=None) if j == chosen else j for j in jobs])
     merge(shards, tmp_path / "whole")
     frame = pd.read_parquet(tmp_path / "whole" / "records.parquet")
     reasons = frame[frame["outcome"] == "failed"]

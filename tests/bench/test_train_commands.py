@@ -118,7 +118,10 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
     ("options", "problem"),
     [
         (("--size", "huge"), "--size: unknown 'huge'; choose one of tiny, default, large"),
-        (("--without", "colour"), "--without colour: there are normals, density, flattened, far and discs"),
+        (
+            ("--without", "colour"),
+            "--without colour: there are normals, density, flattened, far and discs",
+        ),
         (("--objective", "l2"), "objective: unknown 'l2'; choose one of l1, l1-patch"),
         (("--start", "chair", "--size", "tiny"), "--start chair: is of NetworkConfig(inputs="),
         (("--batch", "7"), "batch 7: 2 views of a cloud are drawn together; use a multiple of 2"),
