@@ -132,7 +132,7 @@ def run(
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its tables."""
     from bench.lookup import find
-    from bench.run import Options
+    from bench.options import Options
     from bench.run import run as run_suite
     from bench.shards import read_shard
     from bench.suites import LATENT, SPEED, STABILITY, SUITES

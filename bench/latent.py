@@ -22,10 +22,10 @@ from bench.latent_sums import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_co
 from bench.latent_tables import LatentTable, Value, means, values_to_csv
 from bench.metric_table import VIEWS_WEIGHTS
 from bench.one_thread import one_thread
+from bench.options import RUNS, Options, default_name, refuse
 from bench.probe import environment
 from bench.progress import progress
 from bench.record import SCHEMA_VERSION
-from bench.run import RUNS, Options, default_name, refuse
 from bench.store import check_directory, open_journal, set_aside, write_manifest
 from bench.suites import LATENT, LatentSuite
 from bench.views_network import load_views_network

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
-from contextlib import closing
+from collections.abc import Iterator
 
-from bench.isolation import Limits, Lost, run_tasks
+from bench.isolation import Limits, Lost, TaskPool
 from bench.work import Job, Result, do, failed
 
 
-def run_jobs(jobs: Iterable[Job], workers: int, limits: Limits) -> Generator[Result, None, None]:
-    """The results of `jobs`, as they come. Closing the iterator stops all workers at once.
+class JobPool:
+    """Does jobs in worker processes of this machine, an executor (`bench.executor`).
 
-    A job that takes more than its limits or whose process dies becomes failed records.
+    At most `workers` of them, and not more than there are jobs to come (`count`). A job that takes
+    more than its limits or whose process dies becomes failed records.
     """
-    with closing(run_tasks(jobs, do, workers, limits)) as stream:
-        for job, result in stream:
+
+    def __init__(self, count: int, workers: int, limits: Limits) -> None:
+        self._pool: TaskPool[Job, Result] = TaskPool(do, min(workers, count), limits)
+        self.room = self._pool.room
+
+    def submit(self, job: Job) -> None:
+        """Have a job done; at most `room` may be under way."""
+        self._pool.submit(job)
+
+    def collect(self) -> Iterator[Result]:
+        """Wait until jobs have ended; the result of each."""
+        for job, result in self._pool.collect():
             yield failed(job, result.reason) if isinstance(result, Lost) else result
+
+    def close(self) -> None:
+        """Stop all workers at once."""
+        self._pool.close()

@@ -10,6 +10,11 @@ from contextlib import contextmanager
 PLAIN_EVERY_S = 15.0
 
 
+def say(line: str) -> None:
+    """A line of its own, between those of the progress."""
+    print(line, file=sys.stderr, flush=True)
+
+
 @contextmanager
 def progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Yields a function that takes the number of finished and failed pieces so far."""
@@ -60,11 +65,9 @@ def _plain(title: str, total: int) -> Callable[[int], None]:
             return
         last = now
         left = (now - start) / done * (total - done)
-        print(
+        say(
             f"{title}: {done}/{total} done, {failed} failed, {now - start:.0f} s, "
-            f"about {left:.0f} s left",
-            file=sys.stderr,
-            flush=True,
+            f"about {left:.0f} s left"
         )
 
     return advance

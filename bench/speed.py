@@ -6,7 +6,6 @@ long as versions, code and machine are the same. While it runs, nothing else sho
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,11 +15,11 @@ from typing import Any
 from bench import manifest as manifests
 from bench.isolation import Lost, run_tasks, thread_counts
 from bench.methods import find_method, objectives
+from bench.options import RUNS, Options, default_name, refuse
 from bench.probe import environment
-from bench.progress import progress
+from bench.progress import progress, say
 from bench.published import published
 from bench.record import SCHEMA_VERSION
-from bench.run import RUNS, Options, default_name, refuse
 from bench.speed_figures import write_amortised
 from bench.speed_markdown import amortised_markdown, speed_markdown
 from bench.speed_measure import Unit, measure
@@ -88,7 +87,7 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SpeedRun:
         {name: manifest[name] for name in ("environment", "versions", "machine")},
     )
     if options.fresh and (old := set_aside(directory)):
-        _say(f"the old run is now {old}")
+        say(f"the old run is now {old}")
     check_directory(directory, manifest)
     with open_journal(directory):  # nothing is kept there: it locks the directory
         write_manifest(directory, manifest)
@@ -151,7 +150,7 @@ def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measureme
     missing = [unit for unit in units if found[unit.key] is None]
     reused = len(units) - len(missing)
     if missing and reused:
-        _say(f"{units[0].suite.id}: {reused} of {len(units)} are there from before")
+        say(f"{units[0].suite.id}: {reused} of {len(units)} are there from before")
     failures = 0
     with progress(units[0].suite.id, len(missing)) as advance:
         for unit in missing:
@@ -213,7 +212,3 @@ def _write(
     folder.mkdir(exist_ok=True)
     write_amortised(folder / "amortised.png", summaries, suite)
     return told
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)

@@ -6,22 +6,25 @@ pictures and features, pc2pix in other number formats, and defects of the librar
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bench import manifest as manifests
 from bench.columns import write_records
+from bench.job_results import do_jobs
 from bench.library_defects import library_outcomes
 from bench.methods import FLOORS, find_method, objectives
 from bench.observations import Observation, observe
 from bench.one_thread import one_thread
+from bench.options import RUNS, Options, default_name, refuse
+from bench.pool import JobPool
 from bench.probe import environment
+from bench.progress import say
 from bench.record import SCHEMA_VERSION
-from bench.run import RUNS, Options, default_name, do_jobs, refuse
 from bench.stability_cases import CASES, TURN_DEG, VIEWS
 from bench.stability_expectations import STATED, outcome
 from bench.stability_figures import write_matrix, write_pictures
@@ -66,16 +69,18 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
     jobs = stability_jobs(suite, methods, options.seed, options.device, machine, directory)
     manifest = _describe(options, suite, methods, workers, machine)
     if options.fresh and (old := set_aside(directory)):
-        _say(f"the old run is now {old}")
+        say(f"the old run is now {old}")
     check_directory(directory, manifest)
     with open_journal(directory) as journal:
         write_manifest(directory, manifest)
-        results = do_jobs(jobs, journal, workers, suite.limits, suite.id)
+        results = do_jobs(
+            jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
+        )
         for line in journal.damage:
-            _say(line)
+            say(line)
         write_records(directory, [results[job.key] for job in jobs])
         observations = observe(jobs, results)
-        _say("libraries, metrics and number formats")
+        say("libraries, metrics and number formats")
         matrices = _matrices(methods, observations, workers, directory)
         _write(directory, matrices, observations)
         _draw(directory, matrices, jobs, results, methods)
@@ -204,7 +209,3 @@ def _draw(
     }
     rivals = [method for method in methods if method not in FLOORS]
     write_pictures(folder / "extremes.png", [case.id for case in CASES], rivals, first)
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)

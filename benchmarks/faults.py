@@ -31,8 +31,8 @@ from baselines.surface import SurfaceApss
 from bench.columns import read_records
 from bench.isolation import TASKS_PER_WORKER, Limits
 from bench.methods import Method
+from bench.options import Options
 from bench.plan import Protocol, plan
-from bench.run import Options
 from bench.suites import SUITES, Suite
 from bench.work import Job, cloud_of
 from benchmarks.faulty_methods import FAULTS, Faulty, announce

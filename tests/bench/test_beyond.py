@@ -10,9 +10,10 @@ import pytest
 
 import bench.check
 import bench.run
+from bench.options import Options
 from bench.report import read_page
 from bench.results import beyond, tables, write_beyond, write_tables
-from bench.run import Options, run
+from bench.run import run
 from bench.suites import SUITES
 
 from .builders import write_run
@@ -161,7 +162,7 @@ def test_other_suites_have_none(tmp_path):
 
 def test_a_run(tmp_path, monkeypatch):
     """1 object x 3 conditions x 2 methods, 2 views."""
-    monkeypatch.setattr(bench.run, "environment", dict)
+    monkeypatch.setattr(bench.options, "environment", dict)
     done = run(
         Options(
             suite=SUITE.id,

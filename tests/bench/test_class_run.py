@@ -14,9 +14,10 @@ import bench.results
 import bench.run
 from bench.artifacts import read_artifact
 from bench.check import _stale_tables
+from bench.options import Options
 from bench.report import read_page
 from bench.results import class_orderings, read_scored, tables
-from bench.run import Options, run
+from bench.run import run
 from bench.store import read_manifest
 from bench.views_network import Labels, ViewsNetwork, to_file, view_features
 from data_prep.failures import BadInput
@@ -76,7 +77,7 @@ def planned_only(monkeypatch, tmp_path):
     def stop(*arguments):
         raise BadInput("far enough")
 
-    monkeypatch.setattr(bench.run, "environment", dict)
+    monkeypatch.setattr(bench.options, "environment", dict)
     monkeypatch.setattr(bench.run, "do_jobs", stop)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 

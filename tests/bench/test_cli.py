@@ -35,7 +35,7 @@ from .conftest import BENCH
 @pytest.fixture
 def no_machine(monkeypatch, tmp_path):
     """Runs are not asked to look at the machine; their default folder is in `tmp_path`."""
-    monkeypatch.setattr(bench.run, "environment", dict)
+    monkeypatch.setattr(bench.options, "environment", dict)
     monkeypatch.chdir(tmp_path)
 
 

@@ -19,7 +19,7 @@ from bench.latent_network import cloud_of, load_network
 from bench.latent_paths import walk
 from bench.latent_sums import ANSWER, NOTHING, SUM, TRAIN, add_up
 from bench.metric_table import VIEWS_WEIGHTS
-from bench.run import Options
+from bench.options import Options
 from bench.ssim import ssim
 from bench.suites import LATENT
 from bench.views_network import load_views_network

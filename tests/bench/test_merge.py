@@ -12,8 +12,9 @@ import pytest
 import bench.run
 from bench.columns import read_jobs, write_jobs
 from bench.merge import merge
+from bench.options import Options
 from bench.results import tables
-from bench.run import Options, run
+from bench.run import run
 from bench.shards import Shard
 from bench.store import open_journal, read_manifest, read_results, write_manifest
 from data_prep.failures import BadInput
@@ -101,7 +102,7 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
 
 def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weights, monkeypatch):
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.run, "environment", lambda: environment)
+    monkeypatch.setattr(bench.options, "environment", lambda: environment)
     monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
     merge(made, tmp_path / "whole")
     again = run(options(tiny_weights, tmp_path / "whole"))
@@ -209,7 +210,7 @@ def test_a_folder_with_another_run_is_left_alone(copied, shards):
 
 def test_more_shards_than_objects(finished, tiny_weights, tmp_path, monkeypatch):
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.run, "environment", lambda: environment)
+    monkeypatch.setattr(bench.options, "environment", lambda: environment)
     with pytest.raises(BadInput, match=r"--shard 4/4: there are only 3 objects; make fewer shards"):
         as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
 

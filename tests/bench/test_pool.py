@@ -25,8 +25,9 @@ from harness_objects import (
 )
 
 import bench.isolation
+from bench.executor import feed
 from bench.isolation import WORKER_ENVIRONMENT, Limits
-from bench.pool import run_jobs
+from bench.pool import JobPool
 from bench.work import do
 
 from .builders import make_job, make_truth, write_artifact
@@ -44,6 +45,11 @@ def jobs_for(tmp_path):
         return [make_job(tmp_path, obj, "blank") for obj in objects]
 
     return make
+
+
+def run_jobs(jobs, workers, limits):
+    with closing(JobPool(len(jobs), workers, limits)) as pool:
+        yield from feed(jobs, pool)
 
 
 def reasons(results):
@@ -127,12 +133,13 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
 
 RUN_JOBS = """
 import pickle, sys
+from bench.executor import feed
 from bench.isolation import Limits
-from bench.pool import run_jobs
+from bench.pool import JobPool
 if __name__ == "__main__":
     sys.path.append(sys.argv[1])
     with open(sys.argv[2], "rb") as file:
-        list(run_jobs(pickle.load(file), 1, Limits(600.0, 8.0)))
+        list(feed(pickle.load(file), JobPool(1, 1, Limits(600.0, 8.0))))
 """
 
 
@@ -172,7 +179,3 @@ def test_workers_are_replaced_now_and_then(jobs_for, monkeypatch):
     processes = [result.records[0].reason for result in results]
     _, counts = np.unique(processes, return_counts=True)
     assert counts.tolist() == [2, 2]
-
-
-def test_no_jobs_start_nothing():
-    assert list(run_jobs([], 2, AMPLE)) == []

@@ -20,9 +20,10 @@ from PIL import Image
 import bench.results
 import bench.run
 from bench.metric_table import JUDGE_WEIGHTS
+from bench.options import Options, default_name, protocol_of
 from bench.record import GROUND_TRUTH
 from bench.results import tables
-from bench.run import Options, default_name, run
+from bench.run import run
 from bench.store import read_manifest
 from data_prep.failures import BadInput, MissingDependency
 
@@ -35,7 +36,7 @@ TIMES = ["prepare_s", "draw_s"]
 def same_machine(finished, monkeypatch, tmp_path):
     """In-process runs see the machine as the command line saw it (which takes seconds to ask)."""
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.run, "environment", lambda: environment)
+    monkeypatch.setattr(bench.options, "environment", lambda: environment)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
 
@@ -399,15 +400,15 @@ def test_a_machine_without_opengl(monkeypatch, tmp_path):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.run, "environment", environment)
+    monkeypatch.setattr(bench.options, "environment", environment)
     with pytest.raises(BadInput, match="no OpenGL context: install libegl1"):
         run(Options("chair-robustness", methods=("blank",), out=tmp_path / "run"))
     assert not (tmp_path / "run").exists()
 
 
 def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.run, "environment", dict)
-    protocol, skipped = bench.run._protocol(bench.run.SUITES[0], Options("chair-robustness"))
+    monkeypatch.setattr(bench.options, "environment", dict)
+    protocol, skipped = protocol_of(bench.run.SUITES[0], Options("chair-robustness"))
     assert protocol.methods == (
         "surface-apss",
         "pc2pix",
@@ -441,4 +442,4 @@ def test_default_folder_of_a_relative_path(tmp_path, monkeypatch):
     (tmp_path / "meshes").mkdir()
     monkeypatch.chdir(tmp_path / "meshes")
     assert default_name("s", "folder:.") == "s-folder-meshes"
-    assert Path("results/runs") == bench.run.RUNS
+    assert Path("results/runs") == bench.options.RUNS

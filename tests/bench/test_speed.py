@@ -12,8 +12,8 @@ import pytest
 import bench.manifest
 import bench.speed
 from bench.isolation import WORKER_ENVIRONMENT, Limits, run_tasks, thread_counts
+from bench.options import Options
 from bench.results import tables
-from bench.run import Options
 from bench.speed import lost, run
 from bench.speed_measure import Unit
 from bench.speed_samples import Sample, read_measurement

@@ -8,9 +8,9 @@ import pytest
 
 import bench.stability
 from bench.check import check
+from bench.options import Options
 from bench.outcomes import KINDS, Outcome
 from bench.results import tables
-from bench.run import Options
 from bench.stability import run
 from bench.stability_cases import CASES
 from bench.stability_figures import ACROSS, MISSING, sheet, write_matrix

@@ -11,9 +11,10 @@ import pytest
 
 import bench.run
 from bench.methods import find_method
+from bench.options import Options
 from bench.record import GROUND_TRUTH
 from bench.results import read_comparisons, write_trade
-from bench.run import Options, run
+from bench.run import run
 from bench.store import read_manifest
 from bench.suites import SUITES
 from bench.variants import find_setting
@@ -135,7 +136,7 @@ def test_the_tables_again(finished, command):
 
 
 def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, monkeypatch):
-    monkeypatch.setattr(bench.run, "environment", dict)
+    monkeypatch.setattr(bench.options, "environment", dict)
     arguments = ("run", "--suite", SUITE.id, "--methods", "blank", "--out", tmp_path / "run")
     assert command(*arguments, "--workers", "2") == (
         2,

@@ -1,0 +1,45 @@
+"""What jobs come to: as the journal says, or by having them done and writing it down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+
+from bench.executor import Executor, feed
+from bench.progress import progress, say
+from bench.store import Journal
+from bench.work import Job, Result
+from data_prep.failures import MissingDependency
+
+
+def do_jobs(
+    jobs: Sequence[Job],
+    journal: Journal,
+    title: str,
+    start: Callable[[int], Executor[Job, Result]],
+) -> dict[str, Result]:
+    """The results of all jobs by key: those in the journal, and the rest by doing them.
+
+    `start` gives the executor for so many jobs; it is closed here. Raises MissingDependency where
+    going on makes no sense.
+    """
+    results = {job.key: found for job in jobs if (found := journal.usable(job))}
+    missing = [job for job in jobs if job.key not in results]
+    if not missing:
+        return results
+    if results:
+        say(f"{title}: {len(results)} of {len(jobs)} are there from before")
+    failures = 0
+    with (
+        progress(title, len(missing)) as advance,
+        closing(start(len(missing))) as executor,
+        closing(feed(missing, executor)) as stream,
+    ):
+        for result in stream:
+            if result.unusable:
+                raise MissingDependency(result.unusable)
+            journal.append(result)
+            results[result.key] = result
+            failures += result.artifact_sha256 is None
+            advance(failures)
+    return results
