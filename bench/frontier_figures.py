@@ -204,10 +204,12 @@ def _write_labels(
 
 
 def _obstacles(axis: Any) -> Floats:
-    """Small boxes along all lines of an axis, [m, 4] in pixels."""
+    """Small boxes along all lines of an axis, as far as they are in sight, [m, 4] in pixels."""
     boxes = []
+    corners = axis.bbox.get_points()
     for line in axis.lines:
-        path = line.get_transform().transform(line.get_xydata())
+        # An interval down to 0 has no end on a logarithmic axis.
+        path = np.clip(line.get_transform().transform(line.get_xydata()), *corners)
         reach = 2.0 + line.get_markersize() * (line.get_marker() not in ("None", None, "", " "))
         for start, end in pairwise(path):
             count = max(int(np.linalg.norm(end - start) // 4), 1)

@@ -15,7 +15,7 @@ from bench.suites import SpeedSuite
 
 POINTS = 200  # of a line
 APART = 0.05  # of a panel's height: labels closer than this would touch
-ROOM = 8.0  # to the right of the lines, as a factor on the last number of views
+ROOM = 11.0  # to the right of the lines, as a factor on the last number of views
 
 
 def write_amortised(path: Path, summaries: Sequence[Summary], suite: SpeedSuite) -> None:

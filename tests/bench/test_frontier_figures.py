@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.text import Annotation
 
 from bench.comparison import NAN, Estimate
-from bench.frontier_figures import frontier_figure, write_frontier
+from bench.frontier_figures import _obstacles, frontier_figure, write_frontier
 from bench.label_places import covered
 
 from .test_frontier_tables import place
@@ -105,6 +107,19 @@ def test_distances_are_logarithmic_and_nought_has_no_place(figure, tmp_path):
     none = [place("splat", "fd-views", quality=Estimate(0.0, 0.0, 0.0))]
     write_frontier(tmp_path, [*places(), *none])
     assert {path.name for path in tmp_path.iterdir()} == {"frontier.png", "frontier.svg"}
+
+
+def test_an_interval_down_to_nought_ends_at_the_edge(figure):
+    """On a logarithmic axis its end lies a thousand decades below, and so did its obstacles."""
+    wide = [replace(p, quality=p.quality._replace(low=0.0)) for p in places("fd-views")]
+    (axis,) = figure(wide, "fd-views", 20).axes
+    (left, bottom), (right, top) = axis.bbox.get_points()
+    boxes = _obstacles(axis)
+    assert (boxes[:, 2] >= left).all()
+    assert (boxes[:, 0] <= right).all()
+    assert (boxes[:, 3] >= bottom).all()
+    assert (boxes[:, 1] <= top).all()
+    assert boxes[:, 1].min() < bottom + 3  # down to the edge
 
 
 def test_labels_tell_the_variants_and_cover_nothing(figure):
