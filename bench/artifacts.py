@@ -44,7 +44,12 @@ class Artifact:
 
     def pictures(self) -> NDArray[np.uint8]:
         """All views [V, S, S, 3]."""
-        return read_artifact(self.path)["images"]
+        return self.array("images")
+
+    def array(self, name: str) -> NDArray[Any]:
+        """One of its arrays; the others are not unpacked. Raises KeyError where there is none."""
+        with np.load(self.path, allow_pickle=False) as arrays:
+            return arrays[name]
 
 
 def artifact_path(directory: Path, key: str) -> Path:

@@ -16,12 +16,12 @@ from bench.claim_rules import DISTANCES, Evidence, Finding, Lacking, Latent, Sco
 from bench.claims import CHAIRS, CLAIMS, CLASSES, LATENT, SPEED, Claim
 from bench.class_tables import NETWORK, SURFACE
 from bench.comparison import compare
+from bench.features import Features
 from bench.methods import FLOOR
 from bench.metric_table import column, is_similarity
 from bench.record import GROUND_TRUTH
 from bench.results import TABLES, class_orderings, read_scored
 from bench.store import read_finished
-from bench.tables import Features
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 

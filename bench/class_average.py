@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.statistics import RESAMPLES, SEED
+from bench.statistics import AT_ONCE, RESAMPLES, SEED
 
 Floats = NDArray[np.float64]
 NO_INTERVAL = float("nan"), float("nan")
@@ -30,7 +30,10 @@ def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
     total = np.zeros(RESAMPLES)
     for number, values in enumerate(per_object):
         rng = np.random.default_rng((SEED, number))  # one class says nothing about the next
-        total += values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1)
+        at_once = max(1, AT_ONCE // len(values))
+        for start in range(0, RESAMPLES, at_once):
+            some = total[start : start + at_once]
+            some += values[rng.integers(len(values), size=(len(some), len(values)))].mean(axis=1)
     low, high = np.percentile(total / len(per_object), [2.5, 97.5])
     return float(low), float(high)
 

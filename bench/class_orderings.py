@@ -18,11 +18,12 @@ from bench import markdown
 from bench.class_average import interval_of_distances, interval_of_means
 from bench.class_tables import AVERAGE, NETWORK, SURFACE, decimals, network_of, objects_of
 from bench.comparison import NAN, Comparison, Estimate, compare, lead
+from bench.features import Features
 from bench.methods import FLOOR
 from bench.metric_table import column, is_similarity
 from bench.suites import Suite
 from bench.table_rows import ordered
-from bench.tables import Features, Published
+from bench.tables import Published
 from bench.tidy_csv import csv_text
 
 PAPER_NETWORK = "pc2pix@all"

@@ -15,6 +15,7 @@ import pandas as pd
 from bench import markdown
 from bench.class_average import interval_of_distances, interval_of_means
 from bench.class_confidence import ClassHead
+from bench.features import Features
 from bench.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.methods import FLOOR
 from bench.metric_table import (
@@ -28,7 +29,6 @@ from bench.suites import Suite
 from bench.table_markdown import by_class, values_and_papers
 from bench.table_rows import NAN, Row, ordered
 from bench.tables import (
-    Features,
     Floats,
     Measured,
     Published,

@@ -85,6 +85,42 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
+SuiteOption = Annotated[str, typer.Option(help="The suite, see 'bench list'.")]
+RunDatasetOption = Annotated[
+    str,
+    typer.Option(
+        help="procedural, folder:PATH (sub-folders are classes), shapenet:PATH, modelnet:PATH "
+        "or paper:PATH; see 'bench data inspect PATH'."
+    ),
+]
+MethodsOption = Annotated[
+    str | None, typer.Option(help="Comma-separated; blank is always measured.")
+]
+ConditionsOption = Annotated[str | None, typer.Option(help="Comma-separated.")]
+LimitOption = Annotated[int | None, typer.Option(help="At most so many objects a class.")]
+ViewsOption = Annotated[int | None, typer.Option(help="Views per object.")]
+WorkersOption = Annotated[
+    int | None, typer.Option(help="Worker processes, one thread each; default: all cores.")
+]
+DeviceOption = Annotated[Device, typer.Option(help="Where networks run.")]
+RunSeedOption = Annotated[int, typer.Option(help="Seed of clouds, views and noise.")]
+RunFolderOption = Annotated[
+    Path | None, typer.Option(help="The run's folder; default: results/runs/SUITE-DATASET.")
+]
+ShardOption = Annotated[
+    str | None,
+    typer.Option(metavar="k/N", help="Only the kth of N parts; 'bench merge' joins them."),
+]
+InceptionOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PATH|download",
+        help="Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded "
+        "before, else fid is skipped.",
+    ),
+]
+
+
 def main() -> None:
     """Entry point of the console script `bench`."""
     app(prog_name="bench")
@@ -92,43 +128,30 @@ def main() -> None:
 
 @app.command()
 def run(
-    suite: Annotated[str, typer.Option(help="The suite, see 'bench list'.")],
-    dataset: Annotated[
-        str,
-        typer.Option(
-            help="procedural, folder:PATH (sub-folders are classes), shapenet:PATH, modelnet:PATH "
-            "or paper:PATH; see 'bench data inspect PATH'."
-        ),
-    ] = "procedural",
-    methods: Annotated[
-        str | None, typer.Option(help="Comma-separated; blank is always measured.")
-    ] = None,
-    conditions: Annotated[str | None, typer.Option(help="Comma-separated.")] = None,
-    limit: Annotated[int | None, typer.Option(help="At most so many objects a class.")] = None,
-    views: Annotated[int | None, typer.Option(help="Views per object.")] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Worker processes, one thread each; default: all cores.")
-    ] = None,
-    device: Annotated[Device, typer.Option(help="Where networks run.")] = Device.auto,
-    seed: Annotated[int, typer.Option(help="Seed of clouds, views and noise.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option(help="The run's folder; default: results/runs/SUITE-DATASET.")
-    ] = None,
-    shard: Annotated[
+    suite: SuiteOption,
+    dataset: RunDatasetOption = "procedural",
+    methods: MethodsOption = None,
+    conditions: ConditionsOption = None,
+    limit: LimitOption = None,
+    views: ViewsOption = None,
+    workers: WorkersOption = None,
+    device: DeviceOption = Device.auto,
+    seed: RunSeedOption = 0,
+    out: RunFolderOption = None,
+    shard: ShardOption = None,
+    ray: Annotated[
         str | None,
-        typer.Option(metavar="k/N", help="Only the kth of N parts; 'bench merge' joins them."),
+        typer.Option(
+            metavar="ADDRESS|local", help="On a Ray cluster: host:port, auto; see docs/cluster.md."
+        ),
     ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Start over; an old run is renamed, not deleted.")
     ] = False,
-    inception_weights: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PATH|download",
-            help="Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded "
-            "before, else fid is skipped.",
-        ),
-    ] = None,
+    inception_weights: InceptionOption = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would run, and do nothing.")
+    ] = False,
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its tables."""
     from bench.lookup import find
@@ -152,9 +175,15 @@ def run(
         out=out,
         fresh=fresh,
         shard=read_shard(shard) if shard else None,
+        ray=ray,
         inception_weights=inception_weights,
     )
     chosen = find(suite, (*SUITES, LATENT, STABILITY, SPEED), "suite")
+    if dry_run:
+        from bench.dry_run import dry_run as tell
+
+        print(tell(options))
+        return
     if chosen is LATENT:
         _run_latent(options)
         return
@@ -173,6 +202,55 @@ def run(
         f"({stages})\ntime of the workers: {parts}\nresults in {finished.directory}",
         file=sys.stderr,
     )
+
+
+@app.command("plan")
+def plan_run(
+    suite: SuiteOption,
+    dataset: RunDatasetOption = "procedural",
+    methods: MethodsOption = None,
+    conditions: ConditionsOption = None,
+    limit: LimitOption = None,
+    views: ViewsOption = None,
+    workers: WorkersOption = None,
+    device: DeviceOption = Device.auto,
+    seed: RunSeedOption = 0,
+    out: RunFolderOption = None,
+    shard: ShardOption = None,
+    inception_weights: InceptionOption = None,
+    pilot: Annotated[
+        int, typer.Option(help="Objects that are measured now, with all methods and conditions.")
+    ] = 6,
+    also: Annotated[
+        str | None,
+        typer.Option(metavar="METHODS", help="Further methods to measure, for what they save."),
+    ] = None,
+    samples: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Keep what was measured, as CSV.")
+    ] = None,
+) -> None:
+    """What a run would cost, or what is left of one: time, disk, memory; and what would save."""
+    from bench.forecast import Wish, forecast
+    from bench.options import Options
+    from bench.shards import read_shard
+
+    if workers is not None and workers < 1:
+        raise _bad(f"--workers {workers}: must be at least 1")
+    options = Options(
+        suite=suite,
+        dataset=dataset,
+        methods=_names(methods),
+        conditions=_names(conditions),
+        limit=limit,
+        views=views,
+        workers=workers,
+        device=device.value,
+        seed=seed,
+        out=out,
+        shard=read_shard(shard) if shard else None,
+        inception_weights=inception_weights,
+    )
+    print(forecast(options, Wish(pilot, _names(also) or (), samples)))
 
 
 def _print_tables(outputs: Any) -> None:

@@ -5,22 +5,19 @@ What tables, reports and merged runs are made from, and what scripts may read.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from bench.artifacts import Artifact, Item, artifact_path, read_artifact
-from bench.record import COLUMNS, SCHEMA_VERSION, to_frame
-from bench.tables import Features
-from bench.work import Result
+from bench.artifacts import Artifact, Item, artifact_path
+from bench.features import FeatureFile
+from bench.record import COLUMNS, SCHEMA_VERSION, TYPES, Record, to_frame
 from data_prep.failures import BadInput
 from data_prep.whole_files import whole_file
 
@@ -29,19 +26,47 @@ JOBS = "jobs.parquet"
 FEATURES = "features"
 _ITEM = ("method", "condition", "class", "object")
 _SCHEMA_KEY = b"pc2pix_bench_schema"
+_ROW_GROUP = 512  # records written at a time: 1 MB in memory
+_ARTIFACTS = 16  # whose features are written at a time
+_RECORDS_SCHEMA = pa.schema(
+    [
+        (name, pa.from_numpy_dtype(TYPES[name]) if name in TYPES else pa.large_string())
+        for name in COLUMNS
+    ],
+    {_SCHEMA_KEY: str(SCHEMA_VERSION).encode()},
+)
 
 
-def write_records(directory: Path, results: Sequence[Result]) -> pd.DataFrame:
-    """Write `records.parquet`, whole or not at all, and return its frame."""
-    frame = to_frame([record for result in results for record in result.records])
-    table = pa.Table.from_pandas(frame, preserve_index=False)
-    _write_table(directory / RECORDS, table)
-    return frame
+def write_records(
+    directory: Path, jobs: Iterable[JobRow], records: Callable[[JobRow], Sequence[Record]]
+) -> None:
+    """Write `records.parquet`, whole or not at all: the records of all jobs, sorted.
+
+    records  gives those of a job, all of its item; they are asked for some jobs at a time, so that
+             memory does not grow with their number
+
+    Sorted by method, condition, class, object and view, whatever the order of the jobs.
+    """
+    rows = (
+        record
+        for job in sorted(jobs, key=lambda job: job.item)
+        for record in sorted(records(job), key=lambda record: record.view)
+    )
+    with (
+        whole_file(directory / RECORDS) as new,
+        pq.ParquetWriter(new, _RECORDS_SCHEMA) as writer,
+    ):
+        while group := list(islice(rows, _ROW_GROUP)):
+            frame = to_frame(group)
+            writer.write_table(
+                pa.Table.from_pandas(frame, schema=_RECORDS_SCHEMA, preserve_index=False)
+            )
 
 
 def read_records(directory: Path) -> pd.DataFrame:
     """The records of a run. Raises BadInput: none there, unreadable, or of another version."""
-    return _read_table(directory / RECORDS, COLUMNS).to_pandas()
+    table = _read_table(directory / RECORDS, COLUMNS)
+    return table.to_pandas(use_threads=False)
 
 
 def _write_table(path: Path, table: pa.Table) -> None:
@@ -54,7 +79,7 @@ def _read_table(path: Path, columns: Sequence[str]) -> pa.Table:
     if not path.is_file():
         raise BadInput(f"{path.parent}: no {path.name}; the run is not finished, start it again")
     try:
-        table = pq.read_table(path)
+        table = pq.read_table(path, use_threads=False)  # threads have memory of their own
     except (pa.ArrowException, OSError) as error:
         raise BadInput(f"{path}: not readable ({error}); start the run again") from error
     try:
@@ -114,16 +139,18 @@ def artifacts_of(directory: Path, jobs: Iterable[JobRow]) -> list[Artifact]:
 
 def write_features(directory: Path, metric: str, artifacts: Sequence[Artifact]) -> None:
     """Collect one extractor's features from all artifacts into one file, which is written whole or
-    not at all; without artifacts, there is none."""
-    if not artifacts:
-        return
-    groups = (  # a few row groups, little memory
-        pa.concat_tables(
-            [_feature_table(artifact, metric) for artifact in artifacts[start : start + 64]]
-        )
-        for start in range(0, len(artifacts), 64)
+    not at all; without artifacts, there is none.
+
+    Sorted as the records are; a row group is of one cell (`bench.features`), and only its
+    artifacts are in memory.
+    """
+    groups = (
+        pa.concat_tables([_feature_table(artifact, metric) for artifact in some])
+        for some in _by_cell(artifacts)
     )
-    first = next(groups)
+    first = next(groups, None)
+    if first is None:
+        return
     with (
         whole_file(directory / FEATURES / f"{metric}.parquet") as new,
         pq.ParquetWriter(new, first.schema) as writer,
@@ -132,22 +159,25 @@ def write_features(directory: Path, metric: str, artifacts: Sequence[Artifact]) 
             writer.write_table(table)
 
 
-def read_features(directory: Path, metric: str) -> Features | None:
-    """Rows and features [n, d] of one extractor; None where they were not taken."""
+def _by_cell(artifacts: Sequence[Artifact]) -> Iterator[list[Artifact]]:
+    """Cells in order, each in parts of up to _ARTIFACTS."""
+    ordered = sorted(artifacts, key=lambda artifact: artifact.item)
+    for _, of_cell in groupby(ordered, lambda artifact: artifact.item[:3]):
+        while some := list(islice(of_cell, _ARTIFACTS)):
+            yield some
+
+
+def read_features(directory: Path, metric: str) -> FeatureFile | None:
+    """The features of one extractor; None where they were not taken.
+
+    Raises BadInput for a file that cannot be read.
+    """
     path = directory / FEATURES / f"{metric}.parquet"
-    if not path.is_file():
-        return None
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise BadInput(f"{path}: not readable ({error}); start the run again") from error
-    column = table.column("features").combine_chunks()
-    values: NDArray[np.float32] = column.flatten().to_numpy().reshape(len(table), -1)
-    return Features(table.drop_columns(["features"]).to_pandas(), values)
+    return FeatureFile(path) if path.is_file() else None
 
 
 def _feature_table(artifact: Artifact, metric: str) -> pa.Table:
-    values = read_artifact(artifact.path)[metric]
+    values = artifact.array(metric)
     count, width = values.shape
     return pa.table(
         {

@@ -15,12 +15,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.frechet import centred, centred_to_frechet
+from bench.features import Features
+from bench.frechet import LeftOut, centred_to_frechet, left_out_distances
 from bench.methods import FLOOR, FLOORS, find_method
 from bench.metric_table import column, is_similarity
 from bench.record import GROUND_TRUTH
 from bench.statistics import mean_interval, median_interval
-from bench.tables import Features
 from data_prep.failures import BadInput
 
 Floats = NDArray[np.float64]
@@ -40,7 +40,8 @@ class Quality:
     """How good the pictures of a method are by one metric.
 
     per_object  float64 [G]: the object's mean score; of a Fréchet distance, which no single object
-                has, the distance of all pictures without those of the object
+                has, the distance of all pictures without those of the object, or of each block of
+                objects where there are many (`bench.frechet.object_blocks`)
     """
 
     metric: str
@@ -194,16 +195,15 @@ def _set_qualities(
     features: Features,
     objects: Sequence[str],
 ) -> dict[str, Quality]:
-    """Fréchet distances to the true pictures; the moments of those are taken once for all."""
+    """Fréchet distances to the true pictures; in memory are features of one class and condition."""
     condition, class_name = cell
-    pictures = features.pictures(FLOOR, condition, class_name)
+    known = set(objects)
+    pictures = [p for p in features.pictures(FLOOR, condition, class_name) if p[0] in known]
     shown = np.array([obj for obj, _ in pictures])
-    kept = [np.ones(len(shown), bool), *(shown != obj for obj in objects)]
-    enough = [rows for rows in kept if rows.sum() >= 2]
-    if len(enough) < len(kept):  # one object, or one picture
-        enough = enough[:1]
-    truth = features.of(GROUND_TRUTH, "", class_name, pictures)
-    moments = [centred(truth[rows]) for rows in enough]
+    if len(pictures) < 2:
+        nothing = Estimate(NAN, NAN, NAN)
+        return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
+    truth = LeftOut(features.of(GROUND_TRUTH, "", class_name, pictures), shown)
     floor = features.of(FLOOR, condition, class_name, pictures)
     qualities = {}
     for method in by_method:
@@ -213,12 +213,9 @@ def _set_qualities(
         if own.any():
             there = [picture for picture in pictures if picture in drawn]
             mixed[own] = features.of(method, condition, class_name, there)
-        distances = [
-            centred_to_frechet(centred(mixed[rows]), true)
-            for rows, true in zip(enough, moments, strict=True)
-        ]
-        value = distances[0] if distances else NAN
-        left_out = np.array(distances[1:]) if distances[1:] else np.full(len(objects), NAN)
+        own_set = LeftOut(mixed, shown)
+        value = centred_to_frechet(own_set.whole, truth.whole)
+        left_out = left_out_distances(own_set, truth)
         estimate = _jackknife(value, left_out)
         estimate = estimate._replace(low=max(estimate.low, 0.0))  # NaN stays
         qualities[method] = Quality(metric, estimate, left_out)

@@ -9,31 +9,18 @@ how far the judge itself errs.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.features import Features, Picture
 from bench.record import GROUND_TRUTH
 
 Floats = NDArray[np.float64]
-Picture = tuple[str, int]  # object, view
 ELEVATION_UNIT_DEG = 40.0  # the judge's elevation is in these
+AT_ONCE = 2**16  # numbers of the differences that are in memory
 VIEW_COLUMNS = 3  # sine and cosine of the azimuth, elevation; the rest is the shape code
-
-
-class Answers(Protocol):
-    """The judge's answers by (method, condition, class): `bench.tables.Features`."""
-
-    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
-        """The pictures there are."""
-        ...
-
-    def of(
-        self, method: str, condition: str, class_name: str, pictures: list[Picture]
-    ) -> NDArray[Any]:
-        """[n, 3 + d], in the order of `pictures`."""
-        ...
 
 
 def azimuth_error_deg(answers: NDArray[Any], azimuth_deg: Floats) -> Floats:
@@ -54,12 +41,14 @@ def elevation_error_deg(answers: NDArray[Any], elevation_deg: Floats) -> Floats:
 class Gallery:
     """The true shape codes of all objects of a class, to find judged ones among.
 
+    class_name
     objects  the G objects, sorted
     sums     float64 [G, d], over all true pictures of an object
     counts   how many those are, int [G]
     codes    float64 [d] of each true picture
     """
 
+    class_name: str
     objects: tuple[str, ...]
     sums: Floats
     counts: NDArray[np.int64]
@@ -82,19 +71,20 @@ class Gallery:
         return sums / counts[:, None]
 
 
-def gallery(answers: Answers, class_name: str) -> Gallery:
+def gallery(answers: Features, class_name: str) -> Gallery:
     """The gallery of a class, from the ground truth of a run."""
     truth = (GROUND_TRUTH, "", class_name)
     pictures = answers.pictures(*truth)
     objects = tuple(sorted({obj for obj, _ in pictures}))
     if not pictures:
-        return Gallery((), np.empty((0, 0)), np.empty(0, np.int64), {})
+        return Gallery(class_name, (), np.empty((0, 0)), np.empty(0, np.int64), {})
     codes = _codes(answers.of(*truth, pictures))
-    member = np.array([objects.index(obj) for obj, _ in pictures])
+    place = {obj: i for i, obj in enumerate(objects)}
+    member = np.array([place[obj] for obj, _ in pictures])
     sums = np.zeros((len(objects), codes.shape[1]))
     np.add.at(sums, member, codes)
     counts = np.bincount(member, minlength=len(objects))
-    return Gallery(objects, sums, counts, dict(zip(pictures, codes, strict=True)))
+    return Gallery(class_name, objects, sums, counts, dict(zip(pictures, codes, strict=True)))
 
 
 def why_no_retrieval(among: Gallery) -> str:
@@ -116,11 +106,14 @@ def found(among: Gallery, answers: NDArray[Any], pictures: list[Picture]) -> Flo
     for view in sorted({view for _, view in pictures}):
         rows = [i for i, (_, v) in enumerate(pictures) if v == view]
         means = among.without(view)
-        distances = np.linalg.norm(codes[rows][:, None] - means[None], axis=2)
-        nearest = distances.argmin(axis=1)
-        hits[rows] = [
-            among.objects[k] == pictures[i][0] for i, k in zip(rows, nearest, strict=True)
-        ]
+        at_once = max(1, AT_ONCE // max(means.size, 1))
+        for start in range(0, len(rows), at_once):
+            some = rows[start : start + at_once]
+            distances = np.linalg.norm(codes[some][:, None] - means[None], axis=2)
+            hits[some] = [
+                among.objects[k] == pictures[i][0]
+                for i, k in zip(some, distances.argmin(axis=1), strict=True)
+            ]
     return hits
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.artifacts import Artifact, Item
+from bench.artifacts import Artifact
 from bench.class_figures import write_class_figures
 from bench.class_orderings import OrderingsTable
 from bench.class_tables import ClassTable
@@ -17,7 +17,7 @@ from bench.crossings_figures import write_beyond_figures
 from bench.figures import FIGURES, write_figures
 from bench.frontier_figures import write_frontier
 from bench.published import published
-from bench.record import GROUND_TRUTH
+from bench.record import GROUND_TRUTH, Record
 from bench.results import (
     Beyond,
     Trade,
@@ -28,7 +28,6 @@ from bench.results import (
     write_trade,
 )
 from bench.tables import Table
-from bench.work import Result
 
 
 @dataclass(frozen=True)
@@ -50,20 +49,21 @@ class Outputs:
 def write_outputs(
     directory: Path,
     suite: str,
-    done: Sequence[tuple[Item, Result]],
+    jobs: Sequence[JobRow],
+    records: Callable[[JobRow], Sequence[Record]],
     features: Iterable[str],
     seconds: dict[str, float],
 ) -> Outputs:
     """Write all that is made from results into a directory with a manifest.
 
-    done      what became of all jobs in the order of the plan: ground truths, then items
+    jobs      all jobs in the order of the plan: ground truths, then items
+    records   gives those of a job; asked for once for each item
     features  extractors whose features are in the artifacts
     seconds   gets what each stage took
     """
-    jobs = [JobRow(result.key, item, result.artifact_sha256) for item, result in done]
     artifacts = artifacts_of(directory, jobs)
     with timed("tables", seconds):
-        write_records(directory, [result for item, result in done if item.method != GROUND_TRUTH])
+        write_records(directory, [job for job in jobs if job.item.method != GROUND_TRUTH], records)
         write_jobs(directory, jobs)
         for metric in features:
             write_features(directory, metric, artifacts)

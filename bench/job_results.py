@@ -7,7 +7,7 @@ from contextlib import closing
 
 from bench.executor import Executor, feed
 from bench.progress import progress, say
-from bench.store import Journal
+from bench.store import Journal, Settled
 from bench.work import Job, Result
 from data_prep.failures import MissingDependency
 
@@ -17,18 +17,20 @@ def do_jobs(
     journal: Journal,
     title: str,
     start: Callable[[int], Executor[Job, Result]],
-) -> dict[str, Result]:
-    """The results of all jobs by key: those in the journal, and the rest by doing them.
+) -> dict[str, Settled]:
+    """What became of all jobs by key: those in the journal, and the rest by doing them.
+
+    Their records are in the journal, and nowhere else: memory does not grow with the pictures.
 
     `start` gives the executor for so many jobs; it is closed here. Raises MissingDependency where
     going on makes no sense.
     """
-    results = {job.key: found for job in jobs if (found := journal.usable(job))}
-    missing = [job for job in jobs if job.key not in results]
+    settled = {job.key: found for job in jobs if (found := journal.usable(job))}
+    missing = [job for job in jobs if job.key not in settled]
     if not missing:
-        return results
-    if results:
-        say(f"{title}: {len(results)} of {len(jobs)} are there from before")
+        return settled
+    if settled:
+        say(f"{title}: {len(settled)} of {len(jobs)} are there from before")
     failures = 0
     with (
         progress(title, len(missing)) as advance,
@@ -39,7 +41,7 @@ def do_jobs(
             if result.unusable:
                 raise MissingDependency(result.unusable)
             journal.append(result)
-            results[result.key] = result
+            settled[result.key] = Settled.of(result)
             failures += result.artifact_sha256 is None
             advance(failures)
-    return results
+    return settled

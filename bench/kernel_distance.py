@@ -17,7 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.frechet import object_blocks
+
 Floats = NDArray[np.float64]
+
+_ROWS = 1024  # kernels are taken of so many rows with as many at a time
 
 
 def kernel_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
@@ -37,18 +41,20 @@ def left_out_kernel_distances(
 ) -> Floats:
     """The distance without each object in turn, [g], as `bench.frechet` leaves them out.
 
-    groups_x [n] and groups_y [m] name the object of each row; objects in sorted order. NaN without
-    an object that leaves fewer than two rows of a set. Raises as `kernel_distance`.
+    groups_x [n] and groups_y [m] name the object of each row; objects in sorted order, of many
+    objects blocks of them (`bench.frechet.object_blocks`). NaN without one that leaves fewer than
+    two rows of a set. Raises as `kernel_distance`.
     """
-    names = np.union1d(groups_x, groups_y)
-    member_x, member_y = np.searchsorted(names, groups_x), np.searchsorted(names, groups_y)
-    sums = _block_sums(x, y, member_x, member_y, len(names))
-    return np.array([_distance(sums, kept) for kept in 1.0 - np.eye(len(names))])
+    names, block = object_blocks(np.concatenate([np.unique(groups_x), np.unique(groups_y)]))
+    count = int(block[-1]) + 1
+    member_x, member_y = (block[np.searchsorted(names, of)] for of in (groups_x, groups_y))
+    sums = _block_sums(x, y, member_x, member_y, count)
+    return np.array([_distance(sums, kept) for kept in 1.0 - np.eye(count)])
 
 
 @dataclass(frozen=True, eq=False)
 class _BlockSums:
-    """Sums of kernels between the objects of two sets, [g, g] each, and rows of each object [g].
+    """Sums of kernels between the blocks of two sets, [g, g] each, and rows of each block [g].
 
     Within a set no row is taken with itself.
     """
@@ -66,17 +72,33 @@ def _block_sums(
     a, b = _checked(x), _checked(y)
     if a.shape[1] != b.shape[1]:
         raise ValueError(f"sets of {a.shape[1]} and {b.shape[1]} features cannot be compared")
-    in_x, in_y = (np.eye(count)[member] for member in (member_x, member_y))  # [n, g], [m, g]
-    xx, yy = _kernel(a, a), _kernel(b, b)
-    np.fill_diagonal(xx, 0.0)
-    np.fill_diagonal(yy, 0.0)
     return _BlockSums(
-        xx=in_x.T @ xx @ in_x,
-        yy=in_y.T @ yy @ in_y,
-        xy=in_x.T @ _kernel(a, b) @ in_y,
-        rows_x=in_x.sum(axis=0),
-        rows_y=in_y.sum(axis=0),
+        xx=_within(a, member_x, count),
+        yy=_within(b, member_y, count),
+        xy=_sums(a, b, member_x, member_y, count),
+        rows_x=np.bincount(member_x, minlength=count).astype(np.float64),
+        rows_y=np.bincount(member_y, minlength=count).astype(np.float64),
     )
+
+
+def _within(a: Floats, member: NDArray[Any], count: int) -> Floats:
+    """Of one set, without the kernels of rows with themselves."""
+    themselves = (np.einsum("nd,nd->n", a, a) / a.shape[1] + 1.0) ** 3
+    return _sums(a, a, member, member, count) - np.diag(np.bincount(member, themselves, count))
+
+
+def _sums(
+    a: Floats, b: Floats, member_a: NDArray[Any], member_b: NDArray[Any], count: int
+) -> Floats:
+    """Sums of kernels between blocks [g, g], some rows at a time: n x m kernels fill the memory."""
+    sums, blocks = np.zeros((count, count)), np.eye(count)
+    for i in range(0, len(a), _ROWS):
+        rows = slice(i, i + _ROWS)
+        for j in range(0, len(b), _ROWS):
+            columns = slice(j, j + _ROWS)
+            kernels = _kernel(a[rows], b[columns])
+            sums += blocks[member_a[rows]].T @ (kernels @ blocks[member_b[columns]])
+    return sums
 
 
 def _distance(sums: _BlockSums, kept: Floats) -> float:

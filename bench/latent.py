@@ -84,6 +84,7 @@ def _check(options: Options) -> Split:
             ("views", options.views, "everything is seen from one fixed view"),
             ("workers", options.workers, "it works in one process"),
             ("shard", options.shard, "it works in one process"),
+            ("ray", options.ray, "it works in one process"),
             ("inception-weights", options.inception_weights, "no fid is taken"),
         ),
     )

@@ -716,7 +716,7 @@ DEFECTS = (
         "the variance of float16 values overflows from 256 on",
         _half_precision_moments_overflow,
         r"^variance inf",
-        "`frechet._to_float64`, before any arithmetic",
+        "`frechet._checked`, before any arithmetic",
     ),
     Defect(
         "decomposition-names-no-cause",
@@ -724,7 +724,7 @@ DEFECTS = (
         "singular values of NaN: 'did not converge', which names no cause",
         _decomposition_names_no_cause,
         r"^raises LinAlgError: SVD did not converge",
-        "`frechet._to_float64`, which counts the values that are not finite first",
+        "`frechet._checked`, which counts the values that are not finite first",
     ),
     Defect(
         "matrix-root-complex",

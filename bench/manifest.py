@@ -61,7 +61,7 @@ def circumstances() -> dict[str, Any]:
         "command": sys.argv,
         "started": now(),
         "finished": None,
-        "versions": {"python": platform.python_version()} | _versions(),
+        "versions": versions(),
         "machine": {
             "platform": platform.platform(),
             "cpu": _cpu(),
@@ -84,8 +84,9 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def _versions() -> dict[str, str]:
-    found = {}
+def versions() -> dict[str, str]:
+    """Of Python and the packages that results may depend on."""
+    found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
             found[package] = version(package)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import manifest as manifests
-from bench.artifacts import Item, artifact_path
+from bench.artifacts import artifact_path
 from bench.columns import JobRow, read_jobs
 from bench.finish import Outputs, write_outputs
 from bench.progress import progress
@@ -33,7 +33,7 @@ from bench.store import (
     check_directory,
     open_journal,
     read_finished,
-    read_results,
+    read_lines,
     write_manifest,
 )
 from bench.work import Result
@@ -79,14 +79,21 @@ def merge(directories: Sequence[Path], out: Path) -> Merged:
     check_directory(out, manifest)
     with open_journal(out) as journal:
         write_manifest(out, manifest)
-        done = _collect(parts, manifest["objects"], journal)
+        jobs = _collect(parts, manifest["objects"], journal)
         seconds: dict[str, float] = {}
-        outputs = write_outputs(out, manifest["suite"], done, manifest["feature_identity"], seconds)
+        outputs = write_outputs(
+            out,
+            manifest["suite"],
+            jobs,
+            lambda job: journal.lines.result(job.key).records,
+            manifest["feature_identity"],
+            seconds,
+        )
         stages = manifest["stage_seconds"]
         stages |= {name: round(stages.get(name, 0) + spent, 1) for name, spent in seconds.items()}
         write_manifest(out, manifest | {"finished": manifests.now()})
     write_report(out, made=Made(outputs.tables, outputs.orderings, outputs.beyond))
-    return Merged(out, outputs, len(done), len(journal.added))
+    return Merged(out, outputs, len(jobs), len(journal.added))
 
 
 def _read_part(directory: Path) -> Part:
@@ -166,32 +173,31 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
     }
 
 
-def _collect(
-    parts: Sequence[Part], objects: Sequence[str], journal: Journal
-) -> list[tuple[Item, Result]]:
+def _collect(parts: Sequence[Part], objects: Sequence[str], journal: Journal) -> list[JobRow]:
     """All jobs in the order of the whole run, each in the journal and with its artifact."""
     rank = {name: place for place, name in enumerate(objects)}
     listed = [(part, read_jobs(part.directory)) for part in parts]
-    done: list[tuple[Item, Result]] = []
     with progress("merging", sum(len(jobs) for _, jobs in listed)) as advance:
         for part, jobs in listed:
-            results = read_results(part.directory)
+            lines = read_lines(part.directory)
             for job in jobs:
-                if (result := results.get(job.key)) is None:
+                if job.key not in lines:
                     raise BadInput(
                         f"{part.directory}: {' '.join(job.item)} is not in its journal any more; "
                         "run the shard again"
                     )
-                _take(part.directory, job, result, journal)
-                done.append((job.item, result))
+                _take(part.directory, job, lines.result(job.key), journal)
                 advance(0)
-    return sorted(done, key=lambda of: (of[0].method != GROUND_TRUTH, rank["/".join(of[0].object)]))
+    return sorted(
+        (job for _, jobs in listed for job in jobs),
+        key=lambda job: (job.item.method != GROUND_TRUTH, rank["/".join(job.item.object)]),
+    )
 
 
 def _take(source: Path, job: JobRow, result: Result, journal: Journal) -> None:
     """Bring a job over unless it is there. Its line is written when its artifact is whole."""
     target = artifact_path(journal.directory, job.key)
-    there = journal.finished.get(job.key)
+    there = journal.lines.result(job.key) if job.key in journal.lines else None
     wanted = result.artifact_sha256
     if there == result and (wanted is None or _sum(target) == wanted):
         return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,13 +37,14 @@ class Observation:
     draw_s: float | None
 
 
-def observe(jobs: Sequence[Job], results: Mapping[str, Result]) -> list[Observation]:
-    """An observation for each job, in their order."""
-    drawn = {(job.method, job.condition): job for job in jobs if results[job.key].artifact_sha256}
+def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observation]:
+    """An observation for each job, in their order; `result` gives that of a key."""
+    first = {job.key: result(job.key).records[0] for job in jobs}
+    drawn = {(job.method, job.condition): job for job in jobs if first[job.key].outcome == "ok"}
     likes = {case.id: case.like for case in CASES}
     observed = []
     for job in jobs:
-        record = results[job.key].records[0]
+        record = first[job.key]
         shown = mean = most = None
         if (job.method, job.condition) in drawn:
             pictures = _pictures(job)

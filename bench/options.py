@@ -41,6 +41,7 @@ class Options:
     out: Path | None = None
     fresh: bool = False
     shard: Shard | None = None
+    ray: str | None = None
     inception_weights: str | None = None
 
 

@@ -55,7 +55,7 @@ class Record:
 COLUMNS = tuple(  # of `records.parquet`
     "class" if name == "class_name" else name for name in Record.__dataclass_fields__
 )
-_TYPES = {
+TYPES = {  # of columns that are no text
     "view": "int32",
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
     **dict.fromkeys(("ssim", "luminance", "contrast", "structure"), "float64"),
@@ -67,7 +67,7 @@ _TYPES = {
 def to_frame(records: Sequence[Record]) -> pd.DataFrame:
     """Records as columns, `class_name` under its public name `class`, sorted: order is no data."""
     rows: list[dict[str, Any]] = [asdict(record) for record in records]
-    frame = pd.DataFrame(rows, columns=list(Record.__dataclass_fields__)).astype(_TYPES)
+    frame = pd.DataFrame(rows, columns=list(Record.__dataclass_fields__)).astype(TYPES)
     frame = frame.rename(columns={"class_name": "class"})
     keys = ["suite", "method", "condition", "class", "object", "view"]
     return frame.sort_values(keys, kind="stable", ignore_index=True)

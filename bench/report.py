@@ -16,6 +16,7 @@ from bench.artifacts import Item
 from bench.class_orderings import OrderingsTable
 from bench.columns import read_features, read_records
 from bench.comparison import compare
+from bench.features import Features
 from bench.lookup import find
 from bench.methods import find_method
 from bench.metric_table import (
@@ -37,7 +38,7 @@ from bench.report_tables import failure_groups, table_groups
 from bench.results import Beyond, beyond, class_orderings, how_timed, tables
 from bench.store import read_finished
 from bench.suites import SUITES, Suite
-from bench.tables import Features, Table
+from bench.tables import Table
 from data_prep.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole

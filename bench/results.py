@@ -19,6 +19,7 @@ from bench.columns import read_features, read_records
 from bench.comparison import Comparison, compare
 from bench.crossings import Course, contests, courses
 from bench.crossings_tables import CrossingsTable
+from bench.features import Features
 from bench.frontier_tables import FrontierTable, PointsTable, frontier_table, points_table
 from bench.lookup import find
 from bench.metric_table import (
@@ -32,7 +33,6 @@ from bench.published import published
 from bench.store import read_manifest
 from bench.suites import LATENT, SPEED, STABILITY, SUITES, Suite
 from bench.tables import (
-    Features,
     Table,
     control_table,
     detail_table,

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 from bench import manifest as manifests
-from bench.artifacts import Item
+from bench.columns import JobRow
 from bench.finish import Outputs, timed, write_outputs
 from bench.job_results import do_jobs
 from bench.lookup import find
-from bench.options import RUNS, Options, default_name, protocol_of, workers_of
-from bench.plan import Plan, plan
-from bench.pool import JobPool
+from bench.options import RUNS, Options, default_name, protocol_of
+from bench.plan import Plan, Protocol, plan
 from bench.progress import say
+from bench.record import Record
 from bench.report import Made, write_report
 from bench.spent import shares
-from bench.store import Journal, check_directory, open_journal, set_aside, write_manifest
+from bench.store import (
+    Journal,
+    Settled,
+    check_directory,
+    open_journal,
+    set_aside,
+    write_manifest,
+)
 from bench.suites import SUITES
-from bench.work import Job, Result, failed
+from bench.work import Job, failed
+from bench.workforce import Workforce, workforce
 from data_prep.failures import BadInput
 
 
@@ -50,10 +58,22 @@ def run(options: Options) -> Finished:
     suite = find(options.suite, SUITES, "suite")
     directory = options.out or RUNS / default_name(suite.id, options.dataset, options.shard)
     protocol, skipped = protocol_of(suite, options)
-    workers = workers_of(suite, options)
     todo = plan(protocol, directory)  # refuses weights that cannot be used
-    manifest = manifests.describe(protocol, workers, skipped)
-    start = partial(JobPool, limits=suite.limits, workers=workers)
+    with workforce(options, protocol) as crew:
+        manifest = manifests.describe(protocol, crew.workers, skipped) | {"cluster": crew.cluster}
+        return _carry_out(options, directory, protocol, todo, crew, manifest, begun)
+
+
+def _carry_out(
+    options: Options,
+    directory: Path,
+    protocol: Protocol,
+    todo: Plan,
+    crew: Workforce,
+    manifest: dict[str, Any],
+    begun: float,
+) -> Finished:
+    suite, start = protocol.suite, crew.start
     if options.fresh and (old := set_aside(directory)):
         say(f"the old run is now {old}")
     check_directory(directory, manifest)
@@ -65,18 +85,25 @@ def run(options: Options) -> Finished:
             _check_any_truth(todo, truths)
         with timed("items", seconds):
             drawable, hopeless = _split(todo, truths)
-            results = do_jobs(drawable, journal, suite.id, start) | hopeless
+            settled = do_jobs(drawable, journal, suite.id, start)
+            settled |= {key: Settled(None, reason) for key, (_, reason) in hopeless.items()}
+
+        def records(row: JobRow) -> Sequence[Record]:
+            lost = hopeless.get(row.key)
+            return failed(*lost).records if lost else journal.lines.result(row.key).records
+
         outputs = write_outputs(
             directory,
             suite.id,
-            _in_order(todo, truths | results),
+            _in_order(todo, truths | settled),
+            records,
             [metric for metric, _ in protocol.features],
             seconds,
         )
         for line in journal.damage:
             say(line)
-        spent = (result.spent for result in (*truths.values(), *results.values()))
-        of_workers = shares(spent, workers * (time.perf_counter() - begun))
+        spent = (of.spent for every in (truths, settled) for of in every.values())
+        of_workers = shares(spent, crew.workers * (time.perf_counter() - begun))
         manifest |= {
             "finished": manifests.now(),
             "stage_seconds": seconds,
@@ -90,42 +117,45 @@ def run(options: Options) -> Finished:
         outputs,
         done=done,
         reused=len(todo.items) - done,
-        failed=sum(results[job.key].artifact_sha256 is None for job in todo.items),
+        failed=sum(settled[job.key].artifact_sha256 is None for job in todo.items),
         seconds=seconds,
         shares=of_workers,
     )
 
 
-def _check_any_truth(todo: Plan, truths: Mapping[str, Result]) -> None:
+def _check_any_truth(todo: Plan, truths: Mapping[str, Settled]) -> None:
     """One bad object among many is a failed record; if none can be drawn, the input is wrong."""
     if any(truth.artifact_sha256 for truth in truths.values()):
         return
-    first = truths[todo.references[0].key].records[0].reason.removeprefix("input: ")
+    first = truths[todo.references[0].key].reason.removeprefix("input: ")
     raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {first}")
 
 
-def _split(todo: Plan, truths: Mapping[str, Result]) -> tuple[list[Job], dict[str, Result]]:
-    """Items whose ground truth is there, and the results of the others: failed, same reason."""
+def _split(
+    todo: Plan, truths: Mapping[str, Settled]
+) -> tuple[list[Job], dict[str, tuple[Job, str]]]:
+    """Items whose ground truth is there; by key, the others, failed for the same reason."""
     reasons = {
-        job.artifact: truths[job.key].records[0].reason
+        job.artifact: truths[job.key].reason
         for job in todo.references
         if truths[job.key].artifact_sha256 is None
     }
     drawable = [job for job in todo.items if job.reference not in reasons]
     hopeless = {
-        job.key: failed(job, reasons[job.reference])
+        job.key: (job, reasons[job.reference])
         for job in todo.items
         if job.reference is not None and job.reference in reasons
     }
     return drawable, hopeless
 
 
-def _count_new(todo: Plan, hopeless: Mapping[str, Result], journal: Journal) -> int:
+def _count_new(todo: Plan, hopeless: Container[str], journal: Journal) -> int:
     """Items that this start has settled; one without a ground truth was settled with that."""
     truths: dict[Path | None, str] = {job.artifact: job.key for job in todo.references}
     settled_by = (truths[j.reference] if j.key in hopeless else j.key for j in todo.items)
     return sum(key in journal.added for key in settled_by)
 
 
-def _in_order(todo: Plan, results: Mapping[str, Result]) -> list[tuple[Item, Result]]:
-    return [(job.item, results[job.key]) for job in (*todo.references, *todo.items)]
+def _in_order(todo: Plan, settled: Mapping[str, Settled]) -> list[JobRow]:
+    every = (*todo.references, *todo.items)
+    return [JobRow(job.key, job.item, settled[job.key].artifact_sha256) for job in every]

@@ -113,6 +113,7 @@ def _check(options: Options, suite: SpeedSuite) -> None:
         (
             ("workers", options.workers, "its measurements are taken one after the other"),
             ("shard", options.shard, "which times one machine"),
+            ("ray", options.ray, "which times one machine"),
             ("inception-weights", options.inception_weights, "no fid is taken"),
         ),
     )

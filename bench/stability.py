@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import manifest as manifests
-from bench.columns import write_records
+from bench.columns import JobRow, write_records
 from bench.job_results import do_jobs
 from bench.library_defects import library_outcomes
 from bench.methods import FLOORS, find_method, objectives
@@ -37,9 +37,9 @@ from bench.stability_formats import (
 from bench.stability_metrics import metric_outcomes
 from bench.stability_plan import stability_jobs
 from bench.stability_tables import Matrix, observations_to_csv
-from bench.store import check_directory, open_journal, set_aside, write_manifest
+from bench.store import Settled, check_directory, open_journal, set_aside, write_manifest
 from bench.suites import STABILITY, StabilitySuite
-from bench.work import Job, Result
+from bench.work import Job
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
@@ -73,17 +73,19 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
     check_directory(directory, manifest)
     with open_journal(directory) as journal:
         write_manifest(directory, manifest)
-        results = do_jobs(
+        settled = do_jobs(
             jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
         )
         for line in journal.damage:
             say(line)
-        write_records(directory, [results[job.key] for job in jobs])
+        results = journal.lines.result
+        rows = [JobRow(job.key, job.item, settled[job.key].artifact_sha256) for job in jobs]
+        write_records(directory, rows, lambda row: results(row.key).records)
         observations = observe(jobs, results)
         say("libraries, metrics and number formats")
         matrices = _matrices(methods, observations, workers, directory)
         _write(directory, matrices, observations)
-        _draw(directory, matrices, jobs, results, methods)
+        _draw(directory, matrices, jobs, settled, methods)
         write_manifest(directory, manifest | {"finished": manifests.now()})
     return StabilityRun(directory, matrices, time.perf_counter() - start)
 
@@ -97,6 +99,7 @@ def _check(options: Options, suite: StabilitySuite) -> None:
             ("views", options.views, "each case has its own"),
             ("limit", options.limit, "all cases are taken of one object"),
             ("shard", options.shard, "all cases are taken of one object"),
+            ("ray", options.ray, "all cases are taken of one object"),
             ("inception-weights", options.inception_weights, "no fid is taken"),
         ),
     )
@@ -192,7 +195,7 @@ def _draw(
     directory: Path,
     matrices: Sequence[Matrix],
     jobs: Sequence[Job],
-    results: Mapping[str, Result],
+    settled: Mapping[str, Settled],
     methods: Sequence[str],
 ) -> None:
     import matplotlib as mpl
@@ -205,7 +208,7 @@ def _draw(
     first = {
         (job.condition, job.method): job.made.pictures()[0]
         for job in jobs
-        if results[job.key].artifact_sha256
+        if settled[job.key].artifact_sha256
     }
     rivals = [method for method in methods if method not in FLOORS]
     write_pictures(folder / "extremes.png", [case.id for case in CASES], rivals, first)

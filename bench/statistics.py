@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 RESAMPLES = 2000
 SEED = 0
-CHUNK = 20  # resamples at a time: little memory
+AT_ONCE = 2**16  # numbers of the resamples that are in memory: little
 
 
 def mean_interval(per_object: NDArray[np.float64]) -> tuple[float, float]:
@@ -29,6 +29,7 @@ def mean_interval(per_object: NDArray[np.float64]) -> tuple[float, float]:
         (per_object,),
         np.mean,
         n_resamples=RESAMPLES,
+        batch=max(1, AT_ONCE // len(per_object)),
         method="percentile",
         rng=np.random.default_rng(SEED),
     ).confidence_interval
@@ -49,13 +50,14 @@ def median_interval(values: NDArray[np.float64], objects: NDArray[Any]) -> tuple
     values, member = values[order], member[order]
     rng = np.random.default_rng(SEED)
     medians = []
-    for _ in range(RESAMPLES // CHUNK):
-        chosen = rng.integers(len(names), size=(CHUNK, len(names)))
-        times = (chosen[:, :, None] == np.arange(len(names))).sum(axis=1)  # [CHUNK, object]
+    at_once = max(1, AT_ONCE // len(values))
+    for start in range(0, RESAMPLES, at_once):
+        chosen = rng.integers(len(names), size=(min(at_once, RESAMPLES - start), len(names)))
+        times = np.array([np.bincount(of, minlength=len(names)) for of in chosen])
         # How many values of the resample have come by the end of each sorted value.
         until = times[:, member].cumsum(axis=1)
         total = until[:, -1:]
         middle = [(until > place).argmax(axis=1) for place in ((total - 1) // 2, total // 2)]
         medians.append(values[middle].mean(axis=0))
-    low, high = np.percentile(medians, [2.5, 97.5])
+    low, high = np.percentile(np.concatenate(medians), [2.5, 97.5])
     return float(low), float(high)

@@ -12,6 +12,9 @@ A line counts if its checksum fits and its artifact is there with the right byte
 does not count is done again. Every start writes a journal file of its own, so that a line torn by
 a power cut is never glued to the next one. A file with a line that does not count is set aside
 (journal/set-aside/), its good lines are written into a new one.
+
+In memory are the places of the lines and what a run decides by; the records, which are most of a
+line, are read back when they are asked for.
 """
 
 from __future__ import annotations
@@ -19,18 +22,19 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, BinaryIO, NamedTuple
 
 from bench.record import SCHEMA_VERSION, Record
+from bench.spent import NOTHING, Spent
 from bench.work import Job, Result
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.untrusted import MIB, read_file
-from data_prep.whole_files import sync_folder, write_whole
+from data_prep.whole_files import sync_folder, whole_file, write_whole
 
 MANIFEST = "manifest.json"
 JOURNAL = "journal"
@@ -41,45 +45,129 @@ FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one va
 SHARD = "shard"  # likewise; manifests from before there were any have none
 
 
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """What became of a job, without its records.
+
+    artifact_sha256  None where there are no pictures
+    reason           why there are none; empty where there are
+    spent            noughts for a job that was done by an earlier start
+    """
+
+    artifact_sha256: str | None
+    reason: str
+    spent: Spent = NOTHING
+
+    @classmethod
+    def of(cls, result: Result) -> Settled:
+        """A result without its records."""
+        failed = result.artifact_sha256 is None and result.records
+        reason = result.records[0].reason if failed else ""
+        return cls(result.artifact_sha256, reason, result.spent)
+
+
+class _Place(NamedTuple):
+    """Where a line begins, and how long it is, in bytes; what became of its job."""
+
+    path: Path
+    offset: int
+    length: int
+    settled: Settled
+
+
+class Lines:
+    """The lines of a journal that count, by the keys of their jobs."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, _Place] = {}
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._places
+
+    def settled(self, key: str) -> Settled | None:
+        """What became of a job; None where no line says."""
+        place = self._places.get(key)
+        return None if place is None else place.settled
+
+    def result(self, key: str) -> Result:
+        """The result of a job with all its records, read back from its line.
+
+        Raises KeyError for a key without a line, and BadInput where the line is no longer what it
+        was when the journal was opened.
+        """
+        path, offset, length, _ = self._places[key]
+        try:
+            with path.open("rb") as shard:
+                shard.seek(offset)
+                line = shard.read(length)
+        except OSError as error:
+            raise BadInput(f"{path}: cannot be read ({error.strerror}); run again") from error
+        result = _to_result(line) if _counts(line) else None
+        if result is None or result.key != key:
+            raise BadInput(f"{path}: the line at byte {offset} has changed; run again")
+        return result
+
+    def take(self, shard: Path) -> list[str]:
+        """Take over the lines of a journal file, and tell what is wrong with those left out."""
+        damage: list[str] = []
+        for number, offset, line in _lines(shard):
+            if not _counts(line):
+                torn = not line.endswith(b"\n")
+                what = "was cut short by the end of its run" if torn else "is damaged"
+                damage.append(f"{shard}: line {number} {what}; its job is done again")
+            elif (result := _to_result(line)) is not None:
+                self.put(result, shard, offset, len(line))
+        return damage
+
+    def update(self, later: Lines) -> None:
+        """Take over all lines of `later`; they replace earlier ones of the same jobs."""
+        self._places |= later._places
+
+    def put(self, result: Result, shard: Path, offset: int, length: int) -> None:
+        """Note the line of a result; it replaces an earlier one of the same job."""
+        self._places[result.key] = _Place(shard, offset, length, Settled.of(result))
+
+
 @dataclass
 class Journal:
-    """The finished jobs of a directory, by key.
+    """The finished jobs of a directory.
 
     `damage` lists what had to be set aside, `added` the keys that this start has appended.
     """
 
     directory: Path
-    finished: dict[str, Result] = field(default_factory=dict)
+    lines: Lines = field(default_factory=Lines)
     damage: list[str] = field(default_factory=list)
     added: set[str] = field(default_factory=set)
-    _shard: TextIO | None = None
+    _shard: BinaryIO | None = None
 
     def append(self, result: Result) -> None:
         """Write a result down; when this returns, a power cut cannot take it back."""
         if self._shard is None:
             path = _next_shard(self.directory)
             path.parent.mkdir(exist_ok=True)
-            self._shard = path.open("x", encoding="utf-8")
+            self._shard = path.open("xb")
             sync_folder(path.parent)
-        self._shard.write(_to_line(result))
+        line, offset = _to_line(result), self._shard.tell()
+        self._shard.write(line)
         self._shard.flush()
         os.fsync(self._shard.fileno())
-        self.finished[result.key] = result
+        self.lines.put(result, Path(self._shard.name), offset, len(line))
         self.added.add(result.key)
 
-    def usable(self, job: Job) -> Result | None:
-        """The job's result where it counts: recorded, and its artifact unharmed."""
-        result = self.finished.get(job.key)
-        if result is None or result.artifact_sha256 is None:
-            return result
+    def usable(self, job: Job) -> Settled | None:
+        """What became of a job where it counts: written down, and its artifact unharmed."""
+        settled = self.lines.settled(job.key)
+        if settled is None or settled.artifact_sha256 is None:
+            return settled
         try:
-            intact = sha256(job.artifact.read_bytes()).hexdigest() == result.artifact_sha256
+            intact = sha256(job.artifact.read_bytes()).hexdigest() == settled.artifact_sha256
         except OSError:
             intact = False
         if not intact:
             self.damage.append(f"{job.artifact}: missing or altered; its job is done again")
             return None
-        return result
+        return settled
 
     def close(self) -> None:
         """Close the journal file of this start."""
@@ -213,7 +301,7 @@ def set_aside(directory: Path) -> Path | None:
             raise _not_writable(directory.parent, error) from error
 
 
-def _to_line(result: Result) -> str:
+def _to_line(result: Result) -> bytes:
     body = json.dumps(
         {
             "key": result.key,
@@ -221,8 +309,8 @@ def _to_line(result: Result) -> str:
             "records": [asdict(record) for record in result.records],
         },
         ensure_ascii=False,
-    )
-    return f"{sha256(body.encode()).hexdigest()} {body}\n"
+    ).encode()
+    return sha256(body).hexdigest().encode() + b" " + body + b"\n"
 
 
 def _shards(folder: Path) -> list[Path]:
@@ -236,61 +324,67 @@ def _next_shard(directory: Path) -> Path:
     return folder / f"{1 + max(taken, default=0):04d}.jsonl"
 
 
-def read_results(directory: Path) -> dict[str, Result]:
-    """The results in a directory's journal, by key; lines that do not count are left alone."""
-    found: dict[str, Result] = {}
+def read_lines(directory: Path) -> Lines:
+    """The lines of a directory's journal that count; others are left alone."""
+    found = Lines()
     for shard in _shards(directory / JOURNAL):
-        good, _ = _read_lines(shard)
-        found |= _to_results(good)
+        found.take(shard)
     return found
 
 
 def _read_shard(shard: Path, journal: Journal) -> None:
-    good, damage = _read_lines(shard)
-    journal.finished |= _to_results(good)
+    found = Lines()
+    damage = found.take(shard)
     if damage:
-        kept = _replace_shard(shard, good, journal.directory)
+        kept, good = _replace_shard(shard, journal.directory)
         journal.damage += [*damage, f"{shard}: kept for you to look at as {kept}"]
+        if good is not None:
+            found.take(good)  # the same lines, in other places
+    journal.lines.update(found)
 
 
-def _read_lines(shard: Path) -> tuple[list[bytes], list[str]]:
-    """The lines that count, and what is wrong with the others."""
-    lines: Sequence[bytes] = shard.read_bytes().split(b"\n")
-    good: list[bytes] = []
-    damage: list[str] = []
-    for number, line in enumerate(lines, 1):
-        if not line:
-            continue
-        checksum, _, body = line.partition(b" ")
-        if sha256(body).hexdigest().encode() != checksum:
-            torn = number == len(lines)
-            what = "was cut short by the end of its run" if torn else "is damaged"
-            damage.append(f"{shard}: line {number} {what}; its job is done again")
-            continue
-        good.append(line)
-    return good, damage
+def _lines(shard: Path) -> Iterator[tuple[int, int, bytes]]:
+    """Number (from 1), first byte and bytes of each line that is not empty."""
+    offset = 0
+    with shard.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            if line != b"\n":
+                yield number, offset, line
+            offset += len(line)
 
 
-def _to_results(lines: Sequence[bytes]) -> dict[str, Result]:
-    found: dict[str, Result] = {}
-    for line in lines:
-        values = json.loads(line.partition(b" ")[2])
-        if any(record.keys() != _FIELDS for record in values["records"]):
-            continue  # of another schema: its key, which names the schema, is no job's any more
-        records = tuple(Record(**record) for record in values["records"])
-        found[values["key"]] = Result(values["key"], records, values["artifact_sha256"])
-    return found
+def _counts(line: bytes) -> bool:
+    checksum, _, body = line.removesuffix(b"\n").partition(b" ")
+    return sha256(body).hexdigest().encode() == checksum
 
 
-def _replace_shard(shard: Path, good: Sequence[bytes], directory: Path) -> Path:
-    """Write the good lines into a new journal file, then set the damaged one aside."""
-    aside = shard.parent / SET_ASIDE / shard.name
+def _to_result(line: bytes) -> Result | None:
+    """The result in a line that counts; None for one of another schema: its key, which names the
+    schema, is no job's any more."""
+    values = json.loads(line.partition(b" ")[2])
+    if any(record.keys() != _FIELDS for record in values["records"]):
+        return None
+    records = tuple(Record(**record) for record in values["records"])
+    return Result(values["key"], records, values["artifact_sha256"])
+
+
+def _replace_shard(shard: Path, directory: Path) -> tuple[Path, Path | None]:
+    """Write the good lines into a new journal file, then set the damaged one aside.
+
+    Both places; without good lines there is no new file.
+    """
+    aside, good = shard.parent / SET_ASIDE / shard.name, _next_shard(directory)
     try:
-        if good:
-            write_whole(_next_shard(directory), b"".join(line + b"\n" for line in good))
+        if any(_counts(line) for _, _, line in _lines(shard)):
+            with whole_file(good) as new, new.open("wb") as file:
+                for _, _, line in _lines(shard):
+                    if _counts(line):
+                        file.write(line.removesuffix(b"\n") + b"\n")
+        else:
+            good = None
         aside.parent.mkdir(exist_ok=True)
         shard.replace(aside)
         sync_folder(shard.parent)
     except OSError as error:
         raise _not_writable(directory, error) from error
-    return aside
+    return aside, good

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from bench import control, markdown
+from bench.features import Features, Picture
 from bench.frechet import (
     LeftOut,
     centred_to_frechet,
@@ -34,7 +35,6 @@ from bench.table_rows import HEADER, NAN, NO_VALUE, Row
 from bench.tidy_csv import csv_text
 
 Floats = NDArray[np.float64]
-Picture = control.Picture
 # Published values by (class, metric, condition, method).
 Published = Mapping[tuple[str, str, str, str], float]
 
@@ -77,30 +77,6 @@ class Table:
         return "\n".join(lines)
 
 
-class Features:
-    """The features of one extractor by (method, condition, class), each a set of pictures."""
-
-    def __init__(self, index: pd.DataFrame, values: NDArray[np.float32]) -> None:
-        self._values = values
-        self._rows: dict[tuple[str, str, str], dict[Picture, int]] = {}
-        columns = (
-            index[name].tolist() for name in ("method", "condition", "class", "object", "view")
-        )
-        for number, (method, condition, class_name, obj, view) in enumerate(
-            zip(*columns, strict=True)
-        ):
-            self._rows.setdefault((method, condition, class_name), {})[obj, view] = number
-
-    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
-        """The pictures there are, sorted."""
-        return sorted(self._rows.get((method, condition, class_name), {}))
-
-    def of(self, method: str, condition: str, class_name: str, pictures: Iterable[Picture]) -> Any:
-        """float32 [n, d], in the order of `pictures`."""
-        rows = self._rows[method, condition, class_name]
-        return self._values[[rows[picture] for picture in pictures]]
-
-
 def image_table(
     name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
 ) -> Table:
@@ -125,7 +101,7 @@ class Measured(NamedTuple):
     """A row, and what its interval was made from.
 
     per_object  float64 [G]: of a metric of pictures the mean of each object that has a value, of a
-                distance of sets the distance without each object
+                distance of sets the distance without each block of objects (`bench.frechet`)
     """
 
     row: Row
@@ -195,11 +171,8 @@ def control_table(
     Retrieval: a share of pictures. `judged` are the judge's answers; where there are none,
     `skipped` says why.
     """
-    galleries = {
-        str(class_name): control.gallery(judged, str(class_name))
-        for class_name in records["class"].unique()
-        if judged is not None
-    }
+    sizes: dict[str, int] = {}
+    among: control.Gallery | None = None
     made = []
     for cell, group in cells(records):
         if judged is None:
@@ -207,7 +180,9 @@ def control_table(
         else:
             ok = group[group["outcome"] == "ok"]
             missing = _floor_of_failed(cell, group, records)
-            among = galleries[cell[2]]
+            if among is None or among.class_name != cell[2]:  # of one class at a time
+                among = control.gallery(judged, cell[2])
+                sizes[cell[2]] = len(among.objects)
             answered = [
                 _controlled(metric, cell, ok, missing, judged, among)
                 for metric in suite.control_metrics
@@ -218,15 +193,13 @@ def control_table(
                 suite.control_metrics, answered, strict=True
             )
         ]
-    sizes = ", ".join(
-        f"{len(g.objects)} of class {markdown.cell(name)}" for name, g in galleries.items()
-    )
+    told = ", ".join(f"{count} of class {markdown.cell(name)}" for name, count in sizes.items())
     remark = (
         "A judge tells view and shape from the picture alone; `true-mesh` shows how far the judge "
         "itself errs. Errors are medians in degrees: by chance 90 (azimuth)."
     )
-    if sizes:
-        remark += f" Retrieval is among all objects of the run ({sizes}): by chance 1 in as many."
+    if told:
+        remark += f" Retrieval is among all objects of the run ({told}): by chance 1 in as many."
     return Table(name, title, tuple(made), decimals=2, remark=remark, paper_layout=False)
 
 
@@ -308,23 +281,20 @@ def set_rows(
 ) -> list[Measured]:
     """Fréchet distances of one extractor's features, for all cells; `skipped` says why none."""
     made = []
-    truths: dict[str, LeftOut] = {}
     for cell, group in cells(records):
         value, left_out, with_blank, note = NAN, np.empty(0), NAN, skipped
         if features is not None:
-            value, left_out, with_blank, note = _distances(cell, features, truths)
+            value, left_out, with_blank, note = _distances(cell, features)
         interval = interval_of_left_out(value, left_out)
         row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
         made.append(Measured(row, left_out))
     return made
 
 
-def _distances(
-    cell: tuple[str, str, str], features: Features, truths: dict[str, LeftOut]
-) -> tuple[float, Floats, float, str]:
-    """Value, the same without each object, with the floor's pictures for failed ones, why none.
+def _distances(cell: tuple[str, str, str], features: Features) -> tuple[float, Floats, float, str]:
+    """Value, without each block of objects, with the floor's pictures for failed ones, why none.
 
-    `truths` keeps the true pictures by class, for the next cell in which none failed.
+    In memory are the features of this cell, of the same true pictures and of the floor's.
     """
     method, condition, class_name = cell
     drawn = features.pictures(method, condition, class_name)
@@ -333,12 +303,7 @@ def _distances(
     truth = (GROUND_TRUTH, "", class_name)
     x, objects = features.of(*cell, drawn), np.array([obj for obj, _ in drawn])
     wanted = set(features.pictures(*truth)) - set(drawn)
-    true = truths.get(class_name) if not wanted else None
-    if true is None:
-        true = LeftOut(features.of(*truth, drawn), objects)
-        if not wanted:
-            truths[class_name] = true
-    left_out = LeftOut(x, objects)
+    left_out, true = LeftOut(x, objects), LeftOut(features.of(*truth, drawn), objects)
     value = centred_to_frechet(left_out.whole, true.whole)
     without = left_out_distances(left_out, true)
     floor = (FLOOR, condition, class_name)
@@ -352,10 +317,10 @@ def _distances(
     return value, without, with_blank, ""
 
 
-def cells(records: pd.DataFrame) -> list[tuple[tuple[str, str, str], pd.DataFrame]]:
-    """The records of each (method, condition, class), in their order."""
+def cells(records: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], pd.DataFrame]]:
+    """The records of each (method, condition, class), in their order, one cell at a time."""
     groups = records.groupby(["method", "condition", "class"], sort=False)
-    return [((str(m), str(c), str(k)), group) for (m, c, k), group in groups]  # type: ignore[misc]
+    return (((str(m), str(c), str(k)), group) for (m, c, k), group in groups)  # type: ignore[misc]
 
 
 def make_row(

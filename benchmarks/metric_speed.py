@@ -10,7 +10,7 @@ frechet   `bench.frechet` at d = 2,048 against the usual route, as in pytorch-fi
           the matrix root of their product by SciPy; where that is not finite, again with 1e-6 on
           the diagonals. Features are like a network's: correlated, half of them 0. Two sets of n.
 interval  of the Fréchet distance: a distance anew for every object left out, against what
-          `bench.frechet.left_out_to_interval` shares, with a ground truth that is kept.
+          `bench.frechet` shares.
 scores    milliseconds a picture of all image metrics, of parts of them, and of the networks.
 
 The two sides of a ratio take turns in one process (A, B, A, B ...), after one round that does not
@@ -36,12 +36,7 @@ from skimage.metrics import structural_similarity
 from threadpoolctl import threadpool_limits
 
 from bench.foreground import foreground, object_boxes
-from bench.frechet import (
-    LeftOut,
-    frechet_distance,
-    frechet_interval,
-    left_out_to_interval,
-)
+from bench.frechet import frechet_distance, frechet_interval
 from bench.inception_weights import WeightsUnavailable
 from bench.methods import find_method
 from bench.metric_table import EXTRACTORS
@@ -245,23 +240,20 @@ def one_by_one(x: NDArray[Any], y: NDArray[Any], groups: NDArray[np.intp]) -> tu
 
 
 def report_intervals(watch: Stopwatch) -> None:
-    """Seconds of an interval: one by one, shared, and shared with a truth that is kept."""
-    print(f"\n{'interval, s':<26}{'one by one':>13}{'shared':>8}{'kept':>8}  largest difference")
+    """Seconds of an interval: one by one, and shared."""
+    print(f"\n{'interval, s':<26}{'one by one':>13}{'shared':>8}  largest difference")
     for n, d, objects in INTERVALS:
         x, y = features(1, n, d), np.float32(1.1) * features(2, n, d)
         groups = np.repeat(np.arange(objects), n // objects)
-        truth = LeftOut(y, groups)
         works: list[Callable[[], tuple[float, float]]] = [
             lambda x=x, y=y, groups=groups: one_by_one(x, y, groups),
             lambda x=x, y=y, groups=groups: frechet_interval(x, y, groups, groups),
-            lambda x=x, groups=groups, truth=truth: left_out_to_interval(LeftOut(x, groups), truth),
         ]
-        expected, *found = (np.array(work()) for work in works)  # and the truth is kept
-        apart = max(float(np.abs(ends - expected).max()) for ends in found)
+        expected, found = (np.array(work()) for work in works)
+        apart = float(np.abs(found - expected).max())
         taken = watch.in_turns(works, 3, idle=0)
         times = "".join(
-            f"{median(seconds):{width}.3f}"
-            for seconds, width in zip(taken, (13, 8, 8), strict=True)
+            f"{median(seconds):{width}.3f}" for seconds, width in zip(taken, (13, 8), strict=True)
         )
         print(f"{f'{n} x {d}, {objects} objects':<26}{times}  {apart:.1e}", flush=True)
 

@@ -319,7 +319,7 @@ class _Truth:
         return _pictures(*self.answers.shape[:2])
 
     def of(
-        self, method: str, condition: str, class_name: str, pictures: list[Picture]
+        self, method: str, condition: str, class_name: str, pictures: Sequence[Picture]
     ) -> NDArray[np.floating]:
         del method, condition, class_name
         return np.stack([self.answers[int(chair), view] for chair, view in pictures])

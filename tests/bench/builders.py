@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 from harness_objects import Tetrahedron
 
+from bench.artifacts import Item
 from bench.columns import JobRow, write_features, write_jobs, write_records
 from bench.metric_table import IMAGE_METRICS, column
 from bench.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.results import write_cost, write_tables
 from bench.store import write_manifest
-from bench.work import Job, Result
+from bench.work import Job
 from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View
 from data_prep.whole_files import write_whole
@@ -88,6 +89,33 @@ def make_truth(directory: Path, obj=None, **changes) -> Job:
     return make_job(directory, obj, GROUND_TRUTH, "", reference=None, **changes)
 
 
+class FeaturesAtHand:
+    """`bench.features.Features` without a file: of rows with values [n, d]."""
+
+    def __init__(self, index, values):
+        columns = [index[name].tolist() for name in ("method", "condition", "class", "object")]
+        self._rows = {}
+        for number, (*cell, obj, view) in enumerate(zip(*columns, index["view"], strict=True)):
+            self._rows.setdefault(tuple(cell), {})[obj, view] = values[number]
+
+    def pictures(self, *cell):
+        return sorted(self._rows.get(cell, {}))
+
+    def of(self, method, condition, class_name, pictures):
+        rows = self._rows.get((method, condition, class_name), {})
+        return np.array([rows[picture] for picture in pictures])
+
+
+def write_all(directory, records):
+    """Records as `records.parquet`; those of an item are a job."""
+    by_item = {}
+    for record in records:
+        item = Item(record.method, record.condition, record.class_name, record.object)
+        by_item.setdefault(item, []).append(record)
+    rows = [JobRow(str(i), item, None) for i, item in enumerate(by_item)]
+    write_records(directory, rows, lambda row: by_item[row.item])
+
+
 def write_artifact(job: Job, seed=0, **arrays) -> str:
     """Random pictures, and further arrays, as the job's artifact; its checksum."""
     rng = np.random.default_rng(seed)
@@ -122,7 +150,7 @@ def write_run(directory: Path, **changes) -> Path:
     manifest = make_manifest(**changes)
     write_manifest(directory, manifest)
     rng = np.random.default_rng(0)
-    jobs, results = [], []
+    jobs, records = [], []
     for name in manifest["objects"]:
         obj = Tetrahedron(name.partition("/")[2])
         truth = np.random.default_rng([*name.encode()]).random((2, 4), np.float32)
@@ -134,7 +162,7 @@ def write_run(directory: Path, **changes) -> Path:
                 job = make_job(directory / "artifacts", obj, method, condition)
                 features = truth if ideal else rng.random((2, 4), np.float32)
                 write_artifact(job, **dict.fromkeys(EXTRACTORS, features))
-                records = tuple(
+                records += (
                     make_record(
                         method,
                         condition,
@@ -145,8 +173,7 @@ def write_run(directory: Path, **changes) -> Path:
                     for view in range(2)
                 )
                 jobs.append(job)
-                results.append(Result(job.key, records, "0" * 64))
-    write_records(directory, results)
+    write_all(directory, records)
     write_jobs(directory, [JobRow(job.key, job.item, "0" * 64) for job in jobs])
     for extractor in EXTRACTORS:
         write_features(directory, extractor, [job.made for job in jobs])

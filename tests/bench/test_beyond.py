@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bench.check
-import bench.run
+import bench.options
 from bench.options import Options
 from bench.report import read_page
 from bench.results import beyond, tables, write_beyond, write_tables

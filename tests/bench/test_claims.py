@@ -16,10 +16,9 @@ from bench.claims_check import Checked, Run, checked, read_run, spreads, to_mark
 from bench.published import published
 from bench.record import GROUND_TRUTH
 from bench.suites import LATENT, SPEED, SUITES
-from bench.tables import Features
 from data_prep.failures import BadInput
 
-from .builders import make_manifest, write_manifest, write_run
+from .builders import FeaturesAtHand, make_manifest, write_manifest, write_run
 
 FOUND = Finding("pc2pix", "supported", "ssim 0.7", "")
 
@@ -132,13 +131,13 @@ def test_spreads():
     )
     means = np.repeat([[0.0, 0.0], [2.0, 0.0], [4.0, 3.0]], 2, axis=0)
     views = np.tile([[1.0, -5.0], [-1.0, 5.0]], (3, 1))
-    found = spreads(Features(index, (means + views).astype(np.float32)), ["lamp"])
+    found = spreads(FeaturesAtHand(index, (means + views).astype(np.float32)), ["lamp"])
     value, left_out = found["lamp"]
     assert value == pytest.approx(4 + 3, abs=1e-12)
     # of (2, 0) and (4, 3): 2 + 4.5; (0, 0) and (4, 3): 8 + 4.5; (0, 0) and (2, 0): 2
     assert left_out == pytest.approx([6.5, 12.5, 2.0], abs=1e-12)
     two = index[index["object"] != "c"]
-    assert spreads(Features(two, means[:4].astype(np.float32)), ["lamp"]) == {}
+    assert spreads(FeaturesAtHand(two, means[:4].astype(np.float32)), ["lamp"]) == {}
 
 
 def test_the_checklist_in_markdown():

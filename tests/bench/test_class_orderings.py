@@ -17,9 +17,8 @@ from bench.published import published
 from bench.record import GROUND_TRUTH, to_frame
 from bench.statistics import mean_interval
 from bench.suites import SUITES
-from bench.tables import Features
 
-from .builders import make_record
+from .builders import FeaturesAtHand, make_record
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 PAPER = published("thirteen-classes")
@@ -120,7 +119,7 @@ def test_distances_are_ahead_where_they_are_smaller():
     )
     values = rng.random((len(frame), 3), np.float32)
     values[frame["method"] == "surface-apss"] += 2.0
-    made = table({"fd-views": Features(frame, values)})
+    made = table({"fd-views": FeaturesAtHand(frame, values)})
     found = row(made, "car", "fd-views")
     objects = np.repeat(OBJECTS, 2)
     chosen = {

@@ -18,9 +18,8 @@ from bench.lookup import find
 from bench.metrics import frechet_distance
 from bench.record import GROUND_TRUTH, to_frame
 from bench.suites import SUITES
-from bench.tables import Features
 
-from .builders import make_failed, make_record
+from .builders import FeaturesAtHand, make_failed, make_record
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 METHODS = ("surface-apss", "pc2pix@all", "blank")
@@ -64,7 +63,7 @@ def records(**changes):
 
 
 def table(of=None, skipped=SKIPPED, features=None, suite=SUITE):
-    features = features or Features(*random_features())
+    features = features or FeaturesAtHand(*random_features())
     frame = with_confidence(to_frame(of or records()), features, HEAD)
     return class_table(frame, {"fd-views": features}, skipped, suite, PUBLISHED)
 
@@ -132,7 +131,7 @@ def test_confidence():
 def test_confidence_keeps_to_its_records():
     """Each record has the confidence of its own picture, in whatever order they are."""
     index, values = random_features()
-    features = Features(index, values)
+    features = FeaturesAtHand(index, values)
     frame = to_frame(records()).sample(frac=1, random_state=0)
     frame = with_confidence(frame, features, HEAD)
     for _, record in frame.sample(10, random_state=1).iterrows():
@@ -148,7 +147,7 @@ def test_failed_pictures_have_no_confidence_and_count_as_blank():
     drawn = ~(
         (index["method"] == "pc2pix@all") & (index["class"] == "lamp") & (index["object"] == "b")
     )
-    features = Features(index[drawn].reset_index(drop=True), values[drawn.to_numpy()])
+    features = FeaturesAtHand(index[drawn].reset_index(drop=True), values[drawn.to_numpy()])
     of = [
         make_failed(r.method, obj="b", view=r.view, class_name="lamp")
         if (r.method, r.class_name, r.object) == ("pc2pix@all", "lamp", "b")
@@ -223,7 +222,7 @@ def test_a_frechet_distance_is_never_below_0_a_kernel_distance_may_be():
     values[of["surface-apss"]] = values[of[GROUND_TRUTH]]
     one = of["surface-apss"] & ((index["class"] == "car") & (index["object"] == "a")).to_numpy()
     values[one] += 3.0
-    made = table(features=Features(index, values))
+    made = table(features=FeaturesAtHand(index, values))
     for class_name in ("car", "average"):
         at = {"method": "surface-apss", "class_name": class_name}
         assert cell(made, metric="fd-views", **at).ci_low == 0.0
@@ -238,7 +237,7 @@ def test_an_average_without_a_class():
         & (index["class"] == "lamp")
         & (index["object"] + index["view"].astype(str) != "a0")
     )
-    features = Features(index[~gone].reset_index(drop=True), values[~gone.to_numpy()])
+    features = FeaturesAtHand(index[~gone].reset_index(drop=True), values[~gone.to_numpy()])
     of = [
         make_failed(r.method, obj=r.object, view=r.view, class_name="lamp")
         if (r.method, r.class_name) == ("surface-apss", "lamp") and (r.object, r.view) != ("a", 0)

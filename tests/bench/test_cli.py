@@ -11,7 +11,7 @@ import sys
 import pytest
 import torch
 
-import bench.run
+import bench.options
 from bench.methods import METHODS, YARDSTICKS
 from bench.metric_table import (
     CONTROL_METRICS,

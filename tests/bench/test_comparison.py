@@ -8,9 +8,8 @@ from bench.comparison import NAN, Estimate, Quality, candidates, compare, lead, 
 from bench.frechet import frechet_distance, frechet_interval
 from bench.record import GROUND_TRUTH, to_frame
 from bench.statistics import mean_interval, median_interval
-from bench.tables import Features
 
-from .builders import make_failed, make_record
+from .builders import FeaturesAtHand, make_failed, make_record
 
 # Seconds to prepare and to draw a view, and the ssim of two views, of each object.
 SPLAT = {
@@ -135,7 +134,7 @@ def features(without=""):
             rows.append((name, condition, "chair", obj, i % VIEWS))
             values.append(array[i])
     index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
-    return Features(index, np.array(values))
+    return FeaturesAtHand(index, np.array(values))
 
 
 def distances(without="", objects=OBJECTS):

@@ -6,7 +6,8 @@ import pytest
 
 from bench import control
 from bench.record import GROUND_TRUTH
-from bench.tables import Features
+
+from .builders import FeaturesAtHand
 
 
 def answers(azimuth_deg=0.0, elevation_deg=0.0, code=(), length=1.0):
@@ -59,7 +60,7 @@ def truth_of(codes):
     rows = [(GROUND_TRUTH, "", "chair", *picture) for picture in codes]
     values = np.concatenate([answers(code=code) for code in codes.values()])
     index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
-    return Features(index, values)
+    return FeaturesAtHand(index, values)
 
 
 def test_the_gallery_leaves_out_the_view():

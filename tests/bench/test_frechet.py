@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from bench import frechet
 from bench.frechet import (
     LeftOut,
     TooFewSamples,
     centred,
     centred_to_frechet,
     frechet_interval,
-    left_out_to_interval,
+    merged,
+    merged_to_centred,
+    moments,
+    object_blocks,
 )
 from bench.metrics import frechet_distance
 
@@ -318,34 +322,188 @@ def test_interval_shares_what_it_may(shape, gone):
     assert low < high
 
 
-def test_a_set_is_compared_with_many(monkeypatch):
-    y, groups = views_of_objects(0, 6, 4, d=5)
-    sets = [views_of_objects(seed, 6, 4, d=5)[0] for seed in (1, 2, 3)]
-    expected = [frechet_interval(x, y, groups, groups) for x in sets]
-    calls = []
-    original = np.linalg.qr
-
-    def counted(*args, **named):
-        calls.append(args[0].shape)
-        return original(*args, **named)
-
-    monkeypatch.setattr(np.linalg, "qr", counted)
-    truth = LeftOut(y, groups)
-    found = [left_out_to_interval(LeftOut(x, groups), truth) for x in sets]
-    assert found == expected
-    assert calls.count((24, 5)) == 4  # each set as a whole
-    assert calls.count((20, 5)) == 6 * 4  # and without each object: the truth once
-    assert truth.whole.mean.tolist() == y.mean(axis=0).tolist()
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 13])
+def test_what_is_left_without_each_block(count):
+    """However many halves there are, and whatever the order of the rows."""
+    x, groups = views_of_objects(0, 13, 4, d=5)
+    member = np.random.default_rng(1).permutation(groups % count)
+    found = list(LeftOut(x, groups).without_each(member, count)) if count > 1 else []
+    for block, left in enumerate(found):
+        expected = centred(x[member != block])
+        assert left.mean == pytest.approx(expected.mean, rel=1e-13, abs=1e-13)
+        assert left.factor.T @ left.factor == pytest.approx(np.cov(x[member != block].T), rel=1e-12)
+    if count == 1:
+        with pytest.raises(TooFewSamples):
+            list(LeftOut(x, groups).without_each(member, count))
 
 
-def test_large_factors_are_not_kept(monkeypatch):
-    monkeypatch.setattr("bench.frechet._KEPT_FACTOR", 5 * 5 * 8 - 1)
-    y, groups = views_of_objects(0, 6, 4, d=5)
-    truth = LeftOut(y, groups)
-    assert truth.without(0) is not truth.without(0)
-    monkeypatch.setattr("bench.frechet._KEPT_FACTOR", 5 * 5 * 8)
-    assert truth.without(0) is truth.without(0)
-    np.testing.assert_array_equal(truth.without(0).mean, y[4:].mean(axis=0))
+def test_no_row_is_decomposed_more_often_than_halves_need(monkeypatch):
+    """log2(64) = 6 times, where leaving out each of 64 objects anew would be 63 times."""
+    x, groups = views_of_objects(0, 64, 20, d=5)
+    left_out, rows = LeftOut(x, groups), []
+    original = frechet._moments
+
+    def counted(features, chosen):
+        rows.append(len(chosen))
+        return original(features, chosen)
+
+    monkeypatch.setattr("bench.frechet._moments", counted)
+    assert len(list(left_out.without_each(groups, 64))) == 64
+    assert sum(rows) == 6 * len(x)
+
+
+@pytest.mark.parametrize(
+    ("objects", "blocks"), [(0, 0), (1, 1), (400, 400), (401, 201), (1000, 334)]
+)
+def test_many_objects_are_left_out_in_blocks(objects, blocks):
+    names = np.array([f"o{i:04d}" for i in range(objects)], dtype="U8")
+    found, block = object_blocks(np.random.default_rng(0).permutation(np.repeat(names, 2)))
+    assert found.tolist() == names.tolist()
+    assert sorted(set(block.tolist())) == list(range(blocks))
+    assert (np.diff(block) >= 0).all()  # neighbours by name
+    if blocks:
+        assert np.ptp(np.bincount(block)) <= 1
+
+
+def test_the_interval_by_blocks_is_that_of_its_definition(monkeypatch):
+    monkeypatch.setattr("bench.frechet.MOST_BLOCKS", 4)
+    x, groups = views_of_objects(0, 10, 4, d=6)
+    y, _ = views_of_objects(1, 10, 4, d=6, offset=0.3)
+    # k = ceil(10 / 4) = 3, so ceil(10 / 3) = 4 blocks: objects 0 1 2, 3 4 5, 6 7 and 8 9
+    block = np.array([0, 0, 0, 1, 1, 1, 2, 2, 3, 3])[groups]
+    close = 1.96 * 4 * ROUNDING * traces(x, y)
+    found = frechet_interval(x, y, groups, groups)
+    assert found == pytest.approx(by_leaving_out(x, y, block, block), rel=0, abs=close)
+    assert found != pytest.approx(by_leaving_out(x, y, groups, groups), rel=1e-3)
+
+
+def test_blocks_tell_the_same_spread_as_objects(monkeypatch):
+    """The standard errors of 300 objects and of 60 blocks of 5; that of 60 errs by sqrt(2 / 60),
+    18 %, so they agree within 3 times that."""
+    x, groups = views_of_objects(0, 300, 2, d=4)
+    y, _ = views_of_objects(1, 300, 2, d=4, offset=0.5)
+    of_objects = np.subtract(*frechet_interval(x, y, groups, groups)[::-1])
+    monkeypatch.setattr("bench.frechet.MOST_BLOCKS", 60)
+    of_blocks = np.subtract(*frechet_interval(x, y, groups, groups)[::-1])
+    assert of_blocks == pytest.approx(of_objects, rel=0.55)
+    assert of_blocks != of_objects
+
+
+# --- merged moments -------------------------------------------------------------------------------
+
+
+def spread(seed, n, d):
+    """Correlated features of unequal scale, their mean far from 0."""
+    mix = normal(99, d, d) / np.arange(1, d + 1)
+    return normal(seed, n, d) @ mix + 3.0
+
+
+def in_parts(x, sizes, order=None):
+    cuts = np.split(x, np.cumsum(sizes))
+    parts = [moments(part) for part in cuts]
+    return parts if order is None else [parts[i] for i in order]
+
+
+def by_tree(parts):
+    while len(parts) > 1:
+        paired = [merged(*parts[i : i + 2]) for i in range(0, len(parts) - 1, 2)]
+        parts = paired + parts[len(parts) // 2 * 2 :]
+    return parts[0]
+
+
+SIZES = {
+    "halves": [100],
+    "single rows": [1] * 200,
+    "unequal": [1, 2, 150, 3, 0, 7, 40],
+    "fewer than features": [5] * 40,
+    "one": [],
+}
+
+
+@pytest.mark.parametrize("sizes", SIZES.values(), ids=SIZES.keys())
+@pytest.mark.parametrize("d", [1, 8, 64, 300])
+def test_merged_moments_give_the_distance_of_one_pass(sizes, d):
+    x, y = spread(0, 211, d), 1.2 * spread(1, 211, d) + 0.1
+    truth = centred(y)
+    expected = centred_to_frechet(centred(x), truth)
+    order = np.random.default_rng(2).permutation(len(sizes) + 1)
+    for parts in (in_parts(x, sizes), in_parts(x, sizes, order)):
+        by_chain = merged_to_centred(iter(parts))
+        assert centred_to_frechet(by_chain, truth) == pytest.approx(expected, rel=1e-9)
+        whole = by_tree(parts)
+        assert whole.n == len(x)
+        assert len(whole.root) <= d or len(whole.root) == 211
+        both = merged_to_centred([whole])
+        assert centred_to_frechet(both, truth) == pytest.approx(expected, rel=1e-9)
+        # both sets in parts
+        other = merged_to_centred(in_parts(y, [50, 1, 60]))
+        assert centred_to_frechet(both, other) == pytest.approx(expected, rel=1e-9)
+
+
+def test_merged_moments_against_covariances_and_eigenvalues():
+    """The usual route, well-conditioned here: 20 features, 2,000 rows."""
+    x, y = spread(3, 2000, 20), 1.3 * spread(4, 1500, 20)
+    s1, s2 = np.cov(x.T), np.cov(y.T)
+    # tr sqrt(S1 S2) from the eigenvalues of the product, which are those of a symmetric matrix
+    roots = np.sqrt(np.linalg.eigvals(s1 @ s2).real).sum()
+    shift = x.mean(axis=0) - y.mean(axis=0)
+    expected = shift @ shift + np.trace(s1) + np.trace(s2) - 2 * roots
+    parts = [in_parts(z, [300, 1, 17, 900]) for z in (x, y)]
+    found = centred_to_frechet(*(merged_to_centred(of) for of in parts))
+    assert found == pytest.approx(expected, rel=1e-9)
+    whole = by_tree(parts[0])
+    np.testing.assert_allclose(whole.mean, x.mean(axis=0), rtol=1e-13)
+    np.testing.assert_allclose(whole.root.T @ whole.root / 1999, s1, rtol=1e-11, atol=1e-13)
+
+
+def test_merging_far_from_the_origin_does_not_cancel():
+    """A mean of 1e6 with a spread of 1: sums of squares would leave 4 of 16 digits."""
+    x, y = normal(5, 400, 6) + 1e6, 1.5 * normal(6, 400, 6) + 1e6
+    expected = frechet_distance(x - 1e6, y - 1e6)
+    of = [merged_to_centred(in_parts(z, [7] * 50)) for z in (x, y)]
+    # the features themselves have a rounding of 1e6 * 2^-53 = 1e-10
+    assert centred_to_frechet(*of) == pytest.approx(expected, rel=1e-8)
+
+
+def test_float32_is_taken_to_float64_before_anything_is_added():
+    x = spread(7, 500, 8).astype(np.float32)
+    found, expected = moments(x), moments(x.astype(np.float64))
+    np.testing.assert_array_equal(found.mean, expected.mean)
+    np.testing.assert_array_equal(found.root, expected.root)
+
+
+@pytest.mark.parametrize("rows", [3, 50])
+def test_a_set_larger_than_a_part(rows, monkeypatch):
+    """Rows are taken to float64 in parts: the same as in one."""
+    x, y = spread(8, 1000, 4), spread(9, 1000, 4) + 1
+    expected = frechet_distance(x, y)
+    monkeypatch.setattr("bench.frechet._ROWS", rows)
+    assert frechet_distance(x, y) == pytest.approx(expected, rel=1e-9)
+
+
+def test_no_rows_and_one_row():
+    x = spread(10, 40, 3)
+    nothing, one = moments(x[:0]), moments(x[:1])
+    assert (nothing.n, nothing.mean.tolist(), nothing.root.shape) == (0, [0, 0, 0], (0, 3))
+    assert (one.n, one.mean.tolist()) == (1, x[0].tolist())
+    assert not one.root.any()
+    assert merged(nothing, one) is one
+    assert merged(one, nothing) is one
+    for too_few in ([], [nothing], [one], [nothing, one, nothing]):
+        with pytest.raises(TooFewSamples, match="at least 2 samples"):
+            merged_to_centred(too_few)
+    two = merged_to_centred([one, nothing, moments(x[1:2])])
+    np.testing.assert_allclose(two.factor.T @ two.factor, np.cov(x[:2].T), rtol=1e-12)
+
+
+def test_moments_name_what_they_refuse():
+    x = spread(11, 10, 4)
+    with pytest.raises(ValueError, match="rows of 4 and 3 features cannot be merged"):
+        merged(moments(x), moments(x[:, :3]))
+    with pytest.raises(ValueError, match=re.escape("features must be [n, d]")):
+        moments(x[0])
+    with pytest.raises(ValueError, match="4 of 40 feature values are not finite"):
+        moments(np.where(np.arange(10)[:, None] == 3, np.inf, x))
 
 
 def test_interval_covers_the_distance_of_the_populations():

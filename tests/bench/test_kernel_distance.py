@@ -93,3 +93,22 @@ def test_an_object_that_leaves_too_little():
 def test_what_it_refuses(x, said):
     with pytest.raises(ValueError, match=said):
         kernel_distance(x, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("rows", [1, 5, 12, 100])
+def test_how_many_rows_are_taken_at_a_time_moves_rounding_only(rows, monkeypatch):
+    x, y = features(11, 12, 6), features(12, 9, 6)
+    objects_x, objects_y = np.array(list("aaabbbcccddd")), np.array(list("abcabcabc"))
+    expected = left_out_kernel_distances(x, y, objects_x, objects_y)
+    monkeypatch.setattr("bench.kernel_distance._ROWS", rows)
+    found = left_out_kernel_distances(x, y, objects_x, objects_y)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_many_objects_are_left_out_in_blocks(monkeypatch):
+    monkeypatch.setattr("bench.frechet.MOST_BLOCKS", 2)
+    x, y = features(13, 12, 6), features(14, 12, 6)
+    objects = np.repeat(np.arange(4), 3)
+    found = left_out_kernel_distances(x, y, objects, objects)
+    expected = [kernel_distance(x[half], y[half]) for half in (objects >= 2, objects < 2)]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)

@@ -31,7 +31,7 @@ def plain(tmp_path):
 
 def test_pictures(plain):
     job, result, _ = plain
-    (seen,) = observe([job], {job.key: result})
+    (seen,) = observe([job], {job.key: result}.__getitem__)
     assert (seen.case, seen.method, seen.reason, seen.notes) == ("plain", "splat", "", "mended")
     assert seen.shown == 0.5
     assert (seen.mean_change, seen.most_change) == (None, None)  # it is like no other
@@ -43,7 +43,7 @@ def test_a_change_is_seen_in_both_directions(tmp_path, plain):
     other = job_of(tmp_path, "shuffled")
     changed = pictures.copy()
     changed[0, 0, 0] = 0, 12, 10  # 10 darker, 2 lighter, equal
-    seen = observe([job, other], {job.key: result, other.key: done(other, changed)})[1]
+    seen = observe([job, other], {job.key: result, other.key: done(other, changed)}.__getitem__)[1]
     assert seen.mean_change == pytest.approx(12 / pictures.size, rel=1e-12)
     assert seen.most_change == 10
 
@@ -52,17 +52,17 @@ def test_more_views_than_the_other_case_go_through_it_again(tmp_path, plain):
     job, result, pictures = plain
     other = job_of(tmp_path, "batch-doubled", views=2 * VIEWS)
     twice = np.concatenate([pictures, pictures])
-    seen = observe([job, other], {job.key: result, other.key: done(other, twice)})[1]
+    seen = observe([job, other], {job.key: result, other.key: done(other, twice)}.__getitem__)[1]
     assert (seen.mean_change, seen.most_change) == (0.0, 0)
     twice[7, 0, 0, 0] += 1
-    seen = observe([job, other], {job.key: result, other.key: done(other, twice)})[1]
+    seen = observe([job, other], {job.key: result, other.key: done(other, twice)}.__getitem__)[1]
     assert seen.most_change == 1
 
 
 def test_other_methods_are_no_measure(tmp_path, plain):
     job, result, pictures = plain
     other = job_of(tmp_path, "shuffled", method="pc2pix")
-    seen = observe([job, other], {job.key: result, other.key: done(other, pictures)})[1]
+    seen = observe([job, other], {job.key: result, other.key: done(other, pictures)}.__getitem__)[1]
     assert seen.mean_change is None
 
 
@@ -74,7 +74,7 @@ def test_no_pictures(tmp_path, plain):
         like.key: done(like, pictures),
         job.key: result,
     }
-    seen = observe([broken, like, job], results)
+    seen = observe([broken, like, job], results.__getitem__)
     assert seen[0].reason == "apss: no faces"
     assert (seen[0].shown, seen[0].prepare_s) == (None, None)
     assert seen[1].shown == 0.5

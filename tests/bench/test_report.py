@@ -13,18 +13,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import make_failed, make_record, write_run
+from builders import make_failed, make_record, write_all, write_run
 from PIL import Image
 from report_parser import parse
 
 from bench.artifacts import read_artifact
-from bench.columns import read_records, write_records
+from bench.columns import read_records
 from bench.plan import artifact_path
 from bench.record import GROUND_TRUTH
 from bench.report import read_page, write_report
 from bench.results import tables
 from bench.store import read_manifest, write_manifest
-from bench.work import Result
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
 
@@ -57,7 +56,7 @@ def picture_of(uri):
 
 
 def replace_records(directory, records):
-    write_records(directory, [Result("k", tuple(records), None)])
+    write_all(directory, records)
 
 
 # --- the values -----------------------------------------------------------------------------------

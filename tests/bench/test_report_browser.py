@@ -10,12 +10,11 @@ import shutil
 
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
-from builders import make_failed, make_record
+from builders import make_failed, make_record, write_all
 from playwright.sync_api import sync_playwright
 
-from bench.columns import read_records, write_records
+from bench.columns import read_records
 from bench.report import write_report
-from bench.work import Result
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
@@ -41,7 +40,7 @@ def report(finished, tmp_path_factory):
         if (made.method, made.condition, obj) == ("splat", "noise-0.10", "test-0001"):
             made = make_failed(made.method, made.condition, obj, made.view, reason=FAILED_REASON)
         records.append(made)
-    write_records(directory, [Result("k", tuple(records), None)])
+    write_all(directory, records)
     return write_report(directory)
 
 

@@ -3,7 +3,6 @@ from __future__ import annotations
 import re
 import shlex
 import time
-from dataclasses import replace
 
 import numpy as np
 import plugin_methods
@@ -11,20 +10,19 @@ import pytest
 
 import bench.render_cloud
 import bench.shrink
-from bench.columns import write_records
 from bench.isolation import Limits
 from bench.shrink import fails_alike, find_item, shrink
 from bench.stability_cases import CASES
 from bench.store import write_manifest
 from bench.suites import STABILITY, SUITES
-from bench.work import cloud_of, failed
+from bench.work import cloud_of
 from data_prep.cloud_files import load_points
 from data_prep.conditions import Stride
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.scene import View
 
-from .builders import make_failed, make_job, make_manifest, make_record
+from .builders import make_failed, make_manifest, make_record, write_all
 
 LIMITS = Limits(time_s=60.0, memory_gib=4.0)
 
@@ -40,7 +38,7 @@ def write_failures(directory, *records, **changes):
     directory.mkdir(parents=True)
     manifest = {"objects": ["chair/test-0000", "chair/test-0001"], "device": "auto"} | changes
     write_manifest(directory, make_manifest(**manifest))
-    write_records(directory, [replace(failed(make_job(directory), ""), records=records)])
+    write_all(directory, records)
     return directory
 
 

@@ -185,7 +185,7 @@ def test_another_machine_or_version_is_measured_again(tmp_path, taken, monkeypat
     run(wishes(out), SMALL)
     monkeypatch.setattr(bench.manifest, "_cpu", lambda: "another")
     assert run(wishes(out), SMALL).reused == 0
-    monkeypatch.setattr(bench.manifest, "_versions", lambda: {"torch": "0"})
+    monkeypatch.setattr(bench.manifest, "versions", lambda: {"torch": "0"})
     assert run(wishes(out), SMALL).reused == 0
     monkeypatch.setattr(bench.speed, "environment", lambda: {"gl": "other"})
     assert run(wishes(out), SMALL).reused == 0

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.statistics import CHUNK, RESAMPLES, mean_interval, median_interval
+from bench.statistics import RESAMPLES, mean_interval, median_interval
 
 VALUES = np.array([0.3, 0.7, 0.2, 0.9, 0.45])
 
@@ -57,15 +57,21 @@ OBJECTS = np.array(list("aabbbccd"))  # as many values of an object as there are
 
 def test_the_median_interval_is_the_percentile_bootstrap_over_objects():
     rng = np.random.default_rng(0)
-    drawn = [rng.integers(4, size=(CHUNK, 4)) for _ in range(RESAMPLES // CHUNK)]
     medians = [
         np.median(np.concatenate([ERRORS["abcd"[i] == OBJECTS] for i in row]))
-        for row in np.concatenate(drawn)
+        for row in rng.integers(4, size=(RESAMPLES, 4))
     ]
     expected = np.percentile(medians, [2.5, 97.5])
     assert median_interval(ERRORS, OBJECTS) == pytest.approx(tuple(expected), abs=1e-12)
     shuffled = np.random.default_rng(1).permutation(len(ERRORS))
     assert median_interval(ERRORS[shuffled], OBJECTS[shuffled]) == median_interval(ERRORS, OBJECTS)
+
+
+@pytest.mark.parametrize("at_once", [1, 5, 7 * 8, 2**30])
+def test_how_many_resamples_are_in_memory_moves_nothing(at_once, monkeypatch):
+    expected = mean_interval(VALUES), median_interval(ERRORS, OBJECTS)
+    monkeypatch.setattr("bench.statistics.AT_ONCE", at_once)
+    assert (mean_interval(VALUES), median_interval(ERRORS, OBJECTS)) == expected
 
 
 def test_medians_of_two_objects_worked_by_hand():

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import gc
 import json
 import os
 import subprocess
 import sys
+import tracemalloc
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,6 +15,7 @@ import pytest
 from bench.record import SCHEMA_VERSION
 from bench.store import (
     FIXED,
+    Settled,
     check_directory,
     open_journal,
     read_finished,
@@ -36,6 +40,12 @@ def finish(job, seed=0):
     return Result(job.key, (make_record(ssim=1 / 3),), write_artifact(job, seed))
 
 
+def summary(result):
+    """What a journal keeps of it in memory."""
+    reason = "" if result.artifact_sha256 else result.records[0].reason
+    return Settled(result.artifact_sha256, reason)
+
+
 def shards(directory):
     return sorted((directory / "journal").glob("*.jsonl"))
 
@@ -50,10 +60,13 @@ def test_what_was_appended_is_there_again(tmp_path):
         assert journal.usable(job) is None
         journal.append(done)
         journal.append(reason)
-        assert journal.usable(job) == done
+        assert journal.usable(job) == summary(done)
+        assert journal.lines.result(job.key) == done
     with open_journal(tmp_path) as journal:
-        assert journal.usable(job) == done  # 1/3 to the last bit
-        assert journal.usable(broken) == reason
+        assert journal.lines.result(job.key) == done  # 1/3 to the last bit
+        assert journal.lines.result(broken.key) == reason
+        assert journal.usable(job) == summary(done)
+        assert journal.usable(broken) == summary(reason) == Settled(None, 'crash: "ä" \u2028 died')
         assert journal.damage == []
         assert journal.added == set()
 
@@ -110,7 +123,8 @@ def test_later_results_replace_earlier_ones(tmp_path):
         with open_journal(tmp_path) as journal:
             journal.append(finish(job, seed))
     with open_journal(tmp_path) as journal:
-        assert journal.usable(job) == finish(job, seed=1)
+        assert journal.usable(job) == summary(finish(job, seed=1))
+        assert journal.lines.result(job.key) == finish(job, seed=1)
 
 
 @pytest.mark.parametrize("length", [1, 64, 65, 200, -2])
@@ -158,6 +172,8 @@ def test_a_damaged_line_is_done_again_and_the_others_stay(tmp_path, change):
     shard.write_bytes(b"".join(lines))
     with open_journal(tmp_path) as journal:
         assert [journal.usable(job) is not None for job in jobs] == [True, False, True]
+        for job in (jobs[0], jobs[2]):  # from the file that took the place of the damaged one
+            assert journal.lines.result(job.key) == finish(job)
         assert journal.damage[0].startswith(f"{shard}: line 2 is damaged")
         journal.append(finish(jobs[1]))
     kept = shard.parent / "set-aside" / shard.name
@@ -222,7 +238,50 @@ def test_a_failed_job_needs_no_artifact(tmp_path):
     with open_journal(tmp_path) as journal:
         journal.append(failed(job, "timeout"))
     with open_journal(tmp_path) as journal:
-        assert journal.usable(job) == failed(job, "timeout")
+        assert journal.usable(job) == Settled(None, "timeout")
+
+
+def test_records_are_read_back_from_the_file_and_not_kept(tmp_path):
+    """What is kept of a job does not grow with its pictures."""
+    job, other = make_job(tmp_path), make_job(tmp_path, method="blank")
+    records = tuple(make_record(view=view, notes="n" * 500) for view in range(400))
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(other))
+        journal.append(replace(finish(job), records=records))
+    (shard,) = shards(tmp_path)
+    tracemalloc.start()
+    try:
+        with open_journal(tmp_path) as journal:
+            gc.collect()
+            held, _ = tracemalloc.get_traced_memory()
+            assert journal.lines.result(job.key).records == records
+    finally:
+        tracemalloc.stop()
+    assert shard.stat().st_size > 200_000
+    assert held < 30_000
+
+
+@pytest.mark.parametrize("harm", ["altered", "shorter", "gone", "another"])
+def test_a_line_that_has_changed_since_is_no_result(tmp_path, harm):
+    job, other = make_job(tmp_path), make_job(tmp_path, method="other")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+        journal.append(finish(other))
+        (shard,) = shards(tmp_path)
+        first, second = shard.read_bytes().splitlines(keepends=True)
+        assert len(first) == len(second)
+        if harm == "gone":
+            shard.unlink()
+        else:
+            altered = first.replace(b'"ssim": 0.33', b'"ssim": 0.34', 1)
+            changed = {"altered": altered, "shorter": b"", "another": second}
+            shard.write_bytes(changed[harm] + b"\n" * (harm == "shorter"))
+        with pytest.raises(BadInput) as error:
+            journal.lines.result(job.key)
+        told = "cannot be read" if harm == "gone" else "the line at byte 0 has changed; run again"
+        assert one_line(error).startswith(f"{shard}: {told}")
+        with pytest.raises(KeyError):
+            journal.lines.result("a key without a line")
 
 
 HOLD = """

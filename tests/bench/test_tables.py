@@ -17,7 +17,6 @@ from bench.results import cost_table, tables, write_tables
 from bench.statistics import mean_interval, median_interval
 from bench.suites import SUITES
 from bench.tables import (
-    Features,
     Table,
     as_published,
     control_table,
@@ -28,7 +27,14 @@ from bench.tables import (
 )
 from data_prep.failures import BadInput
 
-from .builders import SKIPPED_FID, make_failed, make_manifest, make_record, write_run
+from .builders import (
+    SKIPPED_FID,
+    FeaturesAtHand,
+    make_failed,
+    make_manifest,
+    make_record,
+    write_run,
+)
 
 SUITE = SUITES[0]
 EXACT = 1e-12  # a handful of float64 additions
@@ -209,7 +215,7 @@ def judged(pictures, seen):
             rows.append((method, condition, "chair", obj, view))
             values.append([np.sin(turn), np.cos(turn), elevation / 40, *code])
     index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
-    return Features(index, np.array(values, np.float32))
+    return FeaturesAtHand(index, np.array(values, np.float32))
 
 
 def controls(records, answers, skipped=""):
@@ -318,7 +324,7 @@ def features(without=()):
             values.append(value)
     shuffled = np.random.default_rng(4).permutation(len(rows))
     index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
-    return Features(index.iloc[shuffled], np.array(values)[shuffled])
+    return FeaturesAtHand(index.iloc[shuffled], np.array(values)[shuffled])
 
 
 def distances(without=(), skipped=None):

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench.run
+import bench.options
 from bench.methods import find_method
 from bench.options import Options
 from bench.record import GROUND_TRUTH
@@ -53,7 +53,7 @@ def test_settings_of_a_knob_stand_in_their_order():
 def finished(tmp_path_factory, tiny_weights):
     """2 objects x 2 conditions x 4 methods, 2 views."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.run, "environment", dict)
+        patch.setattr(bench.options, "environment", dict)
         return run(
             Options(
                 suite=SUITE.id,

@@ -1,0 +1,259 @@
+"""What a run would do and cost: told without doing it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import pytest
+
+import bench.inception_weights
+from bench.dry_run import dry_run
+from bench.estimate import Amount, Cost, Estimate
+from bench.forecast_markdown import Forecast, Saving, to_markdown
+from bench.inception_weights import WEIGHTS_SHA256
+from bench.lookup import find
+from bench.manifest import describe
+from bench.options import Options, protocol_of
+from bench.plan import plan
+from bench.prospect import look_ahead
+from bench.record import GROUND_TRUTH
+from bench.store import open_journal, write_manifest
+from bench.suites import SUITES
+from bench.work import failed
+
+from .builders import SUITE
+
+FEW = ("--methods", "splat,blank", "--conditions", "2048,512", "--limit", "3", "--views", "2")
+
+
+def tree(directory):
+    """All files below, with times and bytes."""
+    files = (path for path in directory.rglob("*") if path.is_file())
+    return {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+
+
+@pytest.fixture
+def no_cache(monkeypatch, tmp_path_factory):
+    """No weights of Inception have been downloaded before."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
+
+# --- --dry-run ------------------------------------------------------------------------------------
+
+
+def test_dry_run_of_a_new_run_tells_all_and_writes_nothing(command, tmp_path, no_cache):
+    status, out, err = command("run", "--suite", SUITE, *FEW, "--dry-run", "--out", tmp_path / "a")
+    assert (status, err) == (0, "")
+    assert list(tmp_path.iterdir()) == []
+    assert re.search(r"^objects +3 chair$", out, re.M)
+    assert re.search(rf"^folder +{tmp_path}/a \(new\)$", out, re.M)
+    assert re.search(r"^  splat +version 1, scipy ", out, re.M)
+    assert re.search(r"^  fd-views +/.*views_network.safetensors$", out, re.M)
+    assert re.search(r"^  fid +skipped: weights", out, re.M)
+    assert "ground truths: 3 to be done, 0 there" in out
+    assert "items: 12 to be done, 0 there" in out
+    assert "| splat | 3 | 3 |" in out
+
+
+def test_dry_run_of_a_finished_run_leaves_it_as_it_is(copied, command, arguments, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(copied.parent))
+    before = tree(copied)
+    status, out, _ = command(*arguments, "--dry-run", "--out", copied)
+    assert status == 0
+    assert "items: 0 to be done, 24 there" in out
+    status, out, _ = command(*arguments, "--dry-run", "--out", copied, "--fresh")
+    assert "items: 24 to be done, 0 there" in out
+    assert "the run there would be renamed" in out
+    assert tree(copied) == before
+
+
+def test_dry_run_counts_what_is_left_of_a_begun_run(copied, command, arguments, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(copied.parent))
+    (journal,) = (copied / "journal").glob("*.jsonl")
+    lines = journal.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 27
+    journal.write_bytes(b"".join(lines[:-5]) + lines[-5][:100])  # four gone, one torn
+    key = json.loads(lines[4].partition(b" ")[2])["key"]
+    altered = next((copied / "artifacts").rglob(f"{key}.npz"))
+    altered.write_bytes(b"not what was written")
+    before = tree(copied)
+    _, out, _ = command(*arguments, "--dry-run", "--out", copied)
+    assert "items: 6 to be done, 18 there" in out
+    assert tree(copied) == before  # the journal is not mended
+
+
+def test_dry_run_of_a_download_fetches_nothing(no_cache, monkeypatch, tmp_path):
+    monkeypatch.setattr(bench.inception_weights, "_download", pytest.fail)
+    options = Options(SUITE, methods=("blank",), limit=1, inception_weights="download")
+    out = dry_run(options)
+    assert re.search(r"^  fid +to be downloaded first$", out, re.M)
+    assert "skipped:" not in out
+    assert "fid, fd-views" in out
+    assert len(WEIGHTS_SHA256) == 64
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--suite", "speed"), "--dry-run: the suite speed takes minutes and has no plan; run it"),
+        (("--suite", "latent"), "--dry-run: the suite latent takes minutes and has no plan"),
+        (("--suite", SUITE, "--methods", "splta"), "unknown method 'splta': did you mean 'splat'?"),
+        (("--suite", "speed-accuracy", "--workers", "2"), "--workers: has no meaning"),
+    ],
+)
+def test_dry_run_refuses_as_the_run_does(command, arguments, told):
+    status, out, err = command("run", "--dry-run", *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"bench: {told}")
+
+
+def test_dry_run_refuses_a_folder_of_another_run(copied, command, arguments):
+    status, _, err = command(*arguments, "--dry-run", "--out", copied, "--seed", "1")
+    assert (status, err.count("holds a run of seed 0, not 1")) == (2, 1)
+    (copied.parent / "other").mkdir()
+    (copied.parent / "other" / "mine").write_text("")
+    for more in ((), ("--fresh",)):
+        status, _, err = command(*arguments, "--dry-run", "--out", copied.parent / "other", *more)
+        assert (status, err.count("not empty and not a run")) == (2, 1)
+
+
+# --- what is left ---------------------------------------------------------------------------------
+
+
+def test_items_of_an_object_that_cannot_be_drawn_are_there(tmp_path):
+    suite = find(SUITE, SUITES, "suite")
+    options = Options(SUITE, methods=("blank",), conditions=("2048",), limit=3, out=tmp_path)
+    protocol, _ = protocol_of(suite, options)
+    todo = plan(protocol, tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(failed(todo.references[1], "input: no such shape"))
+    write_manifest(tmp_path, describe(protocol, 1, {}))
+    ahead = look_ahead(options, protocol)
+    assert ahead.left == {(GROUND_TRUTH, ""): 2, ("blank", "2048"): 2}
+    assert ahead.left_of_first(1) == {(GROUND_TRUTH, ""): 1, ("blank", "2048"): 1}
+    assert ahead.left_of_first(2) == ahead.left_of_first(1)
+    assert ahead.left_of_first(9) == ahead.left
+
+
+# --- bench plan -----------------------------------------------------------------------------------
+
+
+def test_plan_of_a_new_run(command, tmp_path, no_cache):
+    status, out, err = command(
+        *(
+            "plan",
+            "--suite",
+            SUITE,
+            *FEW,
+            "--pilot",
+            "2",
+            "--workers",
+            "1",
+            "--out",
+            tmp_path / "a",
+        ),
+        *("--also", "splat@spread=1.5", "--samples", tmp_path / "samples.csv"),
+    )
+    assert status == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["samples.csv"]
+    assert "pilot: 2 of 3 objects x 2 conditions x 3 methods" in err
+    assert "12 items to do" in out
+    assert "Measured just now on 2 objects with one worker" in out
+    for name, items in (("ground-truth", 3), ("splat", 6), ("blank", 6), ("**all**", 12)):
+        assert re.search(rf"^\| {re.escape(name)} \| {items} \|", out, re.M), name
+    assert "| without splat |" in out
+    assert "--limit" not in out  # there is no smaller one
+    with (tmp_path / "samples.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * (1 + 3 * 2)
+    assert {row["method"] for row in rows} == {GROUND_TRUTH, "splat", "blank", "splat@spread=1.5"}
+
+
+def test_plan_of_a_begun_run_counts_what_is_left(copied, command, arguments, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(copied.parent))
+    plan_arguments = ("plan", *arguments[1:], "--pilot", "1", "--workers", "1", "--out", copied)
+    _, out, err = command(*plan_arguments)
+    assert "nothing is left to do" in out
+    assert "pilot" not in err
+    (journal,) = (copied / "journal").glob("*.jsonl")
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[:-4]))
+    before = tree(copied)
+    status, out, _ = command(*plan_arguments)
+    assert status == 0
+    assert "4 items to do, 20 there" in out
+    assert re.search(r"^\| ground-truth \| 0 \|", out, re.M)
+    assert tree(copied) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--suite", "stability"), "bench plan: the suite stability takes minutes and has no plan"),
+        (("--suite", SUITE, "--also", "splta"), "unknown method 'splta': did you mean 'splat'?"),
+        (("--suite", SUITE, "--pilot", "0"), "--pilot 0: must be at least 1"),
+        (
+            ("--suite", SUITE, "--samples", "no/a.csv"),
+            "--samples no/a.csv: its folder is not there",
+        ),
+        (("--suite", SUITE, "--workers", "0"), "--workers 0: must be at least 1"),
+    ],
+)
+def test_plan_refuses(command, arguments, told, tmp_path):
+    status, out, err = command("plan", "--limit", "1", "--out", tmp_path / "a", *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"bench: {told}")
+
+
+# --- the text -------------------------------------------------------------------------------------
+
+
+def make_forecast(**changes) -> Forecast:
+    cost = Cost(40, Amount(7200.0, 3600.0, 10800.0), 1800.0, 5e6, 512.0, 0)
+    truth = Cost(8, Amount(360.0, 360.0, 360.0), 0.0, 1e6, 256.0, 0)
+    total = Cost(40, Amount(7596.0, 3996.0, 11196.0), 1800.0, 6e6, 512.0, 0)
+    values = {
+        "suite": SUITE,
+        "dataset": "folder:a|b",
+        "shard": None,
+        "folder": "runs/x",
+        "objects": 8,
+        "conditions": 5,
+        "views": 20,
+        "there": 0,
+        "workers": 2,
+        "measured": 6,
+        "estimate": Estimate(
+            {GROUND_TRUTH: truth, "pc2pix": cost}, total, Amount(3798.0, 1998.0, 5598.0)
+        ),
+        "starting_s": 36.0,
+        "on_gpu": frozenset(),
+        "savings": (),
+        "to_measure": (),
+    }
+    return Forecast(**(values | changes))
+
+
+def test_markdown_has_hours_gpu_hours_disk_and_memory():
+    lines = to_markdown(make_forecast(on_gpu=frozenset({"pc2pix"}))).splitlines()
+    assert lines[0] == r"# Plan of chair-robustness on folder:a\|b"
+    assert "| ground-truth | 8 | 45 | 0.1 [0.1, 0.1] | – | 1 | 256 |" in lines
+    assert "| pc2pix | 40 | 180 | 2 [1, 3] | 0.5 | 5 | 512 |" in lines
+    assert "| start of workers |  |  | 0.01 | – |  |  |" in lines
+    assert "| **all** | 40 |  | 2.1 [1.1, 3.1] | 0.5 | 6 | 512 |" in lines
+    assert any(line.startswith("With 2 workers: **63 min** [33 min, 93 min], ") for line in lines)
+    assert not any(line.startswith("## ") for line in lines)
+
+
+def test_markdown_without_a_gpu_has_no_gpu_hours():
+    assert "| pc2pix | 40 | 180 | 2 [1, 3] | – | 5 | 512 |" in to_markdown(make_forecast())
+
+
+def test_markdown_of_savings_and_of_what_could_be_measured():
+    saving = Saving("--limit 4", 3798.0, 3798.0, "less certain")
+    text = to_markdown(make_forecast(savings=(saving,), to_measure=("pc2pix@bf16",), there=10))
+    assert "| --limit 4 | 1.1 | 1.1 | 50% | less certain |" in text
+    assert "`--also` with some of `pc2pix@bf16`." in text
+    assert "40 items to do, 10 there in `runs/x`." in text
