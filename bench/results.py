@@ -61,6 +61,7 @@ BEYOND_TITLES = (
     ("table_detail", "Detail: the outline and the thin parts (higher is better)"),
 )
 VIEWS = "fd-views"
+_COSTED = ("method", "condition", "class", "object", "outcome", "prepare_s", "draw_s")
 
 
 class Writable(Protocol):
@@ -275,7 +276,7 @@ def cost_table(records: pd.DataFrame, remark: str) -> str:
 def write_cost(directory: Path) -> str:
     """Write `cost.md` beside the tables, and return it."""
     manifest = read_manifest(directory)
-    records = _in_suite_order(read_records(directory), manifest)
+    records = _in_suite_order(read_records(directory, _COSTED), manifest)
     text = cost_table(records, how_timed(manifest))
     write_whole(directory / COST, text.encode())
     return text
