@@ -125,7 +125,7 @@ def unfit(demands: Demands) -> str:
     ):
         if differing := [name for name in wanted if here.get(name) != wanted[name]]:
             told = ", ".join(f"{n} is {here.get(n)}, not {wanted[n]}" for n in differing)
-            return f"its {what} differ from those of the run: {told}; set it up in the same way"
+            return f"not set up as the machine of the run, {what}: {told}; make it the same"
     return ""
 
 

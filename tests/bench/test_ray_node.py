@@ -65,12 +65,12 @@ def test_a_machine_meets_its_own_demands(asked):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"environment": {"gl": "other"}}, "its environment differ.*gl is llvmpipe, not other"),
-        ({"versions": {"torch": "0.1"}}, r"its versions differ.*torch is 2\..*, not 0\.1; set it"),
-        ({"code": {"bench": "abc"}}, r"its code differ.*bench is [0-9a-f]{16}, not abc"),
-        ({"identities": {"splat-net": "x"}}, "its methods differ.*splat-net is .*, not x"),
-        ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods differ.*none.safetensors: no"),
-        ({"weights": {"/none": "x"}}, "its weights differ.*/none is No such file or directory"),
+        ({"environment": {"gl": "other"}}, "environment: gl is llvmpipe, not other"),
+        ({"versions": {"torch": "0.1"}}, r"versions: torch is 2\..*, not 0\.1; make it"),
+        ({"code": {"bench": "abc"}}, r"code: bench is [0-9a-f]{16}, not abc"),
+        ({"identities": {"splat-net": "x"}}, "methods: splat-net is .*, not x"),
+        ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
+        ({"weights": {"/none": "x"}}, "weights: /none is No such file or directory"),
     ],
 )
 def test_what_differs_is_named(asked, change, told):
@@ -80,7 +80,7 @@ def test_what_differs_is_named(asked, change, told):
 def test_weights_that_were_exchanged(asked):
     (path,) = asked.weights
     Path(path).write_bytes(b"other")
-    assert "its weights differ" in unfit(asked)
+    assert "weights: " in unfit(asked)
 
 
 def test_a_machine_without_opengl(asked, monkeypatch):
