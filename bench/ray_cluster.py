@@ -128,7 +128,7 @@ class RayPool:
         return self._room
 
     def submit(self, job: Job) -> None:
-        """Have a job done. Raises BadInput where its ground truth cannot be read."""
+        """Have a job done. Raises OSError where its ground truth cannot be read."""
         reference = None if job.reference is None else self._reference(job.reference)
         gpus = 1 if self._gpus and _wants_gpu(job) else 0
         ref = self._do.options(num_gpus=gpus).remote(
