@@ -155,26 +155,22 @@ def run(
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its tables."""
     from bench.lookup import find
-    from bench.options import Options
     from bench.run import run as run_suite
-    from bench.shards import read_shard
     from bench.suites import LATENT, SPEED, STABILITY, SUITES
 
-    if workers is not None and workers < 1:
-        raise _bad(f"--workers {workers}: must be at least 1")
-    options = Options(
+    options = _options(
         suite=suite,
         dataset=dataset,
-        methods=_names(methods),
-        conditions=_names(conditions),
+        methods=methods,
+        conditions=conditions,
         limit=limit,
         views=views,
         workers=workers,
-        device=device.value,
+        device=device,
         seed=seed,
         out=out,
         fresh=fresh,
-        shard=read_shard(shard) if shard else None,
+        shard=shard,
         ray=ray,
         inception_weights=inception_weights,
     )
@@ -231,26 +227,47 @@ def plan_run(
 ) -> None:
     """What a run would cost, or what is left of one: time, disk, memory; and what would save."""
     from bench.forecast import Wish, forecast
+
+    options = _options(
+        suite=suite,
+        dataset=dataset,
+        methods=methods,
+        conditions=conditions,
+        limit=limit,
+        views=views,
+        workers=workers,
+        device=device,
+        seed=seed,
+        out=out,
+        shard=shard,
+        inception_weights=inception_weights,
+    )
+    print(forecast(options, Wish(pilot, _names(also) or (), samples)))
+
+
+def _options(
+    *,
+    methods: str | None,
+    conditions: str | None,
+    workers: int | None,
+    device: Device,
+    shard: str | None,
+    **others: Any,
+) -> Any:
+    """The wishes for a suite, as `bench.options.Options`."""
     from bench.options import Options
     from bench.shards import read_shard
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
-    options = Options(
-        suite=suite,
-        dataset=dataset,
+    return Options(
         methods=_names(methods),
         conditions=_names(conditions),
-        limit=limit,
-        views=views,
         workers=workers,
         device=device.value,
-        seed=seed,
-        out=out,
         shard=read_shard(shard) if shard else None,
-        inception_weights=inception_weights,
+        **others,
     )
-    print(forecast(options, Wish(pilot, _names(also) or (), samples)))
 
 
 def _print_tables(outputs: Any) -> None:

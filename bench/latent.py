@@ -22,7 +22,7 @@ from bench.latent_sums import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_co
 from bench.latent_tables import LatentTable, Value, means, values_to_csv
 from bench.metric_table import VIEWS_WEIGHTS
 from bench.one_thread import one_thread
-from bench.options import RUNS, Options, default_name, refuse
+from bench.options import Options, refuse
 from bench.probe import environment
 from bench.progress import progress
 from bench.record import SCHEMA_VERSION
@@ -61,7 +61,7 @@ def run(options: Options, suite: LatentSuite = LATENT) -> LatentRun:
     triples = choose_triples(chairs[: suite.pool], suite.triples, rng)
     pairs, triples = pairs[: options.limit], triples[: options.limit]
     view = View(suite.azimuth_deg, suite.elevation_deg)
-    directory = options.out or RUNS / default_name(suite.id, options.dataset)
+    directory = options.directory
     with one_thread():
         networks = [load_network(method, options.device, view) for method in methods]
         manifest = _describe(options, suite, networks, pairs, triples)

@@ -44,6 +44,11 @@ class Options:
     ray: str | None = None
     inception_weights: str | None = None
 
+    @property
+    def directory(self) -> Path:
+        """The run's folder."""
+        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard)
+
 
 def refuse(suite: str, wishes: Iterable[tuple[str, object, str]]) -> None:
     """For a suite where some options have no meaning: (name, value, why) of each.

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench import manifest as manifests
 from bench.estimate import Cell
-from bench.options import RUNS, Options, default_name, workers_of
+from bench.options import Options, workers_of
 from bench.plan import Plan, Protocol, plan
 from bench.store import MANIFEST, Journal, check_directory, read_lines
 from bench.work import Job
@@ -61,7 +61,7 @@ def look_ahead(options: Options, protocol: Protocol) -> Prospect:
     Raises BadInput as `bench.run.run` before it does its first job.
     """
     suite = protocol.suite
-    directory = options.out or RUNS / default_name(suite.id, options.dataset, options.shard)
+    directory = options.directory
     todo = plan(protocol, directory)
     workers = workers_of(suite, options)
     there: frozenset[str] = frozenset()

@@ -24,6 +24,7 @@ from bench.manifest import versions
 from bench.plan import Protocol, method_identity
 from bench.pool import JobPool
 from bench.probe import environment
+from bench.sources import code_sha256
 from bench.work import Job, Result, failed
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.scene_objects import SceneObject
@@ -147,14 +148,7 @@ def fingerprint_of(obj: SceneObject) -> str:
 
 def _code() -> dict[str, str]:
     """A checksum for each package of this project."""
-    root = Path(__file__).resolve().parents[1]
-    sums = {}
-    for package in PACKAGES:
-        digest = sha256()
-        for path in sorted((root / package).rglob("*.py")):
-            digest.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
-        sums[package] = digest.hexdigest()[:16]
-    return sums
+    return {package: code_sha256([package])[:16] for package in PACKAGES}
 
 
 def _identities(methods: Iterable[str], device: str) -> dict[str, str]:

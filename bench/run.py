@@ -13,7 +13,7 @@ from bench.columns import JobRow
 from bench.finish import Outputs, timed, write_outputs
 from bench.job_results import do_jobs
 from bench.lookup import find
-from bench.options import RUNS, Options, default_name, protocol_of
+from bench.options import Options, protocol_of
 from bench.plan import Plan, Protocol, plan
 from bench.progress import say
 from bench.record import Record
@@ -56,7 +56,7 @@ def run(options: Options) -> Finished:
     """
     begun = time.perf_counter()
     suite = find(options.suite, SUITES, "suite")
-    directory = options.out or RUNS / default_name(suite.id, options.dataset, options.shard)
+    directory = options.directory
     protocol, skipped = protocol_of(suite, options)
     todo = plan(protocol, directory)  # refuses weights that cannot be used
     with workforce(options, protocol) as crew:

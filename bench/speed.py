@@ -15,7 +15,7 @@ from typing import Any
 from bench import manifest as manifests
 from bench.isolation import Lost, run_tasks, thread_counts
 from bench.methods import find_method, objectives
-from bench.options import RUNS, Options, default_name, refuse
+from bench.options import Options, refuse
 from bench.probe import environment
 from bench.progress import progress, say
 from bench.published import published
@@ -73,7 +73,7 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SpeedRun:
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     clouds = options.limit or suite.clouds
     objects = open_dataset(options.dataset).objects(suite.class_name, clouds, clouds)
-    directory = options.out or RUNS / default_name(suite.id, options.dataset)
+    directory = options.directory
     manifest = _describe(options, suite, methods, conditions, objects)
     units = speed_units(
         suite,

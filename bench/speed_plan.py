@@ -5,24 +5,22 @@ threads. Nothing is run; our own sources are read, to see whether old times are 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from bench.lookup import find
 from bench.plan import digest, method_identity
+from bench.sources import ROOT, code_sha256
 from bench.speed_measure import Unit
 from bench.speed_samples import FORM
 from bench.suites import SpeedSuite
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject
 
-ROOT = Path(__file__).resolve().parents[1]
 TIMED = (  # what decides how long something takes
     *("data_prep", "baselines", "pc2pix"),
     *(f"bench/{name}.py" for name in ("methods", "loaders", "variants", "speed_measure")),
 )
-SUFFIXES = (".py", ".vert", ".frag")
 
 
 def speed_units(
@@ -75,14 +73,4 @@ def sources_sha256(root: Path = ROOT) -> str:
 
     `Method.version` is raised when pictures change; times also change where they do not.
     """
-    files = [
-        path
-        for name in TIMED
-        for path in ((root / name).rglob("*") if (root / name).is_dir() else [root / name])
-        if path.suffix in SUFFIXES
-    ]
-    lines = (
-        f"{path.relative_to(root)} {sha256(path.read_bytes()).hexdigest()}"
-        for path in sorted(files)
-    )
-    return sha256("\n".join(lines).encode()).hexdigest()
+    return code_sha256(TIMED, root)

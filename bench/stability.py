@@ -20,7 +20,7 @@ from bench.library_defects import library_outcomes
 from bench.methods import FLOORS, find_method, objectives
 from bench.observations import Observation, observe
 from bench.one_thread import one_thread
-from bench.options import RUNS, Options, default_name, refuse
+from bench.options import Options, refuse
 from bench.pool import JobPool
 from bench.probe import environment
 from bench.progress import say
@@ -63,7 +63,7 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
     methods = tuple(dict.fromkeys(options.methods or suite.methods))
     for method in methods:
         find_method(method)
-    directory = options.out or RUNS / default_name(suite.id, options.dataset)
+    directory = options.directory
     workers = options.workers or manifests.cores()
     machine = environment()
     jobs = stability_jobs(suite, methods, options.seed, options.device, machine, directory)
