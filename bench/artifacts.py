@@ -7,6 +7,7 @@ An artifact is a compressed .npz, written whole or not at all by `bench.work`: `
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,6 +56,14 @@ class Artifact:
 def artifact_path(directory: Path, key: str) -> Path:
     """Where the artifact of a job has its place in the directory of a run."""
     return directory / "artifacts" / key[:2] / f"{key}.npz"
+
+
+def artifact_sha256(path: Path) -> str | None:
+    """The checksum of an artifact; None where it cannot be read."""
+    try:
+        return sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return None
 
 
 def read_artifact(path: Path) -> dict[str, NDArray[Any]]:

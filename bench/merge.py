@@ -15,12 +15,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from bench import manifest as manifests
-from bench.artifacts import artifact_path
+from bench.artifacts import artifact_path, artifact_sha256
 from bench.columns import JobRow, read_jobs
 from bench.finish import Outputs, write_outputs
 from bench.progress import progress
@@ -199,11 +198,11 @@ def _take(source: Path, job: JobRow, result: Result, journal: Journal) -> None:
     target = artifact_path(journal.directory, job.key)
     there = journal.lines.result(job.key) if job.key in journal.lines else None
     wanted = result.artifact_sha256
-    if there == result and (wanted is None or _sum(target) == wanted):
+    if there == result and (wanted is None or artifact_sha256(target) == wanted):
         return
     if wanted is not None:
         _copy(artifact_path(source, job.key), target)
-        if _sum(target) != wanted:
+        if artifact_sha256(target) != wanted:
             raise BadInput(
                 f"{artifact_path(source, job.key)}: missing or altered; run the shard again with "
                 "its command, which makes it anew"
@@ -227,10 +226,3 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
     except OSError as error:
         raise CannotWrite(f"{target}: cannot be written ({error.strerror}); make room") from error
-
-
-def _sum(path: Path) -> str | None:
-    try:
-        return sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return None

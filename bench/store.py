@@ -29,6 +29,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+from bench.artifacts import artifact_sha256
 from bench.record import SCHEMA_VERSION, Record
 from bench.spent import NOTHING, Spent
 from bench.work import Job, Result
@@ -160,11 +161,7 @@ class Journal:
         settled = self.lines.settled(job.key)
         if settled is None or settled.artifact_sha256 is None:
             return settled
-        try:
-            intact = sha256(job.artifact.read_bytes()).hexdigest() == settled.artifact_sha256
-        except OSError:
-            intact = False
-        if not intact:
+        if artifact_sha256(job.artifact) != settled.artifact_sha256:
             self.damage.append(f"{job.artifact}: missing or altered; its job is done again")
             return None
         return settled

@@ -164,7 +164,9 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
     if splat_net.size not in SIZES:
         raise BadInput(f"--size: unknown '{splat_net.size}'; choose one of {', '.join(SIZES)}")
     network = do_without(SIZES[splat_net.size], splat_net.without)
-    start = None if splat_net.start is None else read_start(splat_net.start, network)
+    start = None
+    if splat_net.start is not None:
+        start = read_start(splat_net.start, network, options.seed)
     config = SplatNetConfig(
         network=network,
         objective=splat_net.objective,

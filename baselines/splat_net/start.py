@@ -1,21 +1,25 @@
 """Weights to go on training from, on other objects or for longer: both files of a training in one.
 
 A training exports its network twice, each with one head; what is trained has both. Inputs that the
-new network does without are cut out of the first layer.
+new network does without are cut out of the first layer. A wider network draws as the narrower one
+did: the channels it has more of are random, and nothing that was there before hears them yet.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from baselines.splat_net.network import NetworkConfig, SplatNet
 from baselines.splat_net.projection import Inputs
 from baselines.splat_net.weight_files import BUNDLED
 from baselines.splat_net.weights import load_weights
 from data_prep.failures import BadInput
+from learning import training_loop
 
 GREY = "-grey"  # stands at the end of the name of the file with that head
 HEAD = ("last.weight", "last.bias")
@@ -29,14 +33,15 @@ class Start:
     sha256: str
 
 
-def read_start(name_or_path: str, config: NetworkConfig) -> Start:
+def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start:
     """The network `config` with the weights of a bundled name, or of a file and the one beside it.
 
     name_or_path  "chair" for `chair` and `chair-grey`, "FILE.safetensors" for it and
                   "FILE-grey.safetensors"
+    seed          of the channels that `config` has more of
 
     Raises BadInput as `load_weights`; where the two are not of one training; and where the network
-    differs from `config` in more than inputs that are left out.
+    is wider than `config` at any level, or has other inputs than `config` and some more.
     """
     colour = load_weights(name_or_path)
     grey = load_weights(_grey_of(name_or_path))
@@ -49,16 +54,29 @@ def read_start(name_or_path: str, config: NetworkConfig) -> Start:
             state[key], own, shared = torch.cat([own, other[1:]]), own[:1], other[:1]
         if not torch.equal(own, shared):
             raise _not_one_training(name_or_path, f"{key} differs")
-    whole = replace(colour.network.config, heads=config.heads)
-    if replace(whole, inputs=config.inputs) != config:
+    found = colour.network.config
+    if any(wanted < width for wanted, width in zip(config.widths, found.widths, strict=True)):
         raise BadInput(
-            f"--start {name_or_path}: is of {whole}, asked for {config}; use the same --size"
+            f"--start {name_or_path}: is of widths {found.widths}, asked for {config.widths}; a "
+            "network can be made wider, not narrower: use another --size"
         )
-    kept = _places(config.inputs, whole.inputs, name_or_path)
+    kept = _places(config.inputs, found.inputs, name_or_path)
     state["first.conv.weight"] = state["first.conv.weight"][:, kept]
-    network = SplatNet(config)
-    network.load_state_dict(state)
+    network = training_loop.seeded(seed, lambda: SplatNet(config))
+    _fill(network, state)
     return Start(network.eval().requires_grad_(False), f"{colour.sha256} {grey.sha256}")
+
+
+def _fill(network: SplatNet, narrow: Mapping[str, Tensor]) -> None:
+    """Put the weights of a network in place that is no wider; `network` draws as it did.
+
+    The first channels of each layer are those of `narrow`, and do not hear the others.
+    """
+    for key, own in network.state_dict().items():  # which are the network's own, not copies
+        known = narrow[key]
+        if known.dim() == 4:  # kernels [out, in, height, width]
+            own[: len(known), known.shape[1] :] = 0
+        own[tuple(slice(length) for length in known.shape)] = known
 
 
 def grey_beside(path: Path) -> Path:

@@ -123,7 +123,10 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
             "--without colour: there are normals, density, flattened, far and discs",
         ),
         (("--objective", "l2"), "objective: unknown 'l2'; choose one of l1, l1-patch"),
-        (("--start", "chair", "--size", "tiny"), "--start chair: is of NetworkConfig(inputs="),
+        (
+            ("--start", "chair", "--size", "tiny"),
+            "--start chair: is of widths (16, 32, 64, 128, 160)",
+        ),
         (("--batch", "7"), "batch 7: 2 views of a cloud are drawn together; use a multiple of 2"),
         (("--views", "1"), "1 views of an object: at least 2 are drawn together; render more"),
     ],

@@ -108,10 +108,50 @@ def test_a_start_is_part_of_what_a_run_is(trained, files, tmp_path) -> None:
         train_splat_net(data, other, tmp_path / "run", start=start.network)
 
 
-def test_another_network_is_refused(files) -> None:
-    wider = NetworkConfig(widths=(4, 6, 8, 10, 14))
-    with pytest.raises(BadInput, match=r"10, 12.*asked for.*10, 14.*--size"):
-        read_start(str(files), wider)
+def test_a_wider_network_draws_as_the_narrower_one_did() -> None:
+    narrow = read_start("chair", DEFAULT).network
+    wider = dataclasses.replace(DEFAULT, widths=(20, 32, 72, 130, 168))  # one level as it was
+    wide = read_start("chair", wider).network
+    assert wide.config == wider
+    channels = _seen(ALL_INPUTS)
+    with torch.no_grad():
+        # the same sums with zeros among them, in another order: as above
+        torch.testing.assert_close(wide(channels), narrow(channels), rtol=0, atol=1e-3)
+
+
+def test_what_a_wider_network_has_more_of_can_be_trained() -> None:
+    wider = dataclasses.replace(DEFAULT, widths=(18, 34, 66, 130, 162))
+    network = read_start("chair", wider).network.requires_grad_(True)
+    network(_seen(ALL_INPUTS)).square().sum().backward()
+    narrow = read_start("chair", DEFAULT).network.state_dict()
+    heard = {
+        key: parameter
+        for key, parameter in network.named_parameters()
+        if parameter.dim() == 4 and parameter.shape[1] > narrow[key].shape[1]
+    }
+    assert len(heard) == 20  # all kernels but that of the first layer
+    for key, parameter in heard.items():
+        outputs, inputs = narrow[key].shape[:2]
+        assert not parameter[:outputs, inputs:].any(), key
+        assert parameter[outputs:].any() or key == "last.weight", key
+        assert parameter.grad is not None
+        assert parameter.grad[:outputs, inputs:].any(), key
+
+
+def test_what_it_has_more_of_is_that_of_its_seed() -> None:
+    wider = dataclasses.replace(DEFAULT, widths=(17, 32, 64, 128, 160))
+    one, again, other = (
+        read_start("chair", wider, seed).network.first.conv.weight for seed in (0, 0, 1)
+    )
+    assert torch.equal(one, again)
+    assert torch.equal(one[:16], other[:16])
+    assert not torch.equal(one[16:], other[16:])
+
+
+def test_a_narrower_network_is_refused(files) -> None:
+    narrower = NetworkConfig(widths=(4, 6, 8, 10, 10))
+    with pytest.raises(BadInput, match=r"10, 12.*asked for.*10, 10.*wider, not narrower.*--size"):
+        read_start(str(files), narrower)
 
 
 def test_inputs_that_it_never_saw_are_named(trained, data, tmp_path) -> None:
