@@ -230,6 +230,12 @@ YARDSTICKS = (
         source="splat-net without normals and flattened points: no neighbours are sought "
         "(baselines/splat_net/weights/chair-no-normals.md)",
     ),
+    _splat_net(
+        "splat-net@large",
+        "chair-large",
+        source="splat-net one and a half times as wide "
+        "(baselines/splat_net/weights/chair-large.md)",
+    ),
 )
 # Of networks that take weights of your own: loader, identity, version, the command that trains.
 OWN_WEIGHTS: dict[str, tuple[Callable[..., Renderer], Callable[[str], str], int, str]] = {
