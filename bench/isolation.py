@@ -13,11 +13,14 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from bench.executor import feed
 
@@ -29,7 +32,9 @@ Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 400  # then a fresh process: what leaks, leaks no further
 WATCH_EVERY_S = 0.1
-PATIENCE_S = 10.0  # with workers that have nothing left to do
+LOOK_EVERY_S = 1.0  # whether the pool is well, while tasks are waited for
+PATIENCE_S = 10.0  # with workers that have nothing left to do, or ought to have ended
+MOST_BREAKS = 3  # of a pool, without a task's end in between
 
 
 def thread_counts(threads: int) -> dict[str, str]:
@@ -77,6 +82,10 @@ class TaskPool(Generic[Task, Result]):
     `work` and the tasks cross process boundaries: a function of a module, and plain values.
     `environment` is put on top of this process's own. To be closed, whatever happens, before
     another is made.
+
+    Pebble takes a worker's death before its task's beginning is known for the end of the whole pool
+    (`BrokenProcessPool`), or loses the task (noxdafox/pebble#153). What it has not finished then is
+    done by another pool, from the beginning.
     """
 
     def __init__(
@@ -94,28 +103,39 @@ class TaskPool(Generic[Task, Result]):
         self._waiting: dict[Future[Result], Task] = {}
         self._around = ExitStack()
         self._around.enter_context(_environment(environment))  # workers read it when they start
-        self._pool = ProcessPool(
+        self._new_pool: Callable[[], ProcessPool] = partial(
+            ProcessPool,
             max_workers=workers,
             max_tasks=TASKS_PER_WORKER,
             initializer=_die_with_parent,
             context=multiprocessing.get_context("spawn"),
         )
-        self._around.callback(_stop, self._pool)
+        self._pool = self._new_pool()
+        self._breaks = 0
+        self._around.callback(lambda: _stop(self._pool))
         self._over_limit = self._around.enter_context(_watch_memory(limits.memory_gib))
 
     def submit(self, task: Task) -> None:
-        """Have a task done; at most `room` may be under way."""
-        future = self._pool.schedule(self._work, args=[task], timeout=self._limits.time_s)
-        self._waiting[future] = task  # type: ignore[index]
+        """Have a task done; at most `room` may be under way. Raises BrokenProcessPool, too."""
+        try:
+            future = self._pool.schedule(self._work, args=[task], timeout=self._limits.time_s)
+        except RuntimeError:  # the pool broke meanwhile
+            self._start_again()
+            self.submit(task)
+        else:
+            self._waiting[future] = task  # type: ignore[index]
 
     def collect(self) -> Iterator[tuple[Task, Result | Lost]]:
         """Wait until tasks have ended; each with its result, or with what became of its worker.
 
-        What `work` raises is raised here.
+        What `work` raises is raised here, and BrokenProcessPool where one pool after another breaks
+        before any task has ended: no worker can be started, say.
         """
         from pebble import ProcessExpired
 
-        for future in wait(self._waiting, return_when=FIRST_COMPLETED).done:
+        while not (ended := self._ended()):
+            continue
+        for future in ended:
             task = self._waiting.pop(future)
             try:
                 result: Result | Lost = future.result()
@@ -124,6 +144,32 @@ class TaskPool(Generic[Task, Result]):
             except ProcessExpired as error:
                 result = _obituary(error, self._over_limit, self._limits)
             yield task, result
+
+    def _ended(self) -> set[Future[Result]]:
+        """Tasks that have ended; none where the pool broke, which another has replaced by then."""
+        ended: set[Future[Result]] = set()
+        # Of tasks that have begun, one ends within the limit.
+        until = time.monotonic() + 2 * self._limits.time_s + PATIENCE_S
+        while not ended and self._pool.active and time.monotonic() < until:
+            ended = wait(self._waiting, LOOK_EVERY_S, FIRST_COMPLETED).done
+        ended = {future for future in ended if not _is_lost(future)}
+        if ended:
+            self._breaks = 0
+        else:
+            self._start_again()
+        return ended
+
+    def _start_again(self) -> None:
+        """Another pool, for what this one has not finished."""
+        self._breaks += 1
+        if self._breaks > MOST_BREAKS:
+            raise BrokenProcessPool(
+                f"{self._breaks} times all workers were lost before any task had ended"
+            )
+        _stop(self._pool)
+        self._pool = self._new_pool()
+        for future in [future for future in self._waiting if _is_lost(future)]:
+            self.submit(self._waiting.pop(future))
 
     def close(self) -> None:
         """Stop all workers at once; idle ones are let go."""
@@ -147,6 +193,11 @@ def run_tasks(
     """
     with closing(TaskPool(work, workers, limits, environment)) as pool:
         yield from feed(tasks, pool)
+
+
+def _is_lost(future: Future[Any]) -> bool:
+    """Whether nothing is known of a task of a pool that broke or was stopped."""
+    return not future.done() or isinstance(future.exception(), BrokenProcessPool)
 
 
 def _stop(pool: ProcessPool) -> None:

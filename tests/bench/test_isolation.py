@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from itertools import count, islice
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.isolation import Limits, Lost, run_tasks
+import bench.isolation
+from bench.isolation import Limits, Lost, TaskPool, run_tasks
 
 LIMITS = Limits(time_s=60.0, memory_gib=8.0)
 ROOT = Path(__file__).parents[2]
@@ -56,6 +58,42 @@ def test_whatever_becomes_of_a_worker_is_told_and_the_others_go_on():
         "hog": Lost("memory", "the worker used more than 0.75 GiB"),
     }
     assert found["hang"].reason == "timeout: no result within 10 s"
+
+
+@pytest.mark.parametrize("when", ["before a task", "after a result"])
+def test_a_pool_that_breaks_is_replaced(when):
+    """As Pebble's does where a worker dies before its task is known to have begun."""
+    with closing(TaskPool(square, 2, LIMITS)) as pool:
+        pool.submit(1)
+        found = list(pool.collect()) if when == "after a result" else []
+        for x in (2, 3):
+            pool.submit(x)
+        broken = pool._pool
+        broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
+        pool.submit(4)  # which it refuses
+        while len(found) < 4:
+            found += pool.collect()
+        assert pool._pool is not broken
+    assert sorted(found) == [(x, x * x) for x in (1, 2, 3, 4)]
+
+
+def test_tasks_that_a_pool_has_lost_are_done_again(monkeypatch):
+    monkeypatch.setattr(bench.isolation, "PATIENCE_S", 0.0)
+    with closing(TaskPool(square, 1, Limits(time_s=2.0, memory_gib=8.0))) as pool:
+        pool._pool._pool_manager.task_manager.register = lambda task: None
+        pool.submit(7)
+        assert list(pool.collect()) == [(7, 49)]
+
+
+def test_a_pool_that_always_breaks_is_given_up(monkeypatch):
+    def breaks(manager):
+        raise BrokenProcessPool("no worker can be started")
+
+    with closing(TaskPool(square, 1, LIMITS)) as pool:
+        monkeypatch.setattr(type(pool._pool._pool_manager), "update_status", breaks)
+        pool.submit(1)
+        with pytest.raises(BrokenProcessPool, match="4 times all workers were lost"):
+            list(pool.collect())
 
 
 def test_what_a_task_raises_is_raised():

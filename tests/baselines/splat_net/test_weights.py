@@ -136,7 +136,8 @@ def test_a_failed_write_leaves_the_old_file(trained, weights_file, tmp_path, mon
 def test_bundled_weights_load_and_are_small(name):
     loaded = load_weights(name)
     assert re.fullmatch("[0-9a-f]{64}", loaded.sha256)
-    assert (FOLDER / f"{name}.safetensors").stat().st_size < 4e6
+    large = name == "chair-large"  # twice the numbers of `chair`
+    assert (FOLDER / f"{name}.safetensors").stat().st_size < (6e6 if large else 4e6)
     titles = [card.read_text().splitlines()[0] for card in FOLDER.glob("*.md")]
     assert sum(f"`{name}`" in title for title in titles) == 1
 
