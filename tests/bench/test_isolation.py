@@ -60,12 +60,12 @@ def test_whatever_becomes_of_a_worker_is_told_and_the_others_go_on():
     assert found["hang"].reason == "timeout: no result within 10 s"
 
 
-@pytest.mark.parametrize("when", ["before a task", "after a result"])
+@pytest.mark.parametrize("when", ["before a result", "after one"])
 def test_a_pool_that_breaks_is_replaced(when):
     """As Pebble's does where a worker dies before its task is known to have begun."""
     with closing(TaskPool(square, 2, LIMITS)) as pool:
         pool.submit(1)
-        found = list(pool.collect()) if when == "after a result" else []
+        found = list(pool.collect()) if when == "after one" else []
         for x in (2, 3):
             pool.submit(x)
         broken = pool._pool
