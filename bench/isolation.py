@@ -133,8 +133,9 @@ class TaskPool(Generic[Task, Result]):
         """
         from pebble import ProcessExpired
 
-        while not (ended := self._ended()):
-            continue
+        ended: set[Future[Result]] = set()
+        while self._waiting and not ended:
+            ended = self._ended()
         for future in ended:
             task = self._waiting.pop(future)
             try:

@@ -74,6 +74,7 @@ def test_a_pool_that_breaks_is_replaced(when):
         while len(found) < 4:
             found += pool.collect()
         assert pool._pool is not broken
+        assert list(pool.collect()) == []  # nothing is left to wait for
     assert sorted(found) == [(x, x * x) for x in (1, 2, 3, 4)]
 
 
