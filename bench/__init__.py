@@ -1,1 +1,29 @@
-"""The harness: suites, methods, metrics, runs, records, tables, checks, command line."""
+"""The harness: suites, methods, metrics, runs, tables, checks and the command line.
+
+A folder is a room; `pyproject.toml` has their order. Packages of other people import some modules
+by the names that they had before there were rooms; these names go on working.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+
+_PUBLIC = {
+    "methods": "bench.catalogue.methods",  # Method
+    "image_metric": "bench.catalogue.plugins",  # ImageMetric
+    "picture_files": "bench.rendering.files",  # write_pictures
+    "render_cloud": "bench.rendering.cloud",  # draw_cloud, draw_file
+}
+
+
+class _Renamed(ModuleType):
+    """A module under its former name. It is imported when something of it is asked for."""
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(import_module(_PUBLIC[self.__name__.removeprefix("bench.")]), name)
+
+
+for _name in _PUBLIC:
+    globals()[_name] = sys.modules[f"bench.{_name}"] = _Renamed(f"bench.{_name}")

@@ -27,7 +27,7 @@ class Commands(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:  # click's Context, which some versions of Typer contain
         """Run the command."""
-        from bench.markdown import visible
+        from bench.tables.markdown import visible
         from data_prep.failures import BadInput
         from learning.divergence import TrainingDiverged
 
@@ -154,9 +154,9 @@ def run(
     ] = False,
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its tables."""
-    from bench.lookup import find
-    from bench.run import run as run_suite
-    from bench.suites import LATENT, SPEED, STABILITY, SUITES
+    from bench.catalogue.lookup import find
+    from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
+    from bench.running.run import run as run_suite
 
     options = _options(
         suite=suite,
@@ -176,7 +176,7 @@ def run(
     )
     chosen = find(suite, (*SUITES, LATENT, STABILITY, SPEED), "suite")
     if dry_run:
-        from bench.dry_run import dry_run as tell
+        from bench.commands.run import dry_run as tell
 
         print(tell(options))
         return
@@ -226,7 +226,7 @@ def plan_run(
     ] = None,
 ) -> None:
     """What a run would cost, or what is left of one: time, disk, memory; and what would save."""
-    from bench.forecast import Wish, forecast
+    from bench.commands.plan import Wish, forecast
 
     options = _options(
         suite=suite,
@@ -254,9 +254,9 @@ def _options(
     shard: str | None,
     **others: Any,
 ) -> Any:
-    """The wishes for a suite, as `bench.options.Options`."""
-    from bench.options import Options
-    from bench.shards import read_shard
+    """The wishes for a suite, as `bench.running.options.Options`."""
+    from bench.running.options import Options
+    from bench.running.shards import read_shard
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
@@ -284,7 +284,7 @@ def _print_tables(outputs: Any) -> None:
 
 
 def _run_latent(options: Any) -> None:
-    from bench.latent import run as run_latent
+    from bench.suites.latent.run import run as run_latent
 
     finished = run_latent(options)
     for table in finished.tables:
@@ -293,8 +293,8 @@ def _run_latent(options: Any) -> None:
 
 
 def _run_stability(options: Any) -> None:
-    from bench.outcomes import KINDS
-    from bench.stability import run as run_stability
+    from bench.suites.stability.outcomes import KINDS
+    from bench.suites.stability.run import run as run_stability
 
     finished = run_stability(options)
     print("| matrix | " + " | ".join(KINDS) + " |")
@@ -312,7 +312,7 @@ def _run_stability(options: Any) -> None:
 
 
 def _run_speed(options: Any) -> None:
-    from bench.speed import run as run_speed
+    from bench.suites.speed.run import run as run_speed
 
     finished = run_speed(options)
     for table in finished.tables:
@@ -329,17 +329,17 @@ def _run_speed(options: Any) -> None:
 @app.command("list")
 def list_all() -> None:
     """Suites, methods and their variants, conditions, metrics and datasets."""
-    from bench.image_metric import metric_ids
-    from bench.methods import METHODS, YARDSTICKS, plugin_ids
-    from bench.metric_table import (
+    from bench.catalogue.methods import METHODS, YARDSTICKS, plugin_ids
+    from bench.catalogue.metrics import (
         CONTROL_METRICS,
         IMAGE_METRICS,
         KERNEL_METRICS,
         RECOGNITION_METRICS,
         SET_METRICS,
     )
-    from bench.suites import LATENT, SPEED, STABILITY, SUITES
-    from bench.variants import KNOBS
+    from bench.catalogue.parameters import KNOBS
+    from bench.catalogue.plugins import metric_ids
+    from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
     from data_prep.conditions import CONDITIONS
 
     sections = {
@@ -413,10 +413,10 @@ def render(
     A method gets all points, 120 s and 4 GiB. Of many points pc2pix takes 8 x 1,024, surface-fit
     what the picture can show; for other reconstructions 100,000 are half a minute's work.
     """
-    from bench.markdown import visible
-    from bench.render_cloud import CloudFile
-    from bench.render_command import Wish
-    from bench.render_command import render as render_wish
+    from bench.commands.render import Wish
+    from bench.commands.render import render as render_wish
+    from bench.rendering.cloud import CloudFile
+    from bench.tables.markdown import visible
 
     methods = _names(method) or ()
     file = CloudFile(cloud, as_is, up, front, points)
@@ -447,8 +447,8 @@ def shrink(
     ] = None,
 ) -> None:
     """Make a failed record's cloud as small as it can be and still fail: exit 1 if it does not."""
-    from bench import shrink as shrinking
-    from bench.manifest import cores
+    from bench.rendering import shrink as shrinking
+    from bench.running.environment import cores
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
@@ -467,7 +467,7 @@ def merge_shards(
     out: Annotated[Path, typer.Option(help="The folder of the whole run.")],
 ) -> None:
     """Put shards ('bench run --shard k/N') together into the run that they are parts of."""
-    from bench.merge import merge
+    from bench.running.merge import merge
 
     merged = merge(directories, out)
     _print_tables(merged.outputs)
@@ -481,8 +481,8 @@ def merge_shards(
 @app.command()
 def table(directory: RunDirectory) -> None:
     """Make the tables again, from the records alone."""
-    from bench.results import write_beyond, write_orderings, write_tables, write_trade
-    from bench.store import read_finished
+    from bench.records.journal import read_finished
+    from bench.tables.build import write_beyond, write_orderings, write_tables, write_trade
 
     read_finished(directory)
     for made in write_tables(directory):
@@ -504,7 +504,7 @@ def report(
     ] = None,
 ) -> None:
     """Make one HTML file of a run: tables, curves, pictures, worst cases, failures; offline."""
-    from bench.report import write_report
+    from bench.report.build import write_report
 
     print(write_report(directory, out))
 
@@ -517,8 +517,8 @@ def score_pictures(
     ] = None,
 ) -> None:
     """Take metrics of other packages of a finished run's pictures; print their tables."""
-    from bench.image_metric import metric_ids
-    from bench.score import score
+    from bench.catalogue.plugins import metric_ids
+    from bench.commands.results import score
 
     chosen = _names(metrics) or metric_ids()
     if not chosen:
@@ -542,9 +542,9 @@ def recommend(
     min_ssim: Annotated[float | None, typer.Option(help="The least that will do.")] = None,
 ) -> None:
     """Which method to take for a budget, or a quality: exit 1 if none will do."""
-    from bench import recommend as advice
-    from bench.results import how_timed, read_comparisons
-    from bench.store import read_finished
+    from bench.analysis import recommend as advice
+    from bench.records.journal import read_finished
+    from bench.tables.build import how_timed, read_comparisons
 
     manifest = read_finished(directory)
     wish = advice.make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
@@ -570,7 +570,7 @@ def check(
     ] = False,
 ) -> None:
     """Compare a run with the golden values: exit 0 if all agree, 1 if one does not."""
-    from bench import check as checks
+    from bench.checking import golden as checks
 
     if claims:
         _check_claims(directories)
@@ -593,7 +593,7 @@ def check(
 
 def _check_claims(directories: list[Path]) -> None:
     """Print the checklist, and write it into the first folder."""
-    from bench.claims_check import check_claims, to_markdown, write_checklist
+    from bench.checking.checklist import check_claims, to_markdown, write_checklist
 
     made = check_claims(directories)
     print(to_markdown(made))
@@ -603,7 +603,7 @@ def _check_claims(directories: list[Path]) -> None:
 @app.command()
 def doctor() -> None:
     """Check that everything a run needs is here: exit 0 if so, 1 if not."""
-    from bench.doctor import examine
+    from bench.commands.doctor import examine
 
     healthy = True
     for finding in examine():
@@ -625,9 +625,9 @@ def inspect_data(
     ] = None,
 ) -> None:
     """What is understood of a dataset: exit 1 where something is missing or odd."""
-    from bench.inspect_data import inspect
-    from bench.manifest import cores
-    from bench.markdown import visible
+    from bench.commands.data import inspect
+    from bench.running.environment import cores
+    from bench.tables.markdown import visible
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
@@ -653,9 +653,9 @@ def export_data(
     ] = None,
 ) -> None:
     """Write a dataset in the paper's layout: exit 1 where an object cannot be written."""
-    from bench.export_paper import export
-    from bench.manifest import cores
-    from bench.markdown import visible
+    from bench.commands.export_paper import export
+    from bench.running.environment import cores
+    from bench.tables.markdown import visible
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
@@ -733,8 +733,8 @@ def train_autoencoder(
     threads: ThreadsOption = None,
 ) -> None:
     """The point-cloud autoencoder (paper, section 3.1)."""
-    from bench.train import NetworkOptions, TrainingOptions
-    from bench.train import train_autoencoder as train
+    from bench.commands.train import NetworkOptions, TrainingOptions
+    from bench.commands.train import train_autoencoder as train
 
     options = TrainingOptions(
         dataset, _classes(class_name), objects, steps, batch, augment, precision.value,
@@ -772,8 +772,8 @@ def train_gan(
     threads: ThreadsOption = None,
 ) -> None:
     """The rendering GAN (paper, section 3.2), on a trained autoencoder."""
-    from bench.train import GanOptions, TrainingOptions
-    from bench.train import train_gan as train
+    from bench.commands.train import GanOptions, TrainingOptions
+    from bench.commands.train import train_gan as train
 
     options = TrainingOptions(
         dataset, _classes(class_name), objects, steps, batch, augment, precision.value,
@@ -818,8 +818,8 @@ def train_splat_net(
     threads: ThreadsOption = None,
 ) -> None:
     """A U-Net that sees the projected points: weights in colour and in grey."""
-    from bench.train import SplatNetOptions, TrainingOptions
-    from bench.train import train_splat_net as train
+    from bench.commands.train import SplatNetOptions, TrainingOptions
+    from bench.commands.train import train_splat_net as train
 
     options = TrainingOptions(
         dataset, _classes(class_name), objects, steps, batch, augment, precision.value,
@@ -839,7 +839,7 @@ def train_views(
     seed: SeedOption = 0,
 ) -> None:
     """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
-    from bench.train_views import train_views as train
+    from bench.judges.train_views import train_views as train
 
     print(train(objects, views, epochs, seed).to_text())
 
@@ -852,7 +852,7 @@ def train_constant(
     seed: SeedOption = 0,
 ) -> None:
     """The best constant picture: replaces the bundled one, hence its golden values."""
-    from bench.train_constant import train_constant as train
+    from bench.judges.train_constant import train_constant as train
 
     print(train(objects, views, steps, seed))
 
@@ -865,7 +865,7 @@ def train_judge(
     seed: SeedOption = 0,
 ) -> None:
     """The judge of view and shape: replaces the bundled weights, hence what it measures."""
-    from bench.train_judge import train_judge as train
+    from bench.judges.train_judge import train_judge as train
 
     for name, scores in train(objects, views, steps, seed).items():
         print(f"{name}: {scores}")
@@ -886,8 +886,8 @@ def train_decoder(
     threads: ThreadsOption = None,
 ) -> None:
     """A decoder from codes to clouds for trained weights, for the suite latent."""
-    from bench.train_decoder import DecoderOptions
-    from bench.train_decoder import train_decoder as train
+    from bench.commands.train_decoder import DecoderOptions
+    from bench.commands.train_decoder import train_decoder as train
 
     options = DecoderOptions(
         weights, objects, steps, batch, precision.value, device.value, seed, threads, out

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from baselines.meshlab import MeshLab
 from baselines.surface import MAX_HOLE_EDGES, NORMAL_NEIGHBOURS
-from bench.isolation import WORKER_ENVIRONMENT, Limits, Lost, run_tasks
-from bench.outcomes import Outcome
+from bench.running.isolation import WORKER_ENVIRONMENT, Limits, Lost, run_tasks
+from bench.suites.stability.outcomes import Outcome
 from data_prep.mesh_files import NEUTRAL_GREY
 
 GROUP = "library"
@@ -47,7 +47,7 @@ class Defect:
     demonstrate  makes it happen and says what was seen; runs in a worker, may hang or crash
     shows        regular expression, found in what was seen where the defect is there. What was seen
                  is the answer of `demonstrate`, "raises TYPE: MESSAGE" where that raised, or the
-                 reason of `bench.isolation.Lost`
+                 reason of `bench.running.isolation.Lost`
     remedy       where and how our code contains it
     """
 

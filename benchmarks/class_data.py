@@ -31,9 +31,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import pc2pix
-from bench.scores import scores
-from bench.statistics import mean_interval
-from bench.train import training_clouds, training_set
+from bench.analysis.intervals import mean_interval
+from bench.commands.train import training_clouds, training_set
+from bench.metrics.image_scores import scores
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8
 from data_prep.randomness import generator

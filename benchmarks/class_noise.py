@@ -26,13 +26,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.class_confidence import read_class_head
-from bench.frechet import frechet_distance
-from bench.kernel_distance import kernel_distance
-from bench.methods import find_method
-from bench.metric_table import VIEWS_WEIGHTS, column
-from bench.scores import scores
-from bench.views_network import load_views_network, view_features
+from bench.analysis.class_confidence import read_class_head
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import column
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.views import load_views_network, view_features
+from bench.metrics.frechet import frechet_distance
+from bench.metrics.image_scores import scores
+from bench.metrics.kernel_distance import kernel_distance
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8
 from data_prep.randomness import generator

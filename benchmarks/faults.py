@@ -26,15 +26,15 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
-import bench.run
+import bench.running.run
 from baselines.surface import SurfaceApss
-from bench.columns import read_records
-from bench.isolation import TASKS_PER_WORKER, Limits
-from bench.methods import Method
-from bench.options import Options
-from bench.plan import Protocol, plan
-from bench.suites import SUITES, Suite
-from bench.work import Job, cloud_of
+from bench.catalogue.methods import Method
+from bench.catalogue.suites import SUITES, Suite
+from bench.records.parquet import read_records
+from bench.running.isolation import TASKS_PER_WORKER, Limits
+from bench.running.options import Options
+from bench.running.protocol import Protocol, plan
+from bench.running.work import Job, cloud_of
 from benchmarks.faulty_methods import FAULTS, Faulty, announce
 from data_prep.datasets import open_dataset
 from data_prep.randomness import generator
@@ -104,7 +104,7 @@ def main() -> None:
     options = parser.parse_args()
     limits = Limits(options.time_limit_s, options.memory_limit_gib)
     suite = replace(SUITES[0], methods=(ID,), limits=limits)
-    bench.run.SUITES = (suite,)
+    bench.running.run.SUITES = (suite,)
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         announce(root, {ID: "benchmarks.faults:METHOD"})
@@ -147,14 +147,14 @@ def choose(jobs: list[Job]) -> dict[str, str]:
 
 def run(out: Path, options: argparse.Namespace, faulty: Mapping[str, str]) -> Found:
     """A run in which these items misbehave."""
-    jobs = planned(bench.run.SUITES[0], options.objects)
+    jobs = planned(bench.running.run.SUITES[0], options.objects)
     faults = {
         _checksum(cloud_of(job).points): faulty[_name(job)] for job in jobs if _name(job) in faulty
     }
     files = {PLAN: out.with_suffix(".json"), PROCESSES: out.with_suffix(".processes")}
     files[PLAN].write_text(json.dumps(faults))
     os.environ.update({name: str(path) for name, path in files.items()})
-    finished = bench.run.run(
+    finished = bench.running.run.run(
         Options(
             suite=SUITES[0].id,
             limit=options.objects,

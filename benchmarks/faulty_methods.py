@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.methods import PLUGINS
+from bench.catalogue.methods import PLUGINS
 from data_prep.scene import Images, PointCloud, Points, Renderer, View
 
 
@@ -83,8 +83,8 @@ class Faulty:
 def announce(folder: Path, methods: Mapping[str, str]) -> None:
     """Make a package in `folder` that announces methods: id to "module:NAME".
 
-    It is found where `folder` is on `sys.path`, in spawned workers too; `bench.methods` looks once
-    a process.
+    It is found where `folder` is on `sys.path`, in spawned workers too; `bench.catalogue.methods`
+    looks once a process.
     """
     info = folder / "fake-1.0.dist-info"
     info.mkdir(parents=True)

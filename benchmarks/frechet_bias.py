@@ -41,8 +41,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frechet import frechet_distance
-from bench.metric_table import find_extractor
+from bench.catalogue.metrics import find_extractor
+from bench.metrics.frechet import frechet_distance
 from data_prep.datasets import ProceduralObject
 from data_prep.randomness import generator
 from data_prep.render import render

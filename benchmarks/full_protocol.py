@@ -4,8 +4,8 @@
                                        [--workers 16] [--scale 10] [--pilot 6] [--out DIR]
 
 1,357 objects x the conditions and methods of chair-robustness x 20 views go through the path that
-a run takes: jobs from `bench.plan`, `do_jobs`, a journal with a forced write a job, worker
-processes that are fed, limited and replaced. Only the work is not done: a worker sleeps, and
+a run takes: jobs from `bench.running.protocol`, `do_jobs`, a journal with a forced write a job,
+worker processes that are fed, limited and replaced. Only the work is not done: a worker sleeps, and
 returns 20 records. How long is drawn from what was measured, object by object, so that an object
 that is dear to one method is dear to all as it was. `--costs` is what `bench plan --samples FILE`
 has kept (whole jobs), or the folder of a finished run, whose records have the time of methods
@@ -42,15 +42,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.estimate import Amount, Pilot, Sample, estimate, spread
-from bench.isolation import Limits, Lost, TaskPool
-from bench.job_results import do_jobs
-from bench.lookup import find
-from bench.pilot import CANDIDATES, size_of
-from bench.plan import Protocol, plan
-from bench.store import open_journal, read_manifest
-from bench.suites import SUITES
-from bench.work import Job, Result, failed
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.records.journal import open_journal, read_manifest
+from bench.running.estimate import Amount, Pilot, Sample, estimate, spread
+from bench.running.isolation import Limits, Lost, TaskPool
+from bench.running.job_results import do_jobs
+from bench.running.pilot import CANDIDATES, size_of
+from bench.running.protocol import Protocol, plan
+from bench.running.work import Job, Result, failed
 from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
@@ -167,7 +167,7 @@ def nap(task: tuple[Job, float]) -> Nap:
 
 
 class Sleepers:
-    """An executor like `bench.pool.JobPool`, whose workers sleep for `seconds` (by key)."""
+    """An executor like `JobPool`, whose workers sleep for `seconds` (by key)."""
 
     def __init__(self, seconds: Mapping[str, float], workers: int, limits: Limits) -> None:
         self._seconds = seconds

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.isolation import Limits, Lost, run_tasks
+from bench.running.isolation import Limits, Lost, run_tasks
 from benchmarks.fuzzing import (
     CANARY,
     FORMATS,

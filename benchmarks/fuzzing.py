@@ -578,7 +578,7 @@ def _read_weights(path: Path) -> None:
 
 
 def _read_inception(path: Path) -> None:
-    from bench.inception_weights import find_weights
+    from bench.metrics.inception_weights import find_weights
 
     find_weights(str(path))
 

@@ -34,8 +34,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from bench.loaders import BUNDLED, TO_PAPER_WIDTH
-from bench.ssim import ssim_per_image
+from bench.catalogue.loaders import BUNDLED, TO_PAPER_WIDTH
+from bench.metrics.structural_similarity import ssim_per_image
 from benchmarks.plain_loop import PlainGenerator, Target
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8

@@ -10,8 +10,9 @@ Runs      The suite chair-robustness at condition 2048, by default with methods 
           Peaks are VmHWM of Linux; `start` is what that process has when all is imported that a
           run imports, before it begins. A second run of each finds all jobs in the journal:
           `resumed`.
-Moments   Rows of 64 features, drawn in blocks and merged (`bench.frechet.merged`), against all of
-          them in one array: how far the distances lie apart, and what each has added to the peak.
+Moments   Rows of 64 features, drawn in blocks and merged (`bench.metrics.frechet.merged`), against
+          all of them in one array: how far the distances lie apart, and what each has added to the
+          peak.
 
 Writes DIR/memory.csv and one folder a run, which a second call goes on with. A run of 500 objects
 takes some ten minutes on two cores.
@@ -31,14 +32,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frechet import (
+from bench.metrics.frechet import (
     centred,
     centred_to_frechet,
     merged_to_centred,
     moments,
 )
-from bench.options import Options
-from bench.run import run
+from bench.running.options import Options
+from bench.running.run import run
 
 OBJECTS = (25, 500)
 METHODS = ("splat", "blank")

@@ -3,14 +3,16 @@
     python -m benchmarks.metric_speed [--threads 1] [--rounds 9] [--frechet-rounds 1]
                                       [--sizes 100,250,500,1000,2000,3000,10000]
 
-ssim      `bench.ssim` with all components, against scikit-image with the same protocol, which gives
-          SSIM alone; 20 pairs: noise, and chairs against what methods draw of them. Where both
-          pictures agree ours computes nothing: white around a chair, unless a network draws haze.
-frechet   `bench.frechet` at d = 2,048 against the usual route, as in pytorch-fid: covariances and
-          the matrix root of their product by SciPy; where that is not finite, again with 1e-6 on
-          the diagonals. Features are like a network's: correlated, half of them 0. Two sets of n.
+ssim      `bench.metrics.structural_similarity` with all components, against scikit-image with the
+          same protocol, which gives SSIM alone; 20 pairs: noise, and chairs against what methods
+          draw of them. Where both pictures agree ours computes nothing: white around a chair,
+          unless a network draws haze.
+frechet   `bench.metrics.frechet` at d = 2,048 against the usual route, as in pytorch-fid:
+          covariances and the matrix root of their product by SciPy; where that is not finite, again
+          with 1e-6 on the diagonals. Features are like a network's: correlated, half of them 0. Two
+          sets of n.
 interval  of the Fréchet distance: a distance anew for every object left out, against what
-          `bench.frechet` shares.
+          `bench.metrics.frechet` shares.
 scores    milliseconds a picture of all image metrics, of parts of them, and of the networks.
 
 The two sides of a ratio take turns in one process (A, B, A, B ...), after one round that does not
@@ -35,15 +37,15 @@ from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 from threadpoolctl import threadpool_limits
 
-from bench.foreground import foreground, object_boxes
-from bench.frechet import frechet_distance, frechet_interval
-from bench.inception_weights import WeightsUnavailable
-from bench.methods import find_method
-from bench.metric_table import EXTRACTORS
-from bench.scores import scores
-from bench.silhouette import silhouette_iou
-from bench.ssim import ssim_per_image, ssim_per_image_and_box
-from bench.thin_parts import thin_scores
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import EXTRACTORS
+from bench.metrics.foreground import foreground, object_boxes
+from bench.metrics.frechet import frechet_distance, frechet_interval
+from bench.metrics.image_scores import scores
+from bench.metrics.inception_weights import WeightsUnavailable
+from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box
+from bench.metrics.thin_parts import thin_scores
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8
 from data_prep.randomness import generator

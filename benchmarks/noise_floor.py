@@ -35,22 +35,21 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from bench import control
-from bench.control import Picture
-from bench.frechet import frechet_distance
-from bench.judge_network import greyscale, judge, load_judge_network
-from bench.lookup import find
-from bench.methods import find_method
-from bench.metric_table import (
+from bench.analysis import recognition as control
+from bench.analysis.recognition import Picture
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import (
     CONTROL_METRICS,
     IMAGE_METRICS,
-    JUDGE_WEIGHTS,
-    VIEWS_WEIGHTS,
     column,
 )
-from bench.scores import scores
-from bench.tolerances import tolerance
-from bench.views_network import load_views_network, view_features
+from bench.checking.tolerances import tolerance
+from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
+from bench.judges.judge import greyscale, judge, load_judge_network
+from bench.judges.views import load_views_network, view_features
+from bench.metrics.frechet import frechet_distance
+from bench.metrics.image_scores import scores
 from benchmarks.ray_caster import MIRRORED, OPENGL, cast, grid
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
@@ -309,7 +308,7 @@ class Features:
 
 
 class _Truth:
-    """The judge's answers to the true pictures, as `bench.control.gallery` asks for them."""
+    """The judge's answers to the true pictures, as `gallery` asks for them."""
 
     def __init__(self, answers: NDArray[np.floating]) -> None:
         self.answers = answers
@@ -497,7 +496,7 @@ A tolerance is three times the largest effect, rounded up, hence the last column
 less. It is for cells of 24 chairs x 20 views; with fewer pictures the thin parts and the medians of
 the judge move more than that. Batch, threads and precision are far below all of them. The seed is
 part of a golden value; its table tells what a difference between two runs with different seeds
-means. `bench/tolerances.py` has the tolerances, and why some are wider than that."""
+means. `bench/checking/tolerances.py` has the tolerances, and why some are wider than that."""
 
 
 if __name__ == "__main__":

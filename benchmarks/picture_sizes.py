@@ -19,9 +19,9 @@ import torch
 from PIL import Image
 
 from baselines import splat_net
-from bench.silhouette import silhouette_iou
-from bench.ssim import ssim_per_image
-from bench.statistics import mean_interval
+from bench.analysis.intervals import mean_interval
+from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.structural_similarity import ssim_per_image
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8

@@ -16,13 +16,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from bench.manifest import cores
-from bench.markdown import visible
-from bench.methods import FLOORS, METHODS, plugin_ids
-from bench.picture_files import write_pictures
-from bench.render_cloud import CloudFile, Dots, Drawing, Failed, draw_each
-from bench.sheet import Tile, draw_sheet
-from bench.work import Pictures
+from bench.catalogue.methods import FLOORS, METHODS, plugin_ids
+from bench.rendering.cloud import CloudFile, Dots, Drawing, Failed, draw_each
+from bench.rendering.files import write_pictures
+from bench.rendering.sheet import Tile, draw_sheet
+from bench.running.environment import cores
+from bench.running.work import Pictures
+from bench.tables.markdown import visible
 from data_prep.cloud_files import CLOUD_SUFFIXES
 from data_prep.failures import BadInput
 from data_prep.scene import View

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import trimesh
 
-from bench.isolation import WORKER_ENVIRONMENT
+from bench.running.isolation import WORKER_ENVIRONMENT
 from benchmarks.plain_pyrender import render_plainly
 from benchmarks.ray_caster import OPENGL, cast
 from data_prep import render as renderer

@@ -20,16 +20,16 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 
-from bench.job_results import do_jobs
-from bench.lookup import find
-from bench.markdown import row
-from bench.options import Options, protocol_of
-from bench.plan import plan
-from bench.pool import JobPool
-from bench.ray_cluster import LOCAL
-from bench.store import open_journal
-from bench.suites import SUITES
-from bench.workforce import workforce
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.records.journal import open_journal
+from bench.running.executors import JobPool
+from bench.running.job_results import do_jobs
+from bench.running.options import Options, protocol_of
+from bench.running.protocol import plan
+from bench.running.ray import LOCAL
+from bench.running.workforce import workforce
+from bench.tables.markdown import row
 
 SUITE = "chair-robustness"
 Crew = tuple[int, str | None]  # workers, and where: None for processes of this machine

@@ -39,9 +39,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from baselines.surface import SurfaceApss
-from bench.markdown import row
-from bench.ssim import ssim_per_image
-from bench.tidy_csv import csv_text
+from bench.metrics.structural_similarity import ssim_per_image
+from bench.tables.markdown import row
+from bench.tables.tidy_csv import csv_text
 from benchmarks.scene_variants import (
     CREASE_DEG,
     INTERPOLATED,

@@ -28,9 +28,9 @@ from baselines.splat_net.network import DEFAULT
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
 from baselines.splat_net.weights import export, load_weights
-from bench.scores import scores
-from bench.statistics import mean_interval
-from bench.train import do_without, training_set
+from bench.analysis.intervals import mean_interval
+from bench.commands.train import do_without, training_set
+from bench.metrics.image_scores import scores
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8

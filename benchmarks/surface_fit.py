@@ -31,12 +31,12 @@ from numpy.typing import NDArray
 
 from baselines.surface import SurfaceApss
 from baselines.surface_fit import SurfaceFit
-from bench.frechet import frechet_distance, frechet_interval
-from bench.isolation import WORKER_ENVIRONMENT
-from bench.lookup import find
-from bench.metric_table import Extractor, find_extractor
-from bench.ssim import ssim_per_image
-from bench.statistics import mean_interval
+from bench.analysis.intervals import mean_interval
+from bench.catalogue.lookup import find
+from bench.catalogue.metrics import Extractor, find_extractor
+from bench.metrics.frechet import frechet_distance, frechet_interval
+from bench.metrics.structural_similarity import ssim_per_image
+from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import StageFailure

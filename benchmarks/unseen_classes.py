@@ -26,9 +26,9 @@ from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
 from baselines.splat_net.weights import export, load_weights
 from baselines.surface import SurfaceApss
-from bench.ssim import ssim_per_image
-from bench.statistics import mean_interval
-from bench.train import training_set
+from bench.analysis.intervals import mean_interval
+from bench.commands.train import training_set
+from bench.metrics.structural_similarity import ssim_per_image
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject, SceneObject, open_dataset
 from data_prep.failures import StageFailure

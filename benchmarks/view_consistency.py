@@ -4,9 +4,9 @@
 
 Procedural chairs of the test split, 72 views 5 degrees apart at elevation 20, by each method at
 `2048`, `512` and `noise-0.05`. The clouds are those of a run with seed 0. Silhouettes are those of
-`silhouette-iou` (`bench.foreground`); a boundary pixel is one of a silhouette with an open side,
-where its neighbour is not of the silhouette, or beyond the frame. Lengths are in pixels, from pixel
-centre to pixel centre.
+`silhouette-iou` (`bench.metrics.foreground`); a boundary pixel is one of a silhouette with an open
+side, where its neighbour is not of the silhouette, or beyond the frame. Lengths are in pixels, from
+pixel centre to pixel centre.
 
 distance  View by view: from each boundary pixel of the drawn silhouette to the nearest of the true
           one, and from each true one to the nearest drawn one. Two pixels at the 95th percentile is
@@ -48,18 +48,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.foreground import Masks, drawn, foreground
-from bench.isolation import Limits, Lost, run_tasks
-from bench.lookup import find
-from bench.markdown import cell, row, visible
-from bench.methods import find_method
-from bench.picture_files import write_pictures
-from bench.progress import progress
-from bench.render_cloud import Drawing, Failed, draw_cloud
-from bench.sheet import Tile, draw_sheet
-from bench.statistics import RESAMPLES, SEED
-from bench.tidy_csv import csv_text
-from bench.work import Pictures
+from bench.analysis.intervals import RESAMPLES, SEED
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
+from bench.metrics.foreground import Masks, drawn, foreground
+from bench.rendering.cloud import Drawing, Failed, draw_cloud
+from bench.rendering.files import write_pictures
+from bench.rendering.sheet import Tile, draw_sheet
+from bench.running.isolation import Limits, Lost, run_tasks
+from bench.running.progress import progress
+from bench.running.work import Pictures
+from bench.tables.markdown import cell, row, visible
+from bench.tables.tidy_csv import csv_text
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput

@@ -4,7 +4,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from bench.methods import Method
+from bench.catalogue.methods import Method
 from data_prep.failures import StageFailure
 
 

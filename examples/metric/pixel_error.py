@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench.image_metric import ImageMetric
+from bench.catalogue.plugins import ImageMetric
 
 
 def pixel_error(truth, drawn):

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from baselines.constant import Constant, read_picture
-from bench.methods import find_method
+from bench.catalogue.methods import find_method
 from data_prep.failures import BadInput
 from data_prep.images import to_uint8
 from data_prep.scene import PointCloud, View

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from harness_objects import Tetrahedron
 
-from bench.artifacts import Item
-from bench.columns import JobRow, write_features, write_jobs, write_records
-from bench.metric_table import IMAGE_METRICS, column
-from bench.record import GROUND_TRUTH, SCHEMA_VERSION, Record
-from bench.results import write_cost, write_tables
-from bench.store import write_manifest
-from bench.work import Job
+from bench.catalogue.metrics import IMAGE_METRICS, column
+from bench.records.artifacts import Item
+from bench.records.journal import write_manifest
+from bench.records.parquet import JobRow, write_features, write_jobs, write_records
+from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
+from bench.running.work import Job
+from bench.tables.build import write_cost, write_tables
 from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View
 from data_prep.whole_files import write_whole
@@ -90,7 +90,7 @@ def make_truth(directory: Path, obj=None, **changes) -> Job:
 
 
 class FeaturesAtHand:
-    """`bench.features.Features` without a file: of rows with values [n, d]."""
+    """`bench.records.features.Features` without a file: of rows with values [n, d]."""
 
     def __init__(self, index, values):
         columns = [index[name].tolist() for name in ("method", "condition", "class", "object")]

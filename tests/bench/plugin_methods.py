@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from bench import methods
-from bench.methods import Method
+from bench.catalogue import methods
+from bench.catalogue.methods import Method
 from benchmarks.faulty_methods import FAULTS, Faulty, announce
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator

@@ -8,13 +8,13 @@ import io
 import pandas as pd
 import pytest
 
-import bench.check
-import bench.options
-from bench.options import Options
-from bench.report import read_page
-from bench.results import beyond, tables, write_beyond, write_tables
-from bench.run import run
-from bench.suites import SUITES
+import bench.checking.golden
+import bench.running.options
+from bench.catalogue.suites import SUITES
+from bench.report.build import read_page
+from bench.running.options import Options
+from bench.running.run import run
+from bench.tables.build import beyond, tables, write_beyond, write_tables
 
 from .builders import write_run
 
@@ -75,12 +75,12 @@ def test_check_sees_a_table_that_is_not_what_the_records_give(written, monkeypat
     columns = [*protocol, "method", "condition", "class", "metric", "value"]
     values = [*protocol.values(), "none", "none", "chair", "ssim", 0.5]
     golden = pd.DataFrame([dict(zip(columns, values, strict=True))])
-    monkeypatch.setattr(bench.check, "golden", lambda suite: golden)
-    assert bench.check.check(written).regressions == ()
+    monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
+    assert bench.checking.golden.check(written).regressions == ()
     path = written / "tables" / "crossings.csv"
     kept = path.read_bytes()
     path.write_bytes(kept.replace(b"pc2pix", b"pc2pax", 1))
-    (told,) = bench.check.check(written).regressions
+    (told,) = bench.checking.golden.check(written).regressions
     path.write_bytes(kept)
     assert "crossings.csv: not what the records give" in told
 
@@ -162,7 +162,7 @@ def test_other_suites_have_none(tmp_path):
 
 def test_a_run(tmp_path, monkeypatch):
     """1 object x 3 conditions x 2 methods, 2 views."""
-    monkeypatch.setattr(bench.options, "environment", dict)
+    monkeypatch.setattr(bench.running.options, "environment", dict)
     done = run(
         Options(
             suite=SUITE.id,

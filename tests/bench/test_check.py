@@ -8,16 +8,16 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-import bench.check
-import bench.published
-from bench.check import bless, check
-from bench.lookup import find
-from bench.methods import FLOORS
-from bench.published import golden, published
-from bench.results import write_tables
-from bench.store import read_manifest, write_manifest
-from bench.suites import SUITES
-from bench.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
+import bench.checking.golden
+import bench.tables.published
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import FLOORS
+from bench.catalogue.suites import SUITES
+from bench.checking.golden import bless, check
+from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
+from bench.records.journal import read_manifest, write_manifest
+from bench.tables.build import write_tables
+from bench.tables.published import golden, published
 from data_prep.failures import BadInput
 
 from .builders import SUITE, write_run
@@ -31,7 +31,7 @@ GOLDEN = (*DETAIL, *SSIM, *DISTANCES, *CONTROL)
 @pytest.fixture
 def results(tmp_path, monkeypatch):
     folder = tmp_path / "results"
-    monkeypatch.setattr(bench.published, "RESULTS", folder)
+    monkeypatch.setattr(bench.tables.published, "RESULTS", folder)
     return folder
 
 
@@ -40,7 +40,7 @@ def blessed(tmp_path_factory):
     """A folder with a finished run, and results whose golden values are its own."""
     folder = tmp_path_factory.mktemp("blessed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.published, "RESULTS", folder / "results")
+        patch.setattr(bench.tables.published, "RESULTS", folder / "results")
         bless(write_run(folder / "run"))
     return folder
 
@@ -104,10 +104,10 @@ def test_golden_values_are_the_tables_with_tolerances(run, results):
 
 
 def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_nought(run, results, monkeypatch):
-    first, *_ = bench.check.tables(run)
+    first, *_ = bench.checking.golden.tables(run)
     below = replace(first.rows[0], metric="kd-views", value=-2.0)
     table = replace(first, rows=(*first.rows, below))
-    monkeypatch.setattr(bench.check, "tables", lambda directory: [table, table])
+    monkeypatch.setattr(bench.checking.golden, "tables", lambda directory: [table, table])
     frame = pd.read_csv(bless(run))
     assert len(frame) == len(table.rows)
     (found,) = frame[frame["metric"] == "kd-views"].to_dict("records")

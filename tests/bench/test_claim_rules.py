@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import claim_rules as rules
-from bench.claim_rules import Lacking, Latent, Scored, Timed, combined
-from bench.class_average import interval_of_distances, interval_of_means
-from bench.class_orderings import Ordering, OrderingsTable
-from bench.comparison import Comparison, Estimate, Quality
-from bench.statistics import mean_interval
+from bench.analysis.class_average import interval_of_distances, interval_of_means
+from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.intervals import mean_interval
+from bench.checking import claim_rules as rules
+from bench.checking.claim_rules import Lacking, Latent, Scored, Timed, combined
+from bench.tables.orderings import Ordering, OrderingsTable
 
 OBJECTS = ("a", "b", "c", "d")
 JITTER = np.array([0.0, 0.01, -0.01, 0.02])

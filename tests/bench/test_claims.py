@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import claims_check
-from bench.claim_rules import Finding, Latent, Scored, Timed
-from bench.claims import CLAIMS
-from bench.claims_check import Checked, Run, checked, read_run, spreads, to_markdown
-from bench.published import published
-from bench.record import GROUND_TRUTH
-from bench.suites import LATENT, SPEED, SUITES
+from bench.catalogue.suites import LATENT, SPEED, SUITES
+from bench.checking import checklist as claims_check
+from bench.checking.checklist import Checked, Run, checked, read_run, spreads, to_markdown
+from bench.checking.claim_rules import Finding, Latent, Scored, Timed
+from bench.checking.claims import CLAIMS
+from bench.records.record import GROUND_TRUTH
+from bench.tables.published import published
 from data_prep.failures import BadInput
 
 from .builders import FeaturesAtHand, make_manifest, write_manifest, write_run

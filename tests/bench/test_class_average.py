@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bench.class_average import interval_of_distances, interval_of_means
-from bench.frechet import interval_of_left_out
+from bench.analysis.class_average import interval_of_distances, interval_of_means
+from bench.metrics.frechet import interval_of_left_out
 
 
 def test_two_objects_each_have_few_resamples():

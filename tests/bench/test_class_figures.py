@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.artifacts import read_artifact
-from bench.class_figures import write_class_figures
-from bench.class_tables import ClassTable
-from bench.published import published
-from bench.record import GROUND_TRUTH
-from bench.ssim import ssim_per_image
-from bench.tables import Row
+from bench.metrics.structural_similarity import ssim_per_image
+from bench.records.artifacts import read_artifact
+from bench.records.record import GROUND_TRUTH
+from bench.report.classes import write_class_figures
+from bench.tables.classes import ClassTable
+from bench.tables.published import published
+from bench.tables.quality import Row
 
 from .builders import make_job, make_truth, write_artifact
 

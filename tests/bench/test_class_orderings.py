@@ -8,15 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.class_average import interval_of_distances, interval_of_means
-from bench.class_orderings import Ordering, orderings, paper_lead
-from bench.comparison import Estimate
-from bench.frechet import LeftOut, interval_of_left_out, left_out_distances
-from bench.lookup import find
-from bench.published import published
-from bench.record import GROUND_TRUTH, to_frame
-from bench.statistics import mean_interval
-from bench.suites import SUITES
+from bench.analysis.class_average import interval_of_distances, interval_of_means
+from bench.analysis.comparison import Estimate
+from bench.analysis.intervals import mean_interval
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.metrics.frechet import LeftOut, interval_of_left_out, left_out_distances
+from bench.records.record import GROUND_TRUTH, to_frame
+from bench.tables.orderings import Ordering, orderings, paper_lead
+from bench.tables.published import published
 
 from .builders import FeaturesAtHand, make_record
 

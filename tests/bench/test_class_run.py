@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 import torch
 
-import bench.metric_table
-import bench.results
-import bench.run
-from bench.artifacts import read_artifact
-from bench.check import _stale_tables
-from bench.options import Options
-from bench.report import read_page
-from bench.results import class_orderings, read_scored, tables
-from bench.run import run
-from bench.store import read_manifest
-from bench.views_network import Labels, ViewsNetwork, to_file, view_features
+import bench.catalogue.metrics
+import bench.running.run
+import bench.tables.build
+from bench.checking.golden import _stale_tables
+from bench.judges.views import Labels, ViewsNetwork, to_file, view_features
+from bench.records.artifacts import read_artifact
+from bench.records.journal import read_manifest
+from bench.report.build import read_page
+from bench.running.options import Options
+from bench.running.run import run
+from bench.tables.build import class_orderings, read_scored, tables
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
@@ -66,7 +66,7 @@ def classifier(tmp_path_factory):
 
 @pytest.fixture
 def with_classifier(classifier, monkeypatch):
-    for module in (bench.metric_table, bench.results):
+    for module in (bench.catalogue.metrics, bench.tables.build):
         monkeypatch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
 
 
@@ -77,8 +77,8 @@ def planned_only(monkeypatch, tmp_path):
     def stop(*arguments):
         raise BadInput("far enough")
 
-    monkeypatch.setattr(bench.options, "environment", dict)
-    monkeypatch.setattr(bench.run, "do_jobs", stop)
+    monkeypatch.setattr(bench.running.options, "environment", dict)
+    monkeypatch.setattr(bench.running.run, "do_jobs", stop)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
 
@@ -87,7 +87,7 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
     directory = tmp_path_factory.mktemp("classes") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(directory.parent))  # no weights for fid
-        for module in (bench.metric_table, bench.results):
+        for module in (bench.catalogue.metrics, bench.tables.build):
             patch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
         done = run(
             Options(
@@ -188,7 +188,7 @@ def test_class_confidence_is_the_classifiers(measured, classifier, with_classifi
 def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path):
     other = tmp_path / "other.safetensors"
     other.write_bytes(to_file(ViewsNetwork(classifier[1].labels)))
-    monkeypatch.setattr(bench.results, "VIEWS_WEIGHTS", other)
+    monkeypatch.setattr(bench.tables.build, "VIEWS_WEIGHTS", other)
     scored = read_scored(measured.directory)
     assert "class_confidence" not in scored.records
     assert scored.skipped["class-confidence"] == (

@@ -9,15 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.class_average import interval_of_distances, interval_of_means
-from bench.class_confidence import ClassHead
-from bench.class_tables import class_table, network_of, remark, with_confidence
-from bench.frechet import LeftOut, left_out_distances
-from bench.kernel_distance import kernel_distance, left_out_kernel_distances
-from bench.lookup import find
+from bench.analysis.class_average import interval_of_distances, interval_of_means
+from bench.analysis.class_confidence import ClassHead
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
 from bench.metrics import frechet_distance
-from bench.record import GROUND_TRUTH, to_frame
-from bench.suites import SUITES
+from bench.metrics.frechet import LeftOut, left_out_distances
+from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.records.record import GROUND_TRUTH, to_frame
+from bench.tables.classes import class_table, network_of, remark, with_confidence
 
 from .builders import FeaturesAtHand, make_failed, make_record
 

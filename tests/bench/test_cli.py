@@ -11,18 +11,18 @@ import sys
 import pytest
 import torch
 
-import bench.options
-from bench.methods import METHODS, YARDSTICKS
-from bench.metric_table import (
+import bench.running.options
+from bench.catalogue.methods import METHODS, YARDSTICKS
+from bench.catalogue.metrics import (
     CONTROL_METRICS,
     IMAGE_METRICS,
     KERNEL_METRICS,
     RECOGNITION_METRICS,
     SET_METRICS,
 )
-from bench.store import write_manifest
-from bench.suites import LATENT, SPEED, STABILITY, SUITES
-from bench.variants import KNOBS
+from bench.catalogue.parameters import KNOBS
+from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
+from bench.records.journal import write_manifest
 from data_prep.conditions import CONDITIONS
 from learning import checkpoint
 from learning.weight_files import file_sha256
@@ -35,7 +35,7 @@ from .conftest import BENCH
 @pytest.fixture
 def no_machine(monkeypatch, tmp_path):
     """Runs are not asked to look at the machine; their default folder is in `tmp_path`."""
-    monkeypatch.setattr(bench.options, "environment", dict)
+    monkeypatch.setattr(bench.running.options, "environment", dict)
     monkeypatch.chdir(tmp_path)
 
 

@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.columns import JobRow, read_features, read_records, write_features, write_records
-from bench.record import COLUMNS, SCHEMA_VERSION, to_frame
+from bench.records.parquet import JobRow, read_features, read_records, write_features, write_records
+from bench.records.record import COLUMNS, SCHEMA_VERSION, to_frame
 from data_prep.failures import BadInput
 
 from .builders import make_failed, make_job, make_record, write_all, write_artifact
@@ -254,7 +254,7 @@ def test_features_without_a_column_are_refused(tmp_path):
 
 @pytest.mark.parametrize("size", [1, 3, 1000])
 def test_records_are_written_some_at_a_time(tmp_path, monkeypatch, size):
-    monkeypatch.setattr("bench.columns._ROW_GROUP", size)
+    monkeypatch.setattr("bench.records.parquet._ROW_GROUP", size)
     records = [make_record(m, obj=obj, view=v) for obj in "ba" for m in "yx" for v in range(2)]
     records.append(make_failed("x", obj="c"))
     write_all(tmp_path, records)

@@ -4,10 +4,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.comparison import NAN, Estimate, Quality, candidates, compare, lead, milliseconds
-from bench.frechet import frechet_distance, frechet_interval
-from bench.record import GROUND_TRUTH, to_frame
-from bench.statistics import mean_interval, median_interval
+from bench.analysis.comparison import (
+    NAN,
+    Estimate,
+    Quality,
+    candidates,
+    compare,
+    lead,
+    milliseconds,
+)
+from bench.analysis.intervals import mean_interval, median_interval
+from bench.metrics.frechet import frechet_distance, frechet_interval
+from bench.records.record import GROUND_TRUTH, to_frame
 
 from .builders import FeaturesAtHand, make_failed, make_record
 

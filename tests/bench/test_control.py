@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench import control
-from bench.record import GROUND_TRUTH
+from bench.analysis import recognition as control
+from bench.records.record import GROUND_TRUTH
 
 from .builders import FeaturesAtHand
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.comparison import Comparison, Estimate, Quality
-from bench.crossings import (
+from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.crossings import (
     NO_VALUE,
     UNDECIDED,
     Contest,
@@ -18,8 +18,8 @@ from bench.crossings import (
     pairs_among,
     sign_changes,
 )
-from bench.families import FAMILIES, families_of
-from bench.statistics import mean_interval
+from bench.analysis.intervals import mean_interval
+from bench.catalogue.families import FAMILIES, families_of
 
 NAN = float("nan")
 BY_ID = {family.id: family for family in FAMILIES}

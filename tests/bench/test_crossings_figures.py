@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.comparison import Estimate
-from bench.crossings import Course
-from bench.crossings_figures import beyond_figure, write_beyond_figures
-from bench.families import FAMILIES
+from bench.analysis.comparison import Estimate
+from bench.analysis.crossings import Course
+from bench.catalogue.families import FAMILIES
+from bench.report.families import beyond_figure, write_beyond_figures
 
 from .builders import make_job, make_truth, write_artifact
 

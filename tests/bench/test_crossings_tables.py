@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import pytest
 
-from bench.crossings import Crossing
-from bench.crossings_tables import (
+from bench.analysis.crossings import Crossing
+from bench.catalogue.families import FAMILIES
+from bench.tables.crossings import (
     CrossingsTable,
     shown_in_training,
     told_crossing,
     told_end_to_end,
 )
-from bench.families import FAMILIES
 
 from .test_crossings import NAN, contest
 

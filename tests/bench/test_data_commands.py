@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from bench.export_paper import export
-from bench.inspect_data import inspect
+from bench.commands.data import inspect
+from bench.commands.export_paper import export
 from data_prep.datasets import ProceduralObject, open_dataset
 from data_prep.failures import BadInput
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-import bench.doctor
-from bench.doctor import examine
-from bench.manifest import PACKAGES
-from bench.methods import METHODS, Method
+import bench.commands.doctor
+from bench.catalogue.methods import METHODS, Method
+from bench.commands.doctor import examine
+from bench.running.environment import PACKAGES
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES
 
@@ -17,10 +17,10 @@ from data_prep.render import DEBIAN_PACKAGES
 @pytest.fixture(autouse=True)
 def healthy(monkeypatch):
     """A machine where all is well."""
-    monkeypatch.setattr(bench.doctor, "environment", lambda: {"gl": "a driver"})
+    monkeypatch.setattr(bench.commands.doctor, "environment", lambda: {"gl": "a driver"})
     monkeypatch.setattr(ctypes, "CDLL", lambda name: None)
     methods = [m for m in METHODS if m.id != "pc2pix"]
-    monkeypatch.setattr(bench.doctor, "METHODS", methods)
+    monkeypatch.setattr(bench.commands.doctor, "METHODS", methods)
 
 
 def found():
@@ -83,7 +83,7 @@ def test_a_missing_package(monkeypatch, command):
             raise PackageNotFoundError(package)
         return "1.0"
 
-    monkeypatch.setattr(bench.doctor, "version", find)
+    monkeypatch.setattr(bench.commands.doctor, "version", find)
     assert found()["pyrender"] == (False, "not installed: run 'make install'")
     assert command("doctor")[0] == 1
 
@@ -92,7 +92,7 @@ def test_no_opengl(monkeypatch, command):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.doctor, "environment", environment)
+    monkeypatch.setattr(bench.commands.doctor, "environment", environment)
     status, out, err = command("doctor")
     assert (status, err) == (1, "")
     assert "FAIL rendering: no OpenGL context: install libegl1\n" in out
@@ -103,7 +103,7 @@ def test_a_method_without_its_weights(monkeypatch):
         raise BadInput("chair.safetensors: missing; reinstall")
 
     broken = Method("broken", load=lambda device: None, identity=identity, version=1, source="")
-    monkeypatch.setattr(bench.doctor, "METHODS", [broken])
+    monkeypatch.setattr(bench.commands.doctor, "METHODS", [broken])
     assert found()["method broken"] == (False, "chair.safetensors: missing; reinstall")
 
 

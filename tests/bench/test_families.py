@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 
 from baselines.splat_net.train import MAX_NOISE, POINTS_SEEN
-from bench.families import FAMILIES, families_of
-from bench.lookup import find
-from bench.suites import SUITES
+from bench.catalogue.families import FAMILIES, families_of
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
 from data_prep.conditions import CONDITIONS, GaussianNoise, Missing, Outliers, Stride, UnevenDensity
 from data_prep.scene import CLOUD_SIZE
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.artifacts import read_artifact
-from bench.figures import THIN_TINT, write_figures
-from bench.tables import Row, Table
+from bench.records.artifacts import read_artifact
+from bench.report.robustness import THIN_TINT, write_figures
+from bench.tables.quality import Row, Table
 
 from .builders import make_job, make_truth, write_artifact
 

@@ -8,20 +8,20 @@ import re
 
 import pytest
 
-import bench.inception_weights
-from bench.dry_run import dry_run
-from bench.estimate import Amount, Cost, Estimate
-from bench.forecast_markdown import Forecast, Saving, to_markdown
-from bench.inception_weights import WEIGHTS_SHA256
-from bench.lookup import find
-from bench.manifest import describe
-from bench.options import Options, protocol_of
-from bench.plan import plan
-from bench.prospect import look_ahead
-from bench.record import GROUND_TRUTH
-from bench.store import open_journal, write_manifest
-from bench.suites import SUITES
-from bench.work import failed
+import bench.metrics.inception_weights
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.commands.forecast_markdown import Forecast, Saving, to_markdown
+from bench.commands.run import dry_run
+from bench.metrics.inception_weights import WEIGHTS_SHA256
+from bench.records.journal import open_journal, write_manifest
+from bench.records.record import GROUND_TRUTH
+from bench.running.environment import describe
+from bench.running.estimate import Amount, Cost, Estimate
+from bench.running.options import Options, protocol_of
+from bench.running.prospect import look_ahead
+from bench.running.protocol import plan
+from bench.running.work import failed
 
 from .builders import SUITE
 
@@ -85,7 +85,7 @@ def test_dry_run_counts_what_is_left_of_a_begun_run(copied, command, arguments, 
 
 
 def test_dry_run_of_a_download_fetches_nothing(no_cache, monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.inception_weights, "_download", pytest.fail)
+    monkeypatch.setattr(bench.metrics.inception_weights, "_download", pytest.fail)
     options = Options(SUITE, methods=("blank",), limit=1, inception_weights="download")
     out = dry_run(options)
     assert re.search(r"^  fid +to be downloaded first$", out, re.M)

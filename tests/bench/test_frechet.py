@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from bench import frechet
-from bench.frechet import (
+from bench.metrics import frechet, frechet_distance
+from bench.metrics.frechet import (
     LeftOut,
     TooFewSamples,
     centred,
@@ -22,7 +22,6 @@ from bench.frechet import (
     moments,
     object_blocks,
 )
-from bench.metrics import frechet_distance
 
 REFERENCE = Path(
     os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[3] / "shared" / "reference")
@@ -347,7 +346,7 @@ def test_no_row_is_decomposed_more_often_than_halves_need(monkeypatch):
         rows.append(len(chosen))
         return original(features, chosen)
 
-    monkeypatch.setattr("bench.frechet._moments", counted)
+    monkeypatch.setattr("bench.metrics.frechet._moments", counted)
     assert len(list(left_out.without_each(groups, 64))) == 64
     assert sum(rows) == 6 * len(x)
 
@@ -366,7 +365,7 @@ def test_many_objects_are_left_out_in_blocks(objects, blocks):
 
 
 def test_the_interval_by_blocks_is_that_of_its_definition(monkeypatch):
-    monkeypatch.setattr("bench.frechet.MOST_BLOCKS", 4)
+    monkeypatch.setattr("bench.metrics.frechet.MOST_BLOCKS", 4)
     x, groups = views_of_objects(0, 10, 4, d=6)
     y, _ = views_of_objects(1, 10, 4, d=6, offset=0.3)
     # k = ceil(10 / 4) = 3, so ceil(10 / 3) = 4 blocks: objects 0 1 2, 3 4 5, 6 7 and 8 9
@@ -383,7 +382,7 @@ def test_blocks_tell_the_same_spread_as_objects(monkeypatch):
     x, groups = views_of_objects(0, 300, 2, d=4)
     y, _ = views_of_objects(1, 300, 2, d=4, offset=0.5)
     of_objects = np.subtract(*frechet_interval(x, y, groups, groups)[::-1])
-    monkeypatch.setattr("bench.frechet.MOST_BLOCKS", 60)
+    monkeypatch.setattr("bench.metrics.frechet.MOST_BLOCKS", 60)
     of_blocks = np.subtract(*frechet_interval(x, y, groups, groups)[::-1])
     assert of_blocks == pytest.approx(of_objects, rel=0.55)
     assert of_blocks != of_objects
@@ -477,7 +476,7 @@ def test_a_set_larger_than_a_part(rows, monkeypatch):
     """Rows are taken to float64 in parts: the same as in one."""
     x, y = spread(8, 1000, 4), spread(9, 1000, 4) + 1
     expected = frechet_distance(x, y)
-    monkeypatch.setattr("bench.frechet._ROWS", rows)
+    monkeypatch.setattr("bench.metrics.frechet._ROWS", rows)
     assert frechet_distance(x, y) == pytest.approx(expected, rel=1e-9)
 
 

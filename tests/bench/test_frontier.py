@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.comparison import Comparison, Estimate, Quality
-from bench.frontier import pareto, places, point_count, thinned
-from bench.statistics import mean_interval
+from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.frontier import pareto, places, point_count, thinned
+from bench.analysis.intervals import mean_interval
 
 NAN, INF = float("nan"), float("inf")
 

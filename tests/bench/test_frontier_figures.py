@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.text import Annotation
 
-from bench.comparison import NAN, Estimate
-from bench.frontier_figures import _obstacles, frontier_figure, write_frontier
-from bench.label_places import covered
+from bench.analysis.comparison import NAN, Estimate
+from bench.report.label_places import covered
+from bench.report.pareto import _obstacles, frontier_figure, write_frontier
 
 from .test_frontier_tables import place
 

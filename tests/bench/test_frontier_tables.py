@@ -3,9 +3,9 @@ from __future__ import annotations
 import csv
 import io
 
-from bench.comparison import NAN, Estimate
-from bench.frontier import Place, Thinned
-from bench.frontier_tables import FrontierTable, PointsTable, frontier_table, points_table
+from bench.analysis.comparison import NAN, Estimate
+from bench.analysis.frontier import Place, Thinned
+from bench.tables.frontier import FrontierTable, PointsTable, frontier_table, points_table
 
 from .test_frontier import FIELD, comparison
 

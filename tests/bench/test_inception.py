@@ -17,10 +17,10 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-import bench.inception
-from bench import inception_weights
-from bench.inception import FidInception, inception_features, load_inception
-from bench.inception_weights import WeightsUnavailable, find_weights
+import bench.metrics.inception
+from bench.metrics import inception_weights
+from bench.metrics.inception import FidInception, inception_features, load_inception
+from bench.metrics.inception_weights import WeightsUnavailable, find_weights
 from data_prep.failures import BadInput
 
 REFERENCE = Path(
@@ -130,7 +130,7 @@ def averages_in_the_last_block(x, kind):
     return POOL(x, "average" if kind == "max" else kind)
 
 
-POOL = bench.inception._pool
+POOL = bench.metrics.inception._pool
 
 
 @needs_reference
@@ -144,7 +144,7 @@ POOL = bench.inception._pool
 )
 def test_known_mistakes_would_be_caught(model, reference, monkeypatch, name, wrong):
     # The ways in which the torchvision network differs from that of FID.
-    monkeypatch.setattr(bench.inception, name, wrong)
+    monkeypatch.setattr(bench.metrics.inception, name, wrong)
     features = inception_features(model, reference["images"][:1])
     assert off(features, reference["features_2048_f32"][:1]) > 100 * FLOAT32
 
@@ -156,7 +156,7 @@ def test_resize_reads_at_multiples_of_the_ratio():
     rows = torch.tensor([[0.0, 10.0], [20.0, 30.0]])[None, None]
     # positions 0, 0.5, 1, 1.5, the last one beyond the edge: held
     expected = [[0, 5, 10, 10], [10, 15, 20, 20], [20, 25, 30, 30], [20, 25, 30, 30]]
-    assert bench.inception._resize(rows, 4)[0, 0].tolist() == expected
+    assert bench.metrics.inception._resize(rows, 4)[0, 0].tolist() == expected
 
 
 @pytest.mark.parametrize("size", [32, 128, 299, 640])
@@ -165,7 +165,7 @@ def test_resize_agrees_with_interpolation_on_a_grid(size):
     position = np.arange(299) * (size / 299)
     by_row = np.stack([np.interp(position, np.arange(size), row) for row in image])
     expected = np.stack([np.interp(position, np.arange(size), column) for column in by_row.T]).T
-    found = bench.inception._resize(torch.tensor(image)[None, None], 299)[0, 0].numpy()
+    found = bench.metrics.inception._resize(torch.tensor(image)[None, None], 299)[0, 0].numpy()
     # positions are float32 as in TensorFlow: off by up to 640 * 2^-24 = 4e-5 pixels, in two axes
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
 
@@ -348,5 +348,5 @@ def test_says_so_where_the_cache_cannot_be_written(weights, published, monkeypat
 
 
 def test_weights_are_found_without_torch():
-    code = "import sys, bench.inception_weights, bench.metrics; sys.exit('torch' in sys.modules)"
+    code = "import sys, bench.metrics.inception_weights as _; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])

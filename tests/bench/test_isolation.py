@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import bench.isolation
-from bench.isolation import Limits, Lost, TaskPool, run_tasks
+import bench.running.isolation
+from bench.running.isolation import Limits, Lost, TaskPool, run_tasks
 
 LIMITS = Limits(time_s=60.0, memory_gib=8.0)
 ROOT = Path(__file__).parents[2]
@@ -79,7 +79,7 @@ def test_a_pool_that_breaks_is_replaced(when):
 
 
 def test_tasks_that_a_pool_has_lost_are_done_again(monkeypatch):
-    monkeypatch.setattr(bench.isolation, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(bench.running.isolation, "PATIENCE_S", 0.0)
     with closing(TaskPool(square, 1, Limits(time_s=2.0, memory_gib=8.0))) as pool:
         pool._pool._pool_manager.task_manager.register = lambda task: None
         pool.submit(7)
@@ -103,13 +103,13 @@ def test_what_a_task_raises_is_raised():
 
 
 REPLACING = """
-import bench.isolation
-from bench.isolation import Limits, run_tasks
+import bench.running.isolation
+from bench.running.isolation import Limits, run_tasks
 from data_prep.render import gl_renderer
 def draw(_):
     return bool(gl_renderer())
 if __name__ == "__main__":
-    bench.isolation.TASKS_PER_WORKER = 1  # at the end, another worker is just starting
+    bench.running.isolation.TASKS_PER_WORKER = 1  # at the end, another worker is just starting
     print(len(list(run_tasks(range(3), draw, 2, Limits(60.0, 4.0)))))
 """
 
@@ -137,7 +137,7 @@ def test_tasks_are_taken_as_workers_get_free():
 INTERRUPTED = """
 import threading
 import pebble
-from bench.isolation import Limits, run_tasks
+from bench.running.isolation import Limits, run_tasks
 
 def half(x):
     return x / 2

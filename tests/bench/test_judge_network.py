@@ -7,7 +7,8 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from bench.judge_network import CODE, JUDGE_WEIGHTS, greyscale, judge, load_judge_network
+from bench.judges import JUDGE_WEIGHTS
+from bench.judges.judge import CODE, greyscale, judge, load_judge_network
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.images import blank

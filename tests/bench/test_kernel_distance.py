@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from bench.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 
 
 def polynomial_mmd_of_torch_fidelity(x, y):
@@ -100,13 +100,13 @@ def test_how_many_rows_are_taken_at_a_time_moves_rounding_only(rows, monkeypatch
     x, y = features(11, 12, 6), features(12, 9, 6)
     objects_x, objects_y = np.array(list("aaabbbcccddd")), np.array(list("abcabcabc"))
     expected = left_out_kernel_distances(x, y, objects_x, objects_y)
-    monkeypatch.setattr("bench.kernel_distance._ROWS", rows)
+    monkeypatch.setattr("bench.metrics.kernel_distance._ROWS", rows)
     found = left_out_kernel_distances(x, y, objects_x, objects_y)
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_many_objects_are_left_out_in_blocks(monkeypatch):
-    monkeypatch.setattr("bench.frechet.MOST_BLOCKS", 2)
+    monkeypatch.setattr("bench.metrics.frechet.MOST_BLOCKS", 2)
     x, y = features(13, 12, 6), features(14, 12, 6)
     objects = np.repeat(np.arange(4), 3)
     found = left_out_kernel_distances(x, y, objects, objects)

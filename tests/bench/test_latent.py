@@ -13,16 +13,16 @@ import pytest
 import torch
 from PIL import Image
 
-import bench.latent
-from bench.latent_choice import choose_pairs, choose_triples, specified_chairs
-from bench.latent_network import cloud_of, load_network
-from bench.latent_paths import walk
-from bench.latent_sums import ANSWER, NOTHING, SUM, TRAIN, add_up
-from bench.metric_table import VIEWS_WEIGHTS
-from bench.options import Options
-from bench.ssim import ssim
-from bench.suites import LATENT
-from bench.views_network import load_views_network
+import bench.suites.latent.run
+from bench.catalogue.suites import LATENT
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.views import load_views_network
+from bench.metrics.structural_similarity import ssim
+from bench.running.options import Options
+from bench.suites.latent.arithmetic import ANSWER, NOTHING, SUM, TRAIN, add_up
+from bench.suites.latent.chairs import choose_pairs, choose_triples, specified_chairs
+from bench.suites.latent.network import cloud_of, load_network
+from bench.suites.latent.paths import walk
 from data_prep.render import render
 from data_prep.scene import View
 from learning import checkpoint
@@ -58,7 +58,7 @@ def untrained(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def no_probe(monkeypatch):
-    monkeypatch.setattr(bench.latent, "environment", lambda: {"gl": "some"})
+    monkeypatch.setattr(bench.suites.latent.run, "environment", lambda: {"gl": "some"})
 
 
 def wishes(untrained, out, **changes):
@@ -71,8 +71,8 @@ def measured(untrained, tmp_path_factory):
     """A run of three paths and three sums."""
     directory = tmp_path_factory.mktemp("latent") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.latent, "environment", dict)
-        return bench.latent.run(wishes(untrained, directory), SMALL)
+        patch.setattr(bench.suites.latent.run, "environment", dict)
+        return bench.suites.latent.run.run(wishes(untrained, directory), SMALL)
 
 
 def read(path):
@@ -258,9 +258,11 @@ def test_figures(measured):
 
 def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
     threads = torch.get_num_threads()
-    again = bench.latent.run(wishes(untrained, tmp_path / "again"), SMALL)
+    again = bench.suites.latent.run.run(wishes(untrained, tmp_path / "again"), SMALL)
     assert torch.get_num_threads() == threads
-    other = bench.latent.run(wishes(untrained, tmp_path / "other", seed=1, limit=2), SMALL)
+    other = bench.suites.latent.run.run(
+        wishes(untrained, tmp_path / "other", seed=1, limit=2), SMALL
+    )
     for name in FILES:
         one, two, three = (
             (run.directory / "tables" / name).read_bytes() for run in (measured, again, other)
@@ -274,7 +276,7 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     directory = shutil.copytree(measured.directory, tmp_path / "run")
     (directory / "figures" / "interpolation-2.png").touch()
     (directory / "tables" / FILES[0]).write_text("old")
-    bench.latent.run(wishes(untrained, directory, limit=1), SMALL)
+    bench.suites.latent.run.run(wishes(untrained, directory, limit=1), SMALL)
     assert (directory / "tables" / FILES[0]).read_text() != "old"
     assert len(list((directory / "figures").iterdir())) == 2
     mpl.pyplot.close("all")
@@ -286,7 +288,7 @@ def test_two_methods(measured, untrained, tmp_path):
     shutil.copy(decoder_path(untrained), decoder_path(second))
     options = wishes(untrained, tmp_path / "run", limit=1)
     both = replace(options, methods=(*(options.methods or ()), f"pc2pix@{second}"))
-    run = bench.latent.run(both, SMALL)
+    run = bench.suites.latent.run.run(both, SMALL)
     rows = [row for row in run.tables[0].rows if row.metric == "end-cloud"]
     assert [row.method for row in rows] == list(both.methods)
     assert rows[0].value == rows[1].value
@@ -340,7 +342,7 @@ def test_weights_without_their_decoder(command, untrained, tmp_path):
 
 
 def test_from_the_command_line(command, untrained, monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.latent.run, "__defaults__", (SMALL,))
+    monkeypatch.setattr(bench.suites.latent.run.run, "__defaults__", (SMALL,))
     methods = f"pc2pix@{untrained}"
     out = tmp_path / "run"
     status, printed, err = command(

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bench.latent_choice import (
+from bench.catalogue.suites import LATENT
+from bench.suites.latent.chairs import (
     CHANGES,
     choose_pairs,
     choose_triples,
     specified_chairs,
 )
-from bench.suites import LATENT
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 

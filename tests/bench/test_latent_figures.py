@@ -4,7 +4,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from bench.latent_figures import Strip, Tile, draw_cloud, write_strips
+from bench.suites.latent.figures import Strip, Tile, draw_cloud, write_strips
 from data_prep.scene import View
 
 FRONT = View(0, 0)

@@ -7,7 +7,10 @@ import pytest
 import torch
 from scipy.spatial.distance import cdist
 
-from bench.latent_measures import (
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.views import load_views_network
+from bench.metrics.structural_similarity import ssim
+from bench.suites.latent.measures import (
     chamfer_distances,
     cloud_steps,
     cosine,
@@ -18,9 +21,6 @@ from bench.latent_measures import (
     ssim_values,
     unevenness,
 )
-from bench.metric_table import VIEWS_WEIGHTS
-from bench.ssim import ssim
-from bench.views_network import load_views_network
 
 
 def flat(*levels):

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from bench.latent_tables import ALL, LatentTable, Value, means, values_to_csv
-from bench.statistics import mean_interval
+from bench.analysis.intervals import mean_interval
+from bench.suites.latent.tables import ALL, LatentTable, Value, means, values_to_csv
 
 NAN = float("nan")
 

@@ -6,8 +6,8 @@ import re
 import pytest
 
 from bench import library_defects
-from bench.isolation import Lost
 from bench.library_defects import DEFECTS, LIMITS, demonstrate, library_outcomes
+from bench.running.isolation import Lost
 
 # What each library would show if it were mended.
 MENDED = {

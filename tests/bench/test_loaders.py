@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench import loaders
-from bench.loaders import OneByOne
-from bench.methods import find_method
+from bench.catalogue import loaders
+from bench.catalogue.loaders import OneByOne
+from bench.catalogue.methods import find_method
 from data_prep.scene import PointCloud, View
 
 VIEWS = [View(10.0 * i, 5.0 * i) for i in range(3)]

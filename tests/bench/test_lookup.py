@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from bench.lookup import find
+from bench.catalogue.lookup import find
 from data_prep.failures import BadInput
 
 

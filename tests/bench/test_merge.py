@@ -9,14 +9,14 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-import bench.options
-from bench.columns import read_jobs, write_jobs
-from bench.merge import merge
-from bench.options import Options
-from bench.results import tables
-from bench.run import run
-from bench.shards import Shard
-from bench.store import open_journal, read_lines, read_manifest, write_manifest
+import bench.running.options
+from bench.records.journal import open_journal, read_lines, read_manifest, write_manifest
+from bench.records.parquet import read_jobs, write_jobs
+from bench.running.merge import merge
+from bench.running.options import Options
+from bench.running.run import run
+from bench.running.shards import Shard
+from bench.tables.build import tables
 from data_prep.failures import BadInput
 
 COUNT = 2
@@ -46,7 +46,7 @@ def made(finished, tiny_weights, tmp_path_factory):
     """Both shards of the finished run."""
     environment = read_manifest(finished[0])["environment"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.options, "environment", lambda: environment)
+        patch.setattr(bench.running.options, "environment", lambda: environment)
         patch.setenv("XDG_CACHE_HOME", str(finished[0].parent))  # no weights for fid
         folder = tmp_path_factory.mktemp("shards")
         return [as_shard(finished, tiny_weights, folder / str(k), k) for k in (1, 2)]
@@ -101,7 +101,7 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
 
 def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weights, monkeypatch):
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.options, "environment", lambda: environment)
+    monkeypatch.setattr(bench.running.options, "environment", lambda: environment)
     monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
     merge(made, tmp_path / "whole")
     again = run(options(tiny_weights, tmp_path / "whole"))
@@ -208,7 +208,7 @@ def test_a_folder_with_another_run_is_left_alone(copied, shards):
 
 def test_more_shards_than_objects(finished, tiny_weights, tmp_path, monkeypatch):
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.options, "environment", lambda: environment)
+    monkeypatch.setattr(bench.running.options, "environment", lambda: environment)
     with pytest.raises(BadInput, match=r"--shard 4/4: there are only 3 objects; make fewer shards"):
         as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
 

@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import pytest
 
-from bench import methods
-from bench.methods import METHODS, find_method, plugin_ids
+from bench.catalogue import methods
+from bench.catalogue.methods import METHODS, find_method, plugin_ids
 from data_prep.failures import BadInput
 
 MODULE = """
-from bench.methods import Method
+from bench.catalogue.methods import Method
 GOOD = Method("good", lambda device: None, str, 3, "a stranger's")
 OTHER = Method("other-id", lambda device: None, str, 1, "")
 NO_METHOD = "text"
@@ -55,7 +55,10 @@ def test_our_own_methods_cannot_be_replaced(stranger):
     ("method", "problem"),
     [
         ("other", "strangers_methods:OTHER is not a bench.methods.Method with that id"),
-        ("no-method", "strangers_methods:NO_METHOD is not a bench.methods.Method with that id"),
+        (
+            "no-method",
+            "strangers_methods:NO_METHOD is not a bench.methods.Method with that id",
+        ),
         ("missing", "strangers_methods:MISSING cannot be loaded (AttributeError: "),
         ("broken", "strangers_broken:GOOD cannot be loaded (OSError: no licence)"),
     ],

@@ -5,22 +5,22 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-import bench.metric_table
-from bench.judge_network import CODE, JudgeNetwork, judge
-from bench.metric_table import (
+import bench.catalogue.metrics
+from bench.catalogue.metrics import (
     IMAGE_METRICS,
     JUDGE,
     KERNEL_METRICS,
     UNDEFINED,
-    VIEWS_WEIGHTS,
     WeightsUnavailable,
     column,
     find_extractor,
     is_similarity,
 )
-from bench.record import Record
-from bench.suites import SUITES
-from bench.views_network import load_views_network, view_features
+from bench.catalogue.suites import SUITES
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.judge import CODE, JudgeNetwork, judge
+from bench.judges.views import load_views_network, view_features
+from bench.records.record import Record
 from data_prep.failures import BadInput
 
 RNG = np.random.default_rng(0)
@@ -66,7 +66,7 @@ def test_the_judge_is_an_extractor(tmp_path, monkeypatch):
     network = JudgeNetwork().eval()
     path = tmp_path / "judge.safetensors"
     save_file({name: t.contiguous() for name, t in network.state_dict().items()}, path)
-    monkeypatch.setattr(bench.metric_table, "JUDGE_WEIGHTS", path)
+    monkeypatch.setattr(bench.catalogue.metrics, "JUDGE_WEIGHTS", path)
     source = find_extractor(JUDGE)
     assert source.weights(None) == path
     answers = source.load(str(path))(PICTURES)
@@ -75,7 +75,7 @@ def test_the_judge_is_an_extractor(tmp_path, monkeypatch):
 
 
 def test_a_judge_that_is_not_there_is_skipped(tmp_path, monkeypatch):
-    monkeypatch.setattr(bench.metric_table, "JUDGE_WEIGHTS", tmp_path / "judge.safetensors")
+    monkeypatch.setattr(bench.catalogue.metrics, "JUDGE_WEIGHTS", tmp_path / "judge.safetensors")
     with pytest.raises(WeightsUnavailable) as error:
         find_extractor(JUDGE).weights(None)
     assert str(error.value) == "judge.safetensors is not bundled; 'bench train judge' makes it"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.picture_files import frame_ms, in_one_palette, moves, write_pictures
+from bench.rendering.files import frame_ms, in_one_palette, moves, write_pictures
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.randomness import generator
 

@@ -9,14 +9,23 @@ import numpy as np
 import pytest
 from harness_objects import Dying, Refusing, Tetrahedron
 
-import bench.pilot
-from bench.isolation import Limits, Lost
-from bench.metric_table import JUDGE, JUDGE_WEIGHTS
-from bench.pilot import CELLS, Measured, measure, sample_of, size_of, sizes_of, without_optional
-from bench.plan import Protocol
-from bench.record import GROUND_TRUTH
-from bench.suites import SUITES
-from bench.work import failed
+import bench.running.pilot
+from bench.catalogue.metrics import JUDGE
+from bench.catalogue.suites import SUITES
+from bench.judges import JUDGE_WEIGHTS
+from bench.records.record import GROUND_TRUTH
+from bench.running.isolation import Limits, Lost
+from bench.running.pilot import (
+    CELLS,
+    Measured,
+    measure,
+    sample_of,
+    size_of,
+    sizes_of,
+    without_optional,
+)
+from bench.running.protocol import Protocol
+from bench.running.work import failed
 from data_prep.failures import BadInput
 
 from .builders import make_job
@@ -64,7 +73,7 @@ def test_size_at_the_extremes():
 
 
 def test_sizes_are_of_a_fixed_random_choice_in_order(monkeypatch):
-    monkeypatch.setattr(bench.pilot, "CANDIDATES", 4)
+    monkeypatch.setattr(bench.running.pilot, "CANDIDATES", 4)
     protocol = make_protocol(Tetrahedron(str(n)) for n in range(9))
     found = sizes_of(protocol, 2)
     assert len(found) == 4
@@ -151,7 +160,7 @@ def test_optional_features_are_left_out_of_the_floor_once_an_object(tmp_path):
 
 
 def test_optional_features_are_measured_where_there_are_any(monkeypatch):
-    monkeypatch.setattr(bench.pilot, "OPTIONAL", JUDGE)
+    monkeypatch.setattr(bench.running.pilot, "OPTIONAL", JUDGE)
     protocol = make_protocol([Tetrahedron("a")], features=((JUDGE, str(JUDGE_WEIGHTS)),))
     found = measure(protocol, 1, 1)
     assert found.optional_s is not None

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from harness_objects import Tetrahedron
 
-import bench.methods
-import bench.plan
-from bench.isolation import Limits
-from bench.plan import Protocol, plan, with_floor
-from bench.record import GROUND_TRUTH
-from bench.suites import SUITES
+import bench.catalogue.methods
+import bench.running.protocol
+from bench.catalogue.suites import SUITES
+from bench.records.record import GROUND_TRUTH
+from bench.running.isolation import Limits
+from bench.running.protocol import Protocol, plan, with_floor
 from data_prep import conditions
 from data_prep.conditions import Condition, GaussianNoise
 from data_prep.datasets import ProceduralObject
@@ -134,8 +134,10 @@ def test_one_edited_object_leaves_the_others_alone():
 @pytest.mark.parametrize("change", [{"version": 2}, {"identity": lambda: "scipy 99"}])
 def test_another_version_of_a_method_leaves_the_others_alone(monkeypatch, change):
     before = keys()
-    methods = [replace(m, **change) if m.id == "splat" else m for m in bench.methods.METHODS]
-    monkeypatch.setattr(bench.methods, "METHODS", methods)
+    methods = [
+        replace(m, **change) if m.id == "splat" else m for m in bench.catalogue.methods.METHODS
+    ]
+    monkeypatch.setattr(bench.catalogue.methods, "METHODS", methods)
     assert changed_items(before, keys()) == {cell for cell in before if cell[1] == "splat"}
 
 
@@ -145,14 +147,14 @@ def test_another_strength_of_noise_leaves_other_conditions_alone(monkeypatch):
         Condition(c.id, GaussianNoise(0.06), c.source) if c.id == "noise-0.05" else c
         for c in conditions.CONDITIONS
     ]
-    monkeypatch.setattr(bench.plan, "CONDITIONS", table)
+    monkeypatch.setattr(bench.running.protocol, "CONDITIONS", table)
     assert changed_items(before, keys()) == {cell for cell in before if cell[2] == "noise-0.05"}
 
 
 @pytest.mark.parametrize("name", ["SCORES_VERSION", "PROCEDURAL_VERSION", "SCHEMA_VERSION"])
 def test_versions_count(monkeypatch, name):
     before = keys()
-    monkeypatch.setattr(bench.plan, name, 99)
+    monkeypatch.setattr(bench.running.protocol, name, 99)
     items_only = name == "SCORES_VERSION"  # the ground truth has no score
     assert changed_items(before, keys()) == {
         cell for cell in before if not (items_only and cell[1] == GROUND_TRUTH)

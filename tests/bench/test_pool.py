@@ -24,11 +24,11 @@ from harness_objects import (
     Tetrahedron,
 )
 
-import bench.isolation
-from bench.executor import feed
-from bench.isolation import WORKER_ENVIRONMENT, Limits
-from bench.pool import JobPool
-from bench.work import do
+import bench.running.isolation
+from bench.running.executor import feed
+from bench.running.executors import JobPool
+from bench.running.isolation import WORKER_ENVIRONMENT, Limits
+from bench.running.work import do
 
 from .builders import make_job, make_truth, write_artifact
 
@@ -133,9 +133,9 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
 
 RUN_JOBS = """
 import pickle, sys
-from bench.executor import feed
-from bench.isolation import Limits
-from bench.pool import JobPool
+from bench.running.executor import feed
+from bench.running.isolation import Limits
+from bench.running.executors import JobPool
 if __name__ == "__main__":
     sys.path.append(sys.argv[1])
     with open(sys.argv[2], "rb") as file:
@@ -174,7 +174,7 @@ def test_workers_have_an_environment_of_their_own(jobs_for, monkeypatch):
 
 
 def test_workers_are_replaced_now_and_then(jobs_for, monkeypatch):
-    monkeypatch.setattr(bench.isolation, "TASKS_PER_WORKER", 2)
+    monkeypatch.setattr(bench.running.isolation, "TASKS_PER_WORKER", 2)
     results = run_jobs(jobs_for(*(TellingItsProcess(str(i)) for i in range(4))), 1, AMPLE)
     processes = [result.records[0].reason for result in results]
     _, counts = np.unique(processes, return_counts=True)

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from bench.progress import PLAIN_EVERY_S, progress
+from bench.running.progress import PLAIN_EVERY_S, progress
 
 
 @pytest.fixture

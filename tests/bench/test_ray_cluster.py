@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from harness_objects import Hanging, Killed, Refusing, Tetrahedron
 
-from bench.store import read_manifest
+from bench.records.journal import read_manifest
 
 from .builders import make_truth
 from .conftest import BENCH
@@ -99,13 +99,13 @@ def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):
 
 FEED = """
 import os, pickle, sys
-from bench.executor import feed
-from bench.isolation import Limits
-from bench.probe import environment
-from bench.ray_cluster import RayPool, connected
-from bench.ray_node import demands
-from bench.plan import Protocol
-from bench.suites import SUITES
+from bench.running.executor import feed
+from bench.running.isolation import Limits
+from bench.running.probe import environment
+from bench.running.ray import RayPool, connected
+from bench.running.ray_node import demands
+from bench.running.protocol import Protocol
+from bench.catalogue.suites import SUITES
 from contextlib import closing
 if __name__ == "__main__":
     with open(sys.argv[1], "rb") as file:

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from harness_objects import Killed, Refusing, Tetrahedron
 
-import bench.ray_node
-from bench.isolation import Limits
-from bench.plan import Protocol
-from bench.ray_node import Node, demands, unfit
-from bench.suites import SUITES
-from bench.work import do
+import bench.running.ray_node
+from bench.catalogue.suites import SUITES
+from bench.running.isolation import Limits
+from bench.running.protocol import Protocol
+from bench.running.ray_node import Node, demands, unfit
+from bench.running.work import do
 from data_prep.failures import MissingDependency
 
 from .builders import make_job, make_truth, write_artifact
@@ -29,7 +29,7 @@ LIMITS = Limits(60.0, 8.0)
 def driver(monkeypatch):
     """Finding out about OpenGL takes seconds; and a node changes its folder."""
     found = {"gl": "llvmpipe", "numpy": "2"}
-    monkeypatch.setattr(bench.ray_node, "environment", lambda: found)
+    monkeypatch.setattr(bench.running.ray_node, "environment", lambda: found)
     here = Path.cwd()
     yield found
     os.chdir(here)
@@ -87,7 +87,7 @@ def test_a_machine_without_opengl(asked, monkeypatch):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.ray_node, "environment", environment)
+    monkeypatch.setattr(bench.running.ray_node, "environment", environment)
     assert unfit(asked) == "no OpenGL context: install libegl1"
 
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.comparison import NAN, Comparison, Estimate, Quality
-from bench.recommend import Wish, advise, at_condition, make_wish, told
-from bench.statistics import mean_interval, median_interval
+from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
+from bench.analysis.intervals import mean_interval, median_interval
+from bench.analysis.recommend import Wish, advise, at_condition, make_wish, told
 from data_prep.failures import BadInput
 
 # Milliseconds to prepare and to draw a view, and the score of each object.

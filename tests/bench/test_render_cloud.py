@@ -10,13 +10,13 @@ import plugin_methods
 import pytest
 from PIL import Image
 
-import bench.render_cloud
+import bench.rendering.cloud
+from bench.catalogue.suites import SUITES
 from bench.cloud_dots import draw_dots
-from bench.isolation import Limits
-from bench.render_cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
-from bench.render_command import Wish, remedied, views_of
-from bench.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
-from bench.suites import SUITES
+from bench.commands.render import Wish, remedied, views_of
+from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
+from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from bench.running.isolation import Limits
 from data_prep.cloud_files import save_ply
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
@@ -305,7 +305,7 @@ def test_a_method_that_fails_is_one_line(
     command, plugins, cloud, tmp_path, monkeypatch, method, reason
 ):
     time_s = 8.0 if method == "fake-hang" else 120.0
-    monkeypatch.setattr(bench.render_cloud, "LIMITS", Limits(time_s, 1.0))
+    monkeypatch.setattr(bench.rendering.cloud, "LIMITS", Limits(time_s, 1.0))
     out = tmp_path / "out.png"
     out.write_bytes(b"old")
     done = command("render", cloud, "--method", method, "-o", out)
@@ -315,7 +315,7 @@ def test_a_method_that_fails_is_one_line(
 
 
 def test_the_limits_are_those_of_the_paper_suite():
-    assert SUITES[0].limits == bench.render_cloud.LIMITS
+    assert SUITES[0].limits == bench.rendering.cloud.LIMITS
 
 
 def test_what_cannot_be_used_is_the_users_to_mend(command, plugins, cloud, tmp_path):
@@ -379,6 +379,6 @@ def test_pictures_that_cannot_be_written(command, cloud, tmp_path):
 
 
 def test_a_method_is_looked_for_before_a_worker_is_started(cloud, monkeypatch):
-    monkeypatch.setattr(bench.render_cloud, "run_tasks", None)
+    monkeypatch.setattr(bench.rendering.cloud, "run_tasks", None)
     with pytest.raises(ValueError, match="unknown method"):
         draw_file(CloudFile(cloud, as_is=True), Drawing("splta", (View(0.0, 0.0),)))

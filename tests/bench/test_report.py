@@ -17,13 +17,13 @@ from builders import make_failed, make_record, write_all, write_run
 from PIL import Image
 from report_parser import parse
 
-from bench.artifacts import read_artifact
-from bench.columns import read_records
-from bench.plan import artifact_path
-from bench.record import GROUND_TRUTH
-from bench.report import read_page, write_report
-from bench.results import tables
-from bench.store import read_manifest, write_manifest
+from bench.records.artifacts import read_artifact
+from bench.records.journal import read_manifest, write_manifest
+from bench.records.parquet import read_records
+from bench.records.record import GROUND_TRUTH
+from bench.report.build import read_page, write_report
+from bench.running.protocol import artifact_path
+from bench.tables.build import tables
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
 

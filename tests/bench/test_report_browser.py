@@ -13,8 +13,8 @@ from axe_playwright_python.base import AXE_SCRIPT
 from builders import make_failed, make_record, write_all
 from playwright.sync_api import sync_playwright
 
-from bench.columns import read_records
-from bench.report import write_report
+from bench.records.parquet import read_records
+from bench.report.build import write_report
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")

@@ -1,13 +1,13 @@
 from __future__ import annotations
 
-from bench.comparison import NAN, Estimate
-from bench.crossings import Course
-from bench.crossings_tables import CrossingsTable
-from bench.families import FAMILIES
-from bench.report_crossings import crossings_group, family_curves
-from bench.report_methods import styles
-from bench.table_rows import Row
-from bench.tables import Table
+from bench.analysis.comparison import NAN, Estimate
+from bench.analysis.crossings import Course
+from bench.catalogue.families import FAMILIES
+from bench.report.report_crossings import crossings_group, family_curves
+from bench.report.styles import styles
+from bench.tables.crossings import CrossingsTable
+from bench.tables.quality import Table
+from bench.tables.table import Row
 
 from .test_crossings import contest
 

@@ -1,8 +1,8 @@
 from __future__ import annotations
 
-from bench.class_orderings import Ordering, OrderingsTable
-from bench.comparison import NAN, Estimate
-from bench.report_orderings import orderings_group
+from bench.analysis.comparison import NAN, Estimate
+from bench.report.report_orderings import orderings_group
+from bench.tables.orderings import Ordering, OrderingsTable
 
 
 def ordering(class_name, metric, lead, paper, condition="2048"):

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 from builders import make_failed, make_record
 
-from bench.record import to_frame
-from bench.report_pictures import EACH, MOST_CASES, extremes, shown_objects
-from bench.report_tables import failure_groups
+from bench.records.record import to_frame
+from bench.report.pictures import EACH, MOST_CASES, extremes, shown_objects
+from bench.report.tables import failure_groups
 
 
 def frame(scores, method="splat", condition="2048", class_name="chair"):

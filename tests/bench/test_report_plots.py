@@ -7,12 +7,12 @@ import re
 import numpy as np
 import pytest
 
-from bench.comparison import Comparison, Estimate, Quality
-from bench.report_costs import cost_plots, cost_table
-from bench.report_curves import curves
-from bench.report_methods import higher_is_better, styles
-from bench.table_rows import NAN, Row
-from bench.tables import Table
+from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.report.report_costs import cost_plots, cost_table
+from bench.report.report_curves import curves
+from bench.report.styles import higher_is_better, styles
+from bench.tables.quality import Table
+from bench.tables.table import NAN, Row
 
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 # Pixels of paths are written with one decimal.

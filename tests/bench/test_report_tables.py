@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import math
 
-from bench.class_tables import ClassTable
-from bench.report_tables import table_groups
-from bench.table_rows import NAN, Row
-from bench.tables import Table
+from bench.report.tables import table_groups
+from bench.tables.classes import ClassTable
+from bench.tables.quality import Table
+from bench.tables.table import NAN, Row
 
 
 def row(method, value, condition="2048", class_name="chair", metric="ssim", **changes):

@@ -17,14 +17,14 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-import bench.results
-import bench.run
-from bench.metric_table import JUDGE_WEIGHTS
-from bench.options import Options, default_name, protocol_of
-from bench.record import GROUND_TRUTH
-from bench.results import tables
-from bench.run import run
-from bench.store import read_manifest
+import bench.running.run
+import bench.tables.build
+from bench.judges import JUDGE_WEIGHTS
+from bench.records.journal import read_manifest
+from bench.records.record import GROUND_TRUTH
+from bench.running.options import Options, default_name, protocol_of
+from bench.running.run import run
+from bench.tables.build import tables
 from data_prep.failures import BadInput, MissingDependency
 
 from .conftest import BENCH
@@ -36,7 +36,7 @@ TIMES = ["prepare_s", "draw_s"]
 def same_machine(finished, monkeypatch, tmp_path):
     """In-process runs see the machine as the command line saw it (which takes seconds to ask)."""
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.options, "environment", lambda: environment)
+    monkeypatch.setattr(bench.running.options, "environment", lambda: environment)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
 
@@ -305,9 +305,9 @@ def test_killed_three_times(finished, arguments, tmp_path):
 
 NO_NETWORKS = """
 from dataclasses import replace
-import bench.results, bench.run
-bench.run.SUITES = bench.results.SUITES = [
-    replace(bench.run.SUITES[0], set_metrics=(), control_metrics=())
+import bench.tables.build, bench.running.run
+bench.running.run.SUITES = bench.tables.build.SUITES = [
+    replace(bench.running.run.SUITES[0], set_metrics=(), control_metrics=())
 ]
 """
 
@@ -315,9 +315,9 @@ bench.run.SUITES = bench.results.SUITES = [
 @pytest.fixture
 def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
-    suites = [replace(bench.run.SUITES[0], set_metrics=(), control_metrics=())]
-    monkeypatch.setattr(bench.run, "SUITES", suites)
-    monkeypatch.setattr(bench.results, "SUITES", suites)
+    suites = [replace(bench.running.run.SUITES[0], set_metrics=(), control_metrics=())]
+    monkeypatch.setattr(bench.running.run, "SUITES", suites)
+    monkeypatch.setattr(bench.tables.build, "SUITES", suites)
 
 
 def test_interrupted(tmp_path):
@@ -400,15 +400,15 @@ def test_a_machine_without_opengl(monkeypatch, tmp_path):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.options, "environment", environment)
+    monkeypatch.setattr(bench.running.options, "environment", environment)
     with pytest.raises(BadInput, match="no OpenGL context: install libegl1"):
         run(Options("chair-robustness", methods=("blank",), out=tmp_path / "run"))
     assert not (tmp_path / "run").exists()
 
 
 def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.options, "environment", dict)
-    protocol, skipped = protocol_of(bench.run.SUITES[0], Options("chair-robustness"))
+    monkeypatch.setattr(bench.running.options, "environment", dict)
+    protocol, skipped = protocol_of(bench.running.run.SUITES[0], Options("chair-robustness"))
     assert protocol.methods == (
         "surface-apss",
         "pc2pix",
@@ -442,4 +442,4 @@ def test_default_folder_of_a_relative_path(tmp_path, monkeypatch):
     (tmp_path / "meshes").mkdir()
     monkeypatch.chdir(tmp_path / "meshes")
     assert default_name("s", "folder:.") == "s-folder-meshes"
-    assert Path("results/runs") == bench.options.RUNS
+    assert Path("results/runs") == bench.running.options.RUNS

@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench.artifacts
-import bench.score
-from bench.image_metric import ImageMetric, find_metric, metric_ids
-from bench.score import checked_scores, score
+import bench.commands.results
+import bench.records.artifacts
+from bench.catalogue.plugins import ImageMetric, find_metric, metric_ids
+from bench.commands.results import checked_scores, score
 from data_prep.failures import BadInput
 
 MODULE = """
-from bench.image_metric import ImageMetric
+from bench.catalogue.plugins import ImageMetric
 GOOD = ImageMetric("good", lambda truth, drawn: drawn[:, 0, 0, 0] * 1.0, 3, True, "a stranger's")
 OTHER = ImageMetric("other-id", None, 1, True, "")
 SPACED = ImageMetric("a/b", None, 1, True, "")
@@ -59,8 +59,14 @@ def test_metrics_of_other_packages_are_found(stranger):
 @pytest.mark.parametrize(
     ("metric", "problem"),
     [
-        ("other", "strangers_metrics:OTHER is not a bench.image_metric.ImageMetric with that id"),
-        ("no-metric", "strangers_metrics:NO_METRIC is not a bench.image_metric.ImageMetric with "),
+        (
+            "other",
+            "strangers_metrics:OTHER is not a bench.image_metric.ImageMetric with that id",
+        ),
+        (
+            "no-metric",
+            "strangers_metrics:NO_METRIC is not a bench.image_metric.ImageMetric with ",
+        ),
         ("missing", "strangers_metrics:MISSING cannot be loaded (AttributeError: "),
         ("a/b", "an id is kebab-case, it names files; rename it"),
     ],
@@ -115,7 +121,7 @@ def test_true_and_drawn_pictures_in_their_order():
 def metrics(monkeypatch):
     """Metrics by their ids, as if they were installed."""
     found = {}
-    monkeypatch.setattr(bench.score, "find_metric", found.__getitem__)
+    monkeypatch.setattr(bench.commands.results, "find_metric", found.__getitem__)
     return found
 
 
@@ -135,20 +141,20 @@ def test_every_picture_counts_where_it_belongs(copied, metrics):
 
 
 def test_scores_stand_with_their_own_views(copied):
-    run = bench.score.read_scored(copied)
-    sources = bench.score.open_sources(copied, run.manifest, ())
+    run = bench.commands.results.read_scored(copied)
+    sources = bench.commands.results.open_sources(copied, run.manifest, ())
     light = made(lambda truth, drawn: drawn.mean(axis=(1, 2, 3)), "light")
-    values = bench.score.scored(run.records, sources, light)
+    values = bench.commands.results.scored(run.records, sources, light)
     names = ["method", "condition", "class", "object"]
     for record in values[values["method"] == "splat"].to_dict("records"):
-        pictures = sources.pictures(bench.artifacts.Item(*(record[name] for name in names)))
+        pictures = sources.pictures(bench.records.artifacts.Item(*(record[name] for name in names)))
         assert pictures[0].mean() != pictures[1].mean()
         assert record["light"] == pictures[record["view"]].mean()
 
 
 def test_failed_pictures_are_scored_as_blank_ones(copied, metrics):
     """Every second picture of the ceiling fails: it scores 0 where blank scores 1."""
-    run = bench.score.read_scored(copied)
+    run = bench.commands.results.read_scored(copied)
     records = run.records
     failed = (records["method"] == "true-mesh") & (records["view"] == 1)
     outcome, reason = (
@@ -156,12 +162,12 @@ def test_failed_pictures_are_scored_as_blank_ones(copied, metrics):
         failed.map({True: "x: y", False: ""}),
     )
     broken = records.assign(outcome=outcome, reason=reason)
-    sources = bench.score.open_sources(copied, run.manifest, ())
+    sources = bench.commands.results.open_sources(copied, run.manifest, ())
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
-    values = bench.score.scored(broken, sources, blank)
+    values = bench.commands.results.scored(broken, sources, blank)
     assert values.loc[failed, "is_blank"].isna().all()
     assert values.loc[~failed, "is_blank"].notna().all()
-    rows = bench.score.image_rows(["is-blank"], values, run.suite, {})
+    rows = bench.commands.results.image_rows(["is-blank"], values, run.suite, {})
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import ImageFont
 
-from bench.sheet import (
+from bench.rendering.sheet import (
     INK,
     LABEL_HEIGHT,
     LABEL_PX,

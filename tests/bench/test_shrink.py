@@ -8,14 +8,14 @@ import numpy as np
 import plugin_methods
 import pytest
 
-import bench.render_cloud
-import bench.shrink
-from bench.isolation import Limits
-from bench.shrink import fails_alike, find_item, shrink
-from bench.stability_cases import CASES
-from bench.store import write_manifest
-from bench.suites import STABILITY, SUITES
-from bench.work import cloud_of
+import bench.rendering.cloud
+import bench.rendering.shrink
+from bench.catalogue.suites import STABILITY, SUITES
+from bench.records.journal import write_manifest
+from bench.rendering.shrink import fails_alike, find_item, shrink
+from bench.running.isolation import Limits
+from bench.running.work import cloud_of
+from bench.suites.stability.cases import CASES
 from data_prep.cloud_files import load_points
 from data_prep.conditions import Stride
 from data_prep.datasets import ProceduralObject
@@ -333,7 +333,7 @@ def test_failures_that_are_there_no_more(command, plugins, tmp_path, method, now
 
 
 def test_when_the_budget_is_spent_the_best_is_kept(plugins, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(bench.shrink, "PLAIN_EVERY_S", 1.0)
+    monkeypatch.setattr(bench.rendering.shrink, "PLAIN_EVERY_S", 1.0)
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "plain")
     found = shrunk(record, budget_s=10.0)
     assert 1 < len(found.points) < 2048
@@ -358,11 +358,11 @@ def test_all_trials_share_their_workers(plugins, tmp_path):
     record = failed_case(tmp_path / "run", "fake-process-number", "", "16-points")
     item = find_item(record)
     points = cloud_of(item.job).points
-    drawing = bench.render_cloud.Drawing(item.job.method, item.job.views)
-    with bench.shrink._Search(item, len(points), 1, time.monotonic(), 600.0) as search:
+    drawing = bench.rendering.cloud.Drawing(item.job.method, item.job.views)
+    with bench.rendering.shrink._Search(item, len(points), 1, time.monotonic(), 600.0) as search:
         reasons = []
         for _ in range(3):
-            trial = bench.shrink._Trial(np.arange(16), points, drawing)
+            trial = bench.rendering.shrink._Trial(np.arange(16), points, drawing)
             assert search.first_failing([trial]) is None
             reasons.append(search.last)
     assert len(set(reasons)) == 1

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.foreground import contrast, drawn, foreground
-from bench.metric_cases import Refused
-from bench.metric_cases_silhouette import SILHOUETTE, SILHOUETTE_CASES
-from bench.scores import scores
-from bench.silhouette import silhouette_iou
+from bench.metrics.foreground import contrast, drawn, foreground
+from bench.metrics.image_scores import scores
+from bench.metrics.silhouette import silhouette_iou
+from bench.suites.stability.metric_cases import Refused
+from bench.suites.stability.metric_cases_silhouette import SILHOUETTE, SILHOUETTE_CASES
 from data_prep.images import blank
 
 BROWN = (120, 80, 40)  # contrast 175: half of 75 is asked for, 37.5

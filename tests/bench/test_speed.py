@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import pytest
 
-import bench.manifest
-import bench.speed
-from bench.isolation import WORKER_ENVIRONMENT, Limits, run_tasks, thread_counts
-from bench.options import Options
-from bench.results import tables
-from bench.speed import lost, run
-from bench.speed_measure import Unit
-from bench.speed_samples import Sample, read_measurement
-from bench.store import read_manifest
-from bench.suites import SPEED
+import bench.running.environment
+import bench.suites.speed.run
+from bench.catalogue.suites import SPEED
+from bench.records.journal import read_manifest
+from bench.running.isolation import WORKER_ENVIRONMENT, Limits, run_tasks, thread_counts
+from bench.running.options import Options
+from bench.suites.speed.measure import Unit
+from bench.suites.speed.run import lost, run
+from bench.suites.speed.samples import Sample, read_measurement
+from bench.tables.build import tables
 from data_prep.conditions import Unchanged
 from data_prep.failures import BadInput
 
@@ -44,8 +44,8 @@ FILES = [
 @pytest.fixture(autouse=True)
 def machine(monkeypatch):
     """Nobody asks the driver; two cores, whatever there are."""
-    monkeypatch.setattr(bench.speed, "environment", lambda: {"gl": "some"})
-    monkeypatch.setattr(bench.manifest, "cores", lambda: 2)
+    monkeypatch.setattr(bench.suites.speed.run, "environment", lambda: {"gl": "some"})
+    monkeypatch.setattr(bench.running.environment, "cores", lambda: 2)
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def taken(monkeypatch):
         made = replace(lost(unit, ""), failures=(), samples=tuple(samples))
         return replace(made, elsewhere_cores=0.5 if unit.method == "blank" else 0.0)
 
-    monkeypatch.setattr(bench.speed, "_measure_alone", measure_alone)
+    monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", measure_alone)
     return units
 
 
@@ -120,7 +120,7 @@ def test_one_after_the_other(tmp_path, taken):
 
 
 def test_one_core_is_measured_once(tmp_path, taken, monkeypatch):
-    monkeypatch.setattr(bench.manifest, "cores", lambda: 1)
+    monkeypatch.setattr(bench.running.environment, "cores", lambda: 1)
     run(wishes(tmp_path / "run"), SMALL)
     assert [threads for _, _, threads in taken] == [1, 1]
 
@@ -162,18 +162,18 @@ def test_what_was_measured_is_kept(tmp_path, taken, capsys):
 
 def test_a_run_that_was_stopped_goes_on(tmp_path, taken, monkeypatch):
     out = tmp_path / "run"
-    measure_alone = bench.speed._measure_alone
+    measure_alone = bench.suites.speed.run._measure_alone
 
     def stopped(unit):
         if len(taken) == 2:
             raise KeyboardInterrupt
         return measure_alone(unit)
 
-    monkeypatch.setattr(bench.speed, "_measure_alone", stopped)
+    monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", stopped)
     with pytest.raises(KeyboardInterrupt):
         run(wishes(out), SMALL)
     assert read_manifest(out)["finished"] is None
-    monkeypatch.setattr(bench.speed, "_measure_alone", measure_alone)
+    monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", measure_alone)
     finished = run(wishes(out), SMALL)
     assert (finished.done, finished.reused) == (2, 2)
     assert taken == [("splat", "2048", 1), ("splat", "2048", 2), ("blank", "2048", 1),
@@ -183,11 +183,11 @@ def test_a_run_that_was_stopped_goes_on(tmp_path, taken, monkeypatch):
 def test_another_machine_or_version_is_measured_again(tmp_path, taken, monkeypatch):
     out = tmp_path / "run"
     run(wishes(out), SMALL)
-    monkeypatch.setattr(bench.manifest, "_cpu", lambda: "another")
+    monkeypatch.setattr(bench.running.environment, "_cpu", lambda: "another")
     assert run(wishes(out), SMALL).reused == 0
-    monkeypatch.setattr(bench.manifest, "versions", lambda: {"torch": "0"})
+    monkeypatch.setattr(bench.running.environment, "versions", lambda: {"torch": "0"})
     assert run(wishes(out), SMALL).reused == 0
-    monkeypatch.setattr(bench.speed, "environment", lambda: {"gl": "other"})
+    monkeypatch.setattr(bench.suites.speed.run, "environment", lambda: {"gl": "other"})
     assert run(wishes(out), SMALL).reused == 0
 
 
@@ -259,16 +259,16 @@ def test_each_measurement_has_the_threads_of_its_unit(monkeypatch):
         asked.append((work.__name__, workers, limits, environment))
         yield from ((task, lost(task, "timeout: no result")) for task in tasks)
 
-    monkeypatch.setattr(bench.speed, "run_tasks", run_tasks)
+    monkeypatch.setattr(bench.suites.speed.run, "run_tasks", run_tasks)
     unit = Unit("k", SMALL, "blank", "2048", Unchanged(), (Tetrahedron(),), 4, 3, 0, "cpu")
-    bench.speed._measure_alone(unit)
+    bench.suites.speed.run._measure_alone(unit)
     assert asked == [("measure", 1, SMALL.limits, thread_counts(4))]
 
 
 def test_a_process_that_dies_is_a_failure_with_a_reason(tmp_path):
     objects = (Dying("a"), Tetrahedron("b"))
     unit = Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu")
-    found = bench.speed._measure_alone(unit)
+    found = bench.suites.speed.run._measure_alone(unit)
     assert found == lost(unit, "crash: the worker died (exit code 7)")
     assert [(f.cloud, f.reason[:5]) for f in found.failures] == [
         *(("chair/a", "crash"), ("chair/b", "crash")),

@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.methods import Method
-from bench.plan import Protocol, plan
-from bench.speed_measure import (
+from bench.catalogue.methods import Method
+from bench.catalogue.suites import SPEED, SUITES
+from bench.running.protocol import Protocol, plan
+from bench.running.work import cloud_of, rng_of
+from bench.suites.speed.measure import (
     Clock,
     Subject,
     Unit,
@@ -22,8 +24,7 @@ from bench.speed_measure import (
     subjects_of,
     take_samples,
 )
-from bench.speed_plan import speed_units
-from bench.speed_samples import (
+from bench.suites.speed.samples import (
     Failure,
     Measurement,
     Sample,
@@ -31,8 +32,7 @@ from bench.speed_samples import (
     read_measurement,
     write_measurement,
 )
-from bench.suites import SPEED, SUITES
-from bench.work import cloud_of, rng_of
+from bench.suites.speed.speed_plan import speed_units
 from data_prep.conditions import Stride, Unchanged
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
@@ -335,7 +335,7 @@ def test_whatever_times_depend_on_is_in_the_key(changes):
 
 
 def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
-    from bench import speed_plan
+    from bench.suites.speed import speed_plan
 
     before = speed_plan.sources_sha256()
     assert before == speed_plan.sources_sha256(Path(speed_plan.__file__).parents[1])
@@ -413,7 +413,7 @@ CALLS = [("prepare", 0), ("draw", 1), ("draw", 1), ("draw", 3)]
 
 PEAK = """
 import numpy as np
-from bench.speed_measure import peak_mib
+from bench.suites.speed.measure import peak_mib
 before = peak_mib()
 kept = np.ones(round(before) * 2**17)  # as much again
 during = peak_mib()

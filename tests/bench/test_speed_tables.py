@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.published import published
-from bench.speed_costs import Cost
-from bench.speed_figures import spread, write_amortised
-from bench.speed_markdown import amortised_markdown, speed_markdown, verdict
-from bench.speed_samples import Failure, Measurement, Sample
-from bench.speed_summaries import Value, speedups, summarise
-from bench.speed_tables import (
+from bench.catalogue.suites import SPEED
+from bench.suites.speed.figure import spread, write_amortised
+from bench.suites.speed.samples import Failure, Measurement, Sample
+from bench.suites.speed.speed_costs import Cost
+from bench.suites.speed.speed_markdown import amortised_markdown, speed_markdown, verdict
+from bench.suites.speed.summary import Value, speedups, summarise
+from bench.suites.speed.tables import (
     AmortisedRow,
     BreakEvenRow,
     Machine,
@@ -30,7 +30,7 @@ from bench.speed_tables import (
     speed_rows,
     to_csv,
 )
-from bench.suites import SPEED
+from bench.tables.published import published
 
 MACHINE = Machine("some cpu", 2)
 SUITE = replace(SPEED, rivals=("slow",), amortised=(1, 4, 8))

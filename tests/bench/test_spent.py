@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from bench import spent
-from bench.spent import Spent, Stopwatch, shares
+from bench.records import job as spent
+from bench.records.job import Spent, Stopwatch, shares
 
 
 @pytest.fixture

@@ -14,7 +14,14 @@ from skimage.metrics import structural_similarity
 from threadpoolctl import threadpool_limits
 
 from bench.metrics import ssim
-from bench.ssim import C1, C2, C3, Ssim, ssim_per_image, ssim_per_image_and_box
+from bench.metrics.structural_similarity import (
+    C1,
+    C2,
+    C3,
+    Ssim,
+    ssim_per_image,
+    ssim_per_image_and_box,
+)
 
 REFERENCE = Path(
     os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[3] / "shared" / "reference")

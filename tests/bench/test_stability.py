@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import bench.stability
-from bench.check import check
-from bench.options import Options
-from bench.outcomes import KINDS, Outcome
-from bench.results import tables
-from bench.stability import run
-from bench.stability_cases import CASES
-from bench.stability_figures import ACROSS, MISSING, sheet, write_matrix
-from bench.stability_tables import Matrix, read_outcomes
-from bench.store import read_manifest
+import bench.suites.stability.run
+from bench.checking.golden import check
+from bench.records.journal import read_manifest
+from bench.running.options import Options
+from bench.suites.stability.cases import CASES
+from bench.suites.stability.figures import ACROSS, MISSING, sheet, write_matrix
+from bench.suites.stability.outcomes import KINDS, Outcome
+from bench.suites.stability.run import run
+from bench.suites.stability.tables import Matrix, read_outcomes
+from bench.tables.build import tables
 from data_prep.failures import BadInput
 
 HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")
@@ -25,11 +25,13 @@ NAMES = ("stability_methods", "stability_metrics", "stability_formats", "stabili
 @pytest.fixture
 def quick(monkeypatch):
     """The suite without what has tests of its own."""
-    monkeypatch.setattr(bench.stability, "measure_formats", list)
-    monkeypatch.setattr(bench.stability, "format_outcomes", lambda rows: [HOLDS])
-    monkeypatch.setattr(bench.stability, "metric_outcomes", lambda: [HOLDS])
+    monkeypatch.setattr(bench.suites.stability.run, "measure_formats", list)
+    monkeypatch.setattr(bench.suites.stability.run, "format_outcomes", lambda rows: [HOLDS])
+    monkeypatch.setattr(bench.suites.stability.run, "metric_outcomes", lambda: [HOLDS])
     monkeypatch.setattr(
-        bench.stability, "library_outcomes", lambda workers: [replace(HOLDS, kind="contained")]
+        bench.suites.stability.run,
+        "library_outcomes",
+        lambda workers: [replace(HOLDS, kind="contained")],
     )
 
 
@@ -142,7 +144,7 @@ def test_every_kind_has_a_colour_of_its_own(tmp_path):
     write_matrix(tmp_path / "m.png", matrix(*outcomes))
     pixels = image.imread(tmp_path / "m.png")[..., :3].reshape(-1, 3)
     found = {tuple(np.rint(255 * p).astype(int)) for p in np.unique(pixels, axis=0)}
-    from bench.stability_figures import COLOURS
+    from bench.suites.stability.figures import COLOURS
 
     for colour, _ in COLOURS.values():
         assert tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5)) in found

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from bench.methods import METHODS
-from bench.observations import Observation
-from bench.stability_cases import CASES, VIEWS
-from bench.stability_expectations import (
+from bench.catalogue.methods import METHODS
+from bench.suites.stability.cases import CASES, VIEWS
+from bench.suites.stability.expectations import (
     STATED,
     Agrees,
     Changes,
@@ -19,6 +18,7 @@ from bench.stability_expectations import (
     expectation,
     outcome,
 )
+from bench.suites.stability.observations import Observation
 from data_prep.scene import View
 
 PICTURES = Observation("plain", "splat", "", "", 0.25, None, None, 0.1, 0.1)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.stability_formats import (
+from bench.suites.stability.formats import (
     CASES,
     GROUP,
     OVERFLOWS,

@@ -11,13 +11,14 @@ import scipy.linalg
 import torch
 from numpy.lib.stride_tricks import sliding_window_view
 
-from bench import metric_tolerances, stability_metrics
-from bench.metric_cases import FRECHET, Case, Near, Refused
-from bench.metric_cases_ssim import gaussian_window
-from bench.metric_table import CONTROL_METRICS, IMAGE_METRICS, JUDGE, SET_METRICS
-from bench.metric_tolerances import ONE_WINDOW, ROUNDING, SUMS
-from bench.ssim import C1, C2, C3, SIGMA, WINDOW, SsimPerImage
-from bench.stability_metrics import CASES, METRICS, metric_outcomes
+from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, JUDGE, SET_METRICS
+from bench.metrics.structural_similarity import C1, C2, C3, SIGMA, WINDOW, SsimPerImage
+from bench.suites.stability import metric_tolerances
+from bench.suites.stability import metrics as stability_metrics
+from bench.suites.stability.image_cases import gaussian_window
+from bench.suites.stability.metric_cases import FRECHET, Case, Near, Refused
+from bench.suites.stability.metric_tolerances import ONE_WINDOW, ROUNDING, SUMS
+from bench.suites.stability.metrics import CASES, METRICS, metric_outcomes
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +237,7 @@ def test_whatever_goes_wrong_is_an_outcome(monkeypatch):
 
 
 def test_torch_is_loaded_only_when_it_runs():
-    code = "import sys, bench.stability_metrics; print('torch' in sys.modules)"
+    code = "import sys, bench.suites.stability.metrics; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
 

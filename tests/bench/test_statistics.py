@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.statistics import RESAMPLES, mean_interval, median_interval
+from bench.analysis.intervals import RESAMPLES, mean_interval, median_interval
 
 VALUES = np.array([0.3, 0.7, 0.2, 0.9, 0.45])
 
@@ -70,7 +70,7 @@ def test_the_median_interval_is_the_percentile_bootstrap_over_objects():
 @pytest.mark.parametrize("at_once", [1, 5, 7 * 8, 2**30])
 def test_how_many_resamples_are_in_memory_moves_nothing(at_once, monkeypatch):
     expected = mean_interval(VALUES), median_interval(ERRORS, OBJECTS)
-    monkeypatch.setattr("bench.statistics.AT_ONCE", at_once)
+    monkeypatch.setattr("bench.analysis.intervals.AT_ONCE", at_once)
     assert (mean_interval(VALUES), median_interval(ERRORS, OBJECTS)) == expected
 
 

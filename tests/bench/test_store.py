@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.record import SCHEMA_VERSION
-from bench.store import (
+from bench.records.journal import (
     FIXED,
     Settled,
     check_directory,
@@ -23,7 +22,8 @@ from bench.store import (
     set_aside,
     write_manifest,
 )
-from bench.work import Result, failed
+from bench.records.record import SCHEMA_VERSION
+from bench.running.work import Result, failed
 from data_prep.failures import BadInput
 
 from .builders import make_job, make_manifest, make_record, write_artifact
@@ -287,7 +287,7 @@ def test_a_line_that_has_changed_since_is_no_result(tmp_path, harm):
 HOLD = """
 import sys
 from pathlib import Path
-from bench.store import open_journal
+from bench.records.journal import open_journal
 with open_journal(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

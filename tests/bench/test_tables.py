@@ -9,14 +9,14 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-import bench.results
-from bench.frechet import frechet_interval
+import bench.tables.build
+from bench.analysis.intervals import mean_interval, median_interval
+from bench.catalogue.suites import SUITES
 from bench.metrics import frechet_distance
-from bench.record import GROUND_TRUTH, to_frame
-from bench.results import cost_table, tables, write_tables
-from bench.statistics import mean_interval, median_interval
-from bench.suites import SUITES
-from bench.tables import (
+from bench.metrics.frechet import frechet_interval
+from bench.records.record import GROUND_TRUTH, to_frame
+from bench.tables.build import cost_table, tables, write_tables
+from bench.tables.quality import (
     Table,
     as_published,
     control_table,
@@ -571,7 +571,7 @@ def test_tables_are_made_with_one_thread(tmp_path, monkeypatch):
         seen.extend(library["num_threads"] for library in threadpool_info())
         return image_table(*arguments)
 
-    monkeypatch.setattr(bench.results, "image_table", table)
+    monkeypatch.setattr(bench.tables.build, "image_table", table)
     with threadpool_limits(2):
         tables(run)
     assert set(seen) == {1}

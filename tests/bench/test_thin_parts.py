@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from bench.foreground import MOST_ASKED, contrast, foreground, object_boxes
-from bench.thin_parts import evaluated, thin, thin_scores
+from bench.metrics.foreground import MOST_ASKED, contrast, foreground, object_boxes
+from bench.metrics.thin_parts import evaluated, thin, thin_scores
 from data_prep.images import blank
 from data_prep.mesh_files import NEUTRAL_GREY
 

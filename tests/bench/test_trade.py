@@ -9,15 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench.options
-from bench.methods import find_method
-from bench.options import Options
-from bench.record import GROUND_TRUTH
-from bench.results import read_comparisons, write_trade
-from bench.run import run
-from bench.store import read_manifest
-from bench.suites import SUITES
-from bench.variants import find_setting
+import bench.running.options
+from bench.catalogue.methods import find_method
+from bench.catalogue.parameters import find_setting
+from bench.catalogue.suites import SUITES
+from bench.records.journal import read_manifest
+from bench.records.record import GROUND_TRUTH
+from bench.running.options import Options
+from bench.running.run import run
+from bench.tables.build import read_comparisons, write_trade
 from data_prep.failures import BadInput
 
 from .builders import write_run
@@ -53,7 +53,7 @@ def test_settings_of_a_knob_stand_in_their_order():
 def finished(tmp_path_factory, tiny_weights):
     """2 objects x 2 conditions x 4 methods, 2 views."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.options, "environment", dict)
+        patch.setattr(bench.running.options, "environment", dict)
         return run(
             Options(
                 suite=SUITE.id,
@@ -136,7 +136,7 @@ def test_the_tables_again(finished, command):
 
 
 def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, monkeypatch):
-    monkeypatch.setattr(bench.options, "environment", dict)
+    monkeypatch.setattr(bench.running.options, "environment", dict)
     arguments = ("run", "--suite", SUITE.id, "--methods", "blank", "--out", tmp_path / "run")
     assert command(*arguments, "--workers", "2") == (
         2,

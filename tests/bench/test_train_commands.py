@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-import bench.train
+import bench.commands.train
 from baselines.splat_net.weights import load_weights
-from bench.methods import find_method
+from bench.catalogue.methods import find_method
 from data_prep.datasets import ProceduralObject
 from data_prep.scene import View
 from learning.divergence import TrainingDiverged
@@ -19,7 +19,7 @@ def test_a_training_that_diverged_is_one_line(command, monkeypatch):
     def train(*options):
         raise TrainingDiverged("step 7: g_total is nan; last good checkpoint: step 5, x")
 
-    monkeypatch.setattr(bench.train, "train_gan", train)
+    monkeypatch.setattr(bench.commands.train, "train_gan", train)
     status, out, err = command("train", "gan")
     assert (status, out) == (1, "")
     assert err == (
@@ -30,7 +30,7 @@ def test_a_training_that_diverged_is_one_line(command, monkeypatch):
 
 @pytest.mark.parametrize("trained", ["autoencoder", "gan"])
 def test_only_the_first_process_says_what_was_made(command, monkeypatch, trained):
-    monkeypatch.setattr(bench.train, f"train_{trained}", lambda *options: options[0].out)
+    monkeypatch.setattr(bench.commands.train, f"train_{trained}", lambda *options: options[0].out)
     assert command("train", trained, "--out", "here") == (0, "here\n", "")
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "x")
     monkeypatch.setenv("RANK", "1")
@@ -53,7 +53,9 @@ def test_cuda_where_there_is_none(command, monkeypatch, tmp_path):
 def test_classes_to_train_on(command, monkeypatch, wish, classes):
     asked = []
     monkeypatch.setattr(
-        bench.train, "train_autoencoder", lambda options, *_: asked.append(options) or options.out
+        bench.commands.train,
+        "train_autoencoder",
+        lambda options, *_: asked.append(options) or options.out,
     )
     status, _, _ = command("train", "autoencoder", "--class", wish, "--objects", "2")
     assert (status, [o.classes for o in asked]) == (0, [classes])
@@ -71,10 +73,10 @@ def test_objects_of_each_class_are_taken(tmp_path, classes, found):
     for place in ("a/0", "a/1", "a/2", "b/0", "b/1"):
         (tmp_path / place).with_suffix(".ply").parent.mkdir(exist_ok=True)
         (tmp_path / place).with_suffix(".ply").touch()
-    options = bench.train.TrainingOptions(
+    options = bench.commands.train.TrainingOptions(
         f"folder:{tmp_path}", classes, 2, 1, 1, False, "float32", "cpu", 0, None, tmp_path
     )
-    objects = bench.train.training_objects(options)
+    objects = bench.commands.train.training_objects(options)
     assert [f"{o.class_name}/{o.object_id.removesuffix('.ply')}" for o in objects] == found
 
 

@@ -5,9 +5,9 @@ import pytest
 import torch
 from PIL import Image
 
-import bench.train_constant
+import bench.judges.train_constant
+from bench.judges.train_constant import fit, mean_ssim, torch_ssim, train_constant
 from bench.metrics import ssim
-from bench.train_constant import fit, mean_ssim, torch_ssim, train_constant
 from data_prep.failures import BadInput
 from data_prep.images import blank
 
@@ -42,8 +42,8 @@ def test_the_fitted_ssim_is_the_metric(kind):
 def test_its_gradient_is_that_of_differences():
     a, b = to_torch(squares(2)).double(), to_torch(squares(1)).double() - 3.0
     with pytest.MonkeyPatch.context() as patch:
-        band = bench.train_constant._band
-        patch.setattr(bench.train_constant, "_band", lambda length: band(length).double())
+        band = bench.judges.train_constant._band
+        patch.setattr(bench.judges.train_constant, "_band", lambda length: band(length).double())
         b.requires_grad_()
         torch_ssim(a, b).backward()
         assert b.grad is not None
@@ -73,7 +73,7 @@ def test_the_fit_beats_where_it_starts_and_white():
 
 def test_the_picture_is_written_whole(tmp_path, monkeypatch):
     truth = squares(6)
-    monkeypatch.setattr(bench.train_constant, "_pictures", lambda *arguments: truth)
+    monkeypatch.setattr(bench.judges.train_constant, "_pictures", lambda *arguments: truth)
     out = tmp_path / "constant.png"
     scores = train_constant(2, 3, 4, 0, out)
     with Image.open(out) as image:

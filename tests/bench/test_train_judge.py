@@ -8,9 +8,9 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from bench import train_judge as module
-from bench.judge_network import darkness, greyscale, judge, load_judge_network
-from bench.train_judge import (
+from bench.judges import train_judge as module
+from bench.judges.judge import darkness, greyscale, judge, load_judge_network
+from bench.judges.train_judge import (
     Unpainted,
     augment,
     blur,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from bench import train_views as training
-from bench.class_confidence import read_class_head
-from bench.train_views import NO_LABEL, Scores, labels, train_views
-from bench.views_network import ViewsNetwork, load_views_network, view_features
+from bench.analysis.class_confidence import read_class_head
+from bench.judges import train_views as training
+from bench.judges.train_views import NO_LABEL, Scores, labels, train_views
+from bench.judges.views import ViewsNetwork, load_views_network, view_features
 from data_prep import dataset_procedural
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput

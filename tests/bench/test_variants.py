@@ -4,8 +4,8 @@ import pytest
 
 from baselines.splat import Splat
 from baselines.surface import SurfaceApss
-from bench.methods import METHODS, YARDSTICKS, find_method
-from bench.variants import KNOBS, find_setting
+from bench.catalogue.methods import METHODS, YARDSTICKS, find_method
+from bench.catalogue.parameters import KNOBS, find_setting
 from data_prep.failures import BadInput
 
 

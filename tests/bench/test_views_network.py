@@ -8,10 +8,10 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
-from bench.metric_table import VIEWS_WEIGHTS, find_extractor
-from bench.metrics import frechet_distance
-from bench.train_views import labels
-from bench.views_network import (
+from bench.catalogue.metrics import find_extractor
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.train_views import labels
+from bench.judges.views import (
     FEATURES,
     Labels,
     ViewsNetwork,
@@ -19,6 +19,7 @@ from bench.views_network import (
     to_file,
     view_features,
 )
+from bench.metrics import frechet_distance
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.images import blank

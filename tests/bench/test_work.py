@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from harness_objects import Calling, Refusing, Tetrahedron
 
-import bench.work
+import bench.running.work
 from baselines.surface import SurfaceApss
-from bench.artifacts import read_artifact
-from bench.foreground import object_boxes
-from bench.methods import METHODS, Method
-from bench.metric_table import VIEWS_WEIGHTS
+from bench.catalogue.methods import METHODS, Method
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.views import load_views_network, view_features
 from bench.metrics import ssim
-from bench.spent import Spent
-from bench.ssim import ssim_per_image_and_box
-from bench.views_network import load_views_network, view_features
-from bench.work import cloud_of, do
+from bench.metrics.foreground import object_boxes
+from bench.metrics.structural_similarity import ssim_per_image_and_box
+from bench.records.artifacts import read_artifact
+from bench.records.job import Spent
+from bench.running.work import cloud_of, do
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.images import to_float, to_uint8
 from data_prep.randomness import generator
@@ -71,17 +71,17 @@ def measure(tmp_path, monkeypatch):
     """Does one job with a renderer of the test's own, on a random ground truth."""
 
     def run(renderer, load=None, **changes):
-        bench.work.load_renderer.cache_clear()
+        bench.running.work.load_renderer.cache_clear()
         sees_mesh = changes.pop("sees_mesh", False)
         method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
-        monkeypatch.setattr(bench.work, "find_method", lambda method_id: method)
+        monkeypatch.setattr(bench.running.work, "find_method", lambda method_id: method)
         truth = changes.pop("truth", None)
         job = make_job(tmp_path, method="fake", **changes)
         write_artifact(make_truth(tmp_path), seed=1, **({} if truth is None else {"images": truth}))
         return job, do(job)
 
     yield run
-    bench.work.load_renderer.cache_clear()
+    bench.running.work.load_renderer.cache_clear()
 
 
 def outcomes(result):
@@ -248,7 +248,9 @@ def test_times_are_taken_apart(measure, monkeypatch):
     fake.prepare = clock.taking(0.25, fake.prepare)
     fake.draw = clock.taking(1.0, fake.draw)
     for name, seconds in (("scores", 2.0), ("cloud_of", 4.0), ("read_artifact", 8.0)):
-        monkeypatch.setattr(bench.work, name, clock.taking(seconds, getattr(bench.work, name)))
+        monkeypatch.setattr(
+            bench.running.work, name, clock.taking(seconds, getattr(bench.running.work, name))
+        )
     _, result = measure(fake, load=clock.taking(16.0, lambda device: fake))
     assert [(record.prepare_s, record.draw_s) for record in result.records] == [(0.25, 0.5)] * 2
     assert result.spent == Spent(methods=17.25, metrics=2.0, rendering=0.0, harness=12.0)
@@ -362,11 +364,11 @@ def test_ceiling_floor_and_splat_end_to_end(tmp_path):
 def test_surface_reconstruction_end_to_end(tmp_path, monkeypatch):
     apss = next(method for method in METHODS if method.id == "surface-apss")
     coarse = replace(apss, load=lambda device: SurfaceApss(resolution=40))
-    monkeypatch.setattr(bench.work, "find_method", lambda method_id: coarse)
-    bench.work.load_renderer.cache_clear()
+    monkeypatch.setattr(bench.running.work, "find_method", lambda method_id: coarse)
+    bench.running.work.load_renderer.cache_clear()
     do(make_truth(tmp_path))
     result = do(make_job(tmp_path, method="surface-apss"))
-    bench.work.load_renderer.cache_clear()
+    bench.running.work.load_renderer.cache_clear()
     assert outcomes(result) == {("ok", "")}
     assert all(0.5 < record.structure < 1 for record in result.records)
 
@@ -472,7 +474,7 @@ def test_a_disk_that_cannot_be_written_ends_the_run(measure, monkeypatch):
     def full(path, data):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(bench.work, "write_whole", full)
+    monkeypatch.setattr(bench.running.work, "write_whole", full)
     job, result = measure(Fake())
     assert result.unusable == (
         f"{job.artifact}: cannot be written (No space left on device); make room and run again"

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from bench.frechet import frechet_distance
+from bench.metrics.frechet import frechet_distance
 from benchmarks.frechet_bias import (
     Bias,
     _of_split,

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.record import GROUND_TRUTH
+from bench.records.record import GROUND_TRUTH
 from benchmarks.full_protocol import Costs, jobs_of, overhead_of, planned, read_costs, simulate
 from data_prep.failures import BadInput
 

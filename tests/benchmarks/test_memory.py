@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.frechet import frechet_distance
+from bench.metrics.frechet import frechet_distance
 from benchmarks.memory import (
     BLOCK,
     WIDTH,

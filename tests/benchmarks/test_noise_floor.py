@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.tolerances import Tolerance
+from bench.checking.tolerances import Tolerance
 from benchmarks import noise_floor
 from benchmarks.noise_floor import (
     BATCHES,

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.options import Options
+from bench.running.options import Options
 from benchmarks.scaling import Measured, measure, report
 
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from baselines.splat_net.network import DEFAULT
-from bench.train import do_without
+from bench.commands.train import do_without
 from benchmarks.splat_net_ablation import METRICS, PARTS, TESTED, WHOLE, differences, to_markdown
 from data_prep.failures import BadInput
 

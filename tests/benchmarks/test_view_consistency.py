@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.render_cloud import Drawing, Failed
-from bench.sheet import LABEL_HEIGHT, MARGIN
-from bench.work import Job, cloud_of, rng_of
+from bench.rendering.cloud import Drawing, Failed
+from bench.rendering.sheet import LABEL_HEIGHT, MARGIN
+from bench.running.work import Job, cloud_of, rng_of
 from benchmarks import view_consistency
 from benchmarks.view_consistency import (
     SHOWN_CONDITIONS,

@@ -12,7 +12,7 @@ from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import KIND, SplatNetConfig, _Trainer, train_splat_net
 from baselines.splat_net.weight_files import BUNDLED
 from baselines.splat_net.weights import export
-from bench.train import do_without
+from bench.commands.train import do_without
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint

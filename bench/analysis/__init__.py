@@ -1,0 +1,1 @@
+"""Statistics over records: intervals, paired comparison, frontier, crossings, recommendation."""

@@ -1,0 +1,235 @@
+"""Methods on the same objects: what they cost and how good they are, so that they can be paired.
+
+Pure functions of records and features. A failed picture is scored as a blank one, as in the column
+`failures_as_blank` of the tables: whoever chooses a method gets its failures too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.analysis.intervals import mean_interval, median_interval
+from bench.catalogue.methods import FLOOR, FLOORS, find_method
+from bench.catalogue.metrics import column, is_similarity
+from bench.metrics.frechet import LeftOut, centred_to_frechet, left_out_distances
+from bench.records.features import Features
+from bench.records.record import GROUND_TRUTH
+from data_prep.failures import BadInput
+
+Floats = NDArray[np.float64]
+NAN = float("nan")
+
+
+class Estimate(NamedTuple):
+    """A value with its 95 % interval over objects; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """How good the pictures of a method are by one metric.
+
+    per_object  float64 [G]: the object's mean score; of a Fréchet distance, which no single object
+                has, the distance of all pictures without those of the object, or of each block of
+                objects where there are many (`bench.metrics.frechet.object_blocks`)
+    """
+
+    metric: str
+    estimate: Estimate
+    per_object: Floats
+
+    @property
+    def rank(self) -> float:
+        """The value as tables print it, with its sign so that more is better; NaN without one.
+
+        The same pictures drawn in another order of sums differ by 1e-6: that decides nothing.
+        """
+        value = round(self.estimate.value, decimals(self.metric))
+        return value if is_similarity(self.metric) else -value
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All methods of a run on the same objects of a class under one condition.
+
+    objects            the G objects that have true pictures, sorted
+    prepare_s, draw_s  float64 [G] by method, in the run's order: seconds for the cloud and for a
+                       view, NaN where the method failed
+    pictures           (there, asked for) by method
+    qualities          by metric and method
+    """
+
+    condition: str
+    class_name: str
+    objects: tuple[str, ...]
+    prepare_s: Mapping[str, Floats]
+    draw_s: Mapping[str, Floats]
+    pictures: Mapping[str, tuple[int, int]]
+    qualities: Mapping[str, Mapping[str, Quality]]
+
+    def cost_ms(self, method: str, views: int) -> Estimate:
+        """Milliseconds for a cloud with its views: the median over the objects it managed.
+
+        NaN for a method that failed on all.
+        """
+        cost = 1000.0 * (self.prepare_s[method] + views * self.draw_s[method])
+        managed = np.isfinite(cost)
+        if not managed.any():
+            return Estimate(NAN, NAN, NAN)
+        interval = median_interval(cost[managed], np.flatnonzero(managed))
+        return Estimate(float(np.median(cost[managed])), *interval)
+
+
+def compare(
+    records: pd.DataFrame, features: Mapping[str, Features], metrics: Sequence[str]
+) -> list[Comparison]:
+    """A comparison for each condition and class, in the order of the records.
+
+    metrics  metrics of pictures that the records have, and set metrics that there are features of
+
+    Objects without true pictures are left out, and so is a class that has no others.
+    """
+    made = []
+    for (condition, class_name), group in records.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
+        cell = str(condition), str(class_name)
+        by_method = {str(method): of for method, of in group.groupby("method", sort=False)}
+        true = _by_picture(by_method.get(FLOOR, group[:0])).index
+        objects = tuple(sorted({obj for obj, _ in true}))
+        if not objects:
+            continue
+        made.append(
+            Comparison(
+                *cell,
+                objects=objects,
+                prepare_s={m: _times(of, "prepare_s", objects) for m, of in by_method.items()},
+                draw_s={m: _times(of, "draw_s", objects) for m, of in by_method.items()},
+                pictures={
+                    m: (int((of["outcome"] == "ok").sum()), len(of)) for m, of in by_method.items()
+                },
+                qualities={
+                    metric: _image_qualities(metric, by_method)
+                    if is_similarity(metric)
+                    else _set_qualities(metric, cell, by_method, features[metric], objects)
+                    for metric in metrics
+                },
+            )
+        )
+    return made
+
+
+def candidates(methods: Iterable[str]) -> list[str]:
+    """The methods that one could choose: neither do they see the mesh, nor draw without a cloud."""
+    return [method for method in methods if method not in FLOORS and not _sees_mesh(method)]
+
+
+def lead(a: Quality, b: Quality) -> Estimate:
+    """How much better a is than b, over 0 if it is, by pairing the two object by object.
+
+    Image metrics by the bootstrap of `bench.analysis.intervals`, Fréchet distances by the jackknife
+    of `bench.metrics.frechet`; the interval is NaN where there are too few objects for either.
+    """
+    if is_similarity(a.metric):
+        difference = a.per_object - b.per_object
+        return Estimate(_mean(difference), *mean_interval(difference))
+    return _jackknife(b.estimate.value - a.estimate.value, b.per_object - a.per_object)
+
+
+def decimals(metric: str) -> int:
+    """Digits after the point that values of a metric are printed with."""
+    return 3 if is_similarity(metric) else 1
+
+
+def milliseconds(value: float) -> str:
+    """With about three digits: 0.42, 7.3, 61.4, 1240."""
+    if not math.isfinite(value):
+        return "-"
+    digits = 2 if value < 1 else 1 if value < 100 else 0
+    return f"{value:.{digits}f}"
+
+
+def _sees_mesh(method: str) -> bool:
+    try:
+        return find_method(method).sees_mesh
+    except BadInput:  # a weights file or another package's method that is no longer there
+        return False
+
+
+def _by_picture(records: pd.DataFrame) -> pd.DataFrame:
+    """The pictures that are there, by object and view."""
+    return records[records["outcome"] == "ok"].set_index(["object", "view"]).sort_index()
+
+
+def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
+    per_object = records[records["outcome"] == "ok"].groupby("object")[name].mean()
+    return per_object.reindex(list(objects)).to_numpy(np.float64)
+
+
+def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict[str, Quality]:
+    """Means over objects. A picture without a value does not count in the mean of its object."""
+    name = column(metric)
+    floor = _by_picture(by_method[FLOOR])[name]
+    qualities = {}
+    for method, records in by_method.items():
+        own = _by_picture(records)[name]
+        scores = own.reindex(floor.index).where(floor.index.isin(own.index), floor)
+        per_object = scores.groupby(level="object", sort=True).mean().to_numpy(np.float64)
+        estimate = Estimate(_mean(per_object), *mean_interval(per_object))
+        qualities[method] = Quality(metric, estimate, per_object)
+    return qualities
+
+
+def _set_qualities(
+    metric: str,
+    cell: tuple[str, str],
+    by_method: Mapping[str, pd.DataFrame],
+    features: Features,
+    objects: Sequence[str],
+) -> dict[str, Quality]:
+    """Fréchet distances to the true pictures; in memory are features of one class and condition."""
+    condition, class_name = cell
+    known = set(objects)
+    pictures = [p for p in features.pictures(FLOOR, condition, class_name) if p[0] in known]
+    shown = np.array([obj for obj, _ in pictures])
+    if len(pictures) < 2:
+        nothing = Estimate(NAN, NAN, NAN)
+        return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
+    truth = LeftOut(features.of(GROUND_TRUTH, "", class_name, pictures), shown)
+    floor = features.of(FLOOR, condition, class_name, pictures)
+    qualities = {}
+    for method in by_method:
+        drawn = set(features.pictures(method, condition, class_name))
+        own = np.array([picture in drawn for picture in pictures])
+        mixed = floor.copy()
+        if own.any():
+            there = [picture for picture in pictures if picture in drawn]
+            mixed[own] = features.of(method, condition, class_name, there)
+        own_set = LeftOut(mixed, shown)
+        value = centred_to_frechet(own_set.whole, truth.whole)
+        left_out = left_out_distances(own_set, truth)
+        estimate = _jackknife(value, left_out)
+        estimate = estimate._replace(low=max(estimate.low, 0.0))  # NaN stays
+        qualities[method] = Quality(metric, estimate, left_out)
+    return qualities
+
+
+def _jackknife(value: float, left_out: Floats) -> Estimate:
+    """The interval of `frechet.frechet_interval`, unclipped; none below three objects."""
+    g = len(left_out)
+    if g < 3 or not np.isfinite(left_out).all():
+        return Estimate(value, NAN, NAN)
+    error = float(np.sqrt((g - 1) / g * np.sum((left_out - left_out.mean()) ** 2)))
+    return Estimate(value, value - 1.96 * error, value + 1.96 * error)
+
+
+def _mean(values: Floats) -> float:
+    return float(values.mean()) if len(values) else NAN

@@ -1,0 +1,173 @@
+"""Methods along families of conditions: who is ahead of whom, and where that changes. Pure.
+
+Methods are compared on the same objects, failed pictures scored as blank ones
+(`bench.analysis.comparison`). Between the conditions that were measured a curve is a straight line
+on the axis of the family: on the logarithm where the axis is logarithmic.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from bench.analysis.comparison import NAN, Comparison, Estimate, lead
+from bench.catalogue.families import Family, families_of
+
+# Who is set against whom; settings and weights of a method (`pc2pix@FILE`) stand for it too.
+PAIRS = (("splat-net", "surface-apss"), ("pc2pix", "surface-apss"), ("splat-net", "pc2pix"))
+UNDECIDED = "undecided"
+NO_VALUE = "no value"
+
+
+@dataclass(frozen=True)
+class Course:
+    """One method along a family: `estimates` are of its conditions, in their order."""
+
+    class_name: str
+    family: Family
+    metric: str
+    method: str
+    estimates: tuple[Estimate, ...]
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where two curves cross.
+
+    after      the number of the step after which they do, from 0: before the next one, or at it
+    at         on the axis
+    low, high  around it, as far as the interval of the lead holds 0: an end of the family where it
+               still does there; NaN where a lead has no interval
+    """
+
+    after: int
+    at: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Contest:
+    """Two methods along a family by one metric.
+
+    values, rival_values  of both, at each step
+    leads                 how much better the method is than its rival, paired over objects
+    """
+
+    class_name: str
+    family: Family
+    metric: str
+    method: str
+    rival: str
+    values: tuple[float, ...]
+    rival_values: tuple[float, ...]
+    leads: tuple[Estimate, ...]
+
+    @property
+    def ahead(self) -> tuple[str, ...]:
+        """At each step whose lead has an interval on its side of 0; else UNDECIDED or NO_VALUE."""
+        return tuple(_ahead(of, self.method, self.rival) for of in self.leads)
+
+    @property
+    def crossings(self) -> tuple[Crossing, ...]:
+        """All within the family, in its order. A lead that touches 0 and comes back is none."""
+        places = [place_of(value, self.family) for value in self.family.values]
+        leads, lows, highs = zip(*self.leads, strict=True)
+        # 0 leaves the interval where one of its ends passes through 0.
+        left = [at for _, at in (*sign_changes(places, lows), *sign_changes(places, highs))]
+        sure = all(map(math.isfinite, (*lows, *highs)))
+        made = []
+        for after, at in sign_changes(places, leads):
+            low = max(p for p in (*left, min(places)) if p <= at) if sure else NAN
+            high = min(p for p in (*left, max(places)) if p >= at) if sure else NAN
+            made.append(Crossing(after, *(_value(p, self.family) for p in (at, low, high))))
+        return tuple(made)
+
+
+def courses(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple[Course, ...]:
+    """Every method along every family that the conditions make up: by class, family and metric."""
+    made = []
+    for class_name, by_condition in _by_class(comparisons).items():
+        for family in families_of(by_condition):
+            for metric in metrics:
+                steps = [by_condition[c].qualities[metric] for c in family.conditions]
+                made += [
+                    Course(
+                        class_name, family, metric, method, tuple(s[method].estimate for s in steps)
+                    )
+                    for method in steps[0]
+                ]
+    return tuple(made)
+
+
+def contests(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple[Contest, ...]:
+    """The pairs that there are, along every family: by class, family, metric and pair."""
+    made = []
+    for class_name, by_condition in _by_class(comparisons).items():
+        for family in families_of(by_condition):
+            for metric in metrics:
+                steps = [by_condition[c].qualities[metric] for c in family.conditions]
+                for method, rival in pairs_among(list(steps[0])):
+                    made.append(
+                        Contest(
+                            class_name,
+                            family,
+                            metric,
+                            method,
+                            rival,
+                            tuple(step[method].estimate.value for step in steps),
+                            tuple(step[rival].estimate.value for step in steps),
+                            tuple(lead(step[method], step[rival]) for step in steps),
+                        )
+                    )
+    return tuple(made)
+
+
+def pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
+    """The pairs of PAIRS that these methods make up."""
+    return [
+        (method, rival)
+        for one, other in PAIRS
+        for method in methods
+        for rival in methods
+        if (method.partition("@")[0], rival.partition("@")[0]) == (one, other)
+    ]
+
+
+def sign_changes(places: Sequence[float], values: Sequence[float]) -> list[tuple[int, float]]:
+    """Where straight lines through (place, value) pass from one side of 0 to the other.
+
+    Each as (number of the step after which, place). Steps without a value (NaN) join nothing. Of
+    a stretch at 0 between two sides it is the first step.
+    """
+    sided = [i for i, value in enumerate(values) if value != 0]
+    found = []
+    for i, j in pairwise(sided):
+        if values[i] * values[j] < 0:
+            share = values[i] / (values[i] - values[i + 1])
+            found.append((i, places[i] + share * (places[i + 1] - places[i])))
+    return found
+
+
+def _ahead(of: Estimate, method: str, rival: str) -> str:
+    if not math.isfinite(of.value):
+        return NO_VALUE
+    return method if of.low > 0 else rival if of.high < 0 else UNDECIDED
+
+
+def _by_class(comparisons: Sequence[Comparison]) -> Mapping[str, Mapping[str, Comparison]]:
+    made: dict[str, dict[str, Comparison]] = {}
+    for comparison in comparisons:
+        made.setdefault(comparison.class_name, {})[comparison.condition] = comparison
+    return made
+
+
+def place_of(value: float, family: Family) -> float:
+    """Where a value stands on an axis whose equal steps are equally far apart."""
+    return math.log2(value) if family.logarithmic else value
+
+
+def _value(place: float, family: Family) -> float:
+    return 2.0**place if family.logarithmic else place

@@ -1,0 +1,180 @@
+"""Which methods are worth their cost. Pure functions of comparisons.
+
+A method is on the frontier where no other is at least as good for at most its cost. That is decided
+by the values as they are printed; whether a method off the frontier is really worse, or only
+happened to come out so, is decided by pairing it with the cheaper ones, object by object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.comparison import Comparison, Estimate, Quality, candidates, decimals, lead
+from data_prep.conditions import CONDITIONS, Stride, Unchanged
+from data_prep.scene import CLOUD_SIZE
+
+Verdict = Literal["frontier", "tied", "dominated", "reference", "no value"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """One method by one metric, for clouds with so many views.
+
+    cost_ms  milliseconds for a cloud with its views
+    n_ok, n  pictures that are there, pictures there should be
+    verdict  frontier   no other candidate is at least as good for at most this cost
+             dominated  one that costs no more is better, by an interval without 0
+             tied       one that costs no more is at least as good, but not by such an interval
+             reference  no candidate: it sees the mesh, or no cloud
+             no value   it failed on all objects
+    rival    of those that cost no more: of a dominated method the best that shows it, of a tied
+             one the best; else empty
+    """
+
+    condition: str
+    class_name: str
+    views: int
+    metric: str
+    method: str
+    cost_ms: Estimate
+    quality: Estimate
+    n_ok: int
+    n: int
+    verdict: Verdict
+    rival: str
+
+
+def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of M candidates are on the frontier of cost [M] and quality [M] (more is better).
+
+    Those with equal values keep each other company. What has a NaN is never on the frontier, and
+    throws nothing off it.
+    """
+    no_dearer = cost[:, None] <= cost  # [i, j]: i costs no more than j
+    no_worse = quality[:, None] >= quality
+    strictly = (cost[:, None] < cost) | (quality[:, None] > quality)
+    beaten = (no_dearer & no_worse & strictly).any(axis=0)
+    return np.isfinite(cost) & np.isfinite(quality) & ~beaten
+
+
+def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[Place]:
+    """The places of all methods by these metrics, in their order and the comparison's."""
+    costs = {method: comparison.cost_ms(method, views) for method in comparison.pictures}
+    could = candidates(costs)
+    made = []
+    for metric in metrics:
+        qualities = comparison.qualities[metric]
+        ahead = pareto(
+            np.array([costs[method].value for method in could]),
+            np.array([qualities[method].rank for method in could]),
+        )
+        on_frontier = {method for method, is_on in zip(could, ahead, strict=True) if is_on}
+        for method, quality in qualities.items():
+            verdict, rival = _verdict(method, could, on_frontier, costs, qualities)
+            made.append(
+                Place(
+                    comparison.condition,
+                    comparison.class_name,
+                    views,
+                    metric,
+                    method,
+                    costs[method],
+                    quality.estimate,
+                    *comparison.pictures[method],
+                    verdict,
+                    rival,
+                )
+            )
+    return made
+
+
+def _verdict(
+    method: str,
+    could: Sequence[str],
+    on_frontier: set[str],
+    costs: Mapping[str, Estimate],
+    qualities: Mapping[str, Quality],
+) -> tuple[Verdict, str]:
+    if method not in could:
+        return "reference", ""
+    own = qualities[method]
+    if not (np.isfinite(costs[method].value) and np.isfinite(own.rank)):
+        return "no value", ""
+    if method in on_frontier:
+        return "frontier", ""
+    rivals = [
+        other
+        for other in could
+        if other != method
+        and costs[other].value <= costs[method].value
+        and qualities[other].rank >= own.rank
+    ]
+    rivals.sort(key=lambda other: -qualities[other].rank)
+    digits = decimals(own.metric)
+    clear = (other for other in rivals if round(lead(qualities[other], own).low, digits) > 0)
+    shown_by = next(clear, None)
+    return ("tied", rivals[0]) if shown_by is None else ("dominated", shown_by)
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """A method on clouds of fewer points.
+
+    points   of each cloud
+    lost     quality that the full cloud has more, paired; over 0 where points help
+    """
+
+    class_name: str
+    metric: str
+    method: str
+    condition: str
+    points: int
+    cost_ms: Estimate
+    quality: Estimate
+    lost: Estimate
+
+
+def thinned(comparisons: Sequence[Comparison], metrics: Sequence[str], views: int) -> list[Thinned]:
+    """Candidates at the conditions that only take points away; none where the full cloud is not.
+
+    The number of points is a knob of every method: what fewer save, and what they lose.
+    """
+    counted = [(c, points) for c in comparisons if (points := point_count(c.condition))]
+    full = {c.class_name: c for c, points in counted if points == CLOUD_SIZE}
+    made = []
+    for c, points in counted:
+        whole = full.get(c.class_name)
+        if whole is None or whole.objects != c.objects:
+            continue
+        for method in candidates(c.pictures):
+            cost_ms = c.cost_ms(method, views)
+            for metric in metrics:
+                own = c.qualities[metric][method]
+                lost = lead(whole.qualities[metric][method], own)
+                made.append(
+                    Thinned(
+                        c.class_name,
+                        metric,
+                        method,
+                        c.condition,
+                        points,
+                        cost_ms,
+                        own.estimate,
+                        lost,
+                    )
+                )
+    return made
+
+
+def point_count(condition_id: str) -> int | None:
+    """Points of a cloud of which a condition takes each n-th and no more; None for others."""
+    for condition in CONDITIONS:
+        if condition.id == condition_id and isinstance(condition.perturbation, Unchanged | Stride):
+            step = getattr(condition.perturbation, "step", 1)
+            return -(-CLOUD_SIZE // step)
+    return None

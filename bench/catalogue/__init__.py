@@ -1,0 +1,1 @@
+"""The literal tables: suites, methods, metrics, parameters, condition families, plug-ins."""

@@ -1,0 +1,328 @@
+"""The methods of the benchmark, as a literal table.
+
+Importing this module needs no package at all, so that `bench list` answers at once.
+
+Other packages add methods by entry points of the group `pc2pix_bench.methods`: the name is the
+method's id, the object a `Method`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.catalogue import loaders
+from bench.catalogue.lookup import find
+from bench.catalogue.parameters import find_setting
+from data_prep.failures import BadInput
+from data_prep.untrusted import is_regular_file
+
+if TYPE_CHECKING:
+    from data_prep.scene import Renderer
+    from pc2pix.engine import Precision
+
+
+@dataclass(frozen=True)
+class Method:
+    """A renderer with a name.
+
+    `load` gets the device ("auto", "cpu" or "cuda") and returns the renderer; `version` is raised
+    by hand when a change alters its pictures (finished work is then done again); `identity` gives
+    whatever else its pictures depend on: the versions of its libraries, the checksum of its
+    weights. Only the ceiling has `sees_mesh`.
+    """
+
+    id: str
+    load: Callable[[str], Renderer]
+    identity: Callable[[], str]
+    version: int
+    source: str
+    sees_mesh: bool = False
+    weights_file: Callable[[], Path] | None = None  # of a network
+
+
+PC2PIX_VERSION = 4
+
+
+def _network(
+    method_id: str, load: Callable[[str], Renderer], source: str, weights: str = loaders.BUNDLED
+) -> Method:
+    """pc2pix with bundled weights."""
+    return Method(
+        method_id,
+        load=load,
+        identity=partial(loaders.pc2pix_identity, weights),
+        version=PC2PIX_VERSION,
+        source=source,
+        weights_file=partial(_pc2pix_file, weights),
+    )
+
+
+def _pc2pix_file(weights: str) -> Path:
+    from pc2pix.weight_files import find_weights
+
+    return find_weights(weights)
+
+
+SPLAT_NET_VERSION = 1
+
+
+def _splat_net(
+    method_id: str, weights: str, source: str, precision: Precision = "float32"
+) -> Method:
+    """splat-net with bundled weights."""
+    return Method(
+        method_id,
+        load=partial(loaders.splat_net, weights, precision=precision),
+        identity=partial(loaders.splat_net_identity, weights),
+        version=SPLAT_NET_VERSION,
+        source=source,
+        weights_file=partial(_splat_net_file, weights),
+    )
+
+
+def _splat_net_file(weights: str) -> Path:
+    from baselines.splat_net.weight_files import find_weights
+
+    return find_weights(weights)
+
+
+METHODS = (
+    _network(
+        "pc2pix",
+        load=partial(loaders.pc2pix_renderer, "chair"),
+        source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
+    ),
+    _network(
+        "pc2pix@acgan",
+        load=partial(loaders.pc2pix_renderer, "chair-acgan"),
+        source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
+        weights="chair-acgan",
+    ),
+    _network(
+        "pc2pix@all",
+        load=partial(loaders.pc2pix_renderer, "all"),
+        source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
+        weights="all",
+    ),
+    _network(
+        "pc2pix@bf16",
+        load=partial(loaders.pc2pix_renderer, "chair", precision="bfloat16"),
+        source="pc2pix in bfloat16: twice as fast where the processor has it",
+    ),
+    _splat_net(
+        "splat-net",
+        "chair",
+        source="a U-Net over the projected points; bundled weights "
+        "(baselines/splat_net/weights/chair.md)",
+    ),
+    _splat_net(
+        "splat-net@grey",
+        "chair-grey",
+        source="splat-net in neutral grey: no colour is made up",
+    ),
+    _splat_net(
+        "splat-net@bf16",
+        "chair",
+        source="splat-net in bfloat16",
+        precision="bfloat16",
+    ),
+    _splat_net(
+        "splat-net@tiny",
+        "chair-tiny",
+        source="splat-net without normals, of half the width, in bfloat16 "
+        "(baselines/splat_net/weights/chair-tiny.md)",
+        precision="bfloat16",
+    ),
+    Method(
+        "surface-apss",
+        load=partial(loaders.renderer, "baselines.surface:SurfaceApss"),
+        identity=loaders.pymeshlab_identity,
+        version=1,
+        source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
+    ),
+    Method(
+        "surface-fit",
+        load=partial(loaders.renderer, "baselines.surface_fit:SurfaceFit"),
+        identity=loaders.pymeshlab_identity,
+        version=1,
+        source="the paper's SR on a grid no finer than the picture can show",
+    ),
+    Method(
+        "surface-bpa",
+        load=partial(loaders.renderer, "baselines.surface_bpa:SurfaceBpa"),
+        identity=loaders.pymeshlab_identity,
+        version=1,
+        source="the paper's SR without its last step: ball pivoting and holes closed",
+    ),
+    Method(
+        "poisson",
+        load=partial(loaders.renderer, "baselines.poisson:Poisson"),
+        identity=lambda: f"{loaders.pymeshlab_identity()}, scipy {loaders.installed('scipy')}",
+        version=1,
+        source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
+    ),
+    Method(
+        "alpha-shape",
+        load=partial(loaders.renderer, "baselines.alpha_shape:AlphaShape"),
+        identity=lambda: f"scipy {loaders.installed('scipy')}",
+        version=1,
+        source="alpha shape (Edelsbrunner and Muecke 1994)",
+    ),
+    Method(
+        "splat",
+        load=partial(loaders.renderer, "baselines.splat:Splat"),
+        identity=lambda: f"scipy {loaders.installed('scipy')}",
+        version=1,
+        source="depth-buffered discs: what a viewer shows",
+    ),
+    Method(
+        "true-mesh",
+        load=partial(loaders.renderer, "baselines.reference:TrueMesh"),
+        identity=lambda: "",
+        version=1,
+        source="the ceiling: the mesh behind the cloud",
+        sees_mesh=True,
+    ),
+    Method(
+        "constant",
+        load=loaders.constant,
+        identity=loaders.constant_identity,
+        version=1,
+        source="a second floor: the one picture that SSIM likes best on the training set",
+    ),
+    Method(
+        "blank",
+        load=partial(loaders.renderer, "baselines.reference:Blank"),
+        identity=lambda: "",
+        version=1,
+        source="the floor: white pictures; failures are scored as these",
+    ),
+)
+# What nobody would draw with, but a measurement of cost needs beside the others.
+YARDSTICKS = (
+    _network(
+        "pc2pix@unfolded",
+        load=loaders.unfolded,
+        source="pc2pix as it was trained, without the inference engine",
+    ),
+    _network(
+        "pc2pix@one-by-one",
+        load=loaders.one_by_one,
+        source="pc2pix, a call for each view",
+    ),
+    _network(
+        "pc2pix@paper",
+        load=loaders.widened,
+        source="the bundled pc2pix at the paper's width: same pictures, the paper's cost",
+    ),
+    _network(
+        "pc2pix@paper-bf16",
+        load=partial(loaders.widened, precision="bfloat16"),
+        source="the same in bfloat16",
+    ),
+    _splat_net(
+        "splat-net@no-normals",
+        "chair-no-normals",
+        source="splat-net without normals and flattened points: no neighbours are sought "
+        "(baselines/splat_net/weights/chair-no-normals.md)",
+    ),
+    _splat_net(
+        "splat-net@large",
+        "chair-large",
+        source="splat-net one and a half times as wide "
+        "(baselines/splat_net/weights/chair-large.md)",
+    ),
+)
+# Of networks that take weights of your own: loader, identity, version, the command that trains.
+OWN_WEIGHTS: dict[str, tuple[Callable[..., Renderer], Callable[[str], str], int, str]] = {
+    "pc2pix": (
+        loaders.pc2pix_renderer,
+        loaders.pc2pix_file_identity,
+        PC2PIX_VERSION,
+        "bench train gan",
+    ),
+    "splat-net": (
+        loaders.splat_net,
+        loaders.splat_net_file_identity,
+        SPLAT_NET_VERSION,
+        "bench train splat-net",
+    ),
+}
+PLUGINS = "pc2pix_bench.methods"
+FLOOR = "blank"
+FLOORS = ("constant", FLOOR)  # what looks at no cloud
+
+
+def find_method(method_id: str) -> Method:
+    """The method with this id, or a variant of one.
+
+    `pc2pix@FILE.safetensors` and `splat-net@FILE.safetensors` have weights of your own,
+    `METHOD@KNOB=VALUE` is a method with a knob turned (`bench.catalogue.parameters.KNOBS`).
+
+    Raises BadInput for an unknown id (naming the nearest), a knob or value that there is not, a
+    weights file that is missing, and where another package announces a method that it does not
+    have.
+    """
+    if (setting := find_setting(method_id)) is not None:
+        method = find(setting.knob.method, METHODS, "method")
+        source = f"{method.id} with {setting.knob.name} {setting.value:g}"
+        load = partial(loaders.renderer, setting.knob.renderer, **setting.fields)
+        return replace(method, id=method_id, load=load, source=source)
+    name, at, weights = method_id.partition("@")
+    if at and weights.endswith(".safetensors") and (own_weights := OWN_WEIGHTS.get(name)):
+        load, identity, version, command = own_weights
+        if not is_regular_file(Path(weights)):
+            raise BadInput(f"{weights}: no such weights file; train one with '{command}'")
+        return Method(
+            method_id,
+            load=partial(load, weights),
+            identity=partial(identity, weights),
+            version=version,
+            source=f"{name} with the weights in {weights}",
+            weights_file=partial(Path, weights),
+        )
+    own = (*METHODS, *YARDSTICKS)
+    if any(method.id == method_id for method in own) or method_id not in plugin_ids():
+        return find(method_id, own, "method")
+    return _plugin(method_id)
+
+
+@cache
+def plugin_ids() -> tuple[str, ...]:
+    """Ids of the methods that other installed packages announce, sorted; none is loaded."""
+    from importlib.metadata import entry_points
+
+    return tuple(sorted(entry_points(group=PLUGINS).names))
+
+
+@cache
+def _plugin(method_id: str) -> Method:
+    from importlib.metadata import entry_points
+
+    (entry, *_) = entry_points(group=PLUGINS, name=method_id)
+    where = f"method '{method_id}' of {entry.dist.name if entry.dist else entry.value}"
+    try:
+        method = entry.load()
+    except Exception as error:  # whatever a stranger's module raises
+        raise BadInput(
+            f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); mend or "
+            "remove that package"
+        ) from error
+    if not isinstance(method, Method) or method.id != method_id:
+        raise BadInput(
+            f"{where}: {entry.value} is not a bench.methods.Method with that id; mend or remove "
+            "that package"
+        )
+    return method
+
+
+def objectives(method_ids: Iterable[str]) -> dict[str, str]:
+    """By method, what the weights of networks were trained with; other methods are left out."""
+    from learning.weight_files import objective_of
+
+    networks = ((id_, find_method(id_).weights_file) for id_ in method_ids)
+    return {id_: objective_of(find()) for id_, find in networks if find}

@@ -1,0 +1,187 @@
+"""The metrics of the benchmark, as literal tables.
+
+Image metrics score a picture against the true one. Set metrics are Fréchet distances between sets
+of pictures, on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d].
+Nothing but the distance on the published Inception features is called `fid`, and nothing but the
+kernel distance on these `kid`. Control metrics ask
+whether a picture shows the view and the object that it should; a judge tells them from the picture
+alone, and its answers are features too, which no distance is taken of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.catalogue.lookup import find
+from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
+from bench.metrics.inception_weights import WeightsUnavailable, find_weights
+
+if TYPE_CHECKING:  # `bench list` answers at once
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = [
+    "CONTROL_METRICS",
+    "EXTRACTORS",
+    "IMAGE_METRICS",
+    "JUDGE",
+    "KERNEL_METRICS",
+    "RECOGNITION_METRICS",
+    "SET_METRICS",
+    "UNDEFINED",
+    "Extractor",
+    "FeatureSource",
+    "WeightsUnavailable",
+    "column",
+    "find_extractor",
+    "is_similarity",
+]
+
+# `bench.metrics.image_scores` computes them all; `column` gives their names in the records.
+IMAGE_METRICS = {
+    "ssim": "structural similarity, mean of the product of the next three; 1 is identical",
+    "luminance": "its component: mean brightness",
+    "contrast": "its component: variance around the mean",
+    "structure": "its component: correlation, what the paper argues for",
+    "ssim-object": "ssim of the windows centred in the box of the true object; 1 is identical",
+    "silhouette-iou": "what is drawn and what the true object shows: intersection over union",
+    "thin-recall": "share of the thin parts of the true object that is drawn",
+    "thin-precision": "share of true object in what is drawn beside thin parts",
+}
+# Why an image metric may have no value for a picture that is there; the others always have one.
+UNDEFINED = {
+    "ssim-object": "no window is centred in the box of the true object",
+    "thin-recall": "the true object shows no part thinner than 4 px",
+    "thin-precision": "no part thinner than 4 px, or nothing drawn beside one",
+}
+CONTROL_METRICS = {
+    "azimuth-error-deg": "median error of the azimuth that the judge sees; lower is better",
+    "elevation-error-deg": "median error of the elevation that the judge sees; lower is better",
+    "retrieval": "share of pictures by which the judge finds the object among those of the run",
+}
+# Made from the features of a set metric: of a picture, and of a set (and which set metric's).
+RECOGNITION_METRICS = {
+    "class-confidence": "probability that the classifier of fd-views gives the true class",
+}
+KERNEL_METRICS = {
+    "kid": ("fid", "kernel distance on the features of fid, unbiased for few pictures"),
+    "kd-views": ("fd-views", "the same on the features of fd-views"),
+}
+JUDGE = "judge"
+Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
+
+
+@dataclass(frozen=True)
+class FeatureSource:
+    """What takes features of pictures; a set metric is named after the one that it is taken of.
+
+    `weights` finds the file to load, given the wish of the command line; it raises
+    WeightsUnavailable where there is none, and then its metrics are skipped. `load` takes that
+    path.
+    `version` is raised by hand when a change alters the features.
+    """
+
+    id: str
+    weights: Callable[[str | None], Path]
+    load: Callable[[str], Extractor]
+    version: int
+    about: str
+
+
+def _fid(weights: str) -> Extractor:
+    from bench.metrics.inception import inception_features, load_inception
+
+    model = load_inception(Path(weights))
+    return lambda images: inception_features(model, images)
+
+
+def _views(weights: str) -> Extractor:
+    from bench.judges.views import load_views_network, view_features
+
+    model = load_views_network(Path(weights))
+    return lambda images: view_features(model, images)
+
+
+def _views_grey(weights: str) -> Extractor:
+    import numpy as np
+
+    from bench.judges.judge import greyscale
+
+    features = _views(weights)
+    return lambda images: features(np.repeat(greyscale(images)[..., None], 3, axis=-1))
+
+
+def _judge(weights: str) -> Extractor:
+    from bench.judges.judge import judge, load_judge_network
+
+    network = load_judge_network(Path(weights))
+    return lambda images: judge(network, images)
+
+
+def _bundled_judge(wish: str | None) -> Path:
+    del wish
+    if not JUDGE_WEIGHTS.is_file():
+        raise WeightsUnavailable(
+            f"{JUDGE_WEIGHTS.name} is not bundled; 'bench train judge' makes it"
+        )
+    return JUDGE_WEIGHTS
+
+
+def _bundled_views(wish: str | None) -> Path:
+    del wish
+    return VIEWS_WEIGHTS
+
+
+SET_METRICS = (
+    FeatureSource(
+        "fid",
+        find_weights,
+        _fid,
+        1,
+        "Inception features of 2015-12-05, as in TTUR and torch-fidelity",
+    ),
+    FeatureSource(
+        "fd-views",
+        _bundled_views,
+        _views,
+        2,
+        "features of the bundled classifier of rendered views",
+    ),
+    FeatureSource(
+        "fd-views-grey",
+        _bundled_views,
+        _views_grey,
+        2,
+        "the same on greyscaled pictures: colour does not count",
+    ),
+)
+
+
+EXTRACTORS = (
+    *SET_METRICS,
+    FeatureSource(
+        JUDGE,
+        _bundled_judge,
+        _judge,
+        1,
+        "direction of view and shape code, as the bundled judge sees them",
+    ),
+)
+
+
+def find_extractor(extractor_id: str) -> FeatureSource:
+    """The extractor with this id. Raises BadInput for an unknown one."""
+    return find(extractor_id, EXTRACTORS, "metric")
+
+
+def is_similarity(metric: str) -> bool:
+    """Whether it is a mean over pictures, and higher is better; else a distance of sets."""
+    return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
+
+
+def column(metric: str) -> str:
+    """The name of an image metric in the records."""
+    return metric.replace("-", "_")

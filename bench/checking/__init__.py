@@ -1,0 +1,1 @@
+"""Golden values, tolerances, and the paper's claims."""

@@ -1,0 +1,420 @@
+"""How a claim of the paper is held against a run: evidence, rules, findings. Pure functions.
+
+A finding is `supported` only where a 95 % interval over objects lies wholly on the claimed side;
+where it holds 0, so many objects cannot tell, which is no support, and the reason says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.analysis.class_average import interval_of_distances, interval_of_means
+from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.intervals import mean_interval
+from bench.catalogue.metrics import is_similarity
+from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals
+from bench.tables.orderings import Ordering, OrderingsTable
+
+Floats = NDArray[np.float64]
+Verdict = Literal["supported", "not supported", "not testable here"]
+Ahead = Literal["surface", "network", "equal"]
+FULL = "2048"
+CHAIR = "chair"
+EQUAL = 0.01  # what two scores that are printed alike, with two decimals, differ by at most
+SHARE = 0.1  # of reconstruction's loss: the paper's network loses 0.01 SSIM where SR loses 0.40
+DISTANCES = ("fid", "fd-views")  # the first that a run has; the second stands in for the first
+CONFIDENCE = "class-confidence"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a run says about a claim.
+
+    subject  the method that the claim is about
+    numbers  ours, with intervals
+    reason   why not, or what has to be known with it; may be empty
+    """
+
+    subject: str
+    verdict: Verdict
+    numbers: str
+    reason: str = ""
+
+
+class Lacking(Exception):
+    """A run of the right suite does not have what the claim needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A run whose pictures were scored.
+
+    comparisons  by condition and class
+    orderings    of Table 5; None for runs without
+    spreads      by class, how much true objects differ: the value, and without each object
+    """
+
+    comparisons: Mapping[tuple[str, str], Comparison]
+    orderings: OrderingsTable | None
+    spreads: Mapping[str, tuple[float, Floats]]
+
+    @property
+    def networks(self) -> list[str]:
+        """The variants of pc2pix in the run."""
+        of_all = next(iter(self.comparisons.values())).pictures
+        found = [m for m in of_all if m.partition("@")[0] == NETWORK]
+        if not found:
+            raise Lacking(f"the run has no {NETWORK}")
+        return found
+
+    def quality(self, metric: str, method: str, condition: str, class_name: str) -> Quality:
+        """A metric of a method in one cell. Raises Lacking where it was not measured."""
+        cell = self.comparisons.get((condition, class_name))
+        if cell is None:
+            raise Lacking(f"the run has no {class_name} at {condition}")
+        of_metric = cell.qualities.get(metric, {})
+        if method not in of_metric:
+            raise Lacking(f"the run has no {metric} of {method}")
+        return of_metric[method]
+
+    @property
+    def distance(self) -> str:
+        """The Fréchet distance that the run has."""
+        measured = next(iter(self.comparisons.values())).qualities
+        return next((metric for metric in DISTANCES if metric in measured), DISTANCES[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A run of the suite `speed`: its samples, as in `tables/speed_samples.csv`."""
+
+    samples: pd.DataFrame
+
+
+@dataclass(frozen=True, eq=False)
+class Latent:
+    """A run of the suite `latent`: the means of both of its tables."""
+
+    means: pd.DataFrame
+
+
+Evidence = Scored | Timed | Latent
+
+
+# --- chairs, condition by condition ---------------------------------------------------------------
+
+
+def ordering(run: Scored, metric: str, condition: str, ahead: Ahead) -> list[Finding]:
+    """Who is ahead on chairs: SR, the network, or neither, by more than `EQUAL`."""
+    metric = _measured(run, metric)
+    found = []
+    for network in run.networks:
+        a, b = (run.quality(metric, m, condition, CHAIR) for m in (network, SURFACE))
+        sign = 1 if is_similarity(metric) else -1
+        lead = combined([(sign, a), (-sign, b)])
+        numbers = (
+            f"{metric} {_number(metric, a.estimate.value)}, SR "
+            f"{_number(metric, b.estimate.value)}; ahead by {_told(metric, lead)}"
+        )
+        found.append(_judged(network, numbers, lead, ahead, _stand_in(metric)))
+    return found
+
+
+def steady(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]:
+    """The network loses less than `SHARE` of what SR loses against the full cloud, at each."""
+    metric = _measured(run, metric)
+    found = []
+    for network in run.networks:
+        told, excesses = [], []
+        for condition in conditions:
+            own, others = (_loss(run, metric, m, condition) for m in (network, SURFACE))
+            excesses.append(combined([*own, *((-SHARE * w, q) for w, q in others)]))
+            told.append(
+                f"{condition}: loses {_told(metric, combined(own))}, "
+                f"SR {_told(metric, combined(others))}"
+            )
+        holds = all(excess.high < 0 for excess in excesses)
+        why = f"not surely less than {SHARE:.0%} of SR's loss at each"
+        numbers = "; ".join([metric, *told])
+        found.append(_finding(network, numbers, excesses, holds, why, _stand_in(metric)))
+    return found
+
+
+def degrades(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]:
+    """SR loses against the full cloud, at each of the conditions."""
+    metric = _measured(run, metric)
+    losses = {c: combined(_loss(run, metric, SURFACE, c)) for c in conditions}
+    numbers = "; ".join(f"{c}: loses {_told(metric, loss)}" for c, loss in losses.items())
+    holds = all(loss.low > 0 for loss in losses.values())
+    intervals, why = [*losses.values()], "not surely at each"
+    return [_finding(SURFACE, f"{metric}; {numbers}", intervals, holds, why, _stand_in(metric))]
+
+
+def above_blank(run: Scored) -> list[Finding]:
+    """The network's pictures are nearer to the truth than white ones, by SSIM and by distance."""
+    found = []
+    for network in run.networks:
+        leads = {}
+        for metric in ("ssim", run.distance):
+            sign = 1 if is_similarity(metric) else -1
+            a, b = (run.quality(metric, m, FULL, CHAIR) for m in (network, "blank"))
+            leads[metric] = combined([(sign, a), (-sign, b)])
+        numbers = "; ".join(f"{m}: ahead by {_told(m, lead)}" for m, lead in leads.items())
+        lacking = [m for m, lead in leads.items() if not lead.low > 0]
+        why = f"not surely ahead of a blank picture by {', '.join(lacking)}"
+        found.append(_finding(network, numbers, [*leads.values()], not lacking, why))
+    return found
+
+
+# --- classes --------------------------------------------------------------------------------------
+
+
+def class_ordering(run: Scored, class_name: str, ahead: Ahead) -> list[Finding]:
+    """Who is ahead in one class of Table 5, or on average."""
+    row, network = _ordering(run, run.distance, class_name)
+    return [_judged(network, _of_row(row), row.lead, ahead, _stand_in(row.metric))]
+
+
+def insignificant(run: Scored, class_name: str) -> list[Finding]:
+    """SR and the network differ by nothing that the objects could tell."""
+    row, network = _ordering(run, run.distance, class_name)
+    holds = row.lead.low <= 0 <= row.lead.high
+    why = "the interval does not hold 0"
+    return [_finding(network, _of_row(row), [row.lead], holds, why, _stand_in(row.metric))]
+
+
+def more_similar_class(run: Scored) -> list[Finding]:
+    """The classifier gives the true class more to the network's pictures than to SR's."""
+    row, network = _ordering(run, CONFIDENCE, AVERAGE)
+    return [_judged(network, _of_row(row), row.lead, "network", "")]
+
+
+def unrecognisable(run: Scored) -> list[Finding]:
+    """The classifier gives the true class less to SR's pictures than to true ones."""
+    pairs = [
+        [run.quality(CONFIDENCE, m, FULL, name) for m in ("true-mesh", SURFACE)]
+        for condition, name in run.comparisons
+        if condition == FULL
+    ]
+    lost = [true.per_object - drawn.per_object for true, drawn in pairs]
+    estimate = Estimate(float(np.mean([x.mean() for x in lost])), *interval_of_means(lost))
+    true, drawn = (np.mean([pair[i].estimate.value for pair in pairs]) for i in (0, 1))
+    numbers = (
+        f"{CONFIDENCE} {drawn:.3f}, true pictures {true:.3f}; loses {_told(CONFIDENCE, estimate)}"
+    )
+    return [_judged(SURFACE, numbers, estimate, "network", "")]
+
+
+def gains_from_others(run: Scored, alone: str, together: str) -> list[Finding]:
+    """Chairs: the network of all classes is nearer to the truth than that of chairs alone."""
+    metric = run.distance
+    a, b = (run.quality(metric, m, FULL, CHAIR) for m in (alone, together))
+    gain = combined([(1, a), (-1, b)])
+    numbers = (
+        f"{metric} {_number(metric, b.estimate.value)}, alone "
+        f"{_number(metric, a.estimate.value)}; better by {_told(metric, gain)}"
+    )
+    return [_judged(together, numbers, gain, "network", _stand_in(metric))]
+
+
+def good_where_thin(run: Scored, thin: Sequence[str]) -> list[Finding]:
+    """SR's distance is smaller in these classes than in the mean of the others."""
+    metric = run.distance
+    names = [name for condition, name in run.comparisons if condition == FULL]
+    if lacking := [name for name in thin if name not in names]:
+        raise Lacking(f"the run has no {', '.join(lacking)}")
+    groups = [[n for n in names if (n in thin) == inside] for inside in (True, False)]
+    if not groups[1]:
+        raise Lacking("the run has no other class")
+    values, variance = [], 0.0
+    for group in groups:
+        of = [run.quality(metric, SURFACE, FULL, name) for name in group]
+        value = float(np.mean([q.estimate.value for q in of]))
+        _, high = interval_of_distances(value, [q.per_object for q in of])
+        values.append(value)
+        variance += (high - value) ** 2
+    gap, reach = values[1] - values[0], math.sqrt(variance)
+    estimate = Estimate(gap, gap - reach, gap + reach)
+    numbers = (
+        f"{metric} {_number(metric, values[0])}, others {_number(metric, values[1])}; nearer by "
+        f"{_told(metric, estimate)}"
+    )
+    return [_judged(SURFACE, numbers, estimate, "network", _stand_in(metric))]
+
+
+def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
+    """True objects of one class differ more than those of another, in the features' own units."""
+    if lacking := [name for name in (more, less) if name not in run.spreads]:
+        raise Lacking(f"the run has no features of {', '.join(lacking)}")
+    (a, without_a), (b, without_b) = run.spreads[more], run.spreads[less]
+    reach = math.hypot(
+        *(interval_of_distances(v, [w])[1] - v for v, w in ((a, without_a), (b, without_b)))
+    )
+    estimate = Estimate(a - b, a - b - reach, a - b + reach)
+    by_spread = sorted(run.spreads, key=lambda name: -run.spreads[name][0])
+    numbers = (
+        f"variance between objects {a:.2f}, {less} {b:.2f}; more by {_told('fd-views', estimate)}; "
+        f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
+    )
+    found = _judged("true pictures", numbers, estimate, "network", "")
+    return [found]
+
+
+# --- speed ----------------------------------------------------------------------------------------
+
+
+def faster(run: Timed, times: float) -> list[Finding]:
+    """A picture of the network costs less than one over `times` of one of SR, preparing included.
+
+    On one thread, cloud by cloud: the interval is over clouds.
+    """
+    costs = _costs(run.samples)
+    networks = [m for m in costs if m.partition("@")[0] == NETWORK]
+    if SURFACE not in costs or not networks:
+        raise Lacking(f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}")
+    found = []
+    for network in networks:
+        ratio = np.log(costs[SURFACE] / costs[network])
+        middle, (low, high) = ratio.mean(), mean_interval(ratio)
+        estimate = Estimate(*map(float, np.exp([middle, low, high])))
+        numbers = f"{estimate.value:.1f} times [{estimate.low:.1f}, {estimate.high:.1f}]"
+        holds = estimate.low > times
+        why = f"not surely more than {times:g} times"
+        found.append(_finding(network, numbers, [estimate], holds, why))
+    return found
+
+
+def _costs(samples: pd.DataFrame) -> dict[str, Floats]:
+    """Seconds a picture [clouds] by method: medians of preparing a cloud and of its views."""
+    warm = samples[(samples["round"] > 0) & (samples["threads"] == 1)]
+    warm = warm[warm["condition"].astype(str) == FULL]
+    made = {}
+    for method, of in warm.groupby("method", sort=False):
+        views = of["views"].max()
+        parts = [of[of["stage"] == "prepare"], of[(of["stage"] == "draw") & (of["views"] == views)]]
+        prepare, draw = (part.groupby("cloud")["wall_s"].median() for part in parts)
+        made[str(method)] = ((prepare + draw) / views).to_numpy(np.float64)
+    return made
+
+
+# --- latent ---------------------------------------------------------------------------------------
+
+
+def mean_above(run: Latent, metric: str, what: str, than: str | None = None) -> list[Finding]:
+    """A mean of the suite `latent` is surely above another one's, or above 0 without another.
+
+    Two means are compared by their intervals, which must not touch: they are not paired.
+    """
+    rows = run.means[(run.means["metric"] == metric) & (run.means["kind"] == "all")]
+    found = []
+    for method in dict.fromkeys(rows["method"]):
+        at = rows[rows["method"] == method].set_index("what")
+        if lacking := [w for w in (what, than) if w is not None and w not in at.index]:
+            raise Lacking(f"the run has no {metric} of {', '.join(lacking)}")
+        own = Estimate(*(float(at.loc[what, c]) for c in ("value", "ci_low", "ci_high")))  # type: ignore[arg-type]
+        numbers, bar = f"{metric} of {what} {_figures(own)}", 0.0
+        if than is not None:
+            other = Estimate(*(float(at.loc[than, c]) for c in ("value", "ci_low", "ci_high")))  # type: ignore[arg-type]
+            numbers, bar = f"{numbers}, of {than} {_figures(other)}", other.high
+        holds = own.low > bar
+        why = "not surely above it" if than else "not surely above 0"
+        found.append(_finding(str(method), numbers, [own], holds, why))
+    return found
+
+
+# --- in common ------------------------------------------------------------------------------------
+
+
+def combined(terms: Sequence[tuple[float, Quality]]) -> Estimate:
+    """A weighted sum of one metric over methods and conditions, paired object by object.
+
+    Means by the bootstrap of `bench.analysis.intervals`, distances by the jackknife of
+    `bench.metrics.frechet`.
+    """
+    value = float(sum(weight * quality.estimate.value for weight, quality in terms))
+    per_object = np.sum([weight * quality.per_object for weight, quality in terms], axis=0)
+    if is_similarity(terms[0][1].metric):
+        return Estimate(value, *mean_interval(per_object))
+    if len(per_object) < 3:
+        return Estimate(value, math.nan, math.nan)
+    return Estimate(value, *interval_of_distances(value, [per_object]))
+
+
+def _loss(run: Scored, metric: str, method: str, condition: str) -> list[tuple[float, Quality]]:
+    """The terms of how much worse a method is at a condition than with the full cloud."""
+    sign = 1.0 if is_similarity(metric) else -1.0
+    full, less = (run.quality(metric, method, c, CHAIR) for c in (FULL, condition))
+    return [(sign, full), (-sign, less)]
+
+
+def _ordering(run: Scored, metric: str, class_name: str) -> tuple[Ordering, str]:
+    if run.orderings is None:
+        raise Lacking("the run has not both SR and pc2pix")
+    for row in run.orderings.rows:
+        if (row.condition, row.class_name, row.metric) == (FULL, class_name, metric):
+            return row, run.orderings.network
+    raise Lacking(f"the run has no {metric} of class {class_name} at {FULL}")
+
+
+def _judged(subject: str, numbers: str, lead: Estimate, ahead: Ahead, remark: str) -> Finding:
+    """By the interval of how much the network is ahead."""
+    if ahead == "equal":
+        holds = lead.low >= -EQUAL and lead.high <= EQUAL
+        why = f"not surely within {EQUAL} of each other"
+    else:
+        holds = lead.low > 0 if ahead == "network" else lead.high < 0
+        other = lead.high < 0 if ahead == "network" else lead.low > 0
+        why = "the other way round" if other else "the interval holds 0"
+    return _finding(subject, numbers, [lead], holds, why, remark)
+
+
+def _finding(
+    subject: str,
+    numbers: str,
+    intervals: Sequence[Estimate],
+    holds: bool,
+    why: str,
+    remark: str = "",
+) -> Finding:
+    """The verdict, with the reason `why` where it does not hold; none without an interval."""
+    if not all(math.isfinite(estimate.low) for estimate in intervals):
+        return Finding(subject, "not testable here", numbers, "too few objects for an interval")
+    verdict: Verdict = "supported" if holds else "not supported"
+    reasons = ("" if holds else why, remark)
+    return Finding(subject, verdict, numbers, "; ".join(filter(None, reasons)))
+
+
+def _measured(run: Scored, metric: str) -> str:
+    return run.distance if metric in DISTANCES else metric
+
+
+def _stand_in(metric: str) -> str:
+    return f"{metric} stands in for {DISTANCES[0]}" if metric == DISTANCES[1] else ""
+
+
+def _of_row(row: Ordering) -> str:
+    return (
+        f"{row.metric} {_number(row.metric, row.network)}, SR {_number(row.metric, row.surface)}; "
+        f"ahead by {_told(row.metric, row.lead)}"
+    )
+
+
+def _told(metric: str, estimate: Estimate) -> str:
+    digits = decimals(metric)
+    value, low, high = (f"{number:+.{digits}f}" for number in estimate)
+    return f"{value} [{low}, {high}]"
+
+
+def _figures(estimate: Estimate) -> str:
+    return f"{estimate.value:.3g} [{estimate.low:.3g}, {estimate.high:.3g}]"
+
+
+def _number(metric: str, value: float) -> str:
+    return f"{value:.{decimals(metric)}f}"

@@ -1,0 +1,170 @@
+"""A run against what is known: our golden values, and the paper's.
+
+Golden values are ours, made by one run of the default protocol; each carries a tolerance and the
+reason for it. The paper's values are never a criterion: other data, other weights. What can be
+compared is which of the two roads is ahead in each cell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.catalogue.suites import STABILITY
+from bench.checking.tolerances import tolerance
+from bench.records.journal import read_finished
+from bench.suites.stability.tables import read_outcomes
+from bench.tables.build import TABLES, Writable, beyond, class_orderings, table_files, tables
+from bench.tables.orderings import PAPER_NETWORK
+from bench.tables.published import golden, golden_path
+from bench.tables.quality import Table
+from bench.tables.table import PAPER_METHODS, Row
+from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
+
+CELL = ["method", "condition", "class", "metric"]
+PROTOCOL = ["dataset", "objects", "views", "seed"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a check: how many values were compared, and a line for each regression."""
+
+    compared: int
+    regressions: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def check(directory: Path) -> Verdict:
+    """Compare a finished run with the golden values of its suite.
+
+    Raises BadInput where `directory` is not a finished run, and where the golden values belong to
+    another protocol (dataset, objects, views or seed): then there is nothing to compare with. A run
+    of the suite `stability` is compared with what is stated there.
+    """
+    manifest = read_finished(directory)
+    if manifest["suite"] == STABILITY.id:
+        return _check_stated(directory)
+    made = tables(directory)
+    expected = golden(manifest["suite"])
+    _same_protocol(directory, manifest, expected)
+    found = {_cell(row): row.value for table in made for row in table.rows}
+    ordered, along = class_orderings(directory), beyond(directory)
+    further = [ordered, along.crossings if along is not None else None]
+    written = [*made, *(table for table in further if table is not None)]
+    compared, regressions = 0, _stale_tables(directory, written)
+    methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
+    for row in expected.to_dict("records"):
+        if row["method"] not in methods or row["condition"] not in conditions:
+            continue
+        compared += 1
+        value = found.get((row["method"], row["condition"], row["class"], row["metric"]), math.nan)
+        if not abs(value - row["value"]) <= row["tolerance"]:  # also for NaN
+            got = f"{value:.6f}" if math.isfinite(value) else "nothing"
+            regressions.append(
+                f"{row['metric']} of {row['method']} at {row['condition']}: {got}, golden "
+                f"{row['value']:.6f} +- {row['tolerance']:.6f} ({row['reason']})"
+            )
+    return Verdict(compared, tuple(regressions), tuple(_against_paper(made)))
+
+
+def bless(directory: Path) -> Path:
+    """Make this run's values the golden ones of its suite (for developers; see CONTRIBUTING).
+
+    Metrics without a tolerance have none: fid, whose weights the default protocol does not need.
+    """
+    manifest = read_finished(directory)
+    protocol = _protocol(manifest)
+    lines = []
+    every = (row for table in tables(directory) for row in table.rows)
+    once = {_cell(row): row for row in every}  # a metric may stand in two tables
+    for row in once.values():
+        rule = tolerance(row.method, row.metric)
+        if not math.isfinite(row.value) or rule is None:
+            continue
+        allowed = rule.absolute + rule.relative * abs(row.value)
+        lines.append(
+            protocol
+            | dict(zip(CELL, _cell(row), strict=True))
+            | {"value": f"{row.value:.6f}", "tolerance": f"{allowed:.6f}"}
+            | {"reason": rule.reason}
+        )
+    path = golden_path(manifest["suite"])
+    write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
+    return path
+
+
+def _protocol(manifest: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "dataset": manifest["dataset"],
+        "objects": len(manifest["objects"]),
+        "views": manifest["views"],
+        "seed": manifest["seed"],
+    }
+
+
+def _same_protocol(directory: Path, manifest: dict[str, Any], expected: pd.DataFrame) -> None:
+    have = _protocol(manifest)
+    want = {name: expected[name].iloc[0] for name in PROTOCOL}
+    other = [f"{n} {have[n]} (golden: {want[n]})" for n in PROTOCOL if have[n] != want[n]]
+    if other:
+        raise BadInput(
+            f"{directory}: no golden values for this protocol: {', '.join(other)}; "
+            f"check a run of 'bench run --suite {manifest['suite']}' with its defaults"
+        )
+
+
+def _stale_tables(directory: Path, made: Sequence[Writable]) -> list[str]:
+    """Table files that do not say what the records say."""
+    stale = []
+    for name, text in table_files(made).items():
+        path = directory / TABLES / name
+        if not path.is_file() or path.read_bytes() != text.encode():
+            stale.append(
+                f"{path}: not what the records give; 'bench table {directory}' restores it"
+            )
+    return stale
+
+
+def _check_stated(directory: Path) -> Verdict:
+    """What a stability run has found, by its tables: each outcome that nobody has stated."""
+    found = read_outcomes(directory / TABLES)
+    return Verdict(
+        len(found),
+        tuple(
+            f"{o.subject}, {o.case}: {o.observed}; stated was: {o.expected}"
+            for o in found
+            if o.kind == "unexpected"
+        ),
+        (),
+    )
+
+
+def _cell(row: Row) -> tuple[str, str, str, str]:
+    return row.method, row.condition, row.class_name, row.metric
+
+
+def _against_paper(made: list[Table]) -> list[str]:
+    """For each metric that the paper has: in how many cells the same road is ahead."""
+    rows = {_cell(row): row for table in made for row in table.rows}
+    sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants
+    if any(method == PAPER_NETWORK for method, *_ in rows):  # of all classes
+        network = PAPER_NETWORK
+    same: dict[str, list[bool]] = {}
+    for (method, condition, class_name, metric), ours in rows.items():
+        other = rows.get((network, condition, class_name, metric))
+        if method != sr or other is None:
+            continue
+        ahead, ahead_in_paper = ours.value - other.value, ours.paper - other.paper
+        if math.isfinite(ahead) and math.isfinite(ahead_in_paper):
+            same.setdefault(metric, []).append(np.sign(ahead) == np.sign(ahead_in_paper))
+    return [
+        f"paper: {metric}: the same method is ahead in {sum(agree)} of {len(agree)} cells"
+        for metric, agree in same.items()
+    ]

@@ -1,0 +1,178 @@
+"""What was understood of a dataset, and what is missing or odd in it: `bench data inspect`.
+
+Folders are listed in full; files are read of some objects of each class, in workers, because nobody
+vouches for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.running.isolation import Limits, Lost, run_tasks
+from bench.running.progress import progress
+from data_prep.dataset import Dataset
+from data_prep.dataset_paper import VIEWS, PaperObject
+from data_prep.datasets import layout_of, open_dataset
+from data_prep.examine_paper import READINGS, agreement, oddities
+from data_prep.failures import BadInput, MissingDependency
+from data_prep.randomness import generator
+from data_prep.scene_objects import SceneObject
+from data_prep.split_lists import listed
+from data_prep.untrusted import is_regular_file
+
+LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
+ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
+# Readings of the angles closer than this are not told apart: an object that looks nearly the same
+# from both sides, with the outermost points of its outlines beside its pixels.
+INDIFFERENCE = 0.01
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """The lines of a report, and what is irregular, a line each."""
+
+    spec: str
+    lines: tuple[str, ...]
+    irregular: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Examined:
+    """What an object showed: what is odd, and where; how well its cloud fits its pictures."""
+
+    odd: tuple[tuple[str, str], ...]
+    agreement: tuple[float, ...] | None = None
+
+
+def inspect(location: str, sample: int, workers: int) -> Inspection:
+    """Look at a dataset ("shapenet:PATH"), or at a folder, whose layout is found out.
+
+    `sample` objects of each class are read, spread over those that are measured. Raises BadInput
+    where there is nothing to be used at all.
+    """
+    if sample < 0:
+        raise BadInput(f"--sample {sample}: must be at least 0")
+    spec = location if _is_spec(location) else f"{layout_of(location)}:{location}"
+    dataset = open_dataset(spec)
+    chosen = _sample(dataset, sample)
+    examined: dict[str, _Examined] = {}
+    with progress("reading", len(chosen)) as advance:
+        for obj, found in run_tasks(chosen, _examine, max(1, min(workers, len(chosen))), LIMITS):
+            if isinstance(found, Lost):
+                found = _Examined((("it cannot be read", found.reason),))
+            examined[f"{obj.class_name}/{obj.object_id}"] = found
+            advance(sum(bool(one.odd) for one in examined.values()))
+    fit, misfit = _fit(examined)
+    irregular = (*dataset.irregular, *_without_pictures(dataset), *_grouped(examined), *misfit)
+    lines = (
+        f"layout       {dataset.layout}",
+        f"orientation  {dataset.orientation}",
+        *_counts(dataset),
+        f"read         {len(chosen)} objects",
+        *fit,
+    )
+    return Inspection(spec, lines, irregular)
+
+
+def _is_spec(location: str) -> bool:
+    kind, colon, _ = location.partition(":")
+    kinds = ("procedural", "folder", "shapenet", "modelnet", "paper")
+    return location == "procedural" or bool(colon and kind in kinds)
+
+
+def _counts(dataset: Dataset) -> list[str]:
+    """Objects by class and split."""
+    if dataset.finite is None:
+        return [f"classes      {', '.join(dataset.classes)}: as many objects as one asks for"]
+    if not dataset.classes:
+        return [f"classes      none: {len(dataset.finite)} objects for any class"]
+    pools: dict[str, Sequence[SceneObject]] = {str(s): o for s, o in dataset.splits.items()}
+    pools = pools or {"objects": dataset.finite}
+    lines = []
+    for name in (*dataset.classes, "all"):
+        counts = [
+            f"{split} {sum(name in ('all', obj.class_name) for obj in objects)}"
+            for split, objects in pools.items()
+        ]
+        lines.append(f"class        {name}: {', '.join(counts)}")
+    if not dataset.splits:
+        lines.append("splits       none: all objects are taken")
+    return lines
+
+
+def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
+    chosen: list[SceneObject] = []
+    for name in dataset.classes or ("",):
+        if dataset.finite is None:
+            chosen += dataset.objects(name, min(sample, ENDLESS_SAMPLE), 0)
+            continue
+        pool = dataset.splits.get(dataset.measured, ()) or dataset.finite
+        own = [obj for obj in pool if not name or obj.class_name == name]
+        rows = np.linspace(0, len(own) - 1, min(sample, len(own))).round().astype(int)
+        chosen += [own[row] for row in rows]
+    return chosen
+
+
+def _examine(obj: SceneObject) -> _Examined:
+    if isinstance(obj, PaperObject):
+        odd = tuple(oddities(obj))
+        try:
+            return _Examined(odd, tuple(agreement(obj)))
+        except BadInput:  # told above
+            return _Examined(odd)
+    try:
+        obj.cloud(generator("inspect"))
+    except MissingDependency:
+        raise
+    except BadInput as error:
+        return _Examined((("it cannot be used", str(error)),))
+    return _Examined(())
+
+
+def _grouped(examined: Mapping[str, _Examined]) -> list[str]:
+    """What is odd about the objects that were read, a line for each kind."""
+    groups: dict[str, dict[str, str]] = {}
+    for name, found in sorted(examined.items()):
+        for kind, where in found.odd:
+            groups.setdefault(kind, {}).setdefault(name, where)
+    lines = []
+    for kind, where in groups.items():
+        name, detail = next(iter(where.items()))
+        lines.append(f"{len(where)} of {len(examined)} read: {kind} (first {name}: {detail})")
+    return lines
+
+
+def _without_pictures(dataset: Dataset) -> list[str]:
+    """Objects that have a folder of pictures with gaps."""
+    gaps, blind = [], []
+    for obj in dataset.finite or ():
+        if isinstance(obj, PaperObject) and obj.renders.is_dir():
+            missing = sum(not is_regular_file(path) for path in obj.picture_files())
+            name = f"{obj.class_name}/{obj.object_id}"
+            if missing:
+                gaps.append(f"{name} ({missing})")
+            if not is_regular_file(obj.renders / VIEWS):
+                blind.append(name)
+    return [
+        *([f"{len(gaps)} objects lack pictures: {listed(gaps)}"] if gaps else []),
+        *([f"{len(blind)} objects lack {VIEWS}: {listed(blind)}"] if blind else []),
+    ]
+
+
+def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
+    """How well clouds and pictures agree, and whether another reading of the angles is better."""
+    shares = [found.agreement for found in examined.values() if found.agreement is not None]
+    if not shares:
+        return [], []
+    means = np.mean(shares, axis=0)
+    best = 1 + int(np.argmax(means[1:]))
+    sense, turn = READINGS[best]
+    other = f"{'the same' if sense > 0 else 'the other'} sense, turned by {turn} degrees"
+    told = f"{means[0]:.1%} of the points fall on the object in their pictures"
+    against = f"{means[best]:.1%} for the next best reading of the azimuth ({other})"
+    if means[best] > means[0] + INDIFFERENCE:
+        return [], [f"angles do not fit: {told}, {against}"]
+    return [f"angles       {told}; {against}"], []

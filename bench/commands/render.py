@@ -1,0 +1,133 @@
+"""`bench render`: a picture of a cloud, a sheet by several methods, or a turntable of either."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.rendering.cloud import (
+    CloudFile,
+    Dots,
+    Drawing,
+    Failed,
+    Wanted,
+    draw_each,
+    make_view,
+)
+from bench.rendering.files import MOVING, moves, write_pictures
+from bench.rendering.sheet import Tile, columns_of, draw_sheet
+from bench.running.environment import cores
+from bench.running.progress import progress
+from bench.running.work import Pictures
+from bench.tables.markdown import visible
+from data_prep.failures import BadInput
+from data_prep.scene import View
+from data_prep.upright import upright
+
+FRAMES = 36
+MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
+SHEET_SCALE = 2
+CLOUD = "cloud"  # the label of the dots
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is to be drawn by which methods, seen from where.
+
+    out     a picture, or a turntable by its name
+    frames  of a turntable, which begins at the azimuth and goes all around; None: FRAMES
+    """
+
+    file: CloudFile
+    methods: tuple[str, ...]
+    azimuth_deg: float
+    elevation_deg: float
+    out: Path
+    frames: int | None = None
+    device: str = "auto"
+
+
+def render(wish: Wish) -> dict[str, str]:
+    """Draw it and write it, unless all methods fail. Gives the reasons of those that do.
+
+    One method gives its pictures as they are. Several give a sheet: the points as dots, then a
+    tile for each method, with the reason in it where there is no picture. Raises BadInput for what
+    cannot be had; where the wish alone tells, before a worker is started.
+    """
+    check(wish)
+    views = views_of(wish)
+    drawings = [Drawing(method, views, wish.device) for method in dict.fromkeys(wish.methods)]
+    dots = [Dots(views)] if len(drawings) > 1 else []
+    drawn = _drawn(wish.file, [*dots, *drawings])
+    failed = {
+        one.method: remedied(pictures, wish.file)
+        for one, pictures in drawn.items()
+        if isinstance(one, Drawing) and isinstance(pictures, Failed)
+    }
+    if len(failed) < len(drawings):
+        write_pictures(_frames(drawn), wish.out)
+    return failed
+
+
+def remedied(failed: Failed, file: CloudFile) -> str:
+    """The reason, and the remedy where points may be too many."""
+    spent = failed.reason.startswith(("timeout: ", "memory: "))
+    return f"{failed.reason}{'; --points 20000 would take less' if spent and not file.most else ''}"
+
+
+def check(wish: Wish) -> None:
+    """Raises BadInput for what no file and no method could mend."""
+    turns = moves(wish.out)
+    if wish.frames is not None and not turns:
+        raise BadInput(
+            f"--frames {wish.frames}: {wish.out} is one picture; give a turntable's name, "
+            f"{' or '.join(MOVING)}"
+        )
+    if wish.frames is not None and not 2 <= wish.frames <= MOST_FRAMES:
+        raise BadInput(f"--frames {wish.frames}: must be 2 to {MOST_FRAMES}")
+    if wish.file.most is not None and wish.file.most < 1:
+        raise BadInput(f"--points {wish.file.most}: must be at least 1")
+    upright(np.empty((0, 3)), wish.file.up, wish.file.front)
+
+
+def views_of(wish: Wish) -> tuple[View, ...]:
+    """The view, or all of a turntable. Raises BadInput for angles that there are not."""
+    first = make_view(wish.azimuth_deg, wish.elevation_deg)
+    if not moves(wish.out):
+        return (first,)
+    frames = wish.frames or FRAMES
+    return tuple(
+        View(first.azimuth_deg + 360 * i / frames, first.elevation_deg) for i in range(frames)
+    )
+
+
+def _drawn(file: CloudFile, wanted: Sequence[Wanted]) -> dict[Wanted, Pictures | Failed]:
+    """All of it, in the order in which it was wanted; progress where there is time for some."""
+    quick = len(wanted) == 1 and len(wanted[0].views) == 1
+    done: dict[Wanted, Pictures | Failed] = {}
+    with nullcontext() if quick else progress("drawing", len(wanted)) as advance:
+        for one, pictures in draw_each(file, wanted, min(len(wanted), cores())):
+            done[one] = pictures
+            if advance is not None:
+                advance(sum(isinstance(pictures, Failed) for pictures in done.values()))
+    return {one: done[one] for one in wanted}
+
+
+def _frames(drawn: Mapping[Wanted, Pictures | Failed]) -> Pictures:
+    """What is written: the pictures of the only method, or a sheet."""
+    if len(drawn) == 1:
+        (pictures,) = drawn.values()
+        assert not isinstance(pictures, Failed)
+        return pictures
+    tiles = [
+        Tile(
+            visible(one.method) if isinstance(one, Drawing) else CLOUD,
+            visible(shown.reason) if isinstance(shown, Failed) else shown,
+        )
+        for one, shown in drawn.items()
+    ]
+    return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)

@@ -1,0 +1,131 @@
+"""What `bench run` would do, told in full; nothing is done."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import find_extractor
+from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
+from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
+from bench.records.record import GROUND_TRUTH
+from bench.running.estimate import Cell
+from bench.running.options import Options, protocol_of
+from bench.running.prospect import Prospect, look_ahead, refuse_small
+from bench.running.protocol import Protocol, method_identity
+from bench.tables.markdown import cell, row, visible
+
+FID = "fid"
+
+
+def dry_run(options: Options) -> str:
+    """Protocol, jobs to be done and done before, folder and weights files, as text.
+
+    Raises BadInput as the run would, and for the suites that are not made of items.
+    """
+    suite = find(options.suite, (*SUITES, LATENT, STABILITY, SPEED), "suite")
+    if not isinstance(suite, Suite):
+        raise refuse_small(suite.id, "--dry-run")
+    protocol, skipped = _protocol(suite, options)
+    prospect = look_ahead(options, protocol)
+    return "\n".join(
+        [
+            *(f"{name:<13}{visible(text)}" for name, text in _settings(prospect, options)),
+            *_section("methods", _methods(protocol)),
+            *_section("weights", _weights(protocol)),
+            *_section("skipped", skipped),
+            "",
+            *_jobs(prospect),
+        ]
+    )
+
+
+def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]:
+    """As `protocol_of`; what would be downloaded is taken to be there, and is not fetched."""
+    if options.inception_weights != DOWNLOAD:
+        return protocol_of(suite, options)
+    protocol, skipped = protocol_of(suite, replace(options, inception_weights=None))
+    if FID not in skipped:
+        return protocol, skipped
+    features = dict(protocol.features)
+    features[FID] = "to be downloaded first"
+    identity = f"{find_extractor(FID).version} {WEIGHTS_SHA256}"
+    protocol = replace(
+        protocol,
+        features=tuple((name, features[name]) for name in suite.extractors if name in features),
+        feature_identity={**protocol.feature_identity, FID: identity},
+    )
+    return protocol, {name: why for name, why in skipped.items() if name != FID}
+
+
+def _settings(prospect: Prospect, options: Options) -> list[tuple[str, str]]:
+    protocol = prospect.protocol
+    suite, classes = protocol.suite, Counter(obj.class_name for obj in protocol.objects)
+    taken = dict(protocol.features)
+    by_features = [metric for metric in suite.set_metrics if metric in taken]
+    cores = f"{prospect.workers} processes of this machine"
+    return [
+        ("suite", f"{suite.id}: {suite.about}"),
+        ("dataset", protocol.dataset),
+        ("shard", str(protocol.shard) if protocol.shard else "the whole"),
+        ("objects", ", ".join(f"{number} {name}" for name, number in classes.items())),
+        ("conditions", ", ".join(protocol.conditions)),
+        ("views", str(protocol.views)),
+        ("seed", str(protocol.seed)),
+        ("device", protocol.device),
+        ("workers", f"those of the Ray cluster {options.ray}" if options.ray else cores),
+        ("limits", f"{suite.limits.time_s:g} s and {suite.limits.memory_gib:g} GiB an item"),
+        ("metrics", ", ".join([*suite.image_metrics, *suite.detail_metrics, *by_features])),
+        ("of a judge", ", ".join(suite.control_metrics) or "nothing"),
+        ("environment", ", ".join(f"{k} {v}" for k, v in protocol.environment.items())),
+        ("folder", f"{prospect.directory} ({_folder(prospect, options)})"),
+    ]
+
+
+def _folder(prospect: Prospect, options: Options) -> str:
+    if not prospect.directory.exists():
+        return "new"
+    return "the run there would be renamed" if options.fresh else "there already"
+
+
+def _methods(protocol: Protocol) -> dict[str, str]:
+    found = {}
+    for method in protocol.methods:
+        version, libraries, _ = method_identity(method, protocol.device)
+        found[method] = f"version {version}" + (f", {libraries}" if libraries else "")
+    return found
+
+
+def _weights(protocol: Protocol) -> dict[str, str]:
+    files = {method: find_method(method).weights_file for method in protocol.methods}
+    return {method: str(file()) for method, file in files.items() if file} | dict(protocol.features)
+
+
+def _section(title: str, lines: Mapping[str, str]) -> list[str]:
+    shown = [f"  {visible(name):<24} {visible(text)}" for name, text in lines.items()]
+    return ["", f"{title}:", *shown] if lines else []
+
+
+def _jobs(prospect: Prospect) -> list[str]:
+    """How many are to be done, and how many are there, by method and condition."""
+    left, protocol = prospect.left, prospect.protocol
+    objects = len(protocol.objects)
+    truths = left[GROUND_TRUTH, ""]
+    items = sum(left.values()) - truths
+    every = len(prospect.todo.items)
+
+    def to_do(place: Cell) -> str:
+        there = objects - left[place]
+        return f"{left[place]} + {there} there" if there else str(left[place])
+
+    return [
+        f"ground truths: {truths} to be done, {objects - truths} there",
+        f"items: {items} to be done, {every - items} there",
+        "",
+        row(["method", *(cell(c) for c in protocol.conditions)]),
+        "|---" * (1 + len(protocol.conditions)) + "|",
+        *(row([cell(m), *(to_do((m, c)) for c in protocol.conditions)]) for m in protocol.methods),
+    ]

@@ -1,0 +1,361 @@
+"""Training of the judge of drawn pictures (see `bench.judges.judge`), on true pictures alone.
+
+Two pictures of one chair shall have codes closer to each other than to those of the other chairs
+of the batch (InfoNCE). So that this cannot be had by colour, each picture is repainted and damaged
+on its own (`augment`), and the same features have to tell the rough shape of the chair's cloud.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import save
+from torch import Tensor, nn
+from torch.nn import functional
+
+from bench.commands.train import training_set
+from bench.judges import JUDGE_WEIGHTS
+from bench.judges.judge import (
+    ELEVATION_UNIT_DEG,
+    FEATURES,
+    JudgeNetwork,
+    darkness,
+    greyscale,
+    judge,
+    load_judge_network,
+)
+from data_prep.datasets import MeshObject, ProceduralObject, SceneObject, Split
+from data_prep.failures import BadInput
+from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.scene import Mesh
+from data_prep.whole_files import write_whole
+
+OBJECTS = 48  # a batch is two pictures of each
+LEARNING_RATE = 2e-3
+WARM_UP = 0.05  # of all steps
+WEIGHT_DECAY = 0.05
+TEMPERATURE = 0.1
+VIEW_WEIGHT = 6.0  # makes the terms of the loss alike in size half-way through the training
+SHAPE_WEIGHT = 0.5
+SHAPE_CELLS = 8  # a side of the grid that describes a cloud
+SHAPE_NUMBERS = 24
+VALIDATION = (100, 8)  # objects, views
+LINES = 16  # of progress, each with a validation and, where that is the best so far, a file
+CHUNK = 250  # objects rendered at a time: colours are let go before they fill the memory
+
+
+@dataclass(frozen=True)
+class Scores:
+    """On objects not trained on: median errors in degrees, and the share of objects found.
+
+    An object is found where, of all validation objects, its mean code over the other true views is
+    the nearest to the picture's (Euclidean).
+    """
+
+    azimuth_deg: float
+    elevation_deg: float
+    retrieval: float
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """N objects from V views each, without colours.
+
+    painted        uint8 [N, V, 128, 128], luma of the true pictures
+    neutral        uint8 [N, V, 128, 128], the same objects in uniform grey
+    azimuth_deg    float64 [N, V], -180..180
+    elevation_deg  float64 [N, V], -40..40
+    clouds         float32 [N, 2048, 3], unit-sphere coordinates
+    """
+
+    painted: NDArray[np.uint8]
+    neutral: NDArray[np.uint8]
+    azimuth_deg: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64]
+    clouds: NDArray[np.float32]
+
+
+def train_judge(
+    objects: int, views: int, steps: int, seed: int, out: Path = JUDGE_WEIGHTS
+) -> dict[str, Scores]:
+    """Train on `objects` of the procedural train split; the scores of the weights in `out`.
+
+    The scores are for validation pictures as they are ("true"), "blurred" (sigma 1.5 px) and in
+    uniform grey ("neutral"). AdamW with a cosine schedule to nought. The file is written whole,
+    each time the validation is better than before, where 4 degrees of azimuth weigh as much as a
+    tenth of the objects found. Raises BadInput for fewer objects or views than a batch holds.
+    """
+    if objects < OBJECTS or views < 2 or steps < 1:
+        raise BadInput(
+            f"--objects {objects} --views {views} --steps {steps}: "
+            f"give at least {OBJECTS} objects, 2 views and 1 step"
+        )
+    torch.manual_seed(seed)
+    torch.set_flush_denormal(True)  # late in the training they make steps several times slower
+    data, validation = pictures("train", objects, views), pictures("validation", *VALIDATION)
+    training = _Training(data, steps, seed)
+    best, start, total = -math.inf, time.monotonic(), 0.0
+    every = math.ceil(steps / LINES)
+    for step in range(1, steps + 1):
+        total += training.step()
+        if step % every and step < steps:
+            continue
+        if not math.isfinite(total):
+            raise FloatingPointError(f"step {step}: the loss is not finite; {out} is as it was")
+        done = score(training.network.eval(), validation)
+        training.network.train()
+        seconds = time.monotonic() - start
+        loss, total = total / ((step - 1) % every + 1), 0.0
+        print(f"step {step}/{steps}, {seconds:.0f} s: loss {loss:.3f}, {done}", flush=True)
+        merit = done.retrieval - done.azimuth_deg / 40
+        if merit > best:
+            best = merit
+            write_whole(out, save(_compact(training.network)))
+    network = load_judge_network(out)
+    return {
+        name: score(network, validation, queries)
+        for name, queries in {
+            "true": validation.painted,
+            "blurred": blurred(validation.painted, 1.5),
+            "neutral": validation.neutral,
+        }.items()
+    }
+
+
+class _Training:
+    """Everything that a step changes."""
+
+    def __init__(self, data: Pictures, steps: int, seed: int) -> None:
+        self.network = JudgeNetwork()
+        self.shape = nn.Linear(FEATURES, SHAPE_NUMBERS)  # an aid to the training only
+        self.painted = torch.from_numpy(data.painted)
+        self.neutral = torch.from_numpy(data.neutral)
+        azimuth = np.radians(data.azimuth_deg)
+        view = [np.sin(azimuth), np.cos(azimuth), data.elevation_deg / ELEVATION_UNIT_DEG]
+        self.view = torch.from_numpy(np.stack(view, axis=-1).astype(np.float32))
+        self.shapes = torch.from_numpy(shape_descriptors(data.clouds))
+        parameters = [*self.network.parameters(), *self.shape.parameters()]
+        self.optimizer = torch.optim.AdamW(parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+        warm_up = max(1, round(WARM_UP * steps))
+        self.schedule = torch.optim.lr_scheduler.LambdaLR(
+            self.optimizer,
+            lambda s: min((s + 1) / warm_up, (1 + math.cos(math.pi * s / steps)) / 2),
+        )
+        self.random = torch.Generator().manual_seed(seed)
+        self.order = torch.empty(0, dtype=torch.long)
+
+    def step(self) -> float:
+        """One step on two pictures of each of OBJECTS objects; the loss."""
+        if len(self.order) < OBJECTS:
+            self.order = torch.randperm(len(self.view), generator=self.random)
+        objects, self.order = self.order[:OBJECTS], self.order[OBJECTS:]
+        chosen = torch.rand(self.view.shape[1], OBJECTS, generator=self.random).argsort(0)[:2]
+        rows, columns = objects.repeat(2), chosen.flatten()
+        # A mirrored chair from the other side: both its pictures, hence a chair like any other.
+        mirrored = (torch.rand(OBJECTS, generator=self.random) < 0.5).repeat(2)
+        images = augment(
+            darkness(self.painted[rows, columns]),
+            darkness(self.neutral[rows, columns]),
+            self.random,
+        )
+        images = torch.where(mirrored[:, None, None, None], images.flip(3), images)
+        view = self.view[rows, columns]
+        view[:, 0] = torch.where(mirrored, -view[:, 0], view[:, 0])
+        with torch.autocast("cpu", torch.bfloat16):
+            features = self.network.body(images.contiguous(memory_format=torch.channels_last))
+        features = features.float()
+        answers = self.network.answers(features)
+        loss = (
+            contrast(answers[:, 3:])
+            + VIEW_WEIGHT * functional.smooth_l1_loss(answers[:, :3], view, beta=0.1)
+            + SHAPE_WEIGHT
+            * functional.smooth_l1_loss(self.shape(features), self.shapes[mirrored.long(), rows])
+        )
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self.optimizer.step()
+        self.schedule.step()
+        return float(loss.detach())
+
+
+def contrast(codes: Tensor) -> Tensor:
+    """InfoNCE of codes [2 N, d] of length 1; rows i and i + N are the same object.
+
+    The mean of -log of the share that the partner has among all others, by exp(cosine / 0.1).
+    """
+    likeness = codes @ codes.T / TEMPERATURE
+    likeness = likeness.masked_fill(torch.eye(len(codes), dtype=torch.bool), -math.inf)
+    return functional.cross_entropy(likeness, torch.arange(len(codes)).roll(len(codes) // 2))
+
+
+def augment(painted: Tensor, neutral: Tensor, random: torch.Generator) -> Tensor:
+    """Pictures as a method may draw them: darkness [N, 1, 128, 128] in 0..1, each on its own terms.
+
+    `painted` and `neutral` are darkness of the same pictures in their colours and in uniform grey.
+    Colours fade towards grey, brightness, contrast and gamma of the object change while white stays
+    white; some pictures lose thin parts or a patch, some are blurred or were drawn smaller, and the
+    background is not quite clean.
+    """
+    count = len(painted)
+
+    def uniform(low: float, high: float) -> Tensor:
+        return low + (high - low) * torch.rand(count, 1, 1, 1, generator=random)
+
+    def some(share: float) -> Tensor:
+        return (torch.rand(count, generator=random) < share).nonzero().flatten()
+
+    x = torch.lerp(neutral, painted, uniform(-0.6, 1.4).clamp(0, 1))  # each end in 3 of 10
+    x = x.clamp_min(1e-6) ** torch.exp(uniform(-0.5, 0.5)) * torch.exp(uniform(-0.5, 0.3))
+    thin = some(0.15)
+    eroded = -functional.max_pool2d(-x[thin], 3, 1, 1)  # lines of up to 2 px go
+    x[thin] = torch.minimum(functional.max_pool2d(eroded, 3, 1, 1), x[thin])
+    for i in some(0.25).tolist():
+        high, wide, top, left = (torch.rand(4, generator=random) * 24 + 4).int().tolist()
+        top, left = 4 * top - 16, 4 * left - 16  # 0..95
+        x[i, :, top : top + high, left : left + wide] = 0
+    smaller = some(0.2)
+    side = int(torch.randint(40, 112, (1,), generator=random))
+    small = functional.interpolate(x[smaller], (side, side), mode="area")
+    x[smaller] = functional.interpolate(small, x.shape[2:], mode="bilinear")
+    soft = some(0.55)
+    x[soft] = blur(x[soft], uniform(0.3, 2.0).flatten()[soft])
+    clouding = torch.randn(count, 1, 8, 8, generator=random) * uniform(-0.04, 0.04).clamp_min(0)
+    x = x + functional.interpolate(clouding, x.shape[2:], mode="bilinear")
+    x = x + torch.randn(x.shape, generator=random) * uniform(-0.03, 0.04).clamp_min(0)
+    return x.clamp(0, 1)
+
+
+def blur(images: Tensor, sigma_px: Tensor) -> Tensor:
+    """Gaussian blur of [N, 1, H, W], each by its own sigma [N] in pixels, 0 < sigma <= 2.
+
+    Outside the picture it is dark by nought.
+    """
+    reach = torch.arange(-6.0, 7.0)
+    kernel = torch.exp(-0.5 * (reach / sigma_px[:, None]) ** 2)
+    kernel = (kernel / kernel.sum(1, keepdim=True))[:, None]
+    x, count = images.transpose(0, 1), len(images)
+    if count == 0:
+        return images
+    x = functional.conv2d(x, kernel[:, :, :, None], padding=(6, 0), groups=count)
+    return functional.conv2d(x, kernel[:, :, None, :], padding=(0, 6), groups=count).transpose(0, 1)
+
+
+def blurred(grey: NDArray[np.uint8], sigma_px: float) -> NDArray[np.uint8]:
+    """Luma uint8 [..., 128, 128], blurred and rounded."""
+    flat = torch.from_numpy(grey.reshape(-1, *grey.shape[-2:]))
+    parts = [blur(darkness(p), torch.full((len(p),), sigma_px)) for p in flat.split(64)]
+    light = 255 * (1 - torch.cat(parts)[:, 0])
+    return (light + 0.5).floor().clamp(0, 255).to(torch.uint8).numpy().reshape(grey.shape)
+
+
+def shape_descriptors(clouds: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Rough shapes of clouds [N, P, 3] in the unit sphere: float32 [2, N, SHAPE_NUMBERS].
+
+    Row 0 is for the objects, row 1 for their mirror images (x to -x). The square root of the share
+    of points in each cell of a grid, on its first principal components over all, each with variance
+    1; where the objects are fewer than the components, the rest is nought.
+    """
+    count, cells = len(clouds), SHAPE_CELLS
+    place = np.clip((clouds + 1) / 2 * cells, 0, cells - 1e-3).astype(int)
+    index = (place[..., 0] * cells + place[..., 1]) * cells + place[..., 2]
+    grid = np.stack([np.bincount(row, minlength=cells**3) for row in index]) / clouds.shape[1]
+    grid = np.sqrt(grid).reshape(count, cells, cells, cells)
+    both = np.concatenate([grid, grid[:, ::-1]]).reshape(2 * count, -1)
+    left, values, _ = np.linalg.svd(both - both.mean(0), full_matrices=False)
+    kept = min(SHAPE_NUMBERS, int((values > 1e-6 * values[0]).sum()))
+    numbers = np.zeros((2 * count, SHAPE_NUMBERS), np.float32)
+    numbers[:, :kept] = left[:, :kept] * math.sqrt(2 * count)
+    return numbers.reshape(2, count, -1)
+
+
+def pictures(split: Split, count: int, views: int) -> Pictures:
+    """The first `count` chairs of a split of the procedural set, rendered twice."""
+    objects = [ProceduralObject("chair", split, i) for i in range(count)]
+    painted, neutral, angles, clouds = [], [], [], []
+    for start in range(0, count, CHUNK):
+        chunk = objects[start : start + CHUNK]
+        made = training_set(tuple(chunk), views)
+        painted.append(greyscale(made.images))
+        angles.append((made.azimuth_deg, made.elevation_deg))
+        clouds.append(made.clouds)
+        neutral.append(greyscale(training_set(tuple(map(Unpainted, chunk)), views).images))
+    azimuth, elevation = (np.concatenate(each) for each in zip(*angles, strict=True))
+    return Pictures(
+        np.concatenate(painted), np.concatenate(neutral), azimuth, elevation, np.concatenate(clouds)
+    )
+
+
+@dataclass(frozen=True)
+class Unpainted(MeshObject):
+    """An object in uniform grey, with the name of the original: hence seen from the same views."""
+
+    original: SceneObject
+
+    @property
+    def class_name(self) -> str:
+        """The original's."""
+        return self.original.class_name
+
+    @property
+    def object_id(self) -> str:
+        """The original's."""
+        return self.original.object_id
+
+    def fingerprint(self) -> str:
+        """Differs from the original's."""
+        return f"unpainted {self.original.fingerprint()}"
+
+    def load(self) -> Mesh:
+        """The original's mesh without its colours."""
+        mesh = self.original.load()
+        grey = np.broadcast_to(np.array(NEUTRAL_GREY, np.uint8), mesh.face_colors.shape)
+        return Mesh(mesh.vertices, mesh.faces, grey)
+
+
+def score(
+    network: JudgeNetwork, truth: Pictures, queries: NDArray[np.uint8] | None = None
+) -> Scores:
+    """How well the network judges `queries`, luma uint8 [N, V, 128, 128]; default: the true ones.
+
+    Codes of objects are always means over true pictures.
+    """
+    true = _judge_luma(network, truth.painted)
+    found = true if queries is None else _judge_luma(network, queries)
+    azimuth = np.degrees(np.arctan2(found[..., 0], found[..., 1]))
+    turn = (azimuth - truth.azimuth_deg + 180) % 360 - 180
+    tilt = ELEVATION_UNIT_DEG * found[..., 2] - truth.elevation_deg
+    return Scores(
+        float(np.median(np.abs(turn))),
+        float(np.median(np.abs(tilt))),
+        retrieval(true[..., 3:], found[..., 3:]),
+    )
+
+
+def retrieval(gallery: NDArray[np.float32], queries: NDArray[np.float32]) -> float:
+    """Share of queries [N, V, d] whose own object is the nearest of all N.
+
+    A query of view v meets each object's mean of `gallery` [N, V, d] over its views but v.
+    """
+    count, views = queries.shape[:2]
+    means = (gallery.sum(1, keepdims=True) - gallery) / (views - 1)
+    distance = np.linalg.norm(queries[:, None] - means[None], axis=-1)  # [query, object, view]
+    return float((distance.argmin(1) == np.arange(count)[:, None]).mean())
+
+
+def _judge_luma(network: JudgeNetwork, grey: NDArray[np.uint8]) -> NDArray[np.float32]:
+    images = grey.reshape(-1, *grey.shape[2:], 1).repeat(3, axis=-1)
+    return judge(network, images).reshape(*grey.shape[:2], -1)
+
+
+def _compact(network: JudgeNetwork) -> dict[str, Tensor]:
+    """The state with kernels in half precision: 3 MB. Statistics keep their range."""
+    return {
+        name: (value.half() if value.ndim > 1 else value).contiguous()
+        for name, value in network.state_dict().items()
+    }

@@ -1,0 +1,25 @@
+"""The metrics of the benchmark, by the names that other people's scripts may rely on.
+
+Pure functions in float64. Each is imported when it is asked for, because `bench list` needs none;
+what must run a network first (the features of a Fréchet distance) is in `bench.metrics.inception`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bench.metrics.frechet import frechet_distance
+    from bench.metrics.structural_similarity import ssim
+
+__all__ = ["frechet_distance", "ssim"]
+
+_MODULES = {"frechet_distance": "frechet", "ssim": "structural_similarity"}
+
+
+def __getattr__(name: str) -> object:
+    """A metric, from the module that has it. Raises AttributeError for other names."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'bench.metrics' has no attribute '{name}'")
+    return getattr(import_module(f"bench.metrics.{_MODULES[name]}"), name)

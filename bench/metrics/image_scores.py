@@ -1,0 +1,26 @@
+"""All scores of pictures against the true ones, by the names of the columns of a record."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.metrics.foreground import object_boxes
+from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.structural_similarity import ssim_per_image_and_box
+from bench.metrics.thin_parts import thin_scores
+
+
+def scores(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
+    """Scores [V] of pictures uint8 [V, H, W, 3]; NaN where a picture has no such score.
+
+    One SSIM map gives the first five.
+    """
+    whole, in_box = ssim_per_image_and_box(truth, pictures, object_boxes(truth))
+    thin = thin_scores(truth, pictures)
+    return whole._asdict() | {
+        "ssim_object": in_box,
+        "silhouette_iou": silhouette_iou(truth, pictures),
+        "thin_recall": thin.recall,
+        "thin_precision": thin.precision,
+    }

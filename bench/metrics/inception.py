@@ -1,0 +1,327 @@
+"""The Inception network behind FID: the graph of 2015-12-05 with its published weights.
+
+It is the "pool_3" feature extractor of TTUR (bioinf-jku/TTUR, `inception-2015-12-05.tgz`), with the
+state dict of torch-fidelity 0.4 (toshas/torch-fidelity, `weights-inception-2015-12-05`). Szegedy et
+al. 2015, https://arxiv.org/abs/1512.00567, but with the differences that the trained graph has from
+the later, published Inception v3 and that move every FID:
+
+* images are resized to 299 x 299 by the bilinear rule of TensorFlow 1 (pixel i of the output reads
+  position i * in / out: no half-pixel centres, no antialiasing), then (x - 128) / 128;
+* average pooling leaves the padding out of the count;
+* the last block pools by maximum;
+* the classifier has 1,008 outputs. FID does not read them.
+
+Only distances of features from this network with these weights are called FID.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from bench.metrics.inception_weights import read_weights
+
+FEATURES = 2048
+_INPUT_SIZE = 299
+
+
+# --- the network as a table -----------------------------------------------------------------------
+
+
+class _Conv(NamedTuple):
+    """Convolution without bias, batch norm (eps 1e-3), ReLU; its name is part of the state dict."""
+
+    name: str
+    out: int
+    kernel: tuple[int, int]
+    stride: int = 1
+    padded: bool = True  # 'same'; convolutions of stride 2 never are
+
+
+class _Branch(NamedTuple):
+    """A pool (or none), a chain of convolutions, and a fork whose prongs are concatenated."""
+
+    chain: tuple[_Conv, ...] = ()
+    fork: tuple[_Conv, ...] = ()
+    pool: str = "none"  # "none", "average" (3, stride 1), "max" (3, stride 1), "reduce" (max 3, 2)
+
+
+class _Mixed(NamedTuple):
+    """Branches side by side, concatenated in this order."""
+
+    name: str
+    branches: tuple[_Branch, ...]
+
+
+def _half(name: str, out: int) -> _Conv:
+    return _Conv(name, out, (3, 3), stride=2, padded=False)
+
+
+def _mixed_35(name: str, pooled: int) -> _Mixed:
+    return _Mixed(
+        name,
+        (
+            _Branch((_Conv("branch1x1", 64, (1, 1)),)),
+            _Branch((_Conv("branch5x5_1", 48, (1, 1)), _Conv("branch5x5_2", 64, (5, 5)))),
+            _Branch(
+                (
+                    _Conv("branch3x3dbl_1", 64, (1, 1)),
+                    _Conv("branch3x3dbl_2", 96, (3, 3)),
+                    _Conv("branch3x3dbl_3", 96, (3, 3)),
+                )
+            ),
+            _Branch((_Conv("branch_pool", pooled, (1, 1)),), pool="average"),
+        ),
+    )
+
+
+def _mixed_17(name: str, inner: int) -> _Mixed:
+    return _Mixed(
+        name,
+        (
+            _Branch((_Conv("branch1x1", 192, (1, 1)),)),
+            _Branch(
+                (
+                    _Conv("branch7x7_1", inner, (1, 1)),
+                    _Conv("branch7x7_2", inner, (1, 7)),
+                    _Conv("branch7x7_3", 192, (7, 1)),
+                )
+            ),
+            _Branch(
+                (
+                    _Conv("branch7x7dbl_1", inner, (1, 1)),
+                    _Conv("branch7x7dbl_2", inner, (7, 1)),
+                    _Conv("branch7x7dbl_3", inner, (1, 7)),
+                    _Conv("branch7x7dbl_4", inner, (7, 1)),
+                    _Conv("branch7x7dbl_5", 192, (1, 7)),
+                )
+            ),
+            _Branch((_Conv("branch_pool", 192, (1, 1)),), pool="average"),
+        ),
+    )
+
+
+def _mixed_8(name: str, pool: str) -> _Mixed:
+    return _Mixed(
+        name,
+        (
+            _Branch((_Conv("branch1x1", 320, (1, 1)),)),
+            _Branch(
+                (_Conv("branch3x3_1", 384, (1, 1)),),
+                fork=(_Conv("branch3x3_2a", 384, (1, 3)), _Conv("branch3x3_2b", 384, (3, 1))),
+            ),
+            _Branch(
+                (_Conv("branch3x3dbl_1", 448, (1, 1)), _Conv("branch3x3dbl_2", 384, (3, 3))),
+                fork=(_Conv("branch3x3dbl_3a", 384, (1, 3)), _Conv("branch3x3dbl_3b", 384, (3, 1))),
+            ),
+            _Branch((_Conv("branch_pool", 192, (1, 1)),), pool=pool),
+        ),
+    )
+
+
+_REDUCE = "reduce"
+
+# Sizes in comments: of the output, for the input of 299 x 299.
+_NETWORK: tuple[_Conv | _Mixed | str, ...] = (
+    _half("Conv2d_1a_3x3", 32),  # 149
+    _Conv("Conv2d_2a_3x3", 32, (3, 3), padded=False),  # 147
+    _Conv("Conv2d_2b_3x3", 64, (3, 3)),
+    _REDUCE,  # 73
+    _Conv("Conv2d_3b_1x1", 80, (1, 1)),
+    _Conv("Conv2d_4a_3x3", 192, (3, 3), padded=False),  # 71
+    _REDUCE,  # 35
+    _mixed_35("Mixed_5b", pooled=32),  # 256 channels
+    _mixed_35("Mixed_5c", pooled=64),  # 288
+    _mixed_35("Mixed_5d", pooled=64),
+    _Mixed(  # 17, 768 channels
+        "Mixed_6a",
+        (
+            _Branch((_half("branch3x3", 384),)),
+            _Branch(
+                (
+                    _Conv("branch3x3dbl_1", 64, (1, 1)),
+                    _Conv("branch3x3dbl_2", 96, (3, 3)),
+                    _half("branch3x3dbl_3", 96),
+                )
+            ),
+            _Branch(pool=_REDUCE),
+        ),
+    ),
+    _mixed_17("Mixed_6b", inner=128),
+    _mixed_17("Mixed_6c", inner=160),
+    _mixed_17("Mixed_6d", inner=160),
+    _mixed_17("Mixed_6e", inner=192),
+    _Mixed(  # 8, 1,280 channels
+        "Mixed_7a",
+        (
+            _Branch((_Conv("branch3x3_1", 192, (1, 1)), _half("branch3x3_2", 320))),
+            _Branch(
+                (
+                    _Conv("branch7x7x3_1", 192, (1, 1)),
+                    _Conv("branch7x7x3_2", 192, (1, 7)),
+                    _Conv("branch7x7x3_3", 192, (7, 1)),
+                    _half("branch7x7x3_4", 192),
+                )
+            ),
+            _Branch(pool=_REDUCE),
+        ),
+    ),
+    _mixed_8("Mixed_7b", pool="average"),  # 2,048 channels
+    _mixed_8("Mixed_7c", pool="max"),
+)
+
+
+def _pool(x: Tensor, kind: str) -> Tensor:
+    if kind == "average":
+        return F.avg_pool2d(x, 3, stride=1, padding=1, count_include_pad=False)
+    if kind == "max":
+        return F.max_pool2d(x, 3, stride=1, padding=1)
+    if kind == _REDUCE:
+        return F.max_pool2d(x, 3, stride=2)
+    return x
+
+
+class _ConvUnit(nn.Module):
+    def __init__(self, spec: _Conv, channels: int) -> None:
+        super().__init__()
+        height, width = spec.kernel
+        padding = (height // 2, width // 2) if spec.padded else (0, 0)
+        self.conv = nn.Conv2d(channels, spec.out, spec.kernel, spec.stride, padding, bias=False)
+        self.bn = nn.BatchNorm2d(spec.out, eps=1e-3)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.relu(self.bn(self.conv(x)), inplace=True)
+
+
+class _MixedBlock(nn.Module):
+    def __init__(self, spec: _Mixed, channels: int) -> None:
+        super().__init__()
+        self._branches = spec.branches
+        self.channels = 0  # of the output
+        for branch in spec.branches:
+            width = channels
+            for unit in branch.chain:
+                self.add_module(unit.name, _ConvUnit(unit, width))
+                width = unit.out
+            for unit in branch.fork:
+                self.add_module(unit.name, _ConvUnit(unit, width))
+            self.channels += sum(unit.out for unit in branch.fork) or width
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.cat([part for branch in self._branches for part in self._run(branch, x)], 1)
+
+    def _run(self, branch: _Branch, x: Tensor) -> Iterator[Tensor]:
+        x = _pool(x, branch.pool)
+        for unit in branch.chain:
+            x = self.get_submodule(unit.name)(x)
+        if not branch.fork:
+            yield x
+        for unit in branch.fork:
+            yield self.get_submodule(unit.name)(x)
+
+
+class FidInception(nn.Module):
+    """uint8 [N, 3, H, W] to features [N, 2048], in the dtype of the weights (float32 as built).
+
+    The state dict has the 566 keys of the published file, the unused classifier included. The
+    network is frozen: always in evaluation mode, without gradients. A fresh one has random weights;
+    `load_inception` gives the trained one. N may be 0. Any size of image is resized to 299 x 299.
+
+    Raises ValueError where the images are not uint8 [N, 3, H, W].
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        channels = 3
+        for stage in _NETWORK:
+            if isinstance(stage, _Conv):
+                self.add_module(stage.name, _ConvUnit(stage, channels))
+                channels = stage.out
+            elif isinstance(stage, _Mixed):
+                block = _MixedBlock(stage, channels)
+                self.add_module(stage.name, block)
+                channels = block.channels
+        self.fc = nn.Linear(channels, 1008)
+        self.requires_grad_(False)
+        self.eval()
+
+    def train(self, mode: bool = True) -> FidInception:
+        """Stays in evaluation mode: batch statistics would give other features."""
+        super().train(False)
+        return self
+
+    def forward(self, images: Tensor) -> Tensor:
+        """See the class."""
+        if images.dtype != torch.uint8 or images.ndim != 4 or images.shape[1] != 3:
+            raise ValueError(
+                f"images must be uint8 [N, 3, H, W], got {images.dtype} {list(images.shape)}"
+            )
+        x = _resize(images.to(self.fc.weight.dtype), _INPUT_SIZE)
+        x = (x - 128.0) / 128.0
+        for stage in _NETWORK:
+            x = _pool(x, stage) if isinstance(stage, str) else self.get_submodule(stage.name)(x)
+        return x.mean(dim=(2, 3))
+
+
+def _resize(images: Tensor, size: int) -> Tensor:
+    """[N, C, H, W] to [N, C, size, size], bilinear as TensorFlow 1 does it, rows then columns."""
+    return _stretch(_stretch(images, size, dim=3), size, dim=2)
+
+
+def _stretch(x: Tensor, size: int, dim: int) -> Tensor:
+    # TensorFlow computes positions in float32; in float64 they would differ by up to 1e-5 pixels.
+    length = x.shape[dim]
+    step = float(np.float32(length / size))
+    position = torch.arange(size, dtype=torch.float32, device=x.device) * step
+    below = position.floor().long()
+    above = (below + 1).clamp(max=length - 1)
+    shape = [1] * x.ndim
+    shape[dim] = size
+    fraction = (position - below).to(x.dtype).reshape(shape)
+    low = x.index_select(dim, below)
+    return low + (x.index_select(dim, above) - low) * fraction
+
+
+def inception_features(
+    model: FidInception, images: NDArray[np.uint8], batch: int = 20
+) -> NDArray[np.float32]:
+    """Features [N, 2048] of images uint8 [N, H, W, 3], on the device where the model is.
+
+    The same `batch` belongs to both sides of a comparison: another one may choose other
+    convolution kernels, which moves features by float32 rounding (1e-6 of the largest).
+    Raises ValueError where the images are not uint8 [N, H, W, 3].
+    """
+    if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:
+        raise ValueError(
+            f"images must be uint8 [N, H, W, 3], got {images.dtype} {list(images.shape)}"
+        )
+    device = model.fc.weight.device
+    features = np.empty((len(images), FEATURES), dtype=np.float32)
+    # TF32 convolutions, the default on a GPU, keep 10 bits and would move every distance.
+    exact = torch.backends.cudnn.flags(enabled=True, deterministic=True, allow_tf32=False)
+    with torch.inference_mode(), exact:
+        for start in range(0, len(images), batch):
+            part = torch.tensor(images[start : start + batch], device=device).permute(0, 3, 1, 2)
+            features[start : start + batch] = model(part).cpu().numpy()
+    return features
+
+
+def load_inception(path: Path) -> FidInception:
+    """The network with the published weights from `path` (see `inception_weights.find_weights`).
+
+    The sha256 of the very bytes that are loaded is checked first, and no pickled code is run.
+    Raises BadInput where the file cannot be read or is not the published one.
+    """
+    model = FidInception()
+    data = io.BytesIO(read_weights(path))
+    model.load_state_dict(torch.load(data, map_location="cpu", weights_only=True))
+    # 1.4 times as fast on a CPU as the default layout; features differ by rounding (5e-7).
+    return model.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]

@@ -1,0 +1,94 @@
+"""Where the weights of the FID network come from: a file, the cache, or (on request) the net.
+
+Apart from `bench.metrics.inception`, so that a run can be planned, and its rows marked as skipped,
+without importing torch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import http.client
+import os
+import urllib.request
+from pathlib import Path
+
+from data_prep.failures import BadInput
+from data_prep.untrusted import MIB, read_file
+from data_prep.whole_files import write_whole
+
+WEIGHTS_NAME = "weights-inception-2015-12-05-6726825d.pth"
+WEIGHTS_URL = f"https://github.com/toshas/torch-fidelity/releases/download/v0.2.0/{WEIGHTS_NAME}"
+WEIGHTS_SHA256 = "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2"
+DOWNLOAD = "download"
+DOWNLOAD_TIMEOUT_S = 30.0
+MOST_BYTES = 256 * MIB  # the published file has 91 MiB
+
+
+class WeightsUnavailable(RuntimeError):
+    """The published weights are not on this machine and cannot be fetched. It says the remedy."""
+
+
+def find_weights(wish: str | None) -> Path:
+    """The verified weight file.
+
+    wish None        the user's cache: `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache
+    wish "download"  the same, filled from the net where it does not hold the intact file
+    any other wish   the path of the file
+
+    The network is asked on request only: the default run needs none, and taking the features of all
+    its pictures would more than double its time. Raises BadInput where a path cannot be read or is
+    not the published file (sha256), and WeightsUnavailable where the cache does not hold it (and it
+    cannot be fetched).
+    """
+    if wish is not None and wish != DOWNLOAD:
+        read_weights(Path(wish))
+        return Path(wish)
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    cached = Path(root) / "pc2pix-bench" / WEIGHTS_NAME
+    try:
+        intact = _digest(read_file(cached, MOST_BYTES)) == WEIGHTS_SHA256
+    except BadInput:
+        intact = False
+    if not intact:
+        if wish is None:
+            raise WeightsUnavailable(f"the FID weights are not in the cache; {_REMEDY}")
+        data = _download()
+        try:
+            write_whole(cached, data)
+        except OSError as error:
+            raise WeightsUnavailable(f"cannot keep the FID weights ({error}); {_REMEDY}") from error
+    return cached
+
+
+def read_weights(path: Path) -> bytes:
+    """The bytes of the weight file at `path`; BadInput where it is not the published one."""
+    try:
+        data = read_file(path, MOST_BYTES)
+    except BadInput as error:
+        raise BadInput(f"{error}; {_REMEDY}") from error
+    found = _digest(data)
+    if found != WEIGHTS_SHA256:
+        raise BadInput(f"{path}: sha256 {found}, expected {WEIGHTS_SHA256}; {_REMEDY}")
+    return data
+
+
+_REMEDY = f"give --inception-weights {DOWNLOAD}, or the path of {WEIGHTS_URL}"
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _download() -> bytes:
+    try:
+        with urllib.request.urlopen(WEIGHTS_URL, timeout=DOWNLOAD_TIMEOUT_S) as response:
+            data = response.read(MOST_BYTES)
+    except (OSError, http.client.HTTPException) as error:  # URLError and time-outs included
+        raise WeightsUnavailable(f"cannot fetch the FID weights ({error}); {_REMEDY}") from error
+    found = _digest(data)
+    if found != WEIGHTS_SHA256:
+        raise WeightsUnavailable(
+            f"{WEIGHTS_URL} answered with {len(data)} bytes of sha256 {found}, "
+            f"expected {WEIGHTS_SHA256}; {_REMEDY}"
+        )
+    return data

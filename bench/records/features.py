@@ -1,0 +1,142 @@
+"""The features that a run has kept, read cell by cell: all of them at once need not fit in memory.
+
+A cell is one method's pictures of one class under one condition. The files are written cell by cell
+(`bench.records.parquet.write_features`), a row group holding pictures of one cell only, and every
+row group says what cells and objects are in it; so what is asked for is read, and nothing else.
+Files in another order are read as well, more slowly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from data_prep.failures import BadInput
+
+Picture = tuple[str, int]  # object, view
+CELL = ("method", "condition", "class")
+VALUES = "features"
+
+
+class Features(Protocol):
+    """The features of one extractor by (method, condition, class), each a set of pictures."""
+
+    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
+        """The pictures there are, sorted; none in a cell that is not there."""
+        ...
+
+    def of(
+        self, method: str, condition: str, class_name: str, pictures: Sequence[Picture]
+    ) -> NDArray[Any]:
+        """Theirs [n, d], in the order of `pictures`. Raises KeyError for one that is not there."""
+        ...
+
+
+class _Span(NamedTuple):
+    """Smallest and largest value of a column in a row group; None where the file does not say."""
+
+    low: str
+    high: str
+
+
+class FeatureFile:
+    """The features in a Parquet file. In memory are its footer, and the cell that is read."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises BadInput for a file that cannot be read."""
+        self._path = path
+        try:
+            self._footer = pq.read_metadata(path)
+            arrow = self._footer.schema.to_arrow_schema()
+        except (pa.ArrowException, OSError) as error:
+            raise self._unreadable(error) from error
+        if lacking := [n for n in (*CELL, "object", "view", VALUES) if n not in arrow.names]:
+            raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
+        self._width = int(getattr(arrow.field(VALUES).type, "list_size", 0))
+        self._spans = [
+            {name: _span(self._footer, group, name) for name in (*CELL, "object")}
+            for group in range(self._footer.num_row_groups)
+        ]
+
+    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
+        """The pictures there are, sorted; none in a cell that is not there. Raises BadInput."""
+        found: list[Picture] = []
+        for table in self._read((method, condition, class_name), ("object", "view")):
+            found += _pictures(table)
+        return sorted(found)
+
+    def of(
+        self, method: str, condition: str, class_name: str, pictures: Sequence[Picture]
+    ) -> NDArray[np.float32]:
+        """Theirs [n, d], in the order of `pictures`.
+
+        Raises KeyError for one that is not there, and BadInput for a file that cannot be read.
+        """
+        places = {picture: place for place, picture in enumerate(dict.fromkeys(pictures))}
+        values = np.empty((len(places), self._width), np.float32)
+        missing = set(places)
+        objects = _Span(min(pictures)[0], max(pictures)[0]) if pictures else _Span("", "")
+        for table in self._read(
+            (method, condition, class_name), ("object", "view", VALUES), objects
+        ):
+            here = _pictures(table)
+            rows = [row for row, picture in enumerate(here) if picture in places]
+            column = table.column(VALUES).combine_chunks()
+            read = column.flatten().to_numpy().reshape(-1, self._width)
+            values[[places[here[row]] for row in rows]] = read[rows]
+            missing.difference_update(here)
+        if missing:
+            raise KeyError(min(missing))
+        return values if len(places) == len(pictures) else values[[places[p] for p in pictures]]
+
+    def _read(
+        self, cell: tuple[str, str, str], columns: Sequence[str], objects: _Span | None = None
+    ) -> Iterator[pa.Table]:
+        """Row group by row group, the rows of a cell; `objects` are the first and last wanted."""
+        spans = {name: _Span(value, value) for name, value in zip(CELL, cell, strict=True)}
+        wanted = spans if objects is None else spans | {"object": objects}
+        groups = [
+            group
+            for group, there in enumerate(self._spans)
+            if all(_meet(there[name], span) for name, span in wanted.items())
+        ]
+        if not groups:
+            return
+        try:
+            with pq.ParquetFile(self._path, metadata=self._footer) as file:
+                for group in groups:
+                    table = file.read_row_group(group, [*CELL, *columns], use_threads=False)
+                    if any(self._spans[group][name] != spans[name] for name in CELL):
+                        there = zip(*(table.column(name).to_pylist() for name in CELL), strict=True)
+                        rows = [row for row, of in enumerate(there) if of == cell]
+                        table = table.take(pa.array(rows, pa.int64()))
+                    yield table
+        except (pa.ArrowException, OSError) as error:
+            raise self._unreadable(error) from error
+
+    def _unreadable(self, error: Exception) -> BadInput:
+        return BadInput(f"{self._path}: not readable ({error}); start the run again")
+
+
+def _pictures(table: pa.Table) -> list[Picture]:
+    objects, views = (table.column(name).to_pylist() for name in ("object", "view"))
+    names = {name: name for name in objects}  # one string an object, not one a row
+    return [(names[obj], view) for obj, view in zip(objects, views, strict=True)]
+
+
+def _span(footer: Any, group: int, name: str) -> _Span | None:
+    number = footer.schema.names.index(name)
+    statistics = footer.row_group(group).column(number).statistics
+    if statistics is None or not statistics.has_min_max:
+        return None
+    return _Span(statistics.min, statistics.max)
+
+
+def _meet(one: _Span | None, other: _Span) -> bool:
+    return one is None or (one.low <= other.high and other.low <= one.high)

@@ -1,0 +1,73 @@
+"""What a run writes down: one record per (suite, method, condition, object, view).
+
+The order of the fields is the order of the columns of `records.parquet`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import pandas as pd
+
+SCHEMA_VERSION = 3  # of records, journal and manifest; newer ones are refused, never guessed at
+
+Outcome = Literal["ok", "failed", "skipped"]
+GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts
+
+
+@dataclass(frozen=True)
+class Record:
+    """One picture, or the reason why there is none.
+
+    `reason` is empty where the outcome is ok. `notes` tells what a method mended on its way. Scores
+    are None unless the outcome is ok; `ssim_object` and the thin scores also where the picture has
+    nothing that they could be taken of (`bench.catalogue.metrics.UNDEFINED` says when). `prepare_s`
+    is the object's, repeated for each view; `draw_s` is this view's share of drawing all views at
+    once. Times are wall time in seconds; in a run with several workers they were taken while others
+    ran: compare them within a run only.
+    """
+
+    suite: str
+    method: str
+    condition: str
+    class_name: str
+    object: str
+    view: int
+    azimuth_deg: float
+    elevation_deg: float
+    outcome: Outcome
+    reason: str
+    notes: str
+    ssim: float | None
+    luminance: float | None
+    contrast: float | None
+    structure: float | None
+    ssim_object: float | None
+    silhouette_iou: float | None
+    thin_recall: float | None
+    thin_precision: float | None
+    prepare_s: float | None
+    draw_s: float | None
+
+
+COLUMNS = tuple(  # of `records.parquet`
+    "class" if name == "class_name" else name for name in Record.__dataclass_fields__
+)
+TYPES = {  # of columns that are no text
+    "view": "int32",
+    **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
+    **dict.fromkeys(("ssim", "luminance", "contrast", "structure"), "float64"),
+    **dict.fromkeys(("ssim_object", "silhouette_iou", "thin_recall", "thin_precision"), "float64"),
+    **dict.fromkeys(("prepare_s", "draw_s"), "float64"),
+}
+
+
+def to_frame(records: Sequence[Record]) -> pd.DataFrame:
+    """Records as columns, `class_name` under its public name `class`, sorted: order is no data."""
+    rows: list[dict[str, Any]] = [asdict(record) for record in records]
+    frame = pd.DataFrame(rows, columns=list(Record.__dataclass_fields__)).astype(TYPES)
+    frame = frame.rename(columns={"class_name": "class"})
+    keys = ["suite", "method", "condition", "class", "object", "view"]
+    return frame.sort_values(keys, kind="stable", ignore_index=True)

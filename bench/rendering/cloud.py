@@ -1,0 +1,154 @@
+"""Pictures of a cloud in a file, by any method.
+
+The file is read and the method runs in a worker process: neither is trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.catalogue.methods import Method, find_method
+from bench.cloud_dots import draw_dots
+from bench.running.isolation import Limits, Lost, run_tasks
+from bench.running.work import Pictures, draw, load_renderer, reason_of
+from data_prep.cloud_files import load_points
+from data_prep.failures import BadInput, MissingDependency
+from data_prep.normalise import normalise_points
+from data_prep.randomness import generator
+from data_prep.scene import PointCloud, Renderer, View
+from data_prep.upright import upright
+
+LIMITS = Limits(time_s=120.0, memory_gib=4.0)
+
+
+@dataclass(frozen=True)
+class CloudFile:
+    """A file with points, and how they become a cloud.
+
+    as_is      keep their units (in float32), else they are brought to the unit sphere
+    up, front  of the file's axes, see `data_prep.upright`
+    most       of more points so many are chosen at random, the same each time; None: all are kept
+    """
+
+    path: Path
+    as_is: bool
+    up: str = "y"
+    front: str | None = None
+    most: int | None = None
+
+    def load(self) -> PointCloud:
+        """Raises BadInput for what is no cloud, or cannot be brought to the unit sphere."""
+        points = upright(load_points(self.path), self.up, self.front)
+        if self.most is not None and len(points) > self.most:
+            chosen = generator("render", "points").choice(len(points), self.most, replace=False)
+            points = points[np.sort(chosen)]
+        if self.as_is:
+            with np.errstate(over="ignore"):  # beyond float32 is infinite
+                return PointCloud(points.astype(np.float32))
+        try:
+            return normalise_points(points)
+        except BadInput as error:
+            raise BadInput(f"{self.path}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """What is wanted of a cloud: views by a method, `batch` of them a call (None: all).
+
+    `rng` is None for the random numbers of `bench render`, the same each time.
+    """
+
+    method: str
+    views: tuple[View, ...]
+    device: str = "auto"
+    batch: int | None = None
+    rng: np.random.Generator | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """What is wanted of a cloud: its points themselves, seen from there."""
+
+    views: tuple[View, ...]
+
+
+Wanted = Drawing | Dots
+
+
+@dataclass(frozen=True)
+class Failed:
+    """Why there are no pictures, in the words of a record."""
+
+    reason: str
+
+
+def make_view(azimuth_deg: float, elevation_deg: float) -> View:
+    """The view of these angles. Raises BadInput where there is none."""
+    try:
+        return View(azimuth_deg, elevation_deg)
+    except ValueError as error:
+        raise BadInput(f"no such view: {error}; see 'bench render --help'") from error
+
+
+def find_drawer(method_id: str) -> Method:
+    """The method. Raises BadInput as `find_method`, and where it needs the mesh of a cloud."""
+    method = find_method(method_id)
+    if method.sees_mesh:
+        raise BadInput(
+            f"method '{method_id}' draws the mesh behind a cloud, and bare points have none; "
+            "take another"
+        )
+    return method
+
+
+def draw_file(file: CloudFile, drawing: Drawing) -> Pictures | Failed:
+    """The pictures, made in a worker; or what became of the method, or of its worker.
+
+    Raises BadInput for a file that cannot be used, and a method that cannot be had.
+    """
+    ((_, drawn),) = draw_each(file, [drawing], 1)
+    return drawn
+
+
+def draw_each(
+    file: CloudFile, wanted: Sequence[Wanted], workers: int
+) -> Iterator[tuple[Wanted, Pictures | Failed]]:
+    """All that is wanted of a file, as it comes; each reads the file for itself.
+
+    Raises BadInput as `draw_file`, for a method before anything is drawn.
+    """
+    for one in wanted:
+        if isinstance(one, Drawing):
+            find_drawer(one.method)
+    tasks = [(file, one) for one in wanted]
+    for (_, one), drawn in run_tasks(tasks, _load_and_draw, workers, LIMITS):
+        yield one, Failed(drawn.reason) if isinstance(drawn, Lost) else drawn
+
+
+def draw_cloud(cloud: PointCloud, drawing: Drawing) -> Pictures | Failed:
+    """The pictures, made in this process. Raises BadInput for a method that cannot be had."""
+    renderer: Renderer | None = None
+    rng = drawing.rng or generator("render")
+    try:
+        renderer = load_renderer(drawing.method, drawing.device)
+        method = find_method(drawing.method)
+        drawn = draw(method, renderer, cloud, drawing.views, rng, drawing.batch)
+    except MissingDependency:
+        raise
+    except (Exception, SystemExit) as error:
+        if renderer is None and isinstance(error, BadInput):  # unusable weights, say
+            raise
+        return Failed(reason_of(error))
+    return drawn.pictures
+
+
+def _load_and_draw(task: tuple[CloudFile, Wanted]) -> Pictures | Failed:
+    file, wanted = task
+    cloud = file.load()
+    if isinstance(wanted, Dots):
+        return draw_dots(cloud.points, wanted.views)
+    return draw_cloud(cloud, wanted)

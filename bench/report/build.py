@@ -1,0 +1,247 @@
+"""The report of a finished run: one HTML file that says and shows all of it, offline."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from bench.analysis.comparison import compare
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import (
+    CONTROL_METRICS,
+    IMAGE_METRICS,
+    KERNEL_METRICS,
+    RECOGNITION_METRICS,
+    SET_METRICS,
+)
+from bench.catalogue.suites import SUITES, Suite
+from bench.records.artifacts import Item
+from bench.records.features import Features
+from bench.records.journal import read_finished
+from bench.records.parquet import read_features, read_records
+from bench.report.page import Choice, Page, html
+from bench.report.pictures import cases, extremes, grids, shown_objects
+from bench.report.report_costs import cost_plots, cost_table
+from bench.report.report_crossings import crossings_group, family_curves
+from bench.report.report_curves import curves
+from bench.report.report_orderings import orderings_group
+from bench.report.stored import Sources, open_sources
+from bench.report.styles import role, styles
+from bench.report.tables import failure_groups, table_groups
+from bench.tables.build import Beyond, beyond, class_orderings, how_timed, tables
+from bench.tables.orderings import OrderingsTable
+from bench.tables.quality import Table
+from data_prep.conditions import CONDITIONS
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.whole_files import write_whole
+
+REPORT = "report.html"
+QUALITY = "ssim"  # what cost is compared with where a suite names no metric
+
+
+@dataclass(frozen=True)
+class Made:
+    """What `bench.tables.build` makes of a run: its tables, the paper's orderings and the families
+    of conditions if it has any."""
+
+    tables: Sequence[Table]
+    orderings: OrderingsTable | None
+    beyond: Beyond | None
+
+
+def write_report(directory: Path, out: Path | None = None, made: Made | None = None) -> Path:
+    """Write the report of a finished run to `out` (default: report.html in its folder).
+
+    `made` are its tables where they are at hand: to make them again takes half of the time. The
+    same run gives the same bytes. Pictures that are no longer there, and clouds that cannot be
+    made again, are named as missing. Raises BadInput where `directory` is no finished run, or one
+    of a suite that writes its tables itself; CannotWrite where `out` cannot be written.
+    """
+    path = out or directory / REPORT
+    text = html(read_page(directory, made))
+    try:
+        write_whole(path, text.encode())
+    except OSError as error:
+        raise CannotWrite(
+            f"{path}: cannot be written ({error.strerror}); give another --out"
+        ) from error
+    return path
+
+
+def read_page(directory: Path, made: Made | None = None) -> Page:
+    """All that the report of a finished run shows. Raises BadInput as `write_report`."""
+    manifest = read_finished(directory)
+    made = made or Made(tables(directory), class_orderings(directory), beyond(directory))
+    suite = find(manifest["suite"], SUITES, "suite")
+    records = _in_order(read_records(directory), manifest)
+    views = int(manifest["views"])
+    chosen = extremes(records)
+    sources = open_sources(directory, manifest, _shown(records, chosen))
+    look = styles(manifest["methods"])
+    metrics = list(suite.frontier or (QUALITY,))
+    features: dict[str, Features] = {}
+    for metric in metrics:
+        if metric not in IMAGE_METRICS and (found := read_features(directory, metric)) is not None:
+            features[metric] = found
+    metrics = [m for m in metrics if m in IMAGE_METRICS or m in features]
+    with threadpool_limits(1):
+        comparisons = compare(records, features, metrics)
+        costs = cost_plots(comparisons, metrics, views, look)
+        costed = cost_table(comparisons, metrics[0], views)
+    failures = failure_groups(records)
+    ordered, along = made.orderings, made.beyond
+    fought = along.crossings if along is not None else None
+    drawn, title = curves(made.tables, look), "Robustness"
+    if along is not None and along.courses:
+        drawn, title = family_curves(made.tables, look, along.courses), "Beyond training"
+    elif records["class"].nunique() > 1:
+        title = "Class by class"
+    return Page(
+        title=manifest["suite"],
+        about=suite.about,
+        facts=_facts(manifest, records),
+        outcomes=tuple((str(o), int(n)) for o, n in records["outcome"].value_counts().items()),
+        shares=tuple(dict(manifest.get("worker_shares", {})).items()),
+        choices=_choices(records, bool(manifest.get("skipped_metrics"))),
+        curves=drawn,
+        curves_title=title,
+        curves_remark=_left_out(manifest["methods"]),
+        tables=(
+            *([crossings_group(fought)] if fought else ()),
+            *table_groups(made.tables),
+            *([orderings_group(ordered)] if ordered else ()),
+        ),
+        costs=costs,
+        cost_table=costed,
+        cost_remark=how_timed(manifest),
+        grids=grids(records, sources),
+        cases=cases(chosen, sources),
+        unseen=_unseen(sources),
+        failures=failures,
+        failed_pictures=int((records["outcome"] != "ok").sum()),
+        skipped=tuple(dict(manifest.get("skipped_metrics", {})).items()),
+        command=_command(manifest),
+        manifest=tuple(json.dumps(manifest, indent=2, ensure_ascii=False).split("\n")),
+        meanings=_meanings(manifest, suite),
+    )
+
+
+def _in_order(records: pd.DataFrame, manifest: Mapping[str, Any]) -> pd.DataFrame:
+    """Rows in the order of the manifest's methods and conditions, then by object and view."""
+    ranks = {
+        column: {name: i for i, name in enumerate(manifest[plural])}
+        for column, plural in (("method", "methods"), ("condition", "conditions"))
+    }
+    return records.sort_values(
+        ["method", "condition", "class", "object", "view"],
+        key=lambda values: values.map(ranks[str(values.name)]) if values.name in ranks else values,
+        kind="stable",
+        ignore_index=True,
+    )
+
+
+def _shown(records: pd.DataFrame, chosen: pd.DataFrame) -> list[Item]:
+    """The items whose clouds are to be seen."""
+    conditions = list(dict.fromkeys(map(str, records["condition"])))
+    of_grids = [Item("", c, *obj) for obj in shown_objects(records) for c in conditions]
+    names = (chosen[name].tolist() for name in ("condition", "class", "object"))
+    return of_grids + [Item("", *map(str, of_case)) for of_case in zip(*names, strict=True)]
+
+
+def _facts(manifest: Mapping[str, Any], records: pd.DataFrame) -> tuple[tuple[str, str], ...]:
+    objects = len(records[["class", "object"]].drop_duplicates())
+    classes = list(dict.fromkeys(map(str, records["class"])))
+    of_classes = f" of {len(classes)} classes" if len(classes) > 1 else f" of class {classes[0]}"
+    seconds: Mapping[str, float] = manifest.get("stage_seconds", {})
+    machine = manifest.get("machine", {})
+    facts = [
+        ("dataset", str(manifest["dataset"])),
+        ("objects", f"{objects}{of_classes} × {manifest['views']} views"),
+        ("methods", str(len(manifest["methods"]))),
+        ("conditions", str(len(manifest["conditions"]))),
+        ("finished", str(manifest["finished"]).replace("T", " ").replace("+00:00", " UTC")),
+    ]
+    if seconds:
+        facts.append(("took", _duration(sum(seconds.values()))))
+    if machine:
+        facts.append(("machine", f"{machine.get('cpu')}, {machine.get('cores')} cores"))
+    version = manifest.get("versions", {}).get("pc2pix-bench")
+    if version:
+        facts.append(("pc2pix-bench", str(version)))
+    return tuple(facts)
+
+
+def _duration(seconds: float) -> str:
+    minutes = seconds / 60
+    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min"
+
+
+def _choices(records: pd.DataFrame, skipped: bool) -> tuple[Choice, ...]:
+    """The filters that have something to choose between."""
+    outcomes = list(dict.fromkeys(map(str, records["outcome"]))) + ["skipped"] * skipped
+    offered = (
+        Choice("method", "Method", tuple(dict.fromkeys(map(str, records["method"])))),
+        Choice("condition", "Condition", tuple(dict.fromkeys(map(str, records["condition"])))),
+        Choice("class", "Class", tuple(sorted(set(map(str, records["class"]))))),
+        Choice("outcome", "Outcome", tuple(dict.fromkeys(outcomes))),
+    )
+    return tuple(choice for choice in offered if len(choice.options) > 1)
+
+
+def _left_out(methods: list[str]) -> str:
+    ceilings = [method for method in methods if role(method) == "ceiling"]
+    if not ceilings:
+        return ""
+    return f"{', '.join(ceilings)}, the ceiling, is left out: it is perfect by construction."
+
+
+def _unseen(sources: Sources) -> tuple[str, ...]:
+    told = [sources.unseen] if sources.unseen else []
+    if not sources.artifacts:
+        told.append(
+            "The pictures of this run are no longer there (its folder artifacts is empty or gone); "
+            "its command makes them again."
+        )
+    return tuple(told)
+
+
+def _command(manifest: Mapping[str, Any]) -> str:
+    """What the run was started with, as one would type it."""
+    arguments = [str(argument) for argument in manifest.get("command", [])[1:]]
+    return shlex.join(["bench", *arguments]) if arguments else f"bench run {manifest['suite']}"
+
+
+def _meanings(
+    manifest: Mapping[str, Any], suite: Suite
+) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
+    known = {c.id: f"{c.perturbation}; {c.source}" for c in CONDITIONS}
+    distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
+    kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
+    metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS
+    measured = (
+        *suite.image_metrics,
+        *suite.detail_metrics,
+        *suite.set_metrics,
+        *suite.class_metrics,
+        *suite.control_metrics,
+    )
+    return (
+        ("Metrics", tuple((m, metrics[m]) for m in dict.fromkeys(measured))),
+        ("Methods", tuple((m, _source(m)) for m in manifest["methods"])),
+        ("Conditions", tuple((c, known.get(c, "unknown")) for c in manifest["conditions"])),
+    )
+
+
+def _source(method: str) -> str:
+    try:
+        return find_method(method).source
+    except BadInput as error:
+        return f"no longer there: {error}"

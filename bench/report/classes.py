@@ -1,0 +1,162 @@
+"""Figures of a run of Table 5: the paper's Figure 4, and SR against pc2pix class by class."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.metrics.structural_similarity import ssim_per_image
+from bench.records.artifacts import Artifact, Item
+from bench.records.record import GROUND_TRUTH
+from bench.report.robustness import FIGURES, show
+from bench.tables.classes import AVERAGE, SURFACE, ClassTable, network_of
+from bench.tables.orderings import PAPER_METRIC, PAPER_NETWORK
+from bench.tables.quality import Published
+from bench.tables.table import Row, ordered
+
+BLOCKS = 2  # of classes, side by side
+DISTANCES = (PAPER_METRIC, "fd-views")  # the first that has a value is shown
+NAMES = {SURFACE: "SR"}
+COLORS = {SURFACE: "tab:orange", PAPER_NETWORK: "tab:blue"}
+MARKERS = {SURFACE: "s", PAPER_NETWORK: "o"}
+
+
+def write_class_figures(
+    directory: Path, table: ClassTable, published: Published, artifacts: Sequence[Artifact]
+) -> None:
+    """`classes.png` (the paper's Figure 4) and `table5.png`.
+
+    `artifacts` are all that there are, ground truths included. Without pc2pix or without SR, there
+    is no second figure; where all methods have failed, none.
+    """
+    methods = ordered(artifact.item.method for artifact in artifacts if artifact.item.condition)
+    if not methods:
+        return
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    folder = directory / FIGURES
+    folder.mkdir(exist_ok=True)
+    network = network_of(methods)
+    _pictures(folder / "classes.png", [SURFACE, network, "splat-net", "splat"], artifacts)
+    if network is not None and SURFACE in methods:
+        _dots(folder / "table5.png", table.rows, network, published)
+
+
+def _pictures(path: Path, methods: Sequence[str | None], artifacts: Sequence[Artifact]) -> None:
+    """The first view of the first object of each class, nobody has chosen: truth, then methods.
+
+    At the first condition; below each picture its SSIM with the truth.
+    """
+    from matplotlib import pyplot as plt
+
+    condition = next(artifact.item.condition for artifact in artifacts if artifact.item.condition)
+    first: dict[str, Artifact] = {}
+    for artifact in artifacts:
+        if artifact.item.method == GROUND_TRUTH:
+            first.setdefault(artifact.item.class_name, artifact)
+    by_item = {artifact.item: artifact for artifact in artifacts}
+    there = {artifact.item.method for artifact in artifacts}
+    shown = [method for method in methods if method in there]
+    rows, width = math.ceil(len(first) / BLOCKS), 1 + len(shown)
+    figure, axes = plt.subplots(
+        rows,
+        BLOCKS * width,
+        figsize=(1.25 * BLOCKS * width, 1.35 * rows + 0.5),
+        squeeze=False,
+        layout="constrained",
+    )
+    for axis in axes.ravel():
+        axis.set_axis_off()
+    for number, (class_name, truth) in enumerate(first.items()):
+        block, row = divmod(number, rows)
+        line = axes[row, block * width : (block + 1) * width]
+        true = truth.pictures()[:1]
+        show(line[0], true[0])
+        line[0].set_axis_on()
+        line[0].set_ylabel(class_name, fontsize=9)
+        for axis, method in zip(line[1:], shown, strict=True):
+            axis.set_axis_on()
+            artifact = by_item.get(Item(str(method), condition, *truth.item.object))
+            picture = None if artifact is None else artifact.pictures()[:1]
+            show(axis, None if picture is None else picture[0])
+            if picture is not None:
+                axis.set_xlabel(f"{ssim_per_image(true, picture).ssim[0]:.2f}", fontsize=7)
+        if row == 0:
+            for axis, title in zip(line, ["truth", *shown], strict=True):
+                axis.set_title(str(title), fontsize=8)
+    figure.supxlabel(
+        f"{condition}: the first object of each class in its first view; SSIM below", fontsize=8
+    )
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _dots(path: Path, rows: Sequence[Row], network: str, published: Published) -> None:
+    """Distances of SR and the network by class: ours with intervals, and as the paper has them."""
+    from matplotlib import pyplot as plt
+
+    condition = rows[0].condition
+    metric = next((m for m in DISTANCES if any(_has(row, m) for row in rows)), None)
+    if metric is None:
+        return
+    ours = {
+        (row.class_name, row.method): (row.value, row.ci_low, row.ci_high)
+        for row in rows
+        if row.metric == metric and row.condition == condition
+    }
+    classes = ordered(row.class_name for row in rows)
+    paper = {
+        (name, method): (published[name, PAPER_METRIC, "2048", method],) * 3
+        for name in classes
+        for method in (SURFACE, PAPER_NETWORK)
+        if (name, PAPER_METRIC, "2048", method) in published
+    }
+    figure, axes = plt.subplots(
+        1, 2, figsize=(9, 0.32 * len(classes) + 1.4), sharey=True, layout="constrained"
+    )
+    _panel(axes[0], f"ours: {metric} (lower is better)", classes, ours, network)
+    _panel(axes[1], "as published: FID on ShapeNet", classes, paper, PAPER_NETWORK)
+    axes[0].set_yticks(range(len(classes)), classes)
+    axes[0].invert_yaxis()
+    axes[0].legend(loc="best", fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _panel(
+    axis: Any,
+    title: str,
+    classes: Sequence[str],
+    values: Mapping[tuple[str, str], Sequence[float]],
+    network: str,
+) -> None:
+    """Two dots a class and a line between them; classes without both have what there is."""
+    for place, name in enumerate(classes):
+        ends = [values[name, m][0] for m in (SURFACE, network) if (name, m) in values]
+        axis.plot(ends, [place] * len(ends), color="0.75", linewidth=3, zorder=1)
+    for method, style, shift in ((SURFACE, SURFACE, -0.12), (network, PAPER_NETWORK, 0.12)):
+        places = [i for i, name in enumerate(classes) if (name, method) in values]
+        at = np.array([values[classes[i], method] for i in places]).reshape(-1, 3)
+        axis.errorbar(
+            at[:, 0],
+            np.array(places) + shift,
+            xerr=np.nan_to_num(np.abs(at[:, 1:] - at[:, :1])).T,
+            fmt=MARKERS[style],
+            color=COLORS[style],
+            capsize=2,
+            label=NAMES.get(method, method),
+        )
+    if AVERAGE in classes:
+        axis.axhline(len(classes) - 1.5, color="0.6", linewidth=0.8)
+    axis.set_xlim(left=0)
+    axis.set_title(title, fontsize=10)
+    axis.grid(axis="x", alpha=0.3)
+
+
+def _has(row: Row, metric: str) -> bool:
+    return row.metric == metric and math.isfinite(row.value)

@@ -1,0 +1,324 @@
+"""The page of a report: what it shows, as plain values, and how these become one HTML file.
+
+Nothing here knows of runs or files. All text is escaped by the template, so that names and reasons
+may hold anything.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+from bench.tables.markdown import visible
+
+
+@dataclass(frozen=True)
+class Tags:
+    """What the filters of the page go by; an empty field is no obstacle to any choice."""
+
+    method: str = ""
+    condition: str = ""
+    class_name: str = ""
+    outcomes: tuple[str, ...] = ()
+
+
+ANY = Tags()
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A number of a table, as people read it.
+
+    text      the value, or why there is none
+    value     what the column is sorted by; None: comes last
+    beside    its interval, or what it is made of
+    paper     the published value; empty where there is none
+    gap       what is missing from it, or speaks against it; empty where nothing is or does
+    mark      what is special about it ("best", "frontier", "reproduced"); empty where nothing is
+    """
+
+    text: str
+    value: float | None = None
+    beside: str = ""
+    paper: str = ""
+    gap: str = ""
+    mark: str = ""
+
+
+def lead_cell(
+    lead: tuple[float, float, float], digits: int, *, mark: str = "", gap: str = ""
+) -> Cell:
+    """A signed number with its interval (value, low, high); a dash where it is not finite, and no
+    interval where that is not."""
+    value, low, high = lead
+    if not math.isfinite(value):
+        return Cell("-")
+    interval = f"{low:+.{digits}f} to {high:+.{digits}f}" if math.isfinite(low) else ""
+    return Cell(f"{value:+.{digits}f}", value, interval, mark=mark, gap=gap)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of a table; `about` stands in small letters beneath its name, one cell a column."""
+
+    name: str
+    about: str
+    tags: Tags
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """A table that can be sorted.
+
+    corner    what the names of the rows are
+    columns   (name, tags) of each
+    higher    whether a higher value is better: the order a first sorting gives
+    unfolded  whether it is seen at once
+    """
+
+    caption: str
+    corner: str
+    columns: tuple[tuple[str, Tags], ...]
+    lines: tuple[Line, ...]
+    higher: bool
+    unfolded: bool = True
+    tags: Tags = ANY
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TableGroup:
+    """Tables under one heading."""
+
+    title: str
+    remark: str
+    tables: tuple[NumberTable, ...]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A point of a plot in its pixels, with the ends of its intervals where it has any."""
+
+    x: float
+    y: float
+    told: str
+    tags: Tags = ANY
+    across: tuple[float, float] | None = None
+    upright: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Word:
+    """A label of a plot; `anchor` is the end of the text that stands at x ("start", "middle",
+    "end"), `leader` the path of a hair line to what it names, where that is far off."""
+
+    x: float
+    y: float
+    text: str
+    anchor: str = "start"
+    leader: str = ""
+
+
+@dataclass(frozen=True)
+class Style:
+    """How the points of a method look: classes of the style sheet, and the path of its marker
+    about (0, 0), empty for what is only a line."""
+
+    css: str
+    marker: str
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points that belong together. `path` joins them; empty where nothing does."""
+
+    name: str
+    style: Style
+    path: str
+    marks: tuple[Mark, ...]
+    words: tuple[Word, ...]
+    tags: Tags = ANY
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A plot of `width` x `height` pixels whose area is (left, top, right, bottom).
+
+    told      all of it in words, for those who do not see it
+    x_ticks, y_ticks  (place, label)
+    slanted   whether the labels of x are many
+    wide      whether it wants the whole width of the page
+    frontier  path of what the best costs; empty where there is none
+    """
+
+    title: str
+    told: str
+    width: int
+    height: int
+    area: tuple[float, float, float, float]
+    x_title: str
+    y_title: str
+    x_ticks: tuple[tuple[float, str], ...]
+    y_ticks: tuple[tuple[float, str], ...]
+    series: tuple[Series, ...]
+    slanted: bool = False
+    wide: bool = False
+    frontier: str = ""
+    tags: Tags = ANY
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture as a data URI, with what it shows in words; `uri` is empty where there is none."""
+
+    uri: str
+    told: str
+    size: int = 128
+
+
+@dataclass(frozen=True)
+class GridCell:
+    """A picture of a grid, and what stands beneath it."""
+
+    picture: Picture
+    beneath: str = ""
+    counted: bool = False
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Pictures of one object from one view: heads are (name, tags)."""
+
+    title: str
+    told: str
+    corner: str
+    columns: tuple[tuple[str, Tags], ...]
+    rows: tuple[tuple[str, Tags, tuple[GridCell, ...]], ...]
+    tags: Tags
+
+
+@dataclass(frozen=True)
+class Case:
+    """A single record with its pictures: the cloud, the truth, what was drawn."""
+
+    kind: str
+    score: str
+    name: str
+    facts: tuple[tuple[str, str], ...]
+    pictures: tuple[tuple[str, Picture], ...]
+    tags: Tags
+
+
+@dataclass(frozen=True)
+class CaseGroup:
+    """The cases of one method; `rows` are (title, tags, cases)."""
+
+    method: str
+    summary: str
+    rows: tuple[tuple[str, Tags, tuple[Case, ...]], ...]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """One method on one cloud that gave no pictures."""
+
+    name: str
+    views: str
+    tags: Tags
+
+
+@dataclass(frozen=True)
+class FailureGroup:
+    """Failures for the same reason; `more` were not listed."""
+
+    reason: str
+    count: str
+    failures: tuple[Failure, ...]
+    more: int
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of the filters: the data attribute that it goes by, and what can be chosen."""
+
+    key: str
+    title: str
+    options: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """All that a report shows.
+
+    facts       (term, description) of the head
+    outcomes    (outcome, number of pictures)
+    shares      (part of the workers' time, 0..1)
+    unseen      why pictures are missing, one sentence each
+    skipped     (metric, reason)
+    meanings    (title, ((term, description), ...))
+    """
+
+    title: str
+    about: str
+    facts: tuple[tuple[str, str], ...]
+    outcomes: tuple[tuple[str, int], ...]
+    shares: tuple[tuple[str, float], ...]
+    choices: tuple[Choice, ...]
+    curves: tuple[Plot, ...]
+    curves_title: str
+    curves_remark: str
+    tables: tuple[TableGroup, ...]
+    costs: tuple[Plot, ...]
+    cost_table: NumberTable | None
+    cost_remark: str
+    grids: tuple[Grid, ...]
+    cases: tuple[CaseGroup, ...]
+    unseen: tuple[str, ...]
+    failures: tuple[FailureGroup, ...]
+    failed_pictures: int
+    skipped: tuple[tuple[str, str], ...]
+    command: str
+    manifest: tuple[str, ...]
+    meanings: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
+
+
+def html(page: Page) -> str:
+    """The page as one HTML document that loads nothing; the same values give the same text."""
+    from jinja2 import Environment, StrictUndefined
+    from markupsafe import Markup
+
+    def harmless(value: Any) -> Any:
+        return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+    environment = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=harmless,
+    )
+    environment.filters["px"] = lambda value: f"{value:.1f}".removesuffix(".0")
+    style, script = _bundled("report.css"), _bundled("report.js")
+    template = environment.from_string(_bundled("report.html.jinja"))
+    text = template.render(
+        page=page,
+        style=Markup(style),
+        script=Markup(script),
+        style_hash=_hash(style),
+        script_hash=_hash(script),
+    )
+    return text + "\n"
+
+
+def _bundled(name: str) -> str:
+    return resources.files("bench.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    """As a Content-Security-Policy names inline text."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

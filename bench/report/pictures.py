@@ -1,0 +1,204 @@
+"""Pictures of the report: which are shown, what stands beside them, and how they are encoded."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.cloud_dots import draw_dots
+from bench.records.artifacts import Item
+from bench.records.record import GROUND_TRUTH
+from bench.report.page import Case, CaseGroup, Grid, GridCell, Picture, Tags
+from bench.report.stored import Sources
+from bench.report.styles import rivals
+from data_prep.scene import View
+
+OBJECTS_SHOWN = 4  # of one class; of several the first of each
+MOST_ACROSS = 8  # methods beside each other; more stand below each other
+MOST_CASES = 240  # pictures beside truth and cloud: they are most of the file
+EACH = 2  # worst and best records of a method at a condition, while there is room
+CLOUD = "cloud"
+
+
+def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
+    """The first objects of which there are pictures, as (class, object): not chosen by looks."""
+    ok = records[records["outcome"] == "ok"]
+    pairs = ok[["class", "object"]].drop_duplicates().sort_values(["class", "object"])
+    classes = pairs["class"].nunique()
+    first = pairs.groupby("class", sort=True).head(OBJECTS_SHOWN if classes == 1 else 1)
+    return [(str(c), str(o)) for c, o in zip(first["class"], first["object"], strict=True)]
+
+
+def extremes(records: pd.DataFrame) -> pd.DataFrame:
+    """The records of worst and best SSIM of each method that competes, at each condition.
+
+    Rows in the order of the records' methods and conditions, with the column `kind`. Of an object
+    only its worst (best) view; what is among the worst is not among the best.
+    """
+    competing = rivals(dict.fromkeys(records["method"]))
+    ok = records[(records["outcome"] == "ok") & records["method"].isin(competing)]
+    ok = ok.dropna(subset=["ssim"])
+    keys = ["method", "condition"]
+    cells = len(ok[[*keys, "class"]].drop_duplicates())
+    by_class = 2 * cells <= MOST_CASES
+    each = max(1, min(EACH, MOST_CASES // (2 * cells))) if by_class and cells else 1
+    made = []
+    for _, group in ok.groupby([*keys, "class"] if by_class else keys, sort=False):
+        rising = group.sort_values(["ssim", "class", "object", "view"], kind="stable")
+        worst = rising.drop_duplicates(["class", "object"]).head(each)
+        rest = rising.drop(worst.index)
+        best = rest.iloc[::-1].drop_duplicates(["class", "object"]).head(each)
+        made += [worst.assign(kind="worst"), best.assign(kind="best")]
+    if not made:
+        return ok.assign(kind="")
+    order = {method: i for i, method in enumerate(competing)}
+    together = pd.concat(made)
+    return together.iloc[together["method"].map(order).argsort(kind="stable")]
+
+
+def grids(records: pd.DataFrame, sources: Sources) -> tuple[Grid, ...]:
+    """The first view of the first objects, after the paper's Figures 1 and 3."""
+    methods = rivals(dict.fromkeys(records["method"]))
+    conditions = list(dict.fromkeys(map(str, records["condition"])))
+    first = records[records["view"] == 0]
+    made = []
+    for class_name, obj in shown_objects(records):
+        of_object = first[(first["class"] == class_name) & (first["object"] == obj)]
+        by_cell = {(row["method"], row["condition"]): row for row in _rows(of_object)}
+        if not by_cell:
+            continue
+        view = _view(next(iter(by_cell.values())))
+        rows = []
+        for condition in conditions:
+            item = Item(GROUND_TRUTH, condition, class_name, obj)
+            where = f"{condition}, {class_name} {obj}"
+            cells = [
+                GridCell(_cloud(sources, item, view, f"the cloud at {where}")),
+                GridCell(_drawn(sources, item.truth, 0, f"the truth, {class_name} {obj}")),
+            ]
+            cells += [
+                _grid_cell(sources, item._replace(method=method), by_cell.get((method, condition)))
+                for method in methods
+            ]
+            found = {row["outcome"] for (_, c), row in by_cell.items() if c == condition}
+            tags = Tags(condition=condition, outcomes=tuple(sorted(found)))
+            rows.append((condition, tags, tuple(cells)))
+        heads = ((CLOUD, Tags()), ("truth", Tags()), *((m, Tags(method=m)) for m in methods))
+        grid = Grid(
+            f"{class_name} {obj}",
+            f"View 0: azimuth {view.azimuth_deg:.0f}°, elevation {view.elevation_deg:.0f}°",
+            "condition",
+            heads,
+            tuple(rows),
+            Tags(class_name=class_name),
+        )
+        made.append(grid if len(methods) <= MOST_ACROSS else _turned(grid))
+    return tuple(made)
+
+
+def _turned(grid: Grid) -> Grid:
+    """Methods below each other. Outcomes stay with the conditions, which are columns now."""
+    columns = tuple((name, tags) for name, tags, _ in grid.rows)
+    across = list(zip(*(cells for _, _, cells in grid.rows), strict=True))
+    rows = tuple((*head, cells) for head, cells in zip(grid.columns, across, strict=True))
+    return Grid(grid.title, grid.told, "method", columns, rows, grid.tags)
+
+
+def _grid_cell(sources: Sources, item: Item, record: Mapping[str, Any] | None) -> GridCell:
+    what = f"{item.method} at {item.condition}, {item.class_name} {item.object_id}"
+    if record is None:
+        return GridCell(Picture("", f"{what}: not measured"), "not measured")
+    if record["outcome"] != "ok":
+        told = f"{record['outcome']}: {record['reason']}"
+        return GridCell(Picture("", f"{what}: {told}"), told, counted=True)
+    return GridCell(
+        _drawn(sources, item, 0, f"{what}: SSIM {record['ssim']:.3f}"),
+        f"{record['ssim']:.3f}",
+        counted=True,
+    )
+
+
+def cases(chosen: pd.DataFrame, sources: Sources) -> tuple[CaseGroup, ...]:
+    """The records that `extremes` has chosen, each with what it was drawn from and should be."""
+    several = chosen["class"].nunique() > 1
+    groups = []
+    for method, of_method in chosen.groupby("method", sort=False):
+        keys = ["condition", "class"] if several and _tells_classes(of_method) else ["condition"]
+        rows = []
+        for names, of_row in of_method.groupby(keys, sort=False):
+            parts = list(map(str, names if isinstance(names, tuple) else (names,)))
+            tags = Tags(str(method), parts[0], parts[1] if len(parts) > 1 else "")
+            made = tuple(_case(record, sources) for record in _rows(of_row))
+            rows.append((", ".join(parts), tags, made))
+        low, high = of_method["ssim"].min(), of_method["ssim"].max()
+        summary = f"SSIM {low:.3f} at worst, {high:.3f} at best"
+        groups.append(CaseGroup(str(method), summary, tuple(rows)))
+    return tuple(groups)
+
+
+def _tells_classes(of_method: pd.DataFrame) -> bool:
+    """Whether cases were chosen class by class."""
+    counts = of_method.groupby(["condition", "kind"])["class"].nunique()
+    return bool((counts > 1).any())
+
+
+def _case(record: Mapping[str, Any], sources: Sources) -> Case:
+    class_name, obj, view = record["class"], record["object"], record["view"]
+    item = Item(record["method"], record["condition"], class_name, obj)
+    name = f"{class_name} {obj}, view {view}"
+    at = _view(record)
+    facts = [
+        ("azimuth, elevation", f"{at.azimuth_deg:.1f}°, {at.elevation_deg:.1f}°"),
+        *(
+            (part, f"{1000 * record[f'{part}_s']:.1f} ms")
+            for part in ("prepare", "draw")
+            if math.isfinite(record[f"{part}_s"])
+        ),
+        *([("notes", record["notes"])] if record["notes"] else []),
+    ]
+    pictures = (
+        (CLOUD, _cloud(sources, item, at, f"the cloud of {name}")),
+        ("truth", _drawn(sources, item.truth, view, f"the truth of {name}")),
+        ("drawn", _drawn(sources, item, view, f"{name} as {item.method} draws it")),
+    )
+    tags = Tags(item.method, item.condition, class_name, (record["outcome"],))
+    return Case(record["kind"], f"{record['ssim']:.3f}", name, tuple(facts), pictures, tags)
+
+
+def _rows(records: pd.DataFrame) -> list[dict[str, Any]]:
+    rows: list[Any] = records.to_dict("records")
+    return rows
+
+
+def _view(record: Mapping[str, Any]) -> View:
+    return View(record["azimuth_deg"], record["elevation_deg"])
+
+
+def _drawn(sources: Sources, item: Item, view: int, told: str) -> Picture:
+    pictures = sources.pictures(item)
+    if pictures is None or view >= len(pictures):
+        return Picture("", f"{told}; the picture is no longer there")
+    return Picture(data_uri(pictures[view]), told)
+
+
+def _cloud(sources: Sources, item: Item, view: View, told: str) -> Picture:
+    points = sources.points(item)
+    if points is None:
+        return Picture("", f"{told}; it cannot be made again")
+    return Picture(data_uri(draw_dots(points, [view])[0]), told)
+
+
+def data_uri(picture: NDArray[np.uint8]) -> str:
+    """A picture [H, W, 3] as a lossless WebP that stands where an address would."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "WEBP", lossless=True, quality=100, method=2)
+    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -1,0 +1,1 @@
+"""From a protocol to jobs, executors and a finished run."""

@@ -1,0 +1,319 @@
+"""What a worker does: draw the ground truth of an object, or take one method over one cloud.
+
+Jobs and their results are plain values that cross process boundaries. A job writes its pictures and
+features into an artifact (a compressed .npz, written whole or not at all) and returns the records;
+whether they count is decided by whoever keeps the journal.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.catalogue.methods import FLOORS, Method, find_method
+from bench.catalogue.metrics import Extractor, find_extractor
+from bench.metrics.image_scores import scores
+from bench.records.artifacts import Artifact, Item, read_artifact
+from bench.records.job import NOTHING, Spent, Stopwatch
+from bench.records.record import GROUND_TRUTH, Record
+from data_prep.conditions import Perturbation
+from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
+from data_prep.images import to_uint8
+from data_prep.randomness import generator
+from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, View
+from data_prep.scene_objects import SceneObject
+from data_prep.whole_files import write_whole
+
+Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH).
+
+    key           names everything that the result depends on
+    perturbation  what `condition` is the name of
+    artifact      where pictures and features go
+    reference     the artifact of the ground truth; None where nothing is scored
+    features      (id, weights file) of the extractors to run
+    batch         views drawn in one call; None: all of them
+    """
+
+    key: str
+    suite: str
+    method: str
+    condition: str
+    perturbation: Perturbation
+    object: SceneObject
+    views: tuple[View, ...]
+    seed: int
+    device: str
+    features: tuple[tuple[str, str], ...]
+    artifact: Path
+    reference: Path | None
+    batch: int | None = None
+
+    @property
+    def item(self) -> Item:
+        """What it draws."""
+        return Item(self.method, self.condition, self.object.class_name, self.object.object_id)
+
+    @property
+    def made(self) -> Artifact:
+        """What it leaves behind where it ends well."""
+        return Artifact(self.item, self.artifact)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a job. `artifact_sha256` is None where there are no pictures.
+
+    `spent` is noughts for a job that was done by an earlier start, or whose worker died.
+    `unusable` is set where going on with other jobs of its kind makes no sense (a library or
+    weights file is missing): the run ends with this message.
+    """
+
+    key: str
+    records: tuple[Record, ...]
+    artifact_sha256: str | None
+    unusable: str | None = None
+    spent: Spent = NOTHING
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Pictures of a cloud, what the method mended on its way, and its times as in a record."""
+
+    pictures: Pictures
+    notes: str
+    prepare_s: float
+    draw_s: float
+
+
+def do(job: Job) -> Result:
+    """Carry out a job. Whatever a method raises becomes failed records with the reason."""
+    watch = Stopwatch()
+    result = _do(job, watch)
+    return replace(result, spent=watch.spent())
+
+
+def _do(job: Job, watch: Stopwatch) -> Result:
+    try:
+        if job.method == GROUND_TRUTH:
+            return _draw_ground_truth(job, watch)
+        return _run_method(job, watch)
+    except (MissingDependency, CannotWrite) as error:
+        return replace(failed(job, str(error)), unusable=str(error))
+    except (Exception, SystemExit) as error:  # a method may call exit(); the run goes on
+        return failed(job, reason_of(error))
+
+
+def reason_of(error: BaseException) -> str:
+    """What a method raised, as the reason in a record: "ball-pivoting: no faces"."""
+    if isinstance(error, BadInput):
+        return f"input: {error}"
+    if isinstance(error, StageFailure):
+        return str(error)
+    if isinstance(error, MemoryError):  # refused at once: nothing was used up yet
+        return f"memory: {_first_line(error)}"
+    return f"{type(error).__name__}: {_first_line(error)}"
+
+
+def failed(job: Job, reason: str) -> Result:
+    """The result of a job that gave no pictures."""
+    return Result(job.key, tuple(_records(job, "failed", reason=reason)), None)
+
+
+def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:
+    with watch.on("rendering"):
+        pictures = job.object.truth(job.views)
+    sha = _write_artifact(job, pictures, watch)
+    return Result(job.key, tuple(_records(job, "ok")), sha)
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).splitlines()
+    return lines[0] if lines else "no message"
+
+
+def _run_method(job: Job, watch: Stopwatch) -> Result:
+    method = find_method(job.method)
+    try:
+        with watch.on("methods"):
+            renderer = load_renderer(job.method, job.device)
+    except BadInput as error:  # unusable weights fail every item alike
+        return replace(failed(job, str(error)), unusable=str(error))
+    truth = None if job.reference is None else read_artifact(job.reference)["images"]
+    cloud, rng = cloud_of(job), rng_of(job)
+    with watch.on("methods"):
+        drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
+    records = _records(job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s)
+    if truth is not None:
+        with watch.on("metrics"):
+            scored = scores(truth, drawn.pictures)
+        records = [
+            replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
+            for i, record in enumerate(records)
+        ]
+    sha = _write_artifact(job, drawn.pictures, watch)
+    return Result(job.key, tuple(records), sha)
+
+
+def draw(
+    method: Method,
+    renderer: Renderer,
+    cloud: PointCloud,
+    views: Sequence[View],
+    rng: np.random.Generator,
+    batch: int | None = None,
+    truth: Pictures | None = None,
+) -> Drawn:
+    """Pictures of a cloud, `batch` views a call (None: all of them), checked.
+
+    Raises whatever the method raises, and StageFailure where what it gives are no pictures, or
+    blank ones (unless the true picture is blank too, or blank is what the method is for).
+    """
+    if not method.sees_mesh:
+        cloud = PointCloud(cloud.points)
+    start = time.perf_counter()
+    state = renderer.prepare(cloud, rng)
+    prepared = time.perf_counter()
+    batches = _batches(views, batch)
+    drawn = [renderer.draw(state, some, rng) for some in batches]
+    done = time.perf_counter()
+    pictures = np.concatenate(
+        [_checked(images, len(some)) for images, some in zip(drawn, batches, strict=True)]
+    )
+    if method.id not in FLOORS:
+        _refuse_blank(pictures, truth)
+    notes = "; ".join(getattr(state, "notes", ()))
+    return Drawn(pictures, notes, prepared - start, (done - prepared) / len(views))
+
+
+def _batches(views: Sequence[View], batch: int | None) -> list[Sequence[View]]:
+    if batch is None:
+        return [views]
+    return [views[i : i + batch] for i in range(0, len(views), batch)]
+
+
+def _refuse_blank(pictures: Pictures, truth: Pictures | None) -> None:
+    """Raises StageFailure where a picture is of one colour throughout, unless the true one is.
+
+    A renderer that has lost its context gives such, and so does one that looks the wrong way;
+    as the picture of an object it is none.
+    """
+    flat = _is_flat(pictures)
+    if truth is not None:
+        flat &= ~_is_flat(truth)
+    if flat.any():
+        raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} pictures are blank")
+
+
+def _is_flat(pictures: Pictures) -> NDArray[np.bool_]:
+    return (pictures == pictures[:, :1, :1]).all(axis=(1, 2, 3))
+
+
+def _or_none(score: np.float64) -> float | None:
+    return float(score) if np.isfinite(score) else None
+
+
+def cloud_of(job: Job) -> PointCloud:
+    """The perturbed cloud. It depends on seed, object and condition, never on the method."""
+    sampled = job.object.cloud(generator(job.seed, "cloud", *_identity(job)))
+    return job.perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
+
+
+def rng_of(job: Job) -> np.random.Generator:
+    """What the method of a job draws its random numbers from."""
+    return generator(job.seed, "method", job.method, job.condition, *_identity(job))
+
+
+def _identity(job: Job) -> tuple[str, str]:
+    return job.object.class_name, job.object.object_id
+
+
+def _checked(images: NDArray[np.float32], count: int) -> Pictures:
+    expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
+    if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
+        found = getattr(images, "dtype", type(images).__name__)
+        raise StageFailure("draw", f"pictures are {found}, expected float32 in [0, 1]")
+    if images.shape != expected:
+        raise StageFailure("draw", f"pictures of shape {images.shape}, expected {expected}")
+    bad = int((~np.isfinite(images)).sum())
+    if bad:
+        raise StageFailure("draw", f"{bad} pixel values are not finite")
+    return to_uint8(images)
+
+
+def _write_artifact(job: Job, pictures: Pictures, watch: Stopwatch) -> str:
+    arrays: dict[str, NDArray[Any]] = {"images": pictures}
+    with watch.on("metrics"):
+        for extractor, weights in job.features:
+            arrays[extractor] = _extractor(extractor, weights)(pictures)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    data = buffer.getvalue()
+    try:
+        write_whole(job.artifact, data)
+    except OSError as error:  # no fault of the method: the run has to stop, and can go on later
+        raise CannotWrite(
+            f"{job.artifact}: cannot be written ({error.strerror}); make room and run again"
+        ) from error
+    return sha256(data).hexdigest()
+
+
+def _records(
+    job: Job,
+    outcome: Literal["ok", "failed"],
+    *,
+    reason: str = "",
+    notes: str = "",
+    prepare_s: float | None = None,
+    draw_s: float | None = None,
+) -> Sequence[Record]:
+    return [
+        Record(
+            suite=job.suite,
+            method=job.method,
+            condition=job.condition,
+            class_name=job.object.class_name,
+            object=job.object.object_id,
+            view=i,
+            azimuth_deg=view.azimuth_deg,
+            elevation_deg=view.elevation_deg,
+            outcome=outcome,
+            reason=reason,
+            notes=notes,
+            ssim=None,
+            luminance=None,
+            contrast=None,
+            structure=None,
+            ssim_object=None,
+            silhouette_iou=None,
+            thin_recall=None,
+            thin_precision=None,
+            prepare_s=prepare_s,
+            draw_s=draw_s,
+        )
+        for i, view in enumerate(job.views)
+    ]
+
+
+@functools.cache
+def load_renderer(method: str, device: str) -> Renderer:
+    """The renderer of a method, once a process. Raises BadInput where its weights are unusable."""
+    return find_method(method).load(device)
+
+
+@functools.cache
+def _extractor(name: str, weights: str) -> Extractor:
+    return find_extractor(name).load(weights)

@@ -1,0 +1,1 @@
+"""Suites with a procedure of their own."""

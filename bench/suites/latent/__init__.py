@@ -1,0 +1,1 @@
+"""The suite `latent`: what lies between codes, and what their differences mean."""

@@ -1,0 +1,83 @@
+"""What is measured of paths and sums of codes. Pure functions of pictures and clouds."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from bench.judges.views import ViewsNetwork, view_features
+from bench.metrics.structural_similarity import ssim_per_image
+from pc2pix.losses import chamfer
+
+Pictures = NDArray[np.uint8]  # [N, 128, 128, 3]
+Clouds = NDArray[np.float32]  # [N, 2048, 3], unit-sphere coordinates
+Floats = NDArray[np.float64]
+
+
+def unevenness(steps: Floats) -> float:
+    """The largest of the steps [K - 1] of a path over their mean: 1 where all are equal.
+
+    At most K - 1, where all the way is one jump. NaN for a path that does not move at all.
+    """
+    mean = steps.mean()
+    return float(steps.max() / mean) if mean > 0 else float("nan")
+
+
+def picture_steps(pictures: Pictures) -> Floats:
+    """Root-mean-square difference of neighbours [K - 1], in 0..1, along a path of K pictures."""
+    values = pictures.astype(np.float64) / 255
+    return np.sqrt(np.square(np.diff(values, axis=0)).mean(axis=(1, 2, 3)))
+
+
+def cloud_steps(clouds: Clouds) -> Floats:
+    """Chamfer distance of neighbours [K - 1] along a path of K clouds."""
+    return chamfer_distances(clouds[:-1], clouds[1:])
+
+
+def chamfer_distances(a: Clouds, b: Clouds) -> Floats:
+    """Chamfer distance [N] of each pair of clouds: that of the training, in squared radii.
+
+    The mean squared distance to the nearest neighbour, from a to b plus from b to a.
+    """
+    return np.array(
+        [
+            float(chamfer(torch.tensor(p)[None], torch.tensor(q)[None]))
+            for p, q in zip(a, b, strict=True)
+        ]
+    )
+
+
+def distances_to_nearer_end(clouds: Clouds) -> Floats:
+    """Chamfer distance [K - 2] of each cloud between the ends of a path to the nearer end."""
+    between = clouds[1:-1]
+    to_ends = [
+        chamfer_distances(between, np.broadcast_to(end, between.shape))
+        for end in (clouds[0], clouds[-1])
+    ]
+    return np.minimum(*to_ends)
+
+
+def cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> Pictures:
+    """[positions, H, W, 3]: the weighted mean of two pictures [H, W, 3], rounded; exact ends."""
+    share = np.linspace(0, 1, positions)[:, None, None, None]
+    return np.floor((1 - share) * start + share * end + 0.5).astype(np.uint8)
+
+
+def family_confidence(network: ViewsNetwork, pictures: Pictures) -> Floats:
+    """How sure the classifier of `fd-views` is of a structural family [N]: largest probability."""
+    features = torch.from_numpy(view_features(network, pictures))
+    with torch.inference_mode():
+        return network.heads["family"](features).double().softmax(dim=1).amax(dim=1).numpy()
+
+
+def ssim_values(truth: Pictures, pictures: Pictures) -> Floats:
+    """SSIM [N] of each pair of pictures, by the protocol of the benchmark."""
+    return ssim_per_image(truth, pictures).ssim
+
+
+def cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
+    """Cosine of the angle between two vectors [d]; NaN where one is zero."""
+    x, y = a.astype(np.float64), b.astype(np.float64)
+    length = np.linalg.norm(x) * np.linalg.norm(y)
+    return float(x @ y / length) if length > 0 else float("nan")

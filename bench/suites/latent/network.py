@@ -1,0 +1,108 @@
+"""A network as the suite `latent` sees it: clouds to codes, codes to clouds and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from bench.catalogue.methods import find_method
+from bench.suites.latent.chairs import SpecifiedChair
+from data_prep.failures import BadInput, StageFailure
+from data_prep.images import to_uint8
+from data_prep.randomness import generator
+from data_prep.render import render
+from data_prep.sampling import sample_surface
+from data_prep.scene import Mesh, PointCloud, View
+from pc2pix.decoder_weights import load_decoder
+from pc2pix.latent import decode
+from pc2pix.model import Decoder
+from pc2pix.renderer import Pc2pixRenderer
+
+BUNDLED = "chair"  # the weights of the method `pc2pix`
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Everything that turns clouds into codes, and codes into clouds and pictures."""
+
+    method: str
+    renderer: Pc2pixRenderer
+    decoder: Decoder
+    decoder_sha256: str
+    view: View
+
+    def encode(self, name: str, cloud: PointCloud) -> Tensor:
+        """Whitened code [1, d] of a cloud; `name` tells it in an error.
+
+        Raises BadInput where the code is not finite.
+        """
+        try:
+            return self.renderer.prepare(cloud)
+        except StageFailure as error:
+            raise BadInput(
+                f"{self.method}: cannot encode {name} ({error}); these weights cannot be measured"
+            ) from error
+
+    def decode(self, codes: Tensor) -> NDArray[np.float32]:
+        """Clouds float32 [K, 2048, 3] of whitened codes [K, d]."""
+        return decode(self.decoder, codes)
+
+    def draw(self, codes: Tensor) -> NDArray[np.uint8]:
+        """Pictures uint8 [K, 128, 128, 3] of whitened codes [K, d], all from the one view.
+
+        One by one, so that a picture does not depend on its neighbours. Raises BadInput where one
+        is not finite.
+        """
+        try:
+            drawn = [self.renderer.draw(code[None], [self.view]) for code in codes]
+        except StageFailure as error:
+            raise BadInput(
+                f"{self.method}: cannot draw ({error}); these weights cannot be measured"
+            ) from error
+        return to_uint8(np.concatenate(drawn))
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A chair as the suite knows it: cloud [2048, 3], true picture [128, 128, 3]."""
+
+    cloud: PointCloud
+    picture: NDArray[np.uint8]
+
+
+def weights_of(method: str) -> str:
+    """Name or path of the weights of a method. Raises BadInput where it has no code."""
+    name, _, file = find_method(method).id.partition("@")
+    if name != "pc2pix":
+        raise BadInput(
+            f"--methods {method}: has no code to do arithmetic with; use pc2pix or "
+            "pc2pix@FILE.safetensors"
+        )
+    return file or BUNDLED
+
+
+def load_network(method: str, device: str, view: View) -> Network:
+    """A method's network with the decoder of its weights.
+
+    Raises BadInput where the weights cannot be used, or have no decoder of their own.
+    """
+    weights = weights_of(method)
+    renderer = find_method(method).load(device)
+    assert isinstance(renderer, Pc2pixRenderer)
+    decoder, sha256 = load_decoder(weights, renderer.weights)
+    return Network(method, renderer, decoder.to(renderer.device), sha256, view)
+
+
+def look(network: Network, chair: SpecifiedChair, seed: int) -> Seen:
+    """Sample and render a chair."""
+    mesh = chair.load()
+    return Seen(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
+
+
+def cloud_of(mesh: Mesh, chair: SpecifiedChair, seed: int) -> PointCloud:
+    """2,048 points, those of the other suites for the same chair and seed."""
+    sampled = sample_surface(mesh, generator(seed, "cloud", "chair", chair.id))
+    return PointCloud(sampled.points)  # without its mesh: no method may look at that

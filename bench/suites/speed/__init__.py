@@ -1,0 +1,1 @@
+"""The suite `speed`: what a picture costs."""

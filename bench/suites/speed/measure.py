@@ -1,0 +1,275 @@
+"""What a worker of the suite `speed` does: time one method, in a process that does nothing else.
+
+First what a fresh process pays: loading (imports and weights), the first cloud, the first picture
+(OpenGL starts here). Then a round that is not counted, in which the pictures are checked: what
+draws nothing may be as fast as it likes. Then rounds over all clouds, prepare and draw apart.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from bench.catalogue.methods import Method, find_method
+from bench.catalogue.suites import SpeedSuite
+from bench.running.work import draw, reason_of
+from bench.suites.speed.samples import Failure, Measurement, Sample, Stage
+from data_prep.conditions import Perturbation
+from data_prep.datasets import SceneObject
+from data_prep.failures import BadInput, MissingDependency
+from data_prep.randomness import generator
+from data_prep.scene import PointCloud, Renderer, View
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One measurement that is to be taken; a plain value that crosses process boundaries.
+
+    key           names everything that the times depend on
+    perturbation  what `condition` is the name of
+    views         of each cloud, drawn in one call and some of them one by one
+    """
+
+    key: str
+    suite: SpeedSuite
+    method: str
+    condition: str
+    perturbation: Perturbation
+    objects: tuple[SceneObject, ...]
+    threads: int
+    views: int
+    seed: int
+    device: str
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A cloud that is drawn, with its views.
+
+    rng  gives a fresh generator: the same work in each round
+    """
+
+    id: str
+    cloud: PointCloud
+    views: tuple[View, ...]
+    rng: Callable[[], np.random.Generator]
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Where times are read, in seconds.
+
+    wall    time that goes by
+    core    processor time of this process, all threads
+    finish  returns when the device has done what it was asked for
+    """
+
+    wall: Callable[[], float]
+    core: Callable[[], float]
+    finish: Callable[[], None]
+
+
+def finish_gpu() -> None:
+    """Wait for a GPU that this process uses: calls return before their work is done."""
+    torch = sys.modules.get("torch")
+    if torch is not None and torch.cuda.is_initialized():
+        torch.cuda.synchronize()
+
+
+CLOCK = Clock(time.perf_counter, time.process_time, finish_gpu)
+
+
+def measure(unit: Unit) -> Measurement:
+    """Take a measurement. What the method raises becomes failures with the reason.
+
+    Raises BadInput for weights that cannot be used, MissingDependency where a library is missing.
+    """
+    busy, own, start = _busy_s(), time.process_time(), time.perf_counter()
+    subjects, unusable = subjects_of(unit)
+    idle_mib = peak_mib()
+    method = find_method(unit.method)
+    samples, failures = take_samples(
+        method, lambda: method.load(unit.device), subjects, unit.suite, CLOCK
+    )
+    elsewhere_s = (_busy_s() - busy) - (time.process_time() - own)
+    return Measurement(
+        key=unit.key,
+        method=unit.method,
+        condition=unit.condition,
+        threads=unit.threads,
+        views=unit.views,
+        clouds=len(unit.objects),
+        device=_device(),
+        samples=tuple(samples),
+        failures=(*unusable, *failures),
+        idle_mib=idle_mib,
+        peak_mib=peak_mib(),
+        elsewhere_cores=max(0.0, elsewhere_s / (time.perf_counter() - start)),
+    )
+
+
+def subjects_of(unit: Unit) -> tuple[list[Subject], list[Failure]]:
+    """The clouds of a unit, as other suites draw them, and those that cannot be had."""
+    subjects, failures = [], []
+    for obj in unit.objects:
+        names = (obj.class_name, obj.object_id)
+        name = "/".join(names)
+        try:
+            cloud = obj.cloud(generator(unit.seed, "cloud", *names))
+            cloud = unit.perturbation.apply(cloud, generator(unit.seed, unit.condition, *names))
+        except BadInput as error:
+            failures.append(Failure(name, reason_of(error)))
+            continue
+        views = obj.views(unit.views, generator(unit.seed, "views", *names))
+        of_method = (unit.seed, "method", unit.method, unit.condition, *names)
+        subjects.append(Subject(name, cloud, views, lambda key=of_method: generator(*key)))
+    return subjects, failures
+
+
+def take_samples(
+    method: Method,
+    load: Callable[[], Renderer],
+    subjects: Sequence[Subject],
+    suite: SpeedSuite,
+    clock: Clock,
+) -> tuple[list[Sample], list[Failure]]:
+    """Times of loading, of the first picture, and of `suite`'s rounds; and what failed.
+
+    A cloud that fails once is left out from then on; the times that it gave are kept. Where the
+    method cannot be loaded, all clouds have failed.
+    """
+    samples: list[Sample] = []
+    failures: list[Failure] = []
+    left = list(subjects)
+    try:
+        renderer, sample = _timed(load, Place("", 0, "load", 0), clock)
+    except (BadInput, MissingDependency):
+        raise
+    except (Exception, SystemExit) as error:  # a method may call exit()
+        return [], [Failure(subject.id, reason_of(error)) for subject in subjects]
+    samples.append(sample)
+    for subject in left[:1]:
+        with _left_out_if_failed(subject, left, failures):
+            _round(method, renderer, subject, 0, [subject.views[:1]], clock, samples)
+    for _ in range(suite.warm_ups):
+        for subject in tuple(left):
+            with _left_out_if_failed(subject, left, failures):
+                # Raises where what the method gives are no pictures of a cloud.
+                draw(method, renderer, subject.cloud, subject.views, subject.rng())
+    start, number = clock.wall(), 0
+    while left and number < suite.most_rounds:
+        if number >= suite.least_rounds and clock.wall() - start >= suite.seconds:
+            break
+        number += 1
+        for subject in tuple(left):
+            with _left_out_if_failed(subject, left, failures):
+                calls = _calls(subject.views, suite.singles)
+                _round(method, renderer, subject, number, calls, clock, samples)
+    return samples, failures
+
+
+@contextmanager
+def _left_out_if_failed(
+    subject: Subject, left: list[Subject], failures: list[Failure]
+) -> Iterator[None]:
+    try:
+        yield
+    except MissingDependency:
+        raise
+    except (Exception, SystemExit) as error:
+        failures.append(Failure(subject.id, reason_of(error)))
+        left.remove(subject)
+
+
+def _calls(views: Sequence[View], singles: int) -> list[Sequence[View]]:
+    """Views by call: the first `singles` alone, then all at once (one view: only alone)."""
+    return [*([view] for view in views[:singles]), *([views] if len(views) > 1 else [])]
+
+
+@dataclass(frozen=True)
+class Place:
+    """What a sample is of: its fields but the times."""
+
+    cloud: str
+    round: int
+    stage: Stage
+    views: int
+
+
+def _timed(call: Callable[[], Value], place: Place, clock: Clock) -> tuple[Value, Sample]:
+    clock.finish()
+    core, wall = clock.core(), clock.wall()
+    value = call()
+    clock.finish()
+    wall_s, core_s = clock.wall() - wall, clock.core() - core
+    return value, Sample(place.cloud, place.round, place.stage, place.views, wall_s, core_s)
+
+
+def _round(
+    method: Method,
+    renderer: Renderer,
+    subject: Subject,
+    number: int,
+    calls: Sequence[Sequence[View]],
+    clock: Clock,
+    samples: list[Sample],
+) -> None:
+    """Prepare a cloud and draw it, a call for each element of `calls`; all times are appended."""
+    rng = subject.rng()
+    cloud = subject.cloud if method.sees_mesh else PointCloud(subject.cloud.points)
+    place = Place(subject.id, number, "prepare", 0)
+    state, sample = _timed(lambda: renderer.prepare(cloud, rng), place, clock)
+    samples.append(sample)
+    for views in calls:
+        place = Place(subject.id, number, "draw", len(views))
+        _, sample = _timed(lambda v=views: renderer.draw(state, v, rng), place, clock)
+        samples.append(sample)
+
+
+def peak_mib() -> float | None:
+    """The most memory this process has had resident, in MiB; None where Linux does not tell.
+
+    Not `ru_maxrss`: that starts with what the parent had when it made this process.
+    """
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return None
+    found = [line.split()[1] for line in lines if line.startswith("VmHWM:")]
+    return int(found[0]) / 1024 if found else None
+
+
+def _busy_s() -> float:
+    """Seconds that the cores which this process may use have been busy, with whatever.
+
+    Not the load average: a minute long it holds what the measurement before has left there.
+    """
+    import psutil
+
+    usable = os.sched_getaffinity(0)
+    cores: list[Any] = psutil.cpu_times(percpu=True)
+    # "user" has the time of guests in it already
+    kinds = ("user", "nice", "system", "irq", "softirq", "steal")
+    return sum(
+        getattr(core, kind, 0.0)
+        for number, core in enumerate(cores)
+        if number in usable
+        for kind in kinds
+    )
+
+
+def _device() -> str:
+    torch = sys.modules.get("torch")
+    if torch is None or not torch.cuda.is_initialized():
+        return "cpu"
+    return torch.cuda.get_device_name()

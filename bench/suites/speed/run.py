@@ -1,0 +1,215 @@
+"""The suite `speed`: what each method costs, alone on this machine.
+
+One measurement after the other, each in a process of its own; one that was taken before is kept as
+long as versions, code and machine are the same. While it runs, nothing else should.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.catalogue.methods import find_method, objectives
+from bench.catalogue.suites import SPEED, SpeedSuite
+from bench.records.journal import check_directory, open_journal, set_aside, write_manifest
+from bench.records.record import SCHEMA_VERSION
+from bench.running import environment as manifests
+from bench.running.isolation import Lost, run_tasks, thread_counts
+from bench.running.options import Options, refuse
+from bench.running.probe import environment
+from bench.running.progress import progress, say
+from bench.suites.speed.figure import write_amortised
+from bench.suites.speed.measure import Unit, measure
+from bench.suites.speed.samples import Failure, Measurement, read_measurement, write_measurement
+from bench.suites.speed.speed_markdown import amortised_markdown, speed_markdown
+from bench.suites.speed.speed_plan import speed_units
+from bench.suites.speed.summary import Summary, summarise
+from bench.suites.speed.tables import (
+    AmortisedRow,
+    BreakEvenRow,
+    Machine,
+    SpeedRow,
+    amortised_rows,
+    break_even_rows,
+    samples_to_csv,
+    speed_rows,
+    to_csv,
+)
+from bench.tables.published import published
+from data_prep.datasets import SceneObject, open_dataset
+from data_prep.failures import BadInput
+from data_prep.whole_files import write_whole
+
+TABLES = "tables"
+FIGURES = "figures"
+
+
+@dataclass(frozen=True)
+class SpeedRun:
+    """A finished run: where it is, its tables in Markdown, and what was measured now and before.
+
+    noisy  measurements during which something else kept this machine busy
+    """
+
+    directory: Path
+    tables: tuple[str, ...]
+    done: int
+    reused: int
+    failed: int
+    noisy: int
+    seconds: float
+
+
+def run(options: Options, suite: SpeedSuite = SPEED) -> SpeedRun:
+    """Carry out the suite, or what is left of it. Raises BadInput for what the user has to mend."""
+    start = time.perf_counter()
+    _check(options, suite)
+    methods = tuple(dict.fromkeys(options.methods or suite.methods))
+    for method in methods:
+        find_method(method)
+    conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
+    clouds = options.limit or suite.clouds
+    objects = open_dataset(options.dataset).objects(suite.class_name, clouds, clouds)
+    directory = options.directory
+    manifest = _describe(options, suite, methods, conditions, objects)
+    units = speed_units(
+        suite,
+        methods,
+        conditions,
+        objects,
+        manifest["threads"],
+        manifest["views"],
+        options.seed,
+        options.device,
+        {name: manifest[name] for name in ("environment", "versions", "machine")},
+    )
+    if options.fresh and (old := set_aside(directory)):
+        say(f"the old run is now {old}")
+    check_directory(directory, manifest)
+    with open_journal(directory):  # nothing is kept there: it locks the directory
+        write_manifest(directory, manifest)
+        measured, reused = _measure_all(units, directory)
+        summaries = [summarise(measurement) for measurement in measured]
+        tables = _write(directory, summaries, suite, manifest["machine"])
+        write_manifest(directory, manifest | {"finished": manifests.now()})
+    return SpeedRun(
+        directory,
+        tables,
+        done=len(units) - reused,
+        reused=reused,
+        failed=sum(bool(measurement.failures) for measurement in measured),
+        noisy=sum((m.elsewhere_cores or 0) > suite.quiet_cores for m in measured),
+        seconds=time.perf_counter() - start,
+    )
+
+
+def _check(options: Options, suite: SpeedSuite) -> None:
+    """Raises BadInput for wishes that have no meaning here."""
+    refuse(
+        suite.id,
+        (
+            ("workers", options.workers, "its measurements are taken one after the other"),
+            ("shard", options.shard, "which times one machine"),
+            ("ray", options.ray, "which times one machine"),
+            ("inception-weights", options.inception_weights, "no fid is taken"),
+        ),
+    )
+    for name, value in (("limit", options.limit), ("views", options.views)):
+        if value is not None and value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
+
+
+def _describe(
+    options: Options,
+    suite: SpeedSuite,
+    methods: Sequence[str],
+    conditions: Sequence[str],
+    objects: Sequence[SceneObject],
+) -> dict[str, Any]:
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "suite": suite.id,
+        "dataset": options.dataset,
+        "views": options.views or suite.views,
+        "seed": options.seed,
+        "device": options.device,
+        "methods": list(methods),
+        "objectives": objectives(methods),
+        "conditions": list(conditions),
+        "threads": sorted({1, manifests.cores()}),
+        "objects": [f"{obj.class_name}/{obj.object_id}" for obj in objects],
+        "environment": environment(),
+    } | manifests.circumstances()
+
+
+def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measurement], int]:
+    """The measurements of all units, and how many of them were there from before."""
+    found = {unit.key: read_measurement(directory, unit.key) for unit in units}
+    missing = [unit for unit in units if found[unit.key] is None]
+    reused = len(units) - len(missing)
+    if missing and reused:
+        say(f"{units[0].suite.id}: {reused} of {len(units)} are there from before")
+    failures = 0
+    with progress(units[0].suite.id, len(missing)) as advance:
+        for unit in missing:
+            measurement = _measure_alone(unit)
+            write_measurement(directory, measurement)
+            found[unit.key] = measurement
+            failures += bool(measurement.failures)
+            advance(failures)
+    return [m for unit in units if (m := found[unit.key]) is not None], reused
+
+
+def _measure_alone(unit: Unit) -> Measurement:
+    """The measurement of a unit in a fresh process; what became of one that was lost.
+
+    Its memory is not filled as in other suites (`bench.running.isolation`): reconstruction is the
+    same twice with it, and encoding a cloud a third slower.
+    """
+    environment = thread_counts(unit.threads)
+    ((_, result),) = run_tasks([unit], measure, 1, unit.suite.limits, environment)
+    return lost(unit, result.reason) if isinstance(result, Lost) else result
+
+
+def lost(unit: Unit, reason: str) -> Measurement:
+    """What is written down where the process of a measurement died: no cloud has a time."""
+    failures = (Failure(f"{o.class_name}/{o.object_id}", reason) for o in unit.objects)
+    return Measurement(
+        key=unit.key,
+        method=unit.method,
+        condition=unit.condition,
+        threads=unit.threads,
+        views=unit.views,
+        clouds=len(unit.objects),
+        device=unit.device,
+        samples=(),
+        failures=tuple(failures),
+        idle_mib=None,
+        peak_mib=None,
+        elsewhere_cores=None,
+    )
+
+
+def _write(
+    directory: Path, summaries: Sequence[Summary], suite: SpeedSuite, machine: dict[str, Any]
+) -> tuple[str, ...]:
+    here = Machine(machine["cpu"], machine["cores"])
+    paper = published(suite.id)
+    told = speed_markdown(summaries, suite, here, paper), amortised_markdown(summaries, suite)
+    files = {
+        "speed.csv": to_csv(SpeedRow, speed_rows(summaries, suite, here, paper)),
+        "speed.md": told[0],
+        "speed_samples.csv": samples_to_csv(summary.measurement for summary in summaries),
+        "amortised.csv": to_csv(AmortisedRow, amortised_rows(summaries, suite)),
+        "amortised.md": told[1],
+        "break_even.csv": to_csv(BreakEvenRow, break_even_rows(summaries, suite)),
+    }
+    for name, text in files.items():
+        write_whole(directory / TABLES / name, text.encode())
+    folder = directory / FIGURES
+    folder.mkdir(exist_ok=True)
+    write_amortised(folder / "amortised.png", summaries, suite)
+    return told

@@ -1,0 +1,142 @@
+"""Medians of samples: what a measurement of the suite `speed` comes to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.suites.speed.samples import Measurement, Sample, Stage
+from bench.suites.speed.speed_costs import Cost
+
+MS = 1000.0
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number made of `n` samples; NaN of none."""
+
+    value: float
+    n: int
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a measurement comes to.
+
+    values  by metric, see `summarise`
+    wall    seconds that go by, medians; None where there is no picture to speak of
+    core    seconds of processor time, likewise
+    """
+
+    measurement: Measurement
+    values: Mapping[str, Value]
+    wall: Cost | None
+    core: Cost | None
+
+    @property
+    def reason(self) -> str:
+        """Why some clouds failed, each reason once; empty where none did."""
+        return "; ".join(dict.fromkeys(f.reason for f in self.measurement.failures))
+
+    @property
+    def n_ok(self) -> int:
+        """Clouds that were measured to the end."""
+        return self.measurement.clouds - len({f.cloud for f in self.measurement.failures})
+
+
+def summarise(measurement: Measurement) -> Summary:
+    """Medians over clouds and rounds, in milliseconds and MiB.
+
+    cold-load, cold-prepare, cold-draw   the first call in its process; cold-picture is their sum
+    prepare, draw-1, draw-V              warm: median, 95th percentile (p95) and median of the
+                                         processor time (core); of a call, a view's share
+    picture-of-1, picture-of-V           a picture where 1 or V are drawn of a cloud, prepared
+                                         for them: sums of the medians above
+    peak-mib, idle-mib                   most memory of the process, and before the method was there
+    """
+    batch = measurement.views
+    values = {
+        f"cold-{stage}-ms": _value(_cold(measurement, stage), np.median, lambda s: MS * s.wall_s)
+        for stage in ("load", "prepare", "draw")
+    }
+    together = sum(value.value for value in values.values())
+    values["cold-picture-ms"] = Value(together, 1 if math.isfinite(together) else 0)
+    parts = [("prepare", _warm(measurement, "prepare", 0), 1)]
+    parts += [(f"draw-{v}", _warm(measurement, "draw", v), v) for v in dict.fromkeys((1, batch))]
+    for name, samples, views in parts:
+        share = MS / views
+        values |= {
+            f"{name}-ms": _value(samples, np.median, lambda s, k=share: k * s.wall_s),
+            f"{name}-p95-ms": _value(samples, _p95, lambda s, k=share: k * s.wall_s),
+            f"{name}-core-ms": _value(samples, np.median, lambda s, k=share: k * s.core_s),
+        }
+    wall = _cost(measurement, lambda sample: sample.wall_s)
+    core = _cost(measurement, lambda sample: sample.core_s)
+    for views in dict.fromkeys((1, batch)):
+        n = values[f"draw-{views}-ms"].n
+        for cost, unit in ((wall, "ms"), (core, "core-ms")):
+            per_picture = MS * cost.per_picture(views) if cost else math.nan
+            values[f"picture-of-{views}-{unit}"] = Value(per_picture, n if cost else 0)
+    for name, mib in (("peak-mib", measurement.peak_mib), ("idle-mib", measurement.idle_mib)):
+        values[name] = Value(math.nan, 0) if mib is None else Value(mib, 1)
+    return Summary(measurement, values, wall, core)
+
+
+def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
+    """How many times cheaper a picture is than with the rival under the same circumstances.
+
+    Empty where one of the two has no cost.
+    """
+    if rival is None or summary.wall is None or rival.wall is None:
+        return {}
+    made = {}
+    for views in dict.fromkeys((1, summary.wall.batch)):
+        ratio = rival.wall.per_picture(views) / summary.wall.per_picture(views)
+        made[f"picture-of-{views}-speedup"] = Value(
+            ratio, summary.values[f"picture-of-{views}-ms"].n
+        )
+    return made
+
+
+def beside(summaries: Iterable[Summary], summary: Summary, method: str) -> Summary | None:
+    """Another method under the same condition, with as many threads."""
+    of = summary.measurement
+    for other in summaries:
+        found = other.measurement
+        if (found.method, found.condition, found.threads) == (method, of.condition, of.threads):
+            return other
+    return None
+
+
+def _cold(measurement: Measurement, stage: Stage) -> list[Sample]:
+    return [s for s in measurement.samples if s.round == 0 and s.stage == stage]
+
+
+def _warm(measurement: Measurement, stage: Stage, views: int) -> list[Sample]:
+    return [s for s in measurement.samples if s.round and (s.stage, s.views) == (stage, views)]
+
+
+def _value(
+    samples: Sequence[Sample],
+    over: Callable[[Any], Any],
+    of: Callable[[Sample], float],
+) -> Value:
+    return Value(float(over([of(s) for s in samples])) if samples else math.nan, len(samples))
+
+
+def _p95(values: Sequence[float]) -> float:
+    return float(np.percentile(values, 95))
+
+
+def _cost(measurement: Measurement, of: Callable[[Sample], float]) -> Cost | None:
+    batch = measurement.views
+    parts: tuple[tuple[Stage, int], ...] = (("prepare", 0), ("draw", 1), ("draw", batch))
+    found = [_value(_warm(measurement, *part), np.median, of).value for part in parts]
+    if not all(map(math.isfinite, found)):
+        return None
+    prepare, one, all_at_once = found
+    return Cost(prepare, one, all_at_once, batch)

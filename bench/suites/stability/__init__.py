@@ -1,0 +1,1 @@
+"""The suite `stability`: extreme inputs, and whether the outcomes are as stated."""

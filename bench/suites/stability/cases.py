@@ -1,0 +1,171 @@
+"""The inputs of the suite `stability`: what every method is put through, and with what it agrees.
+
+A case is a cloud at the edge of the domain, views, and a way to draw them. Where its pictures
+should be those of another case, `like` names that: a metamorphic check. What each method is
+expected to make of a case stands in `bench.suites.stability.expectations`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from data_prep.conditions import GaussianNoise, Perturbation, Stride, Unchanged
+from data_prep.extremes import (
+    Cast,
+    Count,
+    Equal,
+    FirstPoint,
+    Flattened,
+    Half,
+    Kept,
+    Normalised,
+    Repeated,
+    Scaled,
+    Shifted,
+    Shuffled,
+    Strided,
+    Turned,
+    TwoClusters,
+    UnitBox,
+)
+from data_prep.scene import View
+
+VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0), View(-150.0, 0.0))
+TURN_DEG = 75.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One extreme.
+
+    id     kebab-case
+    group  what kind of extreme; cases of a group stand together
+    about  in words
+    like   the case whose pictures these should be, view by view (and again from the first where
+           this case has more views)
+    batch  views drawn in one call; None: all of them
+    """
+
+    id: str
+    group: str
+    about: str
+    perturbation: Perturbation
+    like: str | None = None
+    views: tuple[View, ...] = VIEWS
+    batch: int | None = None
+
+
+def _turned(views: tuple[View, ...], degrees: float) -> tuple[View, ...]:
+    return tuple(replace(view, azimuth_deg=view.azimuth_deg + degrees) for view in views)
+
+
+def _at(azimuth_deg: float | None = None, elevation_deg: float | None = None) -> tuple[View, ...]:
+    """One view from an end of a range; the other angle as it is in `VIEWS`."""
+    changes = {"azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg}
+    given = {name: value for name, value in changes.items() if value is not None}
+    return tuple(dict.fromkeys(replace(view, **given) for view in VIEWS))
+
+
+CASES = (
+    Case("plain", "plain", "the sampled cloud, 2,048 points", Unchanged()),
+    *(
+        Case(f"{count}-points", "number of points", f"{count:,} points", Count(count))
+        for count in (0, 1, 2, 3, 4, 16, 100_000, 1_000_000)
+    ),
+    Case("all-equal", "degenerate", "2,048 times the same point", Equal(), like="1-points"),
+    Case("collinear", "degenerate", "all points on the X axis", Flattened(1)),
+    Case("coplanar", "degenerate", "all points in the plane Z = 0", Flattened(2)),
+    Case("two-clusters", "degenerate", "two small halves far apart", TwoClusters()),
+    Case("box", "degenerate", "a clean sample of a cube: flat faces, sharp edges", UnitBox()),
+    *(
+        Case(
+            f"outlier-{value}",
+            "outlier",
+            f"one coordinate is {value}",
+            FirstPoint(float(value)),
+            like="plain",
+        )
+        for value in ("1e3", "1e6", "1e30", "nan", "inf", "-inf")
+    ),
+    *(
+        Case(
+            f"scale-{factor}",
+            "scale",
+            f"coordinates times {factor}",
+            Scaled(float(factor)),
+            "plain",
+        )
+        for factor in ("1e-30", "1e-9", "1e-3", "1e3", "1e9", "1e30")
+    ),
+    *(
+        Case(
+            f"shift-{distance}", "scale", f"moved by {distance}", Shifted(float(distance)), "plain"
+        )
+        for distance in ("1e3", "1e6")
+    ),
+    Case("float16", "type of number", "float16 input", Cast("float16"), like="plain"),
+    Case("float64", "type of number", "float64 input", Cast("float64"), like="plain"),
+    Case("int", "type of number", "integers: 0 and +-1", Cast("int64")),
+    Case(
+        "non-contiguous", "type of number", "every other column, Fortran order", Strided(), "plain"
+    ),
+    Case("every-2nd", "repeated points", "1,024 points", Stride(2)),
+    Case("rows-twice", "repeated points", "the same, each twice", Repeated(2), like="every-2nd"),
+    Case("every-4th", "repeated points", "512 points", Stride(4)),
+    Case("rows-4-times", "repeated points", "the same, each four times", Repeated(4), "every-4th"),
+    Case("noise-0", "noise", "noise of sigma 0", GaussianNoise(0.0), like="plain"),
+    *(
+        Case(f"noise-{sigma}", "noise", f"noise of sigma {sigma}", GaussianNoise(float(sigma)))
+        for sigma in ("0.02", "0.2", "0.5", "1", "2", "5", "10")
+    ),
+    Case("dropout-99", "missing points", "99 % of the points dropped at random", Kept(0.01)),
+    Case("half", "missing points", "half of the object cut away", Half()),
+    Case("elevation+90", "view", "from the zenith", Unchanged(), views=_at(elevation_deg=90.0)),
+    Case("elevation-90", "view", "from the nadir", Unchanged(), views=_at(elevation_deg=-90.0)),
+    Case("azimuth-180", "view", "azimuth -180", Unchanged(), views=_at(-180.0)),
+    Case("azimuth+180", "view", "azimuth +180", Unchanged(), "azimuth-180", _at(180.0)),
+    Case("azimuth+720", "view", "twice around", Unchanged(), "plain", _turned(VIEWS, 720.0)),
+    Case("shuffled", "metamorphic", "the points in another order", Shuffled(), like="plain"),
+    Case("normalised", "metamorphic", "the cloud brought to the unit sphere", Normalised()),
+    *(
+        Case(
+            f"normalised-{factor}-{distance}",
+            "metamorphic",
+            f"times {factor}, moved by {distance}, brought to the unit sphere",
+            Normalised(float(factor), float(distance)),
+            like="normalised",
+        )
+        for factor, distance in (
+            ("1e-30", "0"),
+            ("1e-3", "0"),
+            ("1e3", "0"),
+            ("1e30", "0"),
+            ("1", "1e3"),
+            ("1", "1e6"),
+        )
+    ),
+    Case(
+        "millimetres",
+        "metamorphic",
+        "times 1,000, rounded to integers, brought to the unit sphere",
+        Normalised(1000.0, whole=True),
+        like="normalised",
+    ),
+    Case(
+        "turned",
+        "metamorphic",
+        f"cloud and camera turned by {TURN_DEG:g} degrees",
+        Turned(TURN_DEG),
+        "plain",
+        _turned(VIEWS, TURN_DEG),
+    ),
+    Case(
+        "batch-doubled",
+        "metamorphic",
+        "all views twice in one call",
+        Unchanged(),
+        "plain",
+        2 * VIEWS,
+    ),
+    Case("batch-split", "metamorphic", "one view a call", Unchanged(), like="plain", batch=1),
+)

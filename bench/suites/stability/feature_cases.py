@@ -1,0 +1,233 @@
+"""The Fréchet distance of features: few rows, rank, magnitude, types, values not finite."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.metrics.frechet import TooFewSamples, frechet_distance
+from bench.suites.stability.metric_cases import (
+    FRECHET,
+    Array,
+    Case,
+    Near,
+    Pair,
+    Refused,
+    Stated,
+    twice,
+)
+from bench.suites.stability.metric_tolerances import ROUNDING, U, largest_move, rounding, trace
+
+Floats = NDArray[np.float64]
+
+
+def _normal(seed: int, n: int, d: int) -> Floats:
+    return np.random.default_rng(seed).standard_normal((n, d))
+
+
+def _pair(scale: float = 1.0, shift: float = 0.0) -> tuple[Floats, Floats]:
+    """Two ordinary sets of 40 rows and 8 features, multiplied and moved."""
+    return _normal(1, 40, 8) * scale + shift, (1.4 * _normal(2, 40, 8) + 0.2) * scale + shift
+
+
+def _whole(shift: float = 0.0) -> tuple[Floats, Floats]:
+    """Whole numbers, 32 rows: sums and means of them are exact, also far from 0."""
+    rng = np.random.default_rng(3)
+    x, y = rng.integers(-50, 50, (2, 32, 8)).astype(np.float64)
+    return x + shift, y + shift
+
+
+def _diagonal(deviations: Array, mean: float) -> Floats:
+    """Rows +-a e_j [2 d, d] about `mean`, with the covariance diag(deviations^2) exactly."""
+    d = len(deviations)
+    rows = np.diag(deviations * math.sqrt((2 * d - 1) / 2))
+    return np.concatenate([rows, -rows]) + mean
+
+
+def _rotation(d: int) -> Floats:
+    return np.linalg.qr(_normal(9, d, d))[0]
+
+
+def _on_a_line(x: Array, y: Array) -> float:
+    """(m1 - m2)^2 + (s1 - s2)^2 of one feature; in longdouble, where every square has room."""
+    x, y = x.astype(np.longdouble), y.astype(np.longdouble)
+    deviations = [np.sqrt(((z - z.mean()) ** 2).sum() / (len(z) - 1)) for z in (x, y)]
+    return float((x.mean() - y.mean()) ** 2 + (deviations[0] - deviations[1]) ** 2)
+
+
+def _shift_and_traces(x: Floats, y: Floats) -> float:
+    """Where the covariances have no direction in common, the root of their product is 0."""
+    shift = x.mean(axis=0) - y.mean(axis=0)
+    return float(shift @ shift + trace(x) + trace(y))
+
+
+def _by_eigenvalues(x: Floats, y: Floats) -> float:
+    """The textbook's way, sound where the covariances have full rank."""
+    values, vectors = np.linalg.eigh(np.cov(x, rowvar=False))
+    root = (vectors * np.sqrt(values)) @ vectors.T
+    inner = np.linalg.eigvalsh(root @ np.cov(y, rowvar=False) @ root)
+    return _shift_and_traces(x, y) - 2 * float(np.sqrt(inner).sum())
+
+
+def _of_two_rows(x: Floats, y: Floats) -> float:
+    """Covariances a a' and b b' with a = (x1 - x2) / sqrt(2): the root's trace is |a'b|."""
+    a, b = ((z[0] - z[1]) / math.sqrt(2) for z in (x, y))
+    return _shift_and_traces(x, y) - 2 * abs(float(a @ b))
+
+
+def _repeated(x: Floats, y: Floats) -> float:
+    """y has every row of x twice: S2 = c S1, c = 2 (n - 1) / (2 n - 1), tr S1 (1 - sqrt(c))^2."""
+    del y
+    n = len(x)
+    return float(trace(x) * (1 - math.sqrt(2 * (n - 1) / (2 * n - 1))) ** 2)
+
+
+def _with(x: Array, value: float) -> Array:
+    x = x.copy()
+    x[3, 2] = value
+    return x
+
+
+def _features(case_id: str, group: str, given: Callable[[], Pair], stated: Stated) -> Case:
+    return Case(case_id, group, given, {FRECHET: stated})
+
+
+def _scaled(scale: float) -> Near:
+    """Multiplying all features by a number multiplies the distance by its square."""
+    return Near(
+        f"{scale:g}^2 times that of the plain features",
+        lambda x, y: frechet_distance(*_pair()) * scale * scale,
+        lambda x, y: rounding(*_pair()) * scale * scale,
+    )
+
+
+_PLAIN_TIMES = "4^30 times that of the plain features: powers of two round nothing"
+_FAR = 2.0**-53 * 2.0**27  # half a unit in the last place of 1e8, which is below 2^27
+_BAD = "1 of 320 feature values are not finite"
+_SPREAD = 10.0 ** np.arange(-8, 9)  # deviations
+
+FRECHET_CASES = (
+    _features("no-rows", "few rows", lambda: (_normal(0, 0, 8), _normal(1, 9, 8)),
+              Refused(TooFewSamples, "[0, 8]")),
+    _features("one-row", "few rows", lambda: (_normal(0, 9, 8), _normal(1, 1, 8)),
+              Refused(TooFewSamples, "[1, 8]")),
+    _features("two-rows", "few rows", lambda: (_normal(0, 2, 8), _normal(1, 2, 8)),
+              Near("|shift|^2 + |a|^2 + |b|^2 - 2 |a'b|", _of_two_rows, rounding)),
+    _features("two-rows-of-one-feature", "few rows",
+              lambda: (_normal(0, 2, 1), 3 + 5 * _normal(1, 2, 1)),
+              Near("(m1 - m2)^2 + (s1 - s2)^2", _on_a_line, rounding)),
+    _features("one-feature", "few rows", lambda: (_normal(0, 50, 1), 3 + 5 * _normal(1, 70, 1)),
+              Near("(m1 - m2)^2 + (s1 - s2)^2", _on_a_line, rounding)),
+    _features("fewer-rows-than-features", "few rows",
+              lambda: ((x := _normal(0, 20, 256)) - x.mean(axis=0), 3 * (x - x.mean(axis=0))),
+              Near("y = 3 x: 4 tr S", lambda x, y: 4 * trace(x), rounding)),
+    _features("identical", "identical sets", lambda: twice(_normal(0, 40, 8)),
+              Near("0, not less", 0.0, rounding)),
+    _features("identical-fewer-rows-than-features", "identical sets",
+              lambda: twice(_normal(0, 20, 256)),
+              Near("0, not less", 0.0, rounding)),
+    _features("identical-in-another-order", "identical sets",
+              lambda: ((x := _normal(0, 40, 8)), np.random.default_rng(1).permutation(x)),
+              Near("0, not less", 0.0, rounding)),
+    _features("another-order", "identical sets", lambda: (_pair()[0][::-1], _pair()[1]),
+              Near("that of the first order", lambda x, y: frechet_distance(*_pair()), rounding)),
+    _features("swapped", "identical sets", lambda: (_pair()[1], _pair()[0]),
+              Near("symmetric", lambda x, y: frechet_distance(*_pair()), rounding)),
+    _features("every-row-twice", "identical sets",
+              lambda: ((x := _normal(0, 40, 8)), np.repeat(x, 2, axis=0)),
+              Near("tr S (1 - sqrt(c))^2, c = 2 (n - 1) / (2 n - 1)", _repeated, rounding)),
+    _features("constant", "rank", lambda: (np.full((10, 3), 2.0), np.full((4, 3), 5.0)),
+              Near("3 (2 - 5)^2", 27.0)),
+    _features("constant-tenth", "rank", lambda: (np.full((7, 3), 0.1), np.full((13, 3), 0.1)),
+              # Means of n equal values are off by n u of them, and so are the deviations.
+              Near("0, not less", 0.0, 4 * 3 * (13 * U * 0.1) ** 2)),
+    _features("constant-against-normal", "rank",
+              lambda: (np.full((9, 8), 2.0), _normal(0, 40, 8)),
+              Near("|shift|^2 + tr S2", _shift_and_traces, rounding)),
+    _features("diagonal", "rank",
+              lambda: (_diagonal(np.arange(1.0, 9), 0.0), _diagonal(np.arange(8.0, 0, -1), 0.5)),
+              Near("8 / 4 + sum of (s1 - s2)^2 = 2 + 168", 170.0, rounding)),
+    _features("diagonal-of-all-magnitudes", "rank",
+              lambda: (_diagonal(_SPREAD, 0.0), _diagonal(2 * _SPREAD, 0.0)),
+              Near("sum of s^2, s = 1e-8 ... 1e8", float((_SPREAD**2).sum()), rounding)),
+    _features("full-rank", "rank", lambda: (_normal(4, 200, 8), 1.5 * _normal(5, 90, 8) + 1),
+              Near("by eigenvalues of the covariances", _by_eigenvalues, rounding)),
+    _features("subspace-of-3-in-40", "rank",
+              lambda: (_normal(4, 50, 3) @ _rotation(40)[:3], 2 * _normal(5, 60, 3)
+                       @ _rotation(40)[:3]),
+              Near("by eigenvalues, in the 3 coordinates",
+                   lambda x, y: _by_eigenvalues(_normal(4, 50, 3), 2 * _normal(5, 60, 3)),
+                   rounding)),
+    _features("subspaces-that-do-not-meet", "rank",
+              lambda: (_normal(4, 50, 3) @ _rotation(40)[:3], _normal(5, 60, 4)
+                       @ _rotation(40)[3:7]),
+              Near("|shift|^2 + tr S1 + tr S2", _shift_and_traces, rounding)),
+    _features("rotated", "rank",
+              lambda: (_pair()[0] @ _rotation(8), _pair()[1] @ _rotation(8)),
+              Near("that of the plain features", lambda x, y: frechet_distance(*_pair()),
+                   rounding)),
+    _features("scaled-by-1e8", "magnitude", lambda: _pair(1e8), _scaled(1e8)),
+    _features("scaled-by-1e-8", "magnitude", lambda: _pair(1e-8), _scaled(1e-8)),
+    _features("scaled-by-a-power-of-two", "magnitude", lambda: _pair(2.0**30),
+              Near(_PLAIN_TIMES, lambda x, y: frechet_distance(*_pair()) * 2.0**60)),
+    _features("divided-by-a-power-of-two", "magnitude", lambda: _pair(2.0**-30),
+              Near(_PLAIN_TIMES, lambda x, y: frechet_distance(*_pair()) * 2.0**-60)),
+    _features("scaled-by-1e149", "magnitude", lambda: _pair(1e149), _scaled(1e149)),
+    _features("largest-constants", "magnitude",
+              lambda: (np.full((4, 3), 1e150), np.full((5, 3), -1e150)),
+              Near("3 (2e150)^2", 1.2e301, ROUNDING * 1.2e301)),
+    _features("overflow-when-squared", "magnitude", lambda: _pair(1e200),
+              Refused(ValueError, "no finite covariance; scale them down")),
+    _features("underflow-when-squared", "magnitude", lambda: _pair(1e-200),
+              Near("1e-400 is no float64", 0.0)),
+    _features("subnormal-features", "magnitude", lambda: _pair(1e-310),
+              Near("1e-620 is no float64", 0.0)),
+    _features("one-value-of-1e100", "magnitude",
+              lambda: (np.concatenate([_normal(0, 9, 1), [[1e100]]]), _normal(1, 10, 1)),
+              Near("(m1 - m2)^2 + (s1 - s2)^2", _on_a_line, rounding)),
+    _features("whole-numbers-shifted-by-1e8", "magnitude", lambda: _whole(1e8),
+              Near("that of the plain features: nothing is rounded",
+                   lambda x, y: frechet_distance(*_whole()))),
+    _features("shifted-by-1e8", "magnitude", lambda: _pair(shift=1e8),
+              Near("that of the plain features",
+                   lambda x, y: frechet_distance(*_pair()),
+                   # Features are rounded by half a unit, and their means, sums of 40, by 40.
+                   lambda x, y: largest_move(math.sqrt(frechet_distance(*_pair())), 8, 40,
+                                             41 * _FAR))),
+    _features("float16", "types",
+              lambda: (_pair()[0].astype(np.float16), _pair()[1].astype(np.float16)),
+              Near("that of the same values in float64",
+                   lambda x, y: frechet_distance(x.astype(float), y.astype(float)))),
+    _features("float16-squares-overflow", "types",
+              lambda: (np.array([[-6e4], [6e4]], np.float16), np.zeros((2, 1), np.float16)),
+              Near("2 (6e4)^2", 7.2e9, ROUNDING * 7.2e9)),
+    _features("int8-ends", "types",
+              lambda: (np.array([[-128], [127]], np.int8), np.array([[127], [127]], np.int8)),
+              Near("127.5^2 + 255^2 / 2", 127.5**2 + 255**2 / 2, ROUNDING * 48768.75)),
+    _features("complex", "types", lambda: (_pair()[0].astype(complex), _pair()[1]),
+              Refused(ValueError, "features must be real numbers, got complex128")),
+    _features("truth-values", "types", lambda: (_pair()[0] > 0, _pair()[1] > 0),
+              Refused(ValueError, "features must be real numbers, got bool")),
+    _features("texts", "types", lambda: (_pair()[0].astype(str), _pair()[1]),
+              Refused(ValueError, "features must be real numbers, got <U")),
+    _features("one-dimension", "types", lambda: (_pair()[0][:, 0], _pair()[1]),
+              Refused(ValueError, "features must be [n, d], got float64 [40]")),
+    _features("no-features", "types", lambda: (_normal(0, 9, 0), _normal(1, 9, 0)),
+              Refused(ValueError, "features must be [n, d], got float64 [9, 0]")),
+    _features("another-number-of-features", "types",
+              lambda: (_normal(0, 9, 4), _normal(1, 9, 5)),
+              Refused(ValueError, "sets of 4 and 5 features")),
+    _features("nan", "not finite", lambda: (_with(_pair()[0], math.nan), _pair()[1]),
+              Refused(ValueError, _BAD)),
+    _features("infinite", "not finite", lambda: (_pair()[0], _with(_pair()[1], math.inf)),
+              Refused(ValueError, _BAD)),
+    _features("float16-overflowed", "not finite",
+              lambda: (_pair()[0], _with(_pair()[1].astype(np.float16), -math.inf)),
+              Refused(ValueError, _BAD)),
+    _features("longdouble-beyond-float64", "not finite",
+              lambda: (_pair()[0], _pair()[1].astype(np.longdouble) * np.longdouble("1e400")),
+              Refused(ValueError, "320 of 320 feature values are not finite")),
+)  # fmt: skip

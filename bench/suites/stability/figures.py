@@ -1,0 +1,114 @@
+"""Figures of the suite `stability`: coloured matrices, and what the extremes look like."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.suites.stability.outcomes import KINDS, Kind
+from bench.suites.stability.tables import Matrix
+from data_prep.scene import IMAGE_SIZE
+
+# Told apart by lightness and by letter too: colour alone does not reach everybody.
+COLOURS: dict[Kind | None, tuple[str, str]] = {
+    "holds": ("#cfe8cf", ""),
+    "refused": ("#f5e6a3", "r"),
+    "differs": ("#f0b77c", "d"),
+    "contained": ("#9db7de", "c"),
+    "unexpected": ("#8f1d2c", "!"),
+    None: ("#ffffff", ""),
+}
+ROW_IN, COLUMN_IN = 0.17, 0.55  # of a cell
+ACROSS = 12  # pictures
+MISSING = 225  # grey
+
+
+def write_matrix(path: Path, matrix: Matrix) -> None:
+    """Cases down, subjects across, coloured by kind; white where a case is none of a subject's."""
+    from matplotlib import patches
+    from matplotlib import pyplot as plt
+
+    kinds: dict[tuple[str, str, str], Kind] = {
+        (o.group, o.case, o.subject): o.kind for o in matrix.outcomes
+    }
+    rows = list(dict.fromkeys((o.group, o.case) for o in matrix.outcomes))
+    subjects = matrix.subjects
+    figure, axis = plt.subplots(
+        figsize=(3.2 + COLUMN_IN * len(subjects), 1.8 + ROW_IN * len(rows)), layout="constrained"
+    )
+    for y, (group, case) in enumerate(rows):
+        for x, subject in enumerate(subjects):
+            colour, letter = COLOURS[kinds.get((group, case, subject))]
+            axis.add_patch(patches.Rectangle((x, y), 1, 1, facecolor=colour, edgecolor="white"))
+            dark = letter == "!"
+            axis.text(
+                *(x + 0.5, y + 0.52, letter),
+                ha="center", va="center", fontsize=7, color="white" if dark else "black",
+            )  # fmt: skip
+        if y and group != rows[y - 1][0]:
+            axis.axhline(y, color="black", linewidth=0.6)
+    axis.set(xlim=(0, len(subjects)), ylim=(len(rows), 0))
+    axis.set_xticks(np.arange(len(subjects)) + 0.5, subjects, rotation=45, ha="left", fontsize=8)
+    axis.set_yticks(np.arange(len(rows)) + 0.5, [case for _, case in rows], fontsize=7)
+    axis.xaxis.tick_top()
+    axis.tick_params(length=0)
+    axis.spines[:].set_visible(False)
+    axis.set_title(matrix.title, fontsize=10)
+    figure.legend(
+        handles=[
+            patches.Patch(facecolor=COLOURS[kind][0], label=f"{COLOURS[kind][1]} {kind}".strip())
+            for kind in KINDS
+        ],
+        loc="outside lower center",
+        ncols=3,
+        fontsize=7,
+        frameon=False,
+    )
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def write_pictures(
+    path: Path,
+    cases: Sequence[str],
+    methods: Sequence[str],
+    pictures: Mapping[tuple[str, str], NDArray[np.uint8]],
+) -> None:
+    """The first view of every case (across) and method (down); grey where there is no picture.
+
+    pictures  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] by case and method
+    """
+    from matplotlib import pyplot as plt
+
+    blocks = [cases[i : i + ACROSS] for i in range(0, len(cases), ACROSS)]
+    figure, axes = plt.subplots(
+        len(blocks),
+        figsize=(0.95 * ACROSS + 0.6, (0.95 * len(methods) + 0.25) * len(blocks)),
+        squeeze=False,
+        layout="constrained",
+    )
+    centres = IMAGE_SIZE * (np.arange(max(ACROSS, len(methods))) + 0.5)
+    for axis, block in zip(axes[:, 0], blocks, strict=True):
+        axis.imshow(sheet([[pictures.get((case, m)) for case in block] for m in methods]))
+        axis.set_xticks(centres[: len(block)], block, fontsize=6)
+        axis.set_yticks(centres[: len(methods)], methods, fontsize=6, rotation=90, va="center")
+        axis.xaxis.tick_top()
+        axis.tick_params(length=0, pad=1)
+        axis.spines[:].set_visible(False)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+def sheet(rows: Sequence[Sequence[NDArray[np.uint8] | None]]) -> NDArray[np.uint8]:
+    """Pictures side by side, uint8 [rows * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3], white to the right.
+
+    None becomes a grey square.
+    """
+    made = np.full((len(rows), IMAGE_SIZE, ACROSS, IMAGE_SIZE, 3), 255, np.uint8)
+    for y, row in enumerate(rows):
+        for x, picture in enumerate(row):
+            made[y, :, x] = MISSING if picture is None else picture
+    return made.reshape(len(rows) * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3)

@@ -1,0 +1,161 @@
+"""Metrics at the edges of their domain: cases x metrics, and the value or refusal of each.
+
+`bench.suites.stability.metric_cases` says what a case is; the cases stand in `bench.metric_cases_*`
+by the metrics that they are about.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.recognition import azimuth_error_deg, elevation_error_deg
+from bench.catalogue.metrics import JUDGE
+from bench.metrics.foreground import object_boxes
+from bench.metrics.frechet import frechet_distance
+from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box
+from bench.metrics.thin_parts import thin_scores
+from bench.running.one_thread import one_thread
+from bench.suites.stability.feature_cases import FRECHET_CASES
+from bench.suites.stability.image_cases import SSIM_CASES
+from bench.suites.stability.metric_cases import (
+    FD_VIEWS,
+    FRECHET,
+    Array,
+    Case,
+    Number,
+    Pair,
+    Refused,
+    Stated,
+)
+from bench.suites.stability.metric_cases_angles import ANGLE_CASES
+from bench.suites.stability.metric_cases_inputs import INPUT_CASES
+from bench.suites.stability.metric_cases_networks import NETWORK_CASES, extractor
+from bench.suites.stability.metric_cases_silhouette import SILHOUETTE_CASES
+from bench.suites.stability.metric_cases_thin import THIN_CASES
+from bench.suites.stability.metric_pictures import Pictures
+from bench.suites.stability.outcomes import Kind, Outcome
+
+Floats = NDArray[np.float64]
+
+CASES = (
+    SSIM_CASES
+    + THIN_CASES
+    + SILHOUETTE_CASES
+    + INPUT_CASES
+    + NETWORK_CASES
+    + FRECHET_CASES
+    + ANGLE_CASES
+)
+DISTANCES = (FRECHET, *FD_VIEWS)
+
+
+def metric_outcomes() -> list[Outcome]:
+    """All cases on the metrics that they state something about. Never raises; some seconds."""
+    with one_thread():
+        return [
+            _outcome(case, metric, stated)
+            for case in CASES
+            for metric, stated in case.stated.items()
+        ]
+
+
+def _outcome(case: Case, metric: str, stated: Stated) -> Outcome:
+    expected = "?"
+    try:
+        with warnings.catch_warnings():
+            # Arithmetic that NumPy warns of is an outcome of its own: nobody stated it.
+            warnings.simplefilter("error", RuntimeWarning)
+            given = case.given()
+            if isinstance(stated, Refused):
+                expected = f"{stated.error.__name__}: ...{stated.says}..."
+                observed, kind = _refusal(metric, given, stated)
+            else:
+                value = np.asarray(_number(stated.value, given), np.float64)
+                within = float(_number(stated.within, given))
+                expected = f"{_shown(value)} {f'+-{within:.1g}' if within else 'exactly'}: "
+                expected += stated.words
+                observed, kind = _value(metric, given, value, within)
+    except Exception as error:
+        observed, kind = f"{type(error).__name__}: {error}", "unexpected"
+    return Outcome(case.id, case.group, metric, expected, observed, kind)
+
+
+def _refusal(metric: str, given: Pair, stated: Refused) -> tuple[str, Kind]:
+    try:
+        found = METRICS[metric](*given)
+    except Exception as error:
+        as_stated = type(error) is stated.error and stated.says in str(error)
+        return f"{type(error).__name__}: {error}", "refused" if as_stated else "unexpected"
+    return _shown(np.asarray(found)), "unexpected"
+
+
+def _value(metric: str, given: Pair, value: Floats, within: float) -> tuple[str, Kind]:
+    found = METRICS[metric](*given)
+    if metric in DISTANCES and not (isinstance(found, float) and 0.0 <= found < math.inf):
+        return f"{found!r}, which is no distance", "unexpected"
+    found = np.asarray(found)
+    if found.shape != value.shape and (value.ndim or not found.size):
+        return f"{_shown(found)} of shape {list(found.shape)}", "unexpected"
+    if not np.array_equal(np.isnan(found), np.isnan(np.broadcast_to(value, found.shape))):
+        return _shown(found), "unexpected"
+    off = float(np.nanmax(np.abs(found - value), initial=0.0))
+    text = _shown(found) + (f", off by {off:.1g}" if off else "")
+    return text, "holds" if off <= within else "unexpected"
+
+
+def _number(number: Number, given: Pair) -> Any:
+    return number(*given) if callable(number) else number
+
+
+def _shown(values: Array) -> str:
+    texts = ["no value" if np.isnan(value) else f"{value:.15g}" for value in values.ravel()]
+    if not texts:
+        return "no values"
+    if len(set(texts)) == 1:
+        return texts[0]
+    return ", ".join(texts) if len(texts) < 4 else f"{texts[0]} ... {texts[-1]} ({len(texts)})"
+
+
+# --- the metrics ----------------------------------------------------------------------------------
+
+
+def _ssim_object(truth: Pictures, pictures: Pictures) -> Floats:
+    return ssim_per_image_and_box(truth, pictures, object_boxes(truth))[1]
+
+
+def _between(name: str, truth: Pictures, pictures: Pictures) -> float:
+    features = extractor(name)
+    return frechet_distance(features(truth), features(pictures))
+
+
+def _code_lengths(truth: Pictures, pictures: Pictures) -> Floats:
+    """Length of the judge's shape code of each picture; NaN where an answer is not finite."""
+    del truth
+    answers = extractor(JUDGE)(pictures).astype(np.float64)
+    return np.linalg.norm(answers[:, 3:], axis=1) + 0.0 * answers[:, :3].sum(axis=1)
+
+
+METRICS: Mapping[str, Callable[[Any, Any], Any]] = {
+    "ssim": lambda a, b: ssim_per_image(a, b).ssim,
+    "luminance": lambda a, b: ssim_per_image(a, b).luminance,
+    "contrast": lambda a, b: ssim_per_image(a, b).contrast,
+    "structure": lambda a, b: ssim_per_image(a, b).structure,
+    "ssim-object": _ssim_object,
+    "silhouette-iou": silhouette_iou,
+    "thin-recall": lambda a, b: thin_scores(a, b).recall,
+    "thin-precision": lambda a, b: thin_scores(a, b).precision,
+    FRECHET: frechet_distance,
+    "fd-views": functools.partial(_between, "fd-views"),
+    "fd-views-grey": functools.partial(_between, "fd-views-grey"),
+    JUDGE: _code_lengths,
+    "azimuth-error-deg": azimuth_error_deg,
+    "elevation-error-deg": elevation_error_deg,
+}

@@ -1,0 +1,262 @@
+"""The paper's Table 5: distances and scores class by class, and in the mean over classes.
+
+Pure functions of records and features, as `bench.tables.quality`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from bench.analysis.class_average import interval_of_distances, interval_of_means
+from bench.analysis.class_confidence import ClassHead
+from bench.catalogue.methods import FLOOR
+from bench.catalogue.metrics import (
+    KERNEL_METRICS,
+    RECOGNITION_METRICS,
+    column,
+    is_similarity,
+)
+from bench.catalogue.suites import Suite
+from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.records.features import Features
+from bench.records.record import GROUND_TRUTH
+from bench.tables import markdown
+from bench.tables.quality import (
+    Floats,
+    Measured,
+    Published,
+    Table,
+    as_published,
+    cells,
+    image_rows,
+    make_row,
+    set_rows,
+)
+from bench.tables.table import NAN, Row, ordered
+from bench.tables.table_markdown import by_class, values_and_papers
+
+AVERAGE = "average"
+SURFACE = "surface-apss"  # the paper's SR
+NETWORK = "pc2pix"  # the first variant of it in a run is the paper's PC2PIX
+FEW = 10  # objects of a class below which its distances are warned of
+IN_A_ROW = 7  # classes side by side, as the paper has them
+
+
+@dataclass(frozen=True)
+class ClassTable(Table):
+    """Table 5. Several metrics, each with digits of its own."""
+
+    def to_markdown(self) -> str:
+        """The paper's layout, classes across in rows of seven, then all methods class by class."""
+        lines = [f"# {self.title}", "", self.remark, ""]
+        for condition in ordered(row.condition for row in self.rows):
+            rows = [row for row in self.rows if row.condition == condition]
+            if condition != self.rows[0].condition:
+                lines += [f"# At {markdown.cell(condition)}", ""]
+            lines += [*_paper_layout(rows), *by_class(rows, decimals)]
+        return "\n".join(lines)
+
+
+def class_table(
+    records: pd.DataFrame,
+    features: Mapping[str, Features],
+    skipped: Mapping[str, str],
+    suite: Suite,
+    published: Published,
+) -> ClassTable:
+    """Table 5 from records (with class confidence, where it is known) and features by extractor.
+
+    `skipped` gives the reason for each metric and extractor that there is nothing of.
+    """
+    rows: list[Row] = []
+    for metric in suite.class_metrics:
+        made = _measured(metric, records, features, skipped, suite, published)
+        rows += _in_order([*(m.row for m in made), *_averages(metric, made, published)])
+    title = "Table 5: classes, against pictures of the true meshes"
+    return ClassTable(
+        "table5_classes", title, tuple(rows), decimals=3, remark=remark(records, suite)
+    )
+
+
+def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) -> pd.DataFrame:
+    """The records with a column of what the classifier gives the true class, NaN of no picture."""
+    values = np.full(len(records), np.nan)
+    places = records.reset_index(drop=True)
+    for cell, group in cells(places[places["outcome"] == "ok"]):
+        pictures = list(zip(group["object"].tolist(), group["view"].tolist(), strict=True))
+        values[group.index] = head.confidence(features.of(*cell, pictures), cell[2])
+    (metric,) = RECOGNITION_METRICS
+    return records.assign(**{column(metric): values})
+
+
+def network_of(methods: Sequence[str]) -> str | None:
+    """What stands for the paper's PC2PIX in a run; None where no variant of it was measured."""
+    return next((m for m in methods if m.partition("@")[0] == NETWORK), None)
+
+
+def decimals(metric: str) -> int:
+    """Digits after the point that values of a metric are printed with."""
+    return 3 if is_similarity(metric) or metric in KERNEL_METRICS else 1
+
+
+def remark(records: pd.DataFrame, suite: Suite) -> str:
+    """What one has to know about the classes of a run: how many objects, which are lacking."""
+    counts = objects_of(records)
+    told = (
+        "`fid`, `kid`, `fd-views` and `kd-views` are distances (lower is better), the others "
+        "similarities (higher is better). The average is over classes, each counting alike."
+    )
+    sizes = ", ".join(f"{markdown.cell(name)} {count}" for name, count in counts.items())
+    told += f" Objects of each class: {sizes}."
+    if lacking := [name for name in suite.classes if name not in counts]:
+        told += f" Left out, because the dataset has none: {', '.join(lacking)}."
+    if few := [markdown.cell(name) for name, count in counts.items() if count < FEW]:
+        told += (
+            f" **Fewer than {FEW} objects: {', '.join(few)}.** Distances of so few pictures are "
+            "mostly their number: compare them within the class only, if at all."
+        )
+    return told
+
+
+def objects_of(records: pd.DataFrame) -> dict[str, int]:
+    """How many objects of each class there are."""
+    return {str(name): of["object"].nunique() for name, of in records.groupby("class")}
+
+
+def _measured(
+    metric: str,
+    records: pd.DataFrame,
+    features: Mapping[str, Features],
+    skipped: Mapping[str, str],
+    suite: Suite,
+    published: Published,
+) -> list[Measured]:
+    if metric in skipped and is_similarity(metric):
+        return _nothing(metric, skipped[metric], records, suite, published)
+    if is_similarity(metric):
+        return image_rows([metric], records, suite, published)
+    if metric not in KERNEL_METRICS:
+        reason = skipped.get(metric, "")
+        return set_rows(metric, records, features.get(metric), reason, suite, published)
+    of = KERNEL_METRICS[metric][0]
+    if of not in features:
+        return _nothing(metric, skipped[of], records, suite, published)
+    return _kernel_rows(metric, records, features[of], suite, published)
+
+
+def _nothing(
+    metric: str, reason: str, records: pd.DataFrame, suite: Suite, published: Published
+) -> list[Measured]:
+    return [
+        Measured(
+            make_row(suite, cell, metric, NAN, (NAN, NAN), group, published, NAN, reason),
+            np.empty(0),
+        )
+        for cell, group in cells(records)
+    ]
+
+
+def _kernel_rows(
+    metric: str, records: pd.DataFrame, features: Features, suite: Suite, published: Published
+) -> list[Measured]:
+    made = []
+    for cell, group in cells(records):
+        value, left_out, with_blank, note = _kernel(cell, features)
+        low, high = interval_of_distances(value, [left_out]) if len(left_out) > 2 else (NAN, NAN)
+        row = make_row(suite, cell, metric, value, (low, high), group, published, with_blank, note)
+        made.append(Measured(row, left_out))
+    return made
+
+
+def _kernel(cell: tuple[str, str, str], features: Features) -> tuple[float, Floats, float, str]:
+    """Value, without each object, with the floor's pictures for failed ones, why there is none."""
+    _, condition, class_name = cell
+    drawn, truth = features.pictures(*cell), (GROUND_TRUTH, "", class_name)
+    if len(drawn) < 2:
+        return NAN, np.empty(0), NAN, "fewer than two pictures"
+    objects = np.array([obj for obj, _ in drawn])
+    x, y = features.of(*cell, drawn), features.of(*truth, drawn)
+    value = kernel_distance(x, y)
+    left_out = left_out_kernel_distances(x, y, objects, objects)
+    floor = (FLOOR, condition, class_name)
+    missing = (set(features.pictures(*truth)) - set(drawn)) & set(features.pictures(*floor))
+    if not missing:
+        return value, left_out, value, ""
+    filled = np.concatenate([x, features.of(*floor, sorted(missing))])
+    with_blank = kernel_distance(filled, features.of(*truth, [*drawn, *sorted(missing)]))
+    return value, left_out, with_blank, ""
+
+
+def _averages(metric: str, made: Sequence[Measured], published: Published) -> list[Row]:
+    """The mean over classes for each method and condition, of the classes that have a value."""
+    by_cell: dict[tuple[str, str], list[Measured]] = {}
+    for measured in made:
+        by_cell.setdefault((measured.row.method, measured.row.condition), []).append(measured)
+    return [_average(metric, of_cell, published) for of_cell in by_cell.values()]
+
+
+def _average(metric: str, of_cell: Sequence[Measured], published: Published) -> Row:
+    first = of_cell[0].row
+    valued = [m for m in of_cell if math.isfinite(m.row.value)]
+    lacking = [m.row.class_name for m in of_cell if not math.isfinite(m.row.value)]
+    value = float(np.mean([m.row.value for m in valued])) if valued else NAN
+    of_classes = [m.per_object for m in valued]
+    if is_similarity(metric):
+        low, high = interval_of_means(of_classes)
+    else:
+        low, high = interval_of_distances(value, of_classes)
+        low = low if metric in KERNEL_METRICS or math.isnan(low) else max(low, 0.0)
+    note = f"without {', '.join(lacking)}" if lacking else ""
+    return Row(
+        suite=first.suite,
+        method=first.method,
+        condition=first.condition,
+        class_name=AVERAGE,
+        metric=metric,
+        value=value,
+        ci_low=low,
+        ci_high=high,
+        n_ok=sum(m.row.n_ok for m in of_cell),
+        n=sum(m.row.n for m in of_cell),
+        paper=as_published(published, AVERAGE, metric, first.condition, first.method),
+        failures_as_blank=float(np.mean([m.row.failures_as_blank for m in of_cell])),
+        note=note if valued else first.note,
+    )
+
+
+def _in_order(rows: Sequence[Row]) -> list[Row]:
+    """Class by class, the average last; methods and conditions as they came."""
+    classes = ordered(row.class_name for row in rows)
+    return [row for name in classes for row in rows if row.class_name == name]
+
+
+def _paper_layout(rows: Sequence[Row]) -> list[str]:
+    """Of one condition: SR and PC2PIX side by side, classes in rows of seven."""
+    network = network_of([row.method for row in rows])
+    if network is None or not any(row.method == SURFACE for row in rows):
+        return []
+    at = {(row.metric, row.class_name, row.method): row for row in rows}
+    lines = [
+        f"In the paper's layout: SR is `{SURFACE}`, PC2PIX is {markdown.code(network)}. Below a "
+        "line of ours stands the paper's, as published: other data (ShapeNet), other weights.",
+        "",
+    ]
+    classes = ordered(row.class_name for row in rows)
+    for start in range(0, len(classes), IN_A_ROW):
+        part = classes[start : start + IN_A_ROW]
+        columns = [(name, method) for name in part for method in (SURFACE, network)]
+        titles = [
+            f"{markdown.cell(name)} {'SR' if method == SURFACE else 'PC2PIX'}"
+            for name, method in columns
+        ]
+        lines += [markdown.row(["", *titles]), "|---" * (len(columns) + 1) + "|"]
+        for metric in ordered(row.metric for row in rows):
+            of_line = [at.get((metric, *column)) for column in columns]
+            lines += values_and_papers(metric, of_line, decimals(metric))
+        lines.append("")
+    return lines

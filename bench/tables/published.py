@@ -1,0 +1,39 @@
+"""The two ledgers beside a run: values as the paper printed them, and our own golden values.
+
+They are never mixed: a published number is only ever quoted, a golden one only ever compared with.
+Both live in `results/` of the checkout.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from bench.tables.quality import Published
+from data_prep.failures import BadInput
+
+RESULTS = Path(__file__).resolve().parents[2] / "results"
+
+
+def published(suite: str) -> Published:
+    """The paper's values by (class, metric, condition, method); empty for a suite without any."""
+    path = RESULTS / "paper" / f"{suite}.csv"
+    if not path.is_file():
+        return {}
+    rows = pd.read_csv(path, dtype={"condition": str})
+    keys = zip(rows["class"], rows["metric"], rows["condition"], rows["method"], strict=True)
+    return dict(zip(keys, rows["value"].astype(float), strict=True))
+
+
+def golden_path(suite: str) -> Path:
+    """Where a suite's golden values are kept."""
+    return RESULTS / "golden" / f"{suite}.csv"
+
+
+def golden(suite: str) -> pd.DataFrame:
+    """The golden values of a suite. Raises BadInput where there are none."""
+    path = golden_path(suite)
+    if not path.is_file():
+        raise BadInput(f"{path}: no golden values for '{suite}'; run from a checkout that has them")
+    return pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
