@@ -156,7 +156,7 @@ def run(
     """Run a suite, or go on with one that was stopped; print its tables."""
     from bench.catalogue.lookup import find
     from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
-    from bench.running.run import run as run_suite
+    from bench.commands.publish import run_suite
 
     options = _options(
         suite=suite,
@@ -254,9 +254,8 @@ def _options(
     shard: str | None,
     **others: Any,
 ) -> Any:
-    """The wishes for a suite, as `bench.running.options.Options`."""
-    from bench.running.options import Options
-    from bench.running.shards import read_shard
+    """The wishes for a suite, as `bench.running.protocol.Options`."""
+    from bench.running.protocol import Options, read_shard
 
     if workers is not None and workers < 1:
         raise _bad(f"--workers {workers}: must be at least 1")
@@ -293,7 +292,7 @@ def _run_latent(options: Any) -> None:
 
 
 def _run_stability(options: Any) -> None:
-    from bench.suites.stability.outcomes import KINDS
+    from bench.suites.stability.expectations import KINDS
     from bench.suites.stability.run import run as run_stability
 
     finished = run_stability(options)
@@ -460,16 +459,16 @@ def shrink(
 
 
 @app.command("merge")
-def merge_shards(
+def merge(
     directories: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a run.")
     ],
     out: Annotated[Path, typer.Option(help="The folder of the whole run.")],
 ) -> None:
     """Put shards ('bench run --shard k/N') together into the run that they are parts of."""
-    from bench.running.merge import merge
+    from bench.commands.publish import merge_shards
 
-    merged = merge(directories, out)
+    merged = merge_shards(directories, out)
     _print_tables(merged.outputs)
     print(
         f"{merged.jobs} jobs of {len(directories)} shards, {merged.copied} copied now\n"
@@ -543,15 +542,16 @@ def recommend(
 ) -> None:
     """Which method to take for a budget, or a quality: exit 1 if none will do."""
     from bench.analysis import recommend as advice
+    from bench.commands.recommendation import advice_lines, make_wish
     from bench.records.journal import read_finished
     from bench.tables.build import how_timed, read_comparisons
 
     manifest = read_finished(directory)
-    wish = advice.make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
+    wish = make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
     compared = advice.at_condition(read_comparisons(directory, [advice.METRIC]), condition)
     print(how_timed(manifest))
     given = [advice.advise(comparison, wish) for comparison in compared]
-    for line in advice.told(given, wish, manifest["views"], in_full=condition is not None):
+    for line in advice_lines(given, wish, manifest["views"], in_full=condition is not None):
         print(line)
     if not all(one.meets(wish) for one in given):
         raise typer.Exit(1)

@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 
 from baselines.meshlab import MeshLab
 from baselines.surface import MAX_HOLE_EDGES, NORMAL_NEIGHBOURS
-from bench.running.isolation import WORKER_ENVIRONMENT, Limits, Lost, run_tasks
-from bench.suites.stability.outcomes import Outcome
+from bench.catalogue.suites import Limits
+from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks
+from bench.suites.stability.expectations import Outcome
 from data_prep.mesh_files import NEUTRAL_GREY
 
 GROUP = "library"

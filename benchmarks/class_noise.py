@@ -26,7 +26,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.class_confidence import read_class_head
+from bench.analysis.recognition import read_class_head
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import column
 from bench.judges import VIEWS_WEIGHTS

@@ -29,12 +29,13 @@ from pathlib import Path
 import bench.running.run
 from baselines.surface import SurfaceApss
 from bench.catalogue.methods import Method
-from bench.catalogue.suites import SUITES, Suite
+from bench.catalogue.suites import SUITES, Limits, Suite
+from bench.commands.publish import run_suite
+from bench.records.job import Job
 from bench.records.parquet import read_records
-from bench.running.isolation import TASKS_PER_WORKER, Limits
-from bench.running.options import Options
-from bench.running.protocol import Protocol, plan
-from bench.running.work import Job, cloud_of
+from bench.running.isolation import TASKS_PER_WORKER
+from bench.running.protocol import Options, Protocol, plan
+from bench.running.work import cloud_of
 from benchmarks.faulty_methods import FAULTS, Faulty, announce
 from data_prep.datasets import open_dataset
 from data_prep.randomness import generator
@@ -154,7 +155,7 @@ def run(out: Path, options: argparse.Namespace, faulty: Mapping[str, str]) -> Fo
     files = {PLAN: out.with_suffix(".json"), PROCESSES: out.with_suffix(".processes")}
     files[PLAN].write_text(json.dumps(faults))
     os.environ.update({name: str(path) for name, path in files.items()})
-    finished = bench.running.run.run(
+    finished = run_suite(
         Options(
             suite=SUITES[0].id,
             limit=options.objects,

@@ -43,14 +43,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.catalogue.lookup import find
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, Limits
+from bench.records.job import Job, Result, failed
 from bench.records.journal import open_journal, read_manifest
-from bench.running.estimate import Amount, Pilot, Sample, estimate, spread
-from bench.running.isolation import Limits, Lost, TaskPool
-from bench.running.job_results import do_jobs
-from bench.running.pilot import CANDIDATES, size_of
+from bench.running.executors import do_jobs
+from bench.running.isolation import Lost, TaskPool
+from bench.running.pilot import CANDIDATES, Amount, Pilot, Sample, estimate, size_of, spread
 from bench.running.protocol import Protocol, plan
-from bench.running.work import Job, Result, failed
 from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator

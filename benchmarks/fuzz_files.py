@@ -19,7 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.running.isolation import Limits, Lost, run_tasks
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, run_tasks
 from benchmarks.fuzzing import (
     CANARY,
     FORMATS,

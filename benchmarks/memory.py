@@ -32,14 +32,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.commands.publish import run_suite
 from bench.metrics.frechet import (
     centred,
     centred_to_frechet,
     merged_to_centred,
     moments,
 )
-from bench.running.options import Options
-from bench.running.run import run
+from bench.running.protocol import Options
 
 OBJECTS = (25, 500)
 METHODS = ("splat", "blank")
@@ -91,7 +91,7 @@ def own_peak() -> float:
 def measure_run(out: Path, objects: int, methods: Sequence[str], workers: int | None) -> Peak:
     """Carry out a run in this process, whose peak so far is the start."""
     start, begun = own_peak(), time.perf_counter()
-    done = run(
+    done = run_suite(
         Options(
             suite="chair-robustness",
             methods=tuple(methods),

@@ -39,11 +39,10 @@ from threadpoolctl import threadpool_limits
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import EXTRACTORS
-from bench.metrics.foreground import foreground, object_boxes
 from bench.metrics.frechet import frechet_distance, frechet_interval
 from bench.metrics.image_scores import scores
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.silhouette import foreground, object_boxes, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box
 from bench.metrics.thin_parts import thin_scores
 from data_prep.datasets import ProceduralObject

@@ -23,12 +23,10 @@ from statistics import median
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.journal import open_journal
-from bench.running.executors import JobPool
-from bench.running.job_results import do_jobs
-from bench.running.options import Options, protocol_of
-from bench.running.protocol import plan
+from bench.running.executors import JobPool, do_jobs
+from bench.running.protocol import Options, plan, protocol_of
 from bench.running.ray import LOCAL
-from bench.running.workforce import workforce
+from bench.running.run import workforce
 from bench.tables.markdown import row
 
 SUITE = "chair-robustness"

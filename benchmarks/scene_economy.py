@@ -41,7 +41,7 @@ from PIL import Image
 from baselines.surface import SurfaceApss
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.tables.markdown import row
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text
 from benchmarks.scene_variants import (
     CREASE_DEG,
     INTERPOLATED,

@@ -4,7 +4,7 @@
 
 Procedural chairs of the test split, 72 views 5 degrees apart at elevation 20, by each method at
 `2048`, `512` and `noise-0.05`. The clouds are those of a run with seed 0. Silhouettes are those of
-`silhouette-iou` (`bench.metrics.foreground`); a boundary pixel is one of a silhouette with an open
+`silhouette-iou` (`bench.metrics.silhouette`); a boundary pixel is one of a silhouette with an open
 side, where its neighbour is not of the silhouette, or beyond the frame. Lengths are in pixels, from
 pixel centre to pixel centre.
 
@@ -51,15 +51,16 @@ from numpy.typing import NDArray
 from bench.analysis.intervals import RESAMPLES, SEED
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
-from bench.metrics.foreground import Masks, drawn, foreground
+from bench.catalogue.suites import Limits
+from bench.metrics.silhouette import Masks, drawn, foreground
 from bench.rendering.cloud import Drawing, Failed, draw_cloud
 from bench.rendering.files import write_pictures
 from bench.rendering.sheet import Tile, draw_sheet
-from bench.running.isolation import Limits, Lost, run_tasks
+from bench.running.isolation import Lost, run_tasks
 from bench.running.progress import progress
 from bench.running.work import Pictures
 from bench.tables.markdown import cell, row, visible
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput

@@ -1,21 +1,27 @@
-"""Does a picture show the view and the object that it should? Asked of the judge's answers.
+"""Does an image show the view, the object and the class that it should? Networks are asked.
 
-Pure functions of records and features. The judge (`bench.judges.judge`) tells the direction of
-view and a shape code from a picture alone: a method that paid no heed to its cloud, or to the view,
-could have good SSIM, but not be found out right here. `true-mesh` goes through the same and shows
-how far the judge itself errs.
+Pure functions of records and features. The judge (`bench.judges.judge`) gives the direction of view
+and a shape code from an image alone: a method that ignores its cloud, or the view, may have good
+SSIM, but is found out here. `true-mesh` goes through the same and shows how far the judge itself
+errs. The classifier behind `fd-views` gives the class of an object, and how surely an image is
+taken for what it shows is the paper's "class similarity" as a number. Its last layer is applied to
+the features that a run has kept, so that nothing is drawn or loaded again.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from safetensors import safe_open
 
 from bench.records.features import Features, Picture
 from bench.records.record import GROUND_TRUTH
+from data_prep.failures import BadInput
 
 Floats = NDArray[np.float64]
 ELEVATION_UNIT_DEG = 40.0  # the judge's elevation is in these
@@ -119,3 +125,41 @@ def found(among: Gallery, answers: NDArray[Any], pictures: list[Picture]) -> Flo
 
 def _codes(answers: NDArray[Any]) -> Floats:
     return np.asarray(answers)[:, VIEW_COLUMNS:].astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class ClassHead:
+    """The layer that tells the class from features of length d.
+
+    classes  the C classes, in the order of the rows
+    weight   float64 [C, d]
+    bias     float64 [C]
+    """
+
+    classes: tuple[str, ...]
+    weight: Floats
+    bias: Floats
+
+    def confidence(self, features: NDArray[Any], class_name: str) -> Floats:
+        """The probability [n], 0..1, that features [n, d] are given of showing this class.
+
+        Softmax over the C classes, in float64. Raises KeyError for a class that the head does not
+        know.
+        """
+        if class_name not in self.classes:
+            raise KeyError(class_name)
+        scores = features.astype(np.float64) @ self.weight.T + self.bias
+        odds = np.exp(scores - scores.max(axis=1, keepdims=True))  # no overflow
+        return odds[:, self.classes.index(class_name)] / odds.sum(axis=1)
+
+
+def read_class_head(path: Path) -> ClassHead:
+    """The head in the weights of `fd-views`. Raises BadInput for a file without one."""
+    try:
+        with safe_open(path, framework="np") as file:
+            classes = tuple(json.loads((file.metadata() or {})["labels"])["classes"])
+            weight, bias = (file.get_tensor(f"heads.class.{part}") for part in ("weight", "bias"))
+    except Exception as error:  # safetensors raises types of its own
+        reason = " ".join(str(error).split())
+        raise BadInput(f"{path}: not the weights of fd-views ({reason}); reinstall") from error
+    return ClassHead(classes, weight.astype(np.float64), bias.astype(np.float64))

@@ -5,8 +5,7 @@ Pure functions of comparisons. "Affordable" is a method whose median cost is wit
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,12 +17,9 @@ from bench.analysis.comparison import (
     Estimate,
     Floats,
     candidates,
-    decimals,
     lead,
-    milliseconds,
 )
 from bench.analysis.intervals import mean_interval
-from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 
 METRIC = "ssim"
@@ -150,119 +146,6 @@ def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:
     if not len(scores) or scores.shape[1] < 2:
         return np.zeros(0, np.intp)
     return (scores.sum(axis=1, keepdims=True) - scores).argmax(axis=0)
-
-
-def told(given: Sequence[Advice], wish: Wish, views_drawn: int, in_full: bool) -> list[str]:
-    """Lines of text: for each advice one for the budget and one for the quality wished for.
-
-    views_drawn  in a call, when the costs were taken
-    in_full      the alternatives and the regret too
-    """
-    lines = []
-    if wish.views != views_drawn:
-        lines.append(
-            f"Costs of {wish.views} view{'s' * (wish.views > 1)} are reckoned from the share of "
-            "one; drawn in a call of their own they may differ."
-        )
-    several = len({advice.class_name for advice in given}) > 1
-    for advice in given:
-        name = advice.condition + f", {advice.class_name}" * several
-        lines += [f"{visible(name)}: {line}" for line in _in_short(advice, wish)]
-        if in_full:
-            lines += [f"  {line}" for line in _alternatives(advice, wish)]
-    return lines
-
-
-def _in_short(advice: Advice, wish: Wish) -> list[str]:
-    lines = []
-    if wish.budget_ms is not None:
-        lines.append(_within_budget(advice, wish, wish.budget_ms))
-    if wish.min_ssim is not None:
-        lines.append(_good_enough(advice, wish, wish.min_ssim))
-    return lines
-
-
-def _alternatives(advice: Advice, wish: Wish) -> list[str]:
-    lines = []
-    if wish.min_ssim is not None:
-        surely = _told(advice.surely, wish) if advice.surely else "none"
-        lines.append(f"surely that good, by the lower end of the interval: {surely}")
-    if advice.best is None:
-        return lines
-    if wish.budget_ms is None:
-        lines.append(f"best at any cost: {_told(advice.best, wish)}")
-    for choice in advice.next:
-        lines.append(f"next: {_told(choice, wish)}; behind by {_estimated(choice.behind)}")
-    lines.append(
-        f"regret: {_estimated(advice.regret)} ssim against the best of {advice.affordable} such "
-        f"methods for each of {advice.objects} objects; "
-        f"{_estimated(advice.regret_blind)} where the method is chosen by the other objects"
-    )
-    return lines
-
-
-def _within_budget(advice: Advice, wish: Wish, budget_ms: float) -> str:
-    budget = f"{milliseconds(budget_ms)} ms"
-    if advice.best is None:
-        nearest = f"; the cheapest: {_told(advice.cheapest, wish)}" if advice.cheapest else ""
-        return f"no method within {budget}{nearest}"
-    told = f"best within {budget}: {_told(advice.best, wish)}"
-    if advice.best.cost_ms.high > budget_ms:
-        told += "; the interval of its cost reaches beyond the budget"
-    return told
-
-
-def _good_enough(advice: Advice, wish: Wish, min_ssim: float) -> str:
-    least = f"ssim of at least {min_ssim:g}"
-    if advice.on_average is None:
-        nearest = f"; the nearest: {_told(advice.finest, wish)}" if advice.finest else ""
-        return f"no method with an {least}{nearest}"
-    sure = advice.surely is not None and advice.surely.method == advice.on_average.method
-    told = (
-        f"cheapest with an {least}, {'surely' if sure else 'on average'}: "
-        f"{_told(advice.on_average, wish)}"
-    )
-    if wish.budget_ms is not None and advice.on_average.cost_ms.value > wish.budget_ms:
-        told += "; over the budget"
-    return told
-
-
-def _told(choice: Choice, wish: Wish) -> str:
-    """The method with its quality and its cost, for the cloud and for a picture."""
-    ssim = _estimated(choice.ssim)
-    cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
-    failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)
-    picture = milliseconds(choice.cost_ms.value / wish.views)
-    return f"{visible(choice.method)}, ssim {ssim}, {cost} a cloud, {picture} ms a picture{failed}"
-
-
-def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
-    if not math.isfinite(estimate.low):
-        return ""
-    return f" [{shown(estimate.low)}, {shown(estimate.high)}]"
-
-
-def _estimated(estimate: Estimate) -> str:
-    if not math.isfinite(estimate.value):
-        return "unknown"
-    return _digits(estimate.value) + _interval(estimate, _digits)
-
-
-def _digits(value: float) -> str:
-    return f"{value:z.{decimals(METRIC)}f}"
-
-
-def make_wish(views: int, budget_ms: float | None, min_ssim: float | None) -> Wish:
-    """A wish of the command line. Raises BadInput for one that is empty or makes no sense."""
-    if budget_ms is None and min_ssim is None:
-        raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
-    if views < 1:
-        raise BadInput(f"--views {views}: must be at least 1")
-    if budget_ms is not None and not 0 < budget_ms < math.inf:
-        raise BadInput(f"--budget-ms {budget_ms:g}: must be a number over 0")
-    if min_ssim is not None and not -1 <= min_ssim <= 1:
-        raise BadInput(f"--min-ssim {min_ssim:g}: must be from -1 to 1")
-    return Wish(views, budget_ms, min_ssim)
 
 
 def at_condition(comparisons: Sequence[Comparison], condition: str | None) -> list[Comparison]:

@@ -9,7 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bench.catalogue.metrics import JUDGE
-from bench.running.isolation import Limits
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one task may take: wall time in seconds, resident memory of its worker in GiB."""
+
+    time_s: float
+    memory_gib: float
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.class_average import interval_of_distances, interval_of_means
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.intervals import mean_interval
+from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
 from bench.catalogue.metrics import is_similarity
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals
 from bench.tables.orderings import Ordering, OrderingsTable

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.running.isolation import Limits, Lost, run_tasks
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, run_tasks
 from bench.running.progress import progress
 from data_prep.dataset import Dataset
 from data_prep.dataset_paper import VIEWS, PaperObject

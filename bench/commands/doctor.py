@@ -10,8 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
-from bench.running.environment import PACKAGES
-from bench.running.probe import environment
+from bench.running.environment import PACKAGES, environment
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.running.isolation import Limits, Lost, run_tasks
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, run_tasks
 from bench.running.progress import progress
 from data_prep.dataset_paper import PICTURES
 from data_prep.datasets import open_dataset

@@ -1,20 +1,20 @@
-"""The end of a run: records, features, tables and figures from what its jobs came to."""
+"""What a run or a merge puts out at its end: tables, figures and the report."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from bench.records.artifacts import Artifact
-from bench.records.parquet import JobRow, artifacts_of, write_features, write_jobs, write_records
-from bench.records.record import GROUND_TRUTH, Record
+from bench.report.build import Made, write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
 from bench.report.robustness import FIGURES, write_figures
+from bench.running.merge import Merged, merge
+from bench.running.protocol import Options
+from bench.running.run import Finished, Measured, run, timed
 from bench.tables.build import (
     Beyond,
     Trade,
@@ -46,27 +46,27 @@ class Outputs:
     beyond: Beyond | None
 
 
-def write_outputs(
-    directory: Path,
-    suite: str,
-    jobs: Sequence[JobRow],
-    records: Callable[[JobRow], Sequence[Record]],
-    features: Iterable[str],
-    seconds: dict[str, float],
-) -> Outputs:
-    """Write all that is made from results into a directory with a manifest.
+def run_suite(options: Options) -> Finished[Outputs]:
+    """Run a suite of items, or go on with one; its tables, figures and report are in its folder.
 
-    jobs      all jobs in the order of the plan: ground truths, then items
-    records   gives those of a job; asked for once for each item
-    features  extractors whose features are in the artifacts
-    seconds   gets what each stage took
+    Raises BadInput for anything the user has to fix; what was done until then is kept.
     """
-    artifacts = artifacts_of(directory, jobs)
-    with timed("tables", seconds):
-        write_records(directory, [job for job in jobs if job.item.method != GROUND_TRUTH], records)
-        write_jobs(directory, jobs)
-        for metric in features:
-            write_features(directory, metric, artifacts)
+    finished = run(options, publish)
+    _report(finished.directory, finished.outputs)
+    return finished
+
+
+def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
+    """Put the shards of a run together in `out`. Raises BadInput as `bench.running.merge.merge`."""
+    merged = merge(directories, out, publish)
+    _report(out, merged.outputs)
+    return merged
+
+
+def publish(measured: Measured) -> Outputs:
+    """Write the tables and figures of a run whose records and features are written."""
+    directory = measured.directory
+    with timed("tables", measured.seconds):
         outputs = Outputs(
             tables=tuple(write_tables(directory)),
             cost=write_cost(directory),
@@ -74,9 +74,13 @@ def write_outputs(
             orderings=write_orderings(directory),
             beyond=write_beyond(directory),
         )
-    with timed("figures", seconds):
-        _write_figures(directory, suite, outputs, artifacts)
+    with timed("figures", measured.seconds):
+        _write_figures(directory, measured.suite, outputs, measured.artifacts)
     return outputs
+
+
+def _report(directory: Path, outputs: Outputs) -> None:
+    write_report(directory, made=Made(outputs.tables, outputs.orderings, outputs.beyond))
 
 
 def _write_figures(
@@ -92,11 +96,3 @@ def _write_figures(
         write_beyond_figures(directory, along.courses, artifacts)
     else:
         write_figures(directory, outputs.tables, artifacts)
-
-
-@contextmanager
-def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
-    """Within, time goes to `seconds[stage]`, rounded to tenths."""
-    start = time.perf_counter()
-    yield
-    seconds[stage] = round(time.perf_counter() - start, 1)

@@ -12,10 +12,9 @@ from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import GROUND_TRUTH
-from bench.running.estimate import Cell
-from bench.running.options import Options, protocol_of
-from bench.running.prospect import Prospect, look_ahead, refuse_small
-from bench.running.protocol import Protocol, method_identity
+from bench.running.pilot import Cell
+from bench.running.protocol import Options, Protocol, method_identity, protocol_of
+from bench.running.run import Prospect, look_ahead, refuse_small
 from bench.tables.markdown import cell, row, visible
 
 FID = "fid"

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.foreground import object_boxes
-from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.silhouette import object_boxes, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image_and_box
 from bench.metrics.thin_parts import thin_scores
 

@@ -1,8 +1,20 @@
-"""How far the silhouette of the drawn object covers that of the true one, whatever is in it.
+"""Where an image shows something, and how far the drawn silhouette covers the true one.
 
-Intersection over union (Jaccard 1912) of two sets of pixels: what the true picture shows, and what
-the picture draws, as `bench.metrics.foreground` defines them. Colour, shading and parts inside do
-not count, so that a method that knows neither may score 1.
+White is background, by the conventions of all pictures. A true picture shows something wherever it
+is not white; its edges, which cover a pixel in part, count as a whole. Of a drawn picture that
+would be too much: a network's background is white but for a few levels, and all of the frame would
+be object. So a pixel counts as `drawn` if its contrast to white is at least half of that of the
+true pixel, and haze draws nothing.
+
+Contrast is 255 minus the mean of the channels: by the least channel a saturated colour would have
+more contrast than any grey can answer, and luma would let yellow vanish. Methods that do not know
+the colour draw in grey, and must not lose for it where the truth is dark: more contrast than that
+of the neutral grey (75) is not asked for, so that half of it, a pixel half covered by the lightest
+face of a grey reconstruction, is always enough. Where the truth is white there is nothing to halve,
+and the median contrast of what it shows stands in.
+
+The score is the intersection over union (Jaccard 1912) of the two sets of pixels. Colour, shading
+and parts inside do not count, so that a method that knows neither may score 1.
 """
 
 from __future__ import annotations
@@ -10,7 +22,84 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.foreground import drawn, foreground
+WHITE = 255
+MOST_ASKED = 75.0  # contrast of data_prep.mesh_files.NEUTRAL_GREY
+
+Masks = NDArray[np.bool_]  # [N, H, W]
+
+
+def foreground(images: NDArray[np.uint8]) -> Masks:
+    """The pixels [N, H, W] that are not white, of uint8 [N, H, W, C]; edges count as a whole.
+
+    Raises ValueError where the images are not uint8.
+    """
+    _require_uint8(images)
+    shown = np.zeros(images.shape[:-1], np.bool_)
+    for channel in range(images.shape[-1]):  # NumPy is slow along an axis of 3
+        shown |= images[..., channel] < WHITE
+    return shown
+
+
+def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Contrast to white [N, H, W], 0..255: 255 minus the mean of the channels.
+
+    Raises ValueError where the images are not uint8.
+    """
+    _require_uint8(images)
+    total = np.zeros(images.shape[:-1], np.int32)
+    for channel in range(images.shape[-1]):
+        total += images[..., channel]
+    return (WHITE - total / images.shape[-1]).astype(np.float32)
+
+
+def drawn(truth: NDArray[np.uint8], pictures: NDArray[np.uint8], usual: Masks) -> Masks:
+    """The pixels [N, H, W] where pictures draw something; both uint8 [N, H, W, C].
+
+    usual  [N, H, W], a part of what the true pictures show; its median contrast is asked for where
+           they are white (the neutral grey's, where the part is empty)
+
+    Of a true picture, drawn is all that it shows. Raises as `require_pairs`.
+    """
+    require_pairs(truth, pictures)
+    shown, asked = foreground(truth), contrast(truth)
+    for values, mask, some in zip(asked, shown, usual, strict=True):
+        values[~mask] = np.median(values[some]) if some.any() else MOST_ASKED
+    return contrast(pictures) >= np.minimum(asked, MOST_ASKED) / 2
+
+
+def require_pairs(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> None:
+    """Raises ValueError: an array is not uint8 or not [N, H, W, C], or the shapes differ."""
+    for images in (truth, pictures):
+        if images.dtype != np.uint8 or images.ndim != 4:
+            found = f"{images.dtype} {list(images.shape)}"
+            raise ValueError(f"images must be uint8 [N, H, W, C], got {found}")
+    if truth.shape != pictures.shape:
+        raise ValueError(f"pictures {list(pictures.shape)} of truths {list(truth.shape)}")
+
+
+def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """The box [N, (top, bottom, left, right)] of the foreground of each true picture.
+
+    In pixels, bottom and right exclusive; all 0 for a blank picture.
+
+    Raises ValueError where the pictures are not uint8 or not [N, H, W, C].
+    """
+    shown = foreground(truth)
+    if truth.ndim != 4:
+        raise ValueError(f"images must be [N, H, W, C], got {truth.dtype} {list(truth.shape)}")
+    boxes = np.zeros((len(shown), 4), np.intp)
+    for box, mask in zip(boxes, shown, strict=True):
+        rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+        if len(rows):
+            box[:] = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+    return boxes
+
+
+def _require_uint8(images: NDArray[np.uint8]) -> None:
+    """On the scale 0..1 all is dark, and NaN is not: neither may pass for a picture."""
+    if images.dtype != np.uint8:
+        found = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"images must be uint8 (range 0..255), got {found}")
 
 
 def silhouette_iou(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> NDArray[np.float64]:

@@ -98,7 +98,7 @@ def ssim_per_image_and_box(
     """`ssim_per_image`, and from the same map the mean `ssim` [N] of the windows within a box.
 
     boxes  int [N, (top, bottom, left, right)] in pixels, bottom and right exclusive; one per pair,
-           see `bench.metrics.foreground.object_boxes`
+           see `bench.metrics.silhouette.object_boxes`
 
     A window is within if its centre is: the middle pixel of 11, 5 px from the window's corner, so
     that no window is centred within 5 px of the frame. NaN where a box leaves no window. Raises as

@@ -10,7 +10,7 @@ SSIM hardly notices them, because they cover few pixels; the user of a picture d
 * An opening also rounds corners. What it takes there is a pixel or two, hence thin pixels count
   only in connected groups of at least 8: as much as the shortest stub, 2 x 4 px.
 * `evaluated` (E) is all of the silhouette within 2 px of a thin pixel, edges and joints included.
-* What counts as drawn, and that haze does not, is said in `bench.metrics.foreground`; the median
+* What counts as drawn, and that haze does not, is said in `bench.metrics.silhouette`; the median
   that stands in where the truth is white is that of E.
 
 `recall` is the share of E that is drawn; `precision` the share of true silhouette among what is
@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.foreground import Masks, drawn, foreground, require_pairs
+from bench.metrics.silhouette import Masks, drawn, foreground, require_pairs
 
 LEAST_GROUP = 8  # pixels
 EVALUATED_WITHIN = 2  # pixels from a thin one

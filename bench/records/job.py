@@ -1,11 +1,19 @@
-"""What a worker's time went into."""
+"""A job, its result, and what the time of a worker went into: plain values that cross processes."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bench.records.artifacts import Artifact, Item
+from bench.records.record import Record
+from data_prep.conditions import Perturbation
+from data_prep.scene import View
+from data_prep.scene_objects import SceneObject
 
 
 @dataclass(frozen=True)
@@ -62,3 +70,99 @@ def shares(spent: Iterable[Spent], available_s: float) -> dict[str, float]:
         for part in ("methods", "metrics", "rendering")
     }
     return named | {"harness": 1.0 - sum(named.values())}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH).
+
+    key           names everything that the result depends on
+    perturbation  what `condition` is the name of
+    artifact      where pictures and features go
+    reference     the artifact of the ground truth; None where nothing is scored
+    features      (id, weights file) of the extractors to run
+    batch         views drawn in one call; None: all of them
+    """
+
+    key: str
+    suite: str
+    method: str
+    condition: str
+    perturbation: Perturbation
+    object: SceneObject
+    views: tuple[View, ...]
+    seed: int
+    device: str
+    features: tuple[tuple[str, str], ...]
+    artifact: Path
+    reference: Path | None
+    batch: int | None = None
+
+    @property
+    def item(self) -> Item:
+        """What it draws."""
+        return Item(self.method, self.condition, self.object.class_name, self.object.object_id)
+
+    @property
+    def made(self) -> Artifact:
+        """What it leaves behind where it ends well."""
+        return Artifact(self.item, self.artifact)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a job. `artifact_sha256` is None where there are no pictures.
+
+    `spent` is noughts for a job that was done by an earlier start, or whose worker died.
+    `unusable` is set where going on with other jobs of its kind makes no sense (a library or
+    weights file is missing): the run ends with this message.
+    """
+
+    key: str
+    records: tuple[Record, ...]
+    artifact_sha256: str | None
+    unusable: str | None = None
+    spent: Spent = NOTHING
+
+
+def failed(job: Job, reason: str) -> Result:
+    """The result of a job that gave no pictures."""
+    return Result(job.key, tuple(records_of(job, "failed", reason=reason)), None)
+
+
+def records_of(
+    job: Job,
+    outcome: Literal["ok", "failed"],
+    *,
+    reason: str = "",
+    notes: str = "",
+    prepare_s: float | None = None,
+    draw_s: float | None = None,
+) -> Sequence[Record]:
+    """The records of a job, one a view, without scores."""
+    return [
+        Record(
+            suite=job.suite,
+            method=job.method,
+            condition=job.condition,
+            class_name=job.object.class_name,
+            object=job.object.object_id,
+            view=i,
+            azimuth_deg=view.azimuth_deg,
+            elevation_deg=view.elevation_deg,
+            outcome=outcome,
+            reason=reason,
+            notes=notes,
+            ssim=None,
+            luminance=None,
+            contrast=None,
+            structure=None,
+            ssim_object=None,
+            silhouette_iou=None,
+            thin_recall=None,
+            thin_precision=None,
+            prepare_s=prepare_s,
+            draw_s=draw_s,
+        )
+        for i, view in enumerate(job.views)
+    ]

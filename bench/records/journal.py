@@ -30,9 +30,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from bench.records.artifacts import artifact_sha256
-from bench.records.job import NOTHING, Spent
+from bench.records.job import NOTHING, Job, Result, Spent
 from bench.records.record import SCHEMA_VERSION, Record
-from bench.running.work import Job, Result
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.untrusted import MIB, read_file
 from data_prep.whole_files import sync_folder, whole_file, write_whole

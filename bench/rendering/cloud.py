@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.catalogue.methods import Method, find_method
+from bench.catalogue.suites import Limits
 from bench.cloud_dots import draw_dots
-from bench.running.isolation import Limits, Lost, run_tasks
+from bench.running.isolation import Lost, run_tasks
 from bench.running.work import Pictures, draw, load_renderer, reason_of
 from data_prep.cloud_files import load_points
 from data_prep.failures import BadInput, MissingDependency

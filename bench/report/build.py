@@ -27,15 +27,14 @@ from bench.records.artifacts import Item
 from bench.records.features import Features
 from bench.records.journal import read_finished
 from bench.records.parquet import read_features, read_records
+from bench.report.families import crossings_group, family_curves
 from bench.report.page import Choice, Page, html
+from bench.report.pareto import cost_plots, cost_table
 from bench.report.pictures import cases, extremes, grids, shown_objects
-from bench.report.report_costs import cost_plots, cost_table
-from bench.report.report_crossings import crossings_group, family_curves
-from bench.report.report_curves import curves
-from bench.report.report_orderings import orderings_group
+from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
 from bench.report.styles import role, styles
-from bench.report.tables import failure_groups, table_groups
+from bench.report.tables import failure_groups, orderings_group, table_groups
 from bench.tables.build import Beyond, beyond, class_orderings, how_timed, tables
 from bench.tables.orderings import OrderingsTable
 from bench.tables.quality import Table

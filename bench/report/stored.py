@@ -16,10 +16,10 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES
 from bench.records.artifacts import Item, read_artifact
+from bench.records.job import Job
 from bench.records.parquet import artifacts_of, read_jobs
-from bench.running.protocol import Protocol, plan
-from bench.running.shards import objects_to_search
-from bench.running.work import Job, cloud_of
+from bench.running.protocol import Protocol, objects_to_search, plan
+from bench.running.work import cloud_of
 from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput
 

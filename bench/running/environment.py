@@ -1,21 +1,26 @@
-"""The manifest: everything about a run that its records do not say."""
+"""The machine, the libraries and the code that a run depends on.
+
+`python -m bench.running.environment` looks at the graphics driver from a process of its own, so
+that a driver that crashes takes only that, and prints one JSON object; `environment()` runs it and
+reads the answer.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable
 from datetime import UTC, datetime
+from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from bench.catalogue.methods import objectives
-from bench.records.record import SCHEMA_VERSION
-from bench.running.protocol import Protocol, method_identity
-from bench.running.shards import WHOLE
+from bench.running.isolation import WORKER_ENVIRONMENT
+from data_prep.failures import MissingDependency
 
 PACKAGES = (
     "pc2pix-bench",
@@ -29,30 +34,6 @@ PACKAGES = (
     "pandas",
     "pyarrow",
 )
-
-
-def describe(
-    protocol: Protocol, workers: int, skipped_metrics: Mapping[str, str]
-) -> dict[str, Any]:
-    """The manifest of a run that is about to start."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "suite": protocol.suite.id,
-        "dataset": protocol.dataset,
-        "views": protocol.views,
-        "seed": protocol.seed,
-        "device": protocol.device,
-        "shard": str(protocol.shard) if protocol.shard else WHOLE,
-        "methods": list(protocol.methods),
-        "identities": {m: method_identity(m, protocol.device) for m in protocol.methods},
-        "objectives": objectives(protocol.methods),
-        "conditions": list(protocol.conditions),
-        "objects": [f"{o.class_name}/{o.object_id}" for o in protocol.objects],
-        "skipped_metrics": dict(skipped_metrics),
-        "feature_identity": dict(protocol.feature_identity),
-        "environment": dict(protocol.environment),
-        "workers": workers,
-    } | circumstances()
 
 
 def circumstances() -> dict[str, Any]:
@@ -121,3 +102,78 @@ def _git() -> dict[str, Any]:
     except (OSError, subprocess.SubprocessError):
         return {}
     return {"commit": commit, "clean": not status}
+
+
+TIMEOUT_S = 120
+
+
+def environment() -> dict[str, str]:
+    """What the project's pictures depend on beside its own code.
+
+    Raises MissingDependency where nothing can be rendered on this machine; the message says which
+    Debian packages to install.
+    """
+    import os
+
+    from data_prep.render import REMEDY
+
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "bench.running.environment"],
+            env=os.environ | WORKER_ENVIRONMENT,
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise MissingDependency(f"OpenGL did not answer in {TIMEOUT_S} s: {REMEDY}") from error
+    lines = done.stdout.strip().splitlines()
+    try:
+        answer = json.loads(lines[-1])
+    except (IndexError, ValueError) as error:
+        raise MissingDependency(
+            f"OpenGL ended its process (exit code {done.returncode}): {REMEDY}"
+        ) from error
+    if "error" in answer:
+        raise MissingDependency(answer["error"])
+    return answer
+
+
+def main() -> None:
+    """Print the environment, or the reason why there is none."""
+    from data_prep import render
+
+    try:
+        answer = {
+            "gl": render.gl_renderer(),
+            "render": str(render.VERSION),
+            "pyrender": version("pyrender"),
+            "numpy": version("numpy"),
+        }
+    except MissingDependency as error:
+        answer = {"error": str(error)}
+    print(json.dumps(answer))
+
+
+ROOT = Path(__file__).resolve().parents[2]
+SUFFIXES = (".py", ".vert", ".frag")
+
+
+def code_sha256(names: Iterable[str], root: Path = ROOT) -> str:
+    """Of all code in those folders and files below `root`, names included."""
+    files = [
+        path
+        for name in names
+        for path in ((root / name).rglob("*") if (root / name).is_dir() else [root / name])
+        if path.suffix in SUFFIXES
+    ]
+    lines = (
+        f"{path.relative_to(root)} {sha256(path.read_bytes()).hexdigest()}"
+        for path in sorted(files)
+    )
+    return sha256("\n".join(lines).encode()).hexdigest()
+
+
+if __name__ == "__main__":
+    main()

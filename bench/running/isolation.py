@@ -2,7 +2,8 @@
 
 Native libraries hang, leak and crash (see CONTRIBUTING.md); a task that does costs its own result
 and nothing else. One thread a worker, whatever their number, so that no result depends on how many
-neighbours a task had: sums are taken in the same order.
+neighbours a task had: sums are taken in the same order. Tasks are idempotent, and what becomes of
+one depends on nothing but the task: an executor may do one twice, on any machine, in any order.
 """
 
 from __future__ import annotations
@@ -20,14 +21,78 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
-from bench.running.executor import feed
+from bench.catalogue.suites import Limits
 
 if TYPE_CHECKING:
     from pebble import ProcessPool
 
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within, this process computes on one thread; afterwards on as many as before."""
+    import torch
+    from threadpoolctl import threadpool_limits
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        torch.set_num_threads(before)
+
+
 Task = TypeVar("Task")
+TaskIn = TypeVar("TaskIn", contravariant=True)
+Done = TypeVar("Done")
+DoneOut = TypeVar("DoneOut", covariant=True)
+
+
+class Executor(Protocol[TaskIn, DoneOut]):
+    """Does tasks, several at a time."""
+
+    @property
+    def room(self) -> int:
+        """How many tasks may be under way: enough to keep all workers busy, and not more."""
+        ...
+
+    def submit(self, task: TaskIn, /) -> None:
+        """Have a task done."""
+        ...
+
+    def collect(self) -> Iterator[DoneOut]:
+        """Wait until at least one of those under way has ended, and give what has."""
+        ...
+
+    def close(self) -> None:
+        """Stop at once what is under way, and let go of all workers."""
+        ...
+
+
+def feed(tasks: Iterable[Task], executor: Executor[Task, Done]) -> Generator[Done, None, None]:
+    """What becomes of each task, as it comes.
+
+    Tasks are taken from their iterable as there is room; one that has ended is asked again after
+    results, so that an iterable may wait for them before it goes on.
+    """
+    queue, under_way = iter(tasks), 0
+    while True:
+        while under_way < executor.room:
+            try:
+                task = next(queue)
+            except StopIteration:
+                break
+            executor.submit(task)
+            under_way += 1
+        if not under_way:
+            return
+        for done in executor.collect():
+            under_way -= 1
+            yield done
+
+
 Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 400  # then a fresh process: what leaks, leaks no further
@@ -53,14 +118,6 @@ WORKER_ENVIRONMENT = thread_counts(1) | {
     # and keeping no cache of freed blocks, every process reads the same.
     "GLIBC_TUNABLES": "glibc.malloc.perturb=255:glibc.malloc.tcache_count=0",
 }
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What one task may take: wall time in seconds, resident memory of its worker in GiB."""
-
-    time_s: float
-    memory_gib: float
 
 
 @dataclass(frozen=True)

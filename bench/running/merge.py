@@ -12,14 +12,14 @@ import os
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic
 
-from bench.commands.publish import Outputs, write_outputs
 from bench.records.artifacts import artifact_path, artifact_sha256
+from bench.records.job import Result
 from bench.records.journal import (
     FIXED,
     Journal,
@@ -31,11 +31,10 @@ from bench.records.journal import (
 )
 from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
-from bench.report.build import Made, write_report
 from bench.running import environment as manifests
 from bench.running.progress import progress
-from bench.running.shards import WHOLE, Shard, deal_back, read_shard
-from bench.running.work import Result
+from bench.running.protocol import WHOLE, Shard, deal_back, read_shard
+from bench.running.run import Measured, Outputs, write_parquet
 from data_prep.failures import BadInput, CannotWrite
 
 # What all shards must have in common, beside what one directory has one value of.
@@ -57,8 +56,8 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Merged:
-    """A complete run: where it is, its tables, its number of jobs, and how many were copied now."""
+class Merged(Generic[Outputs]):
+    """A complete run: where it is, what was made of it, its jobs, and how many were copied now."""
 
     directory: Path
     outputs: Outputs
@@ -66,8 +65,10 @@ class Merged:
     copied: int
 
 
-def merge(directories: Sequence[Path], out: Path) -> Merged:
-    """Put the shards of a run together in `out`.
+def merge(
+    directories: Sequence[Path], out: Path, publish: Callable[[Measured], Outputs]
+) -> Merged[Outputs]:
+    """Put the shards of a run together in `out`; `publish` as in `bench.running.run.run`.
 
     Raises BadInput where a directory is no finished shard, one is missing, there twice or of
     another run, naming it; where pictures of a shard are missing or altered; and where `out` holds
@@ -80,18 +81,19 @@ def merge(directories: Sequence[Path], out: Path) -> Merged:
         write_manifest(out, manifest)
         jobs = _collect(parts, manifest["objects"], journal)
         seconds: dict[str, float] = {}
-        outputs = write_outputs(
-            out,
-            manifest["suite"],
-            jobs,
-            lambda job: journal.lines.result(job.key).records,
-            manifest["feature_identity"],
-            seconds,
+        outputs = publish(
+            write_parquet(
+                out,
+                manifest["suite"],
+                jobs,
+                lambda job: journal.lines.result(job.key).records,
+                manifest["feature_identity"],
+                seconds,
+            )
         )
         stages = manifest["stage_seconds"]
         stages |= {name: round(stages.get(name, 0) + spent, 1) for name, spent in seconds.items()}
         write_manifest(out, manifest | {"finished": manifests.now()})
-    write_report(out, made=Made(outputs.tables, outputs.orderings, outputs.beyond))
     return Merged(out, outputs, len(jobs), len(journal.added))
 
 

@@ -1,26 +1,87 @@
-"""From a suite and the wishes of the command line to the list of jobs. Pure: nothing is run."""
+"""From the options of a command to what is measured, and to the list of jobs. Nothing is run.
+
+A shard is a part of a run that is made apart, on machines that share nothing, by any scheduler:
+shard k of N has every Nth object of the run, beginning with the kth, so that all shards have about
+as much of every class. `bench.running.merge` puts them together.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import FLOOR, find_method
+from bench.catalogue.methods import FLOOR, find_method, objectives
+from bench.catalogue.metrics import WeightsUnavailable, find_extractor
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import artifact_path
+from bench.records.job import Job
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
-from bench.running.shards import Shard
-from bench.running.work import Job
+from bench.running.environment import circumstances, cores, environment
+from bench.running.progress import say
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
-from data_prep.datasets import PROCEDURAL_VERSION, SceneObject
+from data_prep.datasets import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View
+from data_prep.scene_objects import SceneObject
+
+Thing = TypeVar("Thing")
+WHOLE: str | None = None  # stands in a manifest where a shard's name stands
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Number `number` (from 1) of `count`."""
+
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def of(self, things: Sequence[Thing]) -> tuple[Thing, ...]:
+        """Those that are in this shard; none where there are fewer things than shards."""
+        return tuple(things[self.number - 1 :: self.count])
+
+
+def read_shard(text: str) -> Shard:
+    """The shard with the name "k/N". Raises BadInput where that is none."""
+    found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
+    if found is not None:
+        shard = Shard(int(found[1]), int(found[2]))
+        if 1 <= shard.number <= shard.count:
+            return shard
+    raise BadInput(f"--shard {text}: give k/N, the kth of N parts, as in 1/4 ... 4/4")
+
+
+def deal_back(shards: Sequence[Sequence[Thing]]) -> list[Thing]:
+    """What was dealt to shards 1 to N, in the order that it had.
+
+    Raises ValueError where no things can have been dealt so: each shard has as many as the one
+    before, or, once, one less.
+    """
+    total = sum(map(len, shards))
+    dealt = [Shard(k, len(shards)).of(range(total)) for k in range(1, len(shards) + 1)]
+    if [*map(len, shards)] != [*map(len, dealt)]:
+        raise ValueError(f"{[*map(len, shards)]} things were not dealt in turns")
+    back: dict[int, Thing] = {}
+    for places, things in zip(dealt, shards, strict=True):
+        back |= zip(places, things, strict=True)
+    return [back[place] for place in range(total)]
+
+
+def objects_to_search(manifest: Mapping[str, Any]) -> int:
+    """How far into its dataset a run with this manifest can have reached: a number of objects."""
+    name = manifest.get("shard")
+    return len(manifest["objects"]) * (read_shard(name).count if name else 1)
+
 
 SCORES_VERSION = 1  # raise when a change alters a score
 
@@ -148,6 +209,30 @@ def _common_identity(protocol: Protocol, obj: SceneObject, views: Sequence[View]
     ]
 
 
+def describe(
+    protocol: Protocol, workers: int, skipped_metrics: Mapping[str, str]
+) -> dict[str, Any]:
+    """The manifest of a run that is about to start."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "suite": protocol.suite.id,
+        "dataset": protocol.dataset,
+        "views": protocol.views,
+        "seed": protocol.seed,
+        "device": protocol.device,
+        "shard": str(protocol.shard) if protocol.shard else WHOLE,
+        "methods": list(protocol.methods),
+        "identities": {m: method_identity(m, protocol.device) for m in protocol.methods},
+        "objectives": objectives(protocol.methods),
+        "conditions": list(protocol.conditions),
+        "objects": [f"{o.class_name}/{o.object_id}" for o in protocol.objects],
+        "skipped_metrics": dict(skipped_metrics),
+        "feature_identity": dict(protocol.feature_identity),
+        "environment": dict(protocol.environment),
+        "workers": workers,
+    } | circumstances()
+
+
 def method_identity(method_id: str, device: str) -> list[Any]:
     """What the pictures of a method depend on beside the cloud and the views."""
     method = find_method(method_id)
@@ -157,3 +242,138 @@ def method_identity(method_id: str, device: str) -> list[Any]:
 def digest(identity: Sequence[Any]) -> str:
     """A key that names everything in `identity`."""
     return hashlib.sha256(json.dumps(identity).encode()).hexdigest()
+
+
+RUNS = Path("results/runs")
+
+
+@dataclass(frozen=True)
+class Options:
+    """The wishes of the command line; None means the suite's choice."""
+
+    suite: str
+    dataset: str = "procedural"
+    methods: tuple[str, ...] | None = None
+    conditions: tuple[str, ...] | None = None
+    limit: int | None = None
+    views: int | None = None
+    workers: int | None = None
+    device: str = "auto"
+    seed: int = 0
+    out: Path | None = None
+    fresh: bool = False
+    shard: Shard | None = None
+    ray: str | None = None
+    inception_weights: str | None = None
+
+    @property
+    def directory(self) -> Path:
+        """The run's folder."""
+        return self.out or RUNS / default_name(self.suite, self.dataset, self.shard)
+
+
+def refuse(suite: str, wishes: Iterable[tuple[str, object, str]]) -> None:
+    """For a suite where some options have no meaning: (name, value, why) of each.
+
+    Raises BadInput for the first that was given.
+    """
+    for name, value, why in wishes:
+        if value is not None:
+            raise BadInput(f"--{name}: has no meaning for the suite {suite}, {why}; leave it")
+
+
+def workers_of(suite: Suite, options: Options) -> int:
+    """Worker processes: as wished, else all cores; one where times are compared.
+
+    Raises BadInput where that is not what was wished.
+    """
+    if suite.frontier:
+        more = options.workers if options.workers != 1 else None
+        refuse(suite.id, [("workers", more, "whose times are taken with nothing beside them")])
+        return 1
+    return options.workers or cores()
+
+
+def default_name(suite: str, dataset: str, shard: Shard | None = None) -> str:
+    """The folder of a run: suite, dataset and shard, as one file name."""
+    kind, _, location = dataset.partition(":")
+    parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
+    if shard is not None:
+        parts.append(f"shard-{shard.number}-of-{shard.count}")
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", "-".join(parts))
+
+
+def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]:
+    """What is to be measured, and the metrics that cannot be, with the reason.
+
+    Raises BadInput for wishes that cannot be met, and MissingDependency where nothing can be drawn.
+    """
+    methods = with_floor(options.methods or suite.methods)
+    for method in methods:
+        find_method(method)
+    conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
+    for condition in conditions:
+        find(condition, CONDITIONS, "condition")
+    for name, value in (("limit", options.limit), ("views", options.views)):
+        if value is not None and value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
+    dataset = open_dataset(options.dataset)
+    objects = tuple(
+        obj
+        for class_name in _classes(suite, dataset)
+        for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
+    )
+    if options.shard is not None:
+        objects = _dealt(options.shard, objects)
+    features: list[tuple[str, str]] = []
+    identity: dict[str, str] = {}
+    skipped: dict[str, str] = {}
+    for metric in suite.extractors:
+        try:
+            extractor = find_extractor(metric)
+            weights = extractor.weights(options.inception_weights)
+        except WeightsUnavailable as error:
+            skipped[metric] = f"skipped: weights; {error}"
+            continue
+        features.append((metric, str(weights)))
+        identity[metric] = f"{extractor.version} {sha256(weights.read_bytes()).hexdigest()}"
+    protocol = Protocol(
+        suite=suite,
+        dataset=dataset.id,
+        methods=methods,
+        conditions=conditions,
+        objects=objects,
+        shard=options.shard,
+        views=options.views or suite.views,
+        seed=options.seed,
+        device=options.device,
+        features=tuple(features),
+        feature_identity=identity,
+        environment=environment(),
+    )
+    return protocol, skipped
+
+
+def _dealt(shard: Shard, objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
+    if not (dealt := shard.of(objects)):
+        raise BadInput(f"--shard {shard}: there are only {len(objects)} objects; make fewer shards")
+    return dealt
+
+
+def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
+    """The suite's classes that the dataset has; of several, those it lacks are told and left out.
+
+    Raises BadInput where the suite compares classes and the dataset does not tell them apart.
+    """
+    if len(suite.classes) == 1:
+        return suite.classes
+    if not dataset.classes:
+        raise BadInput(
+            f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a folder "
+            "whose sub-folders are classes"
+        )
+    there = tuple(name for name in suite.classes if name in dataset.classes)
+    if there and len(there) < len(suite.classes):
+        lacking = [name for name in suite.classes if name not in there]
+        say(f"{dataset.id}: no {', '.join(lacking)}; left out")
+    return there or suite.classes[:1]  # which the dataset refuses, with what it has

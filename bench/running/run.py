@@ -1,41 +1,174 @@
-"""A run from beginning to end: plan, ground truth, items, records, tables, figures."""
+"""A run from its protocol to its records; and what a run would do, without doing any of it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.commands.publish import Outputs, timed, write_outputs
-from bench.records.job import shares
+from bench.records.artifacts import Artifact
+from bench.records.job import Job, Result, failed, shares
 from bench.records.journal import (
+    MANIFEST,
     Journal,
     Settled,
     check_directory,
     open_journal,
+    read_lines,
     set_aside,
     write_manifest,
 )
-from bench.records.parquet import JobRow
-from bench.records.record import Record
-from bench.report.build import Made, write_report
+from bench.records.parquet import JobRow, artifacts_of, write_features, write_jobs, write_records
+from bench.records.record import GROUND_TRUTH, Record
 from bench.running import environment as manifests
-from bench.running.job_results import do_jobs
-from bench.running.options import Options, protocol_of
+from bench.running.executors import JobPool, do_jobs
+from bench.running.isolation import Executor
+from bench.running.pilot import Cell
 from bench.running.progress import say
-from bench.running.protocol import Plan, Protocol, plan
-from bench.running.work import Job, failed
-from bench.running.workforce import Workforce, workforce
+from bench.running.protocol import Options, Plan, Protocol, describe, plan, protocol_of, workers_of
+from bench.running.ray import LOCAL, RayPool, connected, demands
 from data_prep.failures import BadInput
+
+Outputs = TypeVar("Outputs")
 
 
 @dataclass(frozen=True)
-class Finished:
-    """A complete run: where it is, its tables, and how many items were done now and before.
+class Prospect:
+    """A run that has not been started, or not now.
+
+    there    keys of the jobs that count as done, items without a true picture included
+    workers  processes of this machine
+    """
+
+    protocol: Protocol
+    directory: Path
+    todo: Plan
+    there: frozenset[str]
+    workers: int
+
+    @property
+    def left(self) -> dict[Cell, int]:
+        """How many jobs are to be done, by method and condition; noughts included."""
+        return count((*self.todo.references, *self.todo.items), self.there)
+
+    def left_of_first(self, objects: int) -> dict[Cell, int]:
+        """The same with `--limit`: of each class only so many, as the dataset orders them."""
+        taken: dict[str, int] = {}
+        first: set[tuple[str, str]] = set()
+        for job in self.todo.references:
+            number = taken[job.object.class_name] = taken.get(job.object.class_name, 0) + 1
+            if number <= objects:
+                first.add(job.item.object)
+        jobs = (*self.todo.references, *self.todo.items)
+        return count((job for job in jobs if job.item.object in first), self.there)
+
+
+def count(jobs: Iterable[Job], there: frozenset[str]) -> dict[Cell, int]:
+    """Jobs that are not `there`, by method and condition, in their order."""
+    found: dict[Cell, int] = {}
+    for job in jobs:
+        cell = (job.method, job.condition)
+        found[cell] = found.get(cell, 0) + (job.key not in there)
+    return found
+
+
+def look_ahead(options: Options, protocol: Protocol) -> Prospect:
+    """What `bench run` would do with these. Nothing is written, nor locked.
+
+    Raises BadInput as `bench.running.run.run` before it does its first job.
+    """
+    suite = protocol.suite
+    directory = options.directory
+    todo = plan(protocol, directory)
+    workers = workers_of(suite, options)
+    there: frozenset[str] = frozenset()
+    if not options.fresh:
+        check_directory(directory, describe(protocol, workers, {}))
+        there = _there(directory, todo)
+    elif not (directory / MANIFEST).exists():  # else it would be renamed
+        check_directory(directory, {})
+    return Prospect(protocol, directory, todo, there, workers)
+
+
+def refuse_small(suite: str, what: str) -> BadInput:
+    """For suites that are not made of items."""
+    return BadInput(f"{what}: the suite {suite} takes minutes and has no plan; run it")
+
+
+def _there(directory: Path, todo: Plan) -> frozenset[str]:
+    journal = Journal(directory, read_lines(directory))
+    settled = {job.key: journal.usable(job) for job in (*todo.references, *todo.items)}
+    hopeless = {
+        job.artifact
+        for job in todo.references
+        if (of := settled[job.key]) is not None and of.artifact_sha256 is None
+    }
+    return frozenset(
+        job.key
+        for job in (*todo.references, *todo.items)
+        if settled[job.key] is not None or job.reference in hopeless
+    )
+
+
+@dataclass(frozen=True)
+class Workforce:
+    """How to begin: `start` gives an executor for so many jobs.
+
+    workers  processes at work at once
+    cluster  what it is, for the manifest; None for this machine
+    """
+
+    start: Callable[[int], Executor[Job, Result]]
+    workers: int
+    cluster: dict[str, Any] | None
+
+
+@contextmanager
+def workforce(options: Options, protocol: Protocol) -> Iterator[Workforce]:
+    """As wished; connected to the cluster for as long as the block lasts.
+
+    Raises BadInput for wishes that have no meaning, and as `bench.running.ray.connected`.
+    """
+    suite = protocol.suite
+    workers = workers_of(suite, options)
+    if options.ray is None:
+        start = partial(JobPool, workers=workers, limits=suite.limits)
+        yield Workforce(start, workers, None)
+        return
+    if suite.frontier:
+        raise BadInput(f"--ray: has no meaning for the suite {suite.id}, whose times are compared")
+    if options.workers is not None and options.ray != LOCAL:
+        raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
+    asked = demands(protocol)
+    with connected(options.ray, workers) as cluster:
+        yield Workforce(
+            lambda _: RayPool(cluster, suite.limits, asked), cluster.cpus, asdict(cluster)
+        )
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A run whose records and features are written, while its directory is still locked.
+
+    artifacts  the pictures of all jobs that have any: ground truths, then items
+    seconds    what each stage took; whoever goes on adds to it
+    """
+
+    directory: Path
+    suite: str
+    artifacts: Sequence[Artifact]
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Finished(Generic[Outputs]):
+    """A complete run: where it is, what was made of it, and how many items were done when.
 
     shares  of the workers' time, see `bench.records.job.shares`
     """
@@ -49,10 +182,11 @@ class Finished:
     shares: dict[str, float]
 
 
-def run(options: Options) -> Finished:
+def run(options: Options, publish: Callable[[Measured], Outputs]) -> Finished[Outputs]:
     """Carry out a run, or what is left of it.
 
-    Raises BadInput for anything the user has to mend; what was done until then is kept.
+    `publish` makes the outputs from the Parquet files; the run counts as finished after it. Raises
+    BadInput for anything the user has to fix; what was done until then is kept.
     """
     begun = time.perf_counter()
     suite = find(options.suite, SUITES, "suite")
@@ -60,8 +194,8 @@ def run(options: Options) -> Finished:
     protocol, skipped = protocol_of(suite, options)
     todo = plan(protocol, directory)  # refuses weights that cannot be used
     with workforce(options, protocol) as crew:
-        manifest = manifests.describe(protocol, crew.workers, skipped) | {"cluster": crew.cluster}
-        return _carry_out(options, directory, protocol, todo, crew, manifest, begun)
+        manifest = describe(protocol, crew.workers, skipped) | {"cluster": crew.cluster}
+        return _carry_out(options, directory, protocol, todo, crew, manifest, begun, publish)
 
 
 def _carry_out(
@@ -72,7 +206,8 @@ def _carry_out(
     crew: Workforce,
     manifest: dict[str, Any],
     begun: float,
-) -> Finished:
+    publish: Callable[[Measured], Outputs],
+) -> Finished[Outputs]:
     suite, start = protocol.suite, crew.start
     if options.fresh and (old := set_aside(directory)):
         say(f"the old run is now {old}")
@@ -92,14 +227,9 @@ def _carry_out(
             lost = hopeless.get(row.key)
             return failed(*lost).records if lost else journal.lines.result(row.key).records
 
-        outputs = write_outputs(
-            directory,
-            suite.id,
-            _in_order(todo, truths | settled),
-            records,
-            [metric for metric, _ in protocol.features],
-            seconds,
-        )
+        extractors = [metric for metric, _ in protocol.features]
+        rows = _in_order(todo, truths | settled)
+        outputs = publish(write_parquet(directory, suite.id, rows, records, extractors, seconds))
         for line in journal.damage:
             say(line)
         spent = (of.spent for every in (truths, settled) for of in every.values())
@@ -110,7 +240,6 @@ def _carry_out(
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
         write_manifest(directory, manifest)
-    write_report(directory, made=Made(outputs.tables, outputs.orderings, outputs.beyond))
     done = _count_new(todo, hopeless, journal)
     return Finished(
         directory,
@@ -121,6 +250,38 @@ def _carry_out(
         seconds=seconds,
         shares=of_workers,
     )
+
+
+def write_parquet(
+    directory: Path,
+    suite: str,
+    jobs: Sequence[JobRow],
+    records: Callable[[JobRow], Sequence[Record]],
+    features: Iterable[str],
+    seconds: dict[str, float],
+) -> Measured:
+    """Write the results of jobs as Parquet files into a directory with a manifest.
+
+    jobs      all jobs in the order of the plan: ground truths, then items
+    records   gives those of a job; asked for once for each item
+    features  extractors whose features are in the artifacts
+    seconds   gets what it took, and goes on in what is returned
+    """
+    artifacts = artifacts_of(directory, jobs)
+    with timed("records", seconds):
+        write_records(directory, [job for job in jobs if job.item.method != GROUND_TRUTH], records)
+        write_jobs(directory, jobs)
+        for metric in features:
+            write_features(directory, metric, artifacts)
+    return Measured(directory, suite, artifacts, seconds)
+
+
+@contextmanager
+def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
+    """Within, time goes to `seconds[stage]`, rounded to tenths."""
+    start = time.perf_counter()
+    yield
+    seconds[stage] = round(time.perf_counter() - start, 1)
 
 
 def _check_any_truth(todo: Plan, truths: Mapping[str, Settled]) -> None:

@@ -13,8 +13,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,71 +21,16 @@ from numpy.typing import NDArray
 from bench.catalogue.methods import FLOORS, Method, find_method
 from bench.catalogue.metrics import Extractor, find_extractor
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import Artifact, Item, read_artifact
-from bench.records.job import NOTHING, Spent, Stopwatch
-from bench.records.record import GROUND_TRUTH, Record
-from data_prep.conditions import Perturbation
+from bench.records.artifacts import read_artifact
+from bench.records.job import Job, Result, Stopwatch, failed, records_of
+from bench.records.record import GROUND_TRUTH
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, View
-from data_prep.scene_objects import SceneObject
 from data_prep.whole_files import write_whole
 
 Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
-
-
-@dataclass(frozen=True)
-class Job:
-    """One method on one cloud with all its views; or the ground truth (method GROUND_TRUTH).
-
-    key           names everything that the result depends on
-    perturbation  what `condition` is the name of
-    artifact      where pictures and features go
-    reference     the artifact of the ground truth; None where nothing is scored
-    features      (id, weights file) of the extractors to run
-    batch         views drawn in one call; None: all of them
-    """
-
-    key: str
-    suite: str
-    method: str
-    condition: str
-    perturbation: Perturbation
-    object: SceneObject
-    views: tuple[View, ...]
-    seed: int
-    device: str
-    features: tuple[tuple[str, str], ...]
-    artifact: Path
-    reference: Path | None
-    batch: int | None = None
-
-    @property
-    def item(self) -> Item:
-        """What it draws."""
-        return Item(self.method, self.condition, self.object.class_name, self.object.object_id)
-
-    @property
-    def made(self) -> Artifact:
-        """What it leaves behind where it ends well."""
-        return Artifact(self.item, self.artifact)
-
-
-@dataclass(frozen=True)
-class Result:
-    """What became of a job. `artifact_sha256` is None where there are no pictures.
-
-    `spent` is noughts for a job that was done by an earlier start, or whose worker died.
-    `unusable` is set where going on with other jobs of its kind makes no sense (a library or
-    weights file is missing): the run ends with this message.
-    """
-
-    key: str
-    records: tuple[Record, ...]
-    artifact_sha256: str | None
-    unusable: str | None = None
-    spent: Spent = NOTHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,16 +72,11 @@ def reason_of(error: BaseException) -> str:
     return f"{type(error).__name__}: {_first_line(error)}"
 
 
-def failed(job: Job, reason: str) -> Result:
-    """The result of a job that gave no pictures."""
-    return Result(job.key, tuple(_records(job, "failed", reason=reason)), None)
-
-
 def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:
     with watch.on("rendering"):
         pictures = job.object.truth(job.views)
     sha = _write_artifact(job, pictures, watch)
-    return Result(job.key, tuple(_records(job, "ok")), sha)
+    return Result(job.key, tuple(records_of(job, "ok")), sha)
 
 
 def _first_line(error: BaseException) -> str:
@@ -156,7 +95,9 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     cloud, rng = cloud_of(job), rng_of(job)
     with watch.on("methods"):
         drawn = draw(method, renderer, cloud, job.views, rng, job.batch, truth)
-    records = _records(job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s)
+    records = records_of(
+        job, "ok", notes=drawn.notes, prepare_s=drawn.prepare_s, draw_s=drawn.draw_s
+    )
     if truth is not None:
         with watch.on("metrics"):
             scored = scores(truth, drawn.pictures)
@@ -269,43 +210,6 @@ def _write_artifact(job: Job, pictures: Pictures, watch: Stopwatch) -> str:
             f"{job.artifact}: cannot be written ({error.strerror}); make room and run again"
         ) from error
     return sha256(data).hexdigest()
-
-
-def _records(
-    job: Job,
-    outcome: Literal["ok", "failed"],
-    *,
-    reason: str = "",
-    notes: str = "",
-    prepare_s: float | None = None,
-    draw_s: float | None = None,
-) -> Sequence[Record]:
-    return [
-        Record(
-            suite=job.suite,
-            method=job.method,
-            condition=job.condition,
-            class_name=job.object.class_name,
-            object=job.object.object_id,
-            view=i,
-            azimuth_deg=view.azimuth_deg,
-            elevation_deg=view.elevation_deg,
-            outcome=outcome,
-            reason=reason,
-            notes=notes,
-            ssim=None,
-            luminance=None,
-            contrast=None,
-            structure=None,
-            ssim_object=None,
-            silhouette_iou=None,
-            thin_recall=None,
-            thin_precision=None,
-            prepare_s=prepare_s,
-            draw_s=draw_s,
-        )
-        for i, view in enumerate(job.views)
-    ]
 
 
 @functools.cache

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.class_confidence import read_class_head
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.crossings import Course, contests, courses
+from bench.analysis.recognition import read_class_head
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import (
     IMAGE_METRICS,

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bench.analysis.class_average import interval_of_distances, interval_of_means
-from bench.analysis.class_confidence import ClassHead
+from bench.analysis.intervals import interval_of_distances, interval_of_means
+from bench.analysis.recognition import ClassHead
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import (
     KERNEL_METRICS,
@@ -37,8 +37,7 @@ from bench.tables.quality import (
     make_row,
     set_rows,
 )
-from bench.tables.table import NAN, Row, ordered
-from bench.tables.table_markdown import by_class, values_and_papers
+from bench.tables.table import NAN, Row, by_class, ordered, values_and_papers
 
 AVERAGE = "average"
 SURFACE = "surface-apss"  # the paper's SR

@@ -10,8 +10,7 @@ from bench.analysis.comparison import decimals
 from bench.analysis.crossings import Contest, Crossing
 from bench.catalogue.families import Family
 from bench.tables import markdown
-from bench.tables.table import ordered
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text, ordered
 
 HEADER = (
     *("suite", "class", "family", "metric", "method", "rival", "condition", "at", "unseen_by"),

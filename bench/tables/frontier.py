@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from bench.analysis.comparison import Comparison, Estimate, decimals, milliseconds
 from bench.analysis.frontier import Place, Thinned, places, thinned
 from bench.tables import markdown
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text
 
 PLACE_HEADER = (
     *("condition", "class", "views", "metric", "method", "cost_ms", "cost_ci_low", "cost_ci_high"),

@@ -14,8 +14,8 @@ from typing import Literal
 
 import pandas as pd
 
-from bench.analysis.class_average import interval_of_distances, interval_of_means
 from bench.analysis.comparison import NAN, Comparison, Estimate, compare, lead
+from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import column, is_similarity
 from bench.catalogue.suites import Suite
@@ -23,8 +23,7 @@ from bench.records.features import Features
 from bench.tables import markdown
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals, network_of, objects_of
 from bench.tables.quality import Published
-from bench.tables.table import ordered
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text, ordered
 
 PAPER_NETWORK = "pc2pix@all"
 PAPER_METRIC = "fid"

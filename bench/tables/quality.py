@@ -31,9 +31,16 @@ from bench.metrics.frechet import (
 from bench.records.features import Features, Picture
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
-from bench.tables.table import HEADER, NAN, NO_VALUE, Row
-from bench.tables.table_markdown import all_methods, by_class, paper_layout
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import (
+    HEADER,
+    NAN,
+    NO_VALUE,
+    Row,
+    all_methods,
+    by_class,
+    csv_text,
+    paper_layout,
+)
 
 Floats = NDArray[np.float64]
 # Published values by (class, metric, condition, method).

@@ -12,10 +12,10 @@ from harness_objects import Tetrahedron
 
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.records.artifacts import Item
+from bench.records.job import Job
 from bench.records.journal import write_manifest
 from bench.records.parquet import JobRow, write_features, write_jobs, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
-from bench.running.work import Job
 from bench.tables.build import write_cost, write_tables
 from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 import bench.checking.golden
-import bench.running.options
+import bench.running.protocol
 from bench.catalogue.suites import SUITES
+from bench.commands.publish import run_suite
 from bench.report.build import read_page
-from bench.running.options import Options
-from bench.running.run import run
+from bench.running.protocol import Options
 from bench.tables.build import beyond, tables, write_beyond, write_tables
 
 from .builders import write_run
@@ -162,8 +162,8 @@ def test_other_suites_have_none(tmp_path):
 
 def test_a_run(tmp_path, monkeypatch):
     """1 object x 3 conditions x 2 methods, 2 views."""
-    monkeypatch.setattr(bench.running.options, "environment", dict)
-    done = run(
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
+    done = run_suite(
         Options(
             suite=SUITE.id,
             methods=("splat", "blank"),

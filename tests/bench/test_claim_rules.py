@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.class_average import interval_of_distances, interval_of_means
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.intervals import mean_interval
+from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import Lacking, Latent, Scored, Timed, combined
 from bench.tables.orderings import Ordering, OrderingsTable

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bench.analysis.class_average import interval_of_distances, interval_of_means
+from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.metrics.frechet import interval_of_left_out
 
 

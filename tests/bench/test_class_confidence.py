@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from bench.analysis.class_confidence import ClassHead, read_class_head
+from bench.analysis.recognition import ClassHead, read_class_head
 from data_prep.failures import BadInput
 
 HEAD = ClassHead(("car", "lamp", "sofa"), np.eye(3)[:, :2], np.array([0.0, 0.0, math.log(2)]))

@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.class_average import interval_of_distances, interval_of_means
 from bench.analysis.comparison import Estimate
-from bench.analysis.intervals import mean_interval
+from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import LeftOut, interval_of_left_out, left_out_distances

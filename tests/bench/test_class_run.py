@@ -13,12 +13,12 @@ import bench.catalogue.metrics
 import bench.running.run
 import bench.tables.build
 from bench.checking.golden import _stale_tables
+from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file, view_features
 from bench.records.artifacts import read_artifact
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
-from bench.running.options import Options
-from bench.running.run import run
+from bench.running.protocol import Options
 from bench.tables.build import class_orderings, read_scored, tables
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
@@ -77,7 +77,7 @@ def planned_only(monkeypatch, tmp_path):
     def stop(*arguments):
         raise BadInput("far enough")
 
-    monkeypatch.setattr(bench.running.options, "environment", dict)
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
     monkeypatch.setattr(bench.running.run, "do_jobs", stop)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
@@ -89,7 +89,7 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
         patch.setenv("XDG_CACHE_HOME", str(directory.parent))  # no weights for fid
         for module in (bench.catalogue.metrics, bench.tables.build):
             patch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
-        done = run(
+        done = run_suite(
             Options(
                 suite="thirteen-classes",
                 dataset=f"folder:{folder}",
@@ -216,7 +216,7 @@ def test_the_tables_come_again_from_the_records(measured, with_classifier):
 @pytest.mark.usefixtures("planned_only")
 def test_what_is_left_out_is_told(folder, capsys, tmp_path):
     with pytest.raises(BadInput, match="far enough"):
-        run(Options("thirteen-classes", f"folder:{folder}", methods=("splat",), out=tmp_path))
+        run_suite(Options("thirteen-classes", f"folder:{folder}", methods=("splat",), out=tmp_path))
     assert capsys.readouterr().err.splitlines() == [
         f"folder:{folder}: no airplane, bench, cabinet, car, display, lamp, loudspeaker, rifle, "
         "sofa, telephone, vessel; left out"
@@ -229,14 +229,14 @@ def test_nothing_of_the_suite(folder, tmp_path):
     (tmp_path / "spoon" / "a.ply").write_bytes((folder / "spoon" / "0.ply").read_bytes())
     wish = Options("thirteen-classes", f"folder:{tmp_path}", methods=("splat",), out=tmp_path / "x")
     with pytest.raises(BadInput, match=r"no class 'airplane' .*found spoon"):
-        run(wish)
+        run_suite(wish)
     flat = Options(
         "thirteen-classes", f"folder:{tmp_path / 'spoon'}", methods=("splat",), out=tmp_path / "x"
     )
     with pytest.raises(
         BadInput, match="thirteen-classes compares classes, and this dataset has none"
     ):
-        run(flat)
+        run_suite(flat)
     assert not (tmp_path / "x").exists()
 
 
@@ -250,5 +250,5 @@ def test_one_network_for_all_that_is_not_there(monkeypatch, folder, tmp_path):
         "thirteen-classes", f"folder:{folder}", methods=("pc2pix@all",), out=tmp_path / "x"
     )
     with pytest.raises(BadInput, match=r"weights: 'all' is neither|all.safetensors: the bundled"):
-        run(wish)
+        run_suite(wish)
     assert not (tmp_path / "x").exists()

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.class_average import interval_of_distances, interval_of_means
-from bench.analysis.class_confidence import ClassHead
+from bench.analysis.intervals import interval_of_distances, interval_of_means
+from bench.analysis.recognition import ClassHead
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics import frechet_distance

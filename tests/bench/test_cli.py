@@ -11,7 +11,7 @@ import sys
 import pytest
 import torch
 
-import bench.running.options
+import bench.running.protocol
 from bench.catalogue.methods import METHODS, YARDSTICKS
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -35,7 +35,7 @@ from .conftest import BENCH
 @pytest.fixture
 def no_machine(monkeypatch, tmp_path):
     """Runs are not asked to look at the machine; their default folder is in `tmp_path`."""
-    monkeypatch.setattr(bench.running.options, "environment", dict)
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
     monkeypatch.chdir(tmp_path)
 
 

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from bench.records.record import GROUND_TRUTH
-from bench.running.estimate import Pilot, Sample, estimate, half_width, mean_at, spread, widest
 from bench.running.isolation import TASKS_PER_WORKER
+from bench.running.pilot import Pilot, Sample, estimate, half_width, mean_at, spread, widest
 
 SIZES = (100.0, 200.0, 300.0, 400.0)
 

@@ -11,17 +11,15 @@ import pytest
 import bench.metrics.inception_weights
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.commands.forecast_markdown import Forecast, Saving, to_markdown
+from bench.commands.plan import Forecast, Saving, to_markdown
 from bench.commands.run import dry_run
 from bench.metrics.inception_weights import WEIGHTS_SHA256
+from bench.records.job import failed
 from bench.records.journal import open_journal, write_manifest
 from bench.records.record import GROUND_TRUTH
-from bench.running.environment import describe
-from bench.running.estimate import Amount, Cost, Estimate
-from bench.running.options import Options, protocol_of
-from bench.running.prospect import look_ahead
-from bench.running.protocol import plan
-from bench.running.work import failed
+from bench.running.pilot import Amount, Cost, Estimate
+from bench.running.protocol import Options, describe, plan, protocol_of
+from bench.running.run import look_ahead
 
 from .builders import SUITE
 

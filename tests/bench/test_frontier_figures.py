@@ -8,8 +8,7 @@ import pytest
 from matplotlib.text import Annotation
 
 from bench.analysis.comparison import NAN, Estimate
-from bench.report.label_places import covered
-from bench.report.pareto import _obstacles, frontier_figure, write_frontier
+from bench.report.pareto import _obstacles, covered, frontier_figure, write_frontier
 
 from .test_frontier_tables import place
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import bench.running.isolation
-from bench.running.isolation import Limits, Lost, TaskPool, run_tasks
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, TaskPool, run_tasks
 
 LIMITS = Limits(time_s=60.0, memory_gib=8.0)
 ROOT = Path(__file__).parents[2]

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.report.label_places import covered, place_labels
+from bench.report.pareto import covered, place_labels
 
 AREA = np.array([0.0, 0.0, 300.0, 200.0])
 

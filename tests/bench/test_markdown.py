@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 from bench.tables.markdown import cell, code, row, visible
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text
 
 ODD = [
     "a|b", "`x`", "``", "a``b`", "*b*", "_b_", "__b__", "snake_case", "[a](b)", "![a](b)", "<b>",

@@ -9,13 +9,11 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-import bench.running.options
+import bench.running.protocol
+from bench.commands.publish import merge_shards, run_suite
 from bench.records.journal import open_journal, read_lines, read_manifest, write_manifest
 from bench.records.parquet import read_jobs, write_jobs
-from bench.running.merge import merge
-from bench.running.options import Options
-from bench.running.run import run
-from bench.running.shards import Shard
+from bench.running.protocol import Options, Shard
 from bench.tables.build import tables
 from data_prep.failures import BadInput
 
@@ -36,7 +34,7 @@ def as_shard(finished, tiny_weights, out, number, count=COUNT):
     for name in ("journal", "artifacts"):
         shutil.copytree(finished[0] / name, out / name)
     write_manifest(out, read_manifest(finished[0]) | {"shard": f"{number}/{count}"})
-    done = run(options(tiny_weights, out, shard=Shard(number, count)))
+    done = run_suite(options(tiny_weights, out, shard=Shard(number, count)))
     assert done.done == 0
     return out
 
@@ -46,7 +44,7 @@ def made(finished, tiny_weights, tmp_path_factory):
     """Both shards of the finished run."""
     environment = read_manifest(finished[0])["environment"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.running.options, "environment", lambda: environment)
+        patch.setattr(bench.running.protocol, "environment", lambda: environment)
         patch.setenv("XDG_CACHE_HOME", str(finished[0].parent))  # no weights for fid
         folder = tmp_path_factory.mktemp("shards")
         return [as_shard(finished, tiny_weights, folder / str(k), k) for k in (1, 2)]
@@ -77,7 +75,7 @@ def test_a_shard_has_its_objects_and_tables_of_them(made):
 
 
 def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
-    merged = merge(made[::-1], tmp_path / "whole")
+    merged = merge_shards(made[::-1], tmp_path / "whole")
     whole = tmp_path / "whole"
     assert (merged.jobs, merged.copied) == (27, 27)
     assert texts(whole) == texts(finished[0])
@@ -101,16 +99,16 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
 
 def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weights, monkeypatch):
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.running.options, "environment", lambda: environment)
+    monkeypatch.setattr(bench.running.protocol, "environment", lambda: environment)
     monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
-    merge(made, tmp_path / "whole")
-    again = run(options(tiny_weights, tmp_path / "whole"))
+    merge_shards(made, tmp_path / "whole")
+    again = run_suite(options(tiny_weights, tmp_path / "whole"))
     assert (again.done, again.reused, again.failed) == (0, 24, 0)
 
 
 def test_a_merge_that_was_stopped_goes_on(made, tmp_path):
     whole = tmp_path / "whole"
-    merge(made, whole)
+    merge_shards(made, whole)
     expected = texts(whole)
     jobs = read_jobs(whole)
     gone = whole / "artifacts" / jobs[0].key[:2] / f"{jobs[0].key}.npz"
@@ -119,21 +117,21 @@ def test_a_merge_that_was_stopped_goes_on(made, tmp_path):
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join(lines[:-2]) + lines[-2][:50])
     write_manifest(whole, read_manifest(whole) | {"finished": None})
-    assert merge(made, whole).copied == 3  # that artifact, and the two lines
+    assert merge_shards(made, whole).copied == 3  # that artifact, and the two lines
     assert texts(whole) == expected
-    assert merge(made, whole).copied == 0
+    assert merge_shards(made, whole).copied == 0
 
 
 def test_a_missing_shard_is_named(shards, tmp_path):
     with pytest.raises(BadInput, match=r"missing: shard 1/2; make it with --shard"):
-        merge(shards[1:], tmp_path / "whole")
+        merge_shards(shards[1:], tmp_path / "whole")
     assert not (tmp_path / "whole").exists()
 
 
 def test_a_shard_that_is_there_twice_is_named(shards, tmp_path):
     twice = shutil.copytree(shards[1], tmp_path / "again")
     with pytest.raises(BadInput, match=r"shard 2/2: is there twice, in .*shard-2 and .*again"):
-        merge([*shards, twice], tmp_path / "whole")
+        merge_shards([*shards, twice], tmp_path / "whole")
 
 
 @pytest.mark.parametrize(
@@ -151,7 +149,7 @@ def test_a_shard_that_is_there_twice_is_named(shards, tmp_path):
 def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, told):
     write_manifest(shards[1], read_manifest(shards[1]) | changes)
     with pytest.raises(BadInput, match=told):
-        merge(shards, tmp_path / "whole")
+        merge_shards(shards, tmp_path / "whole")
     assert not (tmp_path / "whole").exists()
 
 
@@ -159,7 +157,7 @@ def test_another_version_of_a_package_is_named_alone(shards, tmp_path):
     manifest = read_manifest(shards[1])
     write_manifest(shards[1], manifest | {"versions": manifest["versions"] | {"torch": "1.0"}})
     with pytest.raises(BadInput, match=r"its versions is \{'torch': '1.0'\}, there \{'torch': '2"):
-        merge(shards, tmp_path / "whole")
+        merge_shards(shards, tmp_path / "whole")
 
 
 @pytest.mark.parametrize("harm", ["gone", "altered", "unlisted"])
@@ -175,7 +173,7 @@ def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_pa
         shutil.rmtree(shards[0] / "journal")
         told = "is not in its journal any more"
     with pytest.raises(BadInput, match=told):
-        merge(shards, tmp_path / "whole")
+        merge_shards(shards, tmp_path / "whole")
     assert read_manifest(tmp_path / "whole")["finished"] is None
 
 
@@ -191,7 +189,7 @@ def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
     with open_journal(shards[1]) as journal:
         journal.append(failed)
     write_jobs(shards[1], [replace(j, artifact_sha256=None) if j == chosen else j for j in jobs])
-    merge(shards, tmp_path / "whole")
+    merge_shards(shards, tmp_path / "whole")
     frame = pd.read_parquet(tmp_path / "whole" / "records.parquet")
     reasons = frame[frame["outcome"] == "failed"]
     assert set(reasons["reason"]) == {"apss: no faces"}
@@ -203,12 +201,12 @@ def test_a_folder_with_another_run_is_left_alone(copied, shards):
     manifest = read_manifest(copied)
     write_manifest(copied, manifest | {"seed": 5})
     with pytest.raises(BadInput, match="holds a run of seed 5, not 0"):
-        merge(shards, copied)
+        merge_shards(shards, copied)
 
 
 def test_more_shards_than_objects(finished, tiny_weights, tmp_path, monkeypatch):
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.running.options, "environment", lambda: environment)
+    monkeypatch.setattr(bench.running.protocol, "environment", lambda: environment)
     with pytest.raises(BadInput, match=r"--shard 4/4: there are only 3 objects; make fewer shards"):
         as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.running.work import Result, failed
+from bench.records.job import Result, failed
 from bench.suites.stability.cases import VIEWS
-from bench.suites.stability.observations import observe
+from bench.suites.stability.expectations import observe
 
 from .builders import make_job, make_record, write_artifact
 

@@ -11,10 +11,11 @@ from harness_objects import Dying, Refusing, Tetrahedron
 
 import bench.running.pilot
 from bench.catalogue.metrics import JUDGE
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, Limits
 from bench.judges import JUDGE_WEIGHTS
+from bench.records.job import failed
 from bench.records.record import GROUND_TRUTH
-from bench.running.isolation import Limits, Lost
+from bench.running.isolation import Lost
 from bench.running.pilot import (
     CELLS,
     Measured,
@@ -25,7 +26,6 @@ from bench.running.pilot import (
     without_optional,
 )
 from bench.running.protocol import Protocol
-from bench.running.work import failed
 from data_prep.failures import BadInput
 
 from .builders import make_job

@@ -8,9 +8,8 @@ from harness_objects import Tetrahedron
 
 import bench.catalogue.methods
 import bench.running.protocol
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, Limits
 from bench.records.record import GROUND_TRUTH
-from bench.running.isolation import Limits
 from bench.running.protocol import Protocol, plan, with_floor
 from data_prep import conditions
 from data_prep.conditions import Condition, GaussianNoise

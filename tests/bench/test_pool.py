@@ -25,9 +25,9 @@ from harness_objects import (
 )
 
 import bench.running.isolation
-from bench.running.executor import feed
+from bench.catalogue.suites import Limits
 from bench.running.executors import JobPool
-from bench.running.isolation import WORKER_ENVIRONMENT, Limits
+from bench.running.isolation import WORKER_ENVIRONMENT, feed
 from bench.running.work import do
 
 from .builders import make_job, make_truth, write_artifact
@@ -133,7 +133,7 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
 
 RUN_JOBS = """
 import pickle, sys
-from bench.running.executor import feed
+from bench.running.isolation import feed
 from bench.running.isolation import Limits
 from bench.running.executors import JobPool
 if __name__ == "__main__":

@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from bench.running import probe
+from bench.running import environment as probe
+from bench.running.environment import environment
 from bench.running.isolation import WORKER_ENVIRONMENT
-from bench.running.probe import environment
 from data_prep import render
 from data_prep.failures import MissingDependency
 
@@ -30,7 +30,7 @@ def test_the_last_line_is_the_answer(monkeypatch):
     calls = answer(monkeypatch, 'a driver says hello\n{"gl": "llvmpipe"}\n')
     assert environment() == {"gl": "llvmpipe"}
     ((command, options),) = calls
-    assert command == [sys.executable, "-m", "bench.running.probe"]
+    assert command == [sys.executable, "-m", "bench.running.environment"]
     assert WORKER_ENVIRONMENT.items() <= options["env"].items()
     assert options["env"]["PATH"] == os.environ["PATH"]
 

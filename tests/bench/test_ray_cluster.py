@@ -99,11 +99,11 @@ def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):
 
 FEED = """
 import os, pickle, sys
-from bench.running.executor import feed
+from bench.running.isolation import feed
 from bench.running.isolation import Limits
-from bench.running.probe import environment
+from bench.running.environment import environment
 from bench.running.ray import RayPool, connected
-from bench.running.ray_node import demands
+from bench.running.ray import demands
 from bench.running.protocol import Protocol
 from bench.catalogue.suites import SUITES
 from contextlib import closing

@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 from harness_objects import Killed, Refusing, Tetrahedron
 
-import bench.running.ray_node
-from bench.catalogue.suites import SUITES
-from bench.running.isolation import Limits
+import bench.running.ray
+from bench.catalogue.suites import SUITES, Limits
 from bench.running.protocol import Protocol
-from bench.running.ray_node import Node, demands, unfit
+from bench.running.ray import Node, demands, unfit
 from bench.running.work import do
 from data_prep.failures import MissingDependency
 
@@ -29,7 +28,7 @@ LIMITS = Limits(60.0, 8.0)
 def driver(monkeypatch):
     """Finding out about OpenGL takes seconds; and a node changes its folder."""
     found = {"gl": "llvmpipe", "numpy": "2"}
-    monkeypatch.setattr(bench.running.ray_node, "environment", lambda: found)
+    monkeypatch.setattr(bench.running.ray, "environment", lambda: found)
     here = Path.cwd()
     yield found
     os.chdir(here)
@@ -87,7 +86,7 @@ def test_a_machine_without_opengl(asked, monkeypatch):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.running.ray_node, "environment", environment)
+    monkeypatch.setattr(bench.running.ray, "environment", environment)
     assert unfit(asked) == "no OpenGL context: install libegl1"
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.intervals import mean_interval, median_interval
-from bench.analysis.recommend import Wish, advise, at_condition, make_wish, told
+from bench.analysis.recommend import Wish, advise, at_condition
+from bench.commands.recommendation import advice_lines, make_wish
 from data_prep.failures import BadInput
 
 # Milliseconds to prepare and to draw a view, and the score of each object.
@@ -102,7 +103,7 @@ def test_the_interval_of_costs_is_over_objects():
     assert advice.best.cost_ms.value == pytest.approx(22.5, rel=1e-12)
     expected = median_interval(costs, np.arange(4))
     assert tuple(advice.best.cost_ms[1:]) == pytest.approx(expected, rel=1e-12)
-    (line,) = told([advice], Wish(20, 30), 20, in_full=False)
+    (line,) = advice_lines([advice], Wish(20, 30), 20, in_full=False)
     assert line.endswith("; the interval of its cost reaches beyond the budget")
 
 
@@ -172,7 +173,7 @@ def test_both_wishes_have_to_be_met_by_one_method():
     wish = Wish(20, budget_ms=130, min_ssim=0.7)
     advice = advise(comparison(), wish)
     assert not advice.meets(wish)
-    within, good = told([advice], wish, 20, in_full=False)
+    within, good = advice_lines([advice], wish, 20, in_full=False)
     assert within.startswith("2048: best within 130 ms: poisson, ssim 0.600 [")
     assert good.startswith("2048: cheapest with an ssim of at least 0.7, surely: pc2pix, ssim 0.75")
     assert good.endswith("; over the budget")
@@ -185,7 +186,7 @@ def test_both_wishes_have_to_be_met_by_one_method():
 
 def test_in_short():
     wish = Wish(20, 250)
-    (line,) = told([advise(comparison(), wish)], wish, 20, in_full=False)
+    (line,) = advice_lines([advise(comparison(), wish)], wish, 20, in_full=False)
     assert line == (
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.700, 0.800], 210 ms [210, 210] a cloud, "
         "10.5 ms a picture"
@@ -194,7 +195,7 @@ def test_in_short():
 
 def test_in_full():
     wish = Wish(20, 250, 0.7)
-    _, _, *rest = told([advise(comparison(), wish)], wish, 20, in_full=True)
+    _, _, *rest = advice_lines([advise(comparison(), wish)], wish, 20, in_full=True)
     assert [line.partition(":")[0] for line in rest] == [
         "  surely that good, by the lower end of the interval",
         "  next",
@@ -213,7 +214,7 @@ def test_in_full():
 def test_what_cannot_be_met_names_the_nearest():
     wish = Wish(20, 5, 0.9)
     advice = advise(comparison(), wish)
-    within, good, sure = told([advice], wish, 20, in_full=True)
+    within, good, sure = advice_lines([advice], wish, 20, in_full=True)
     assert within.startswith("2048: no method within 5.0 ms; the cheapest: splat, ssim 0.550 [")
     assert ", 21.0 ms [" in within
     assert good.startswith(
@@ -227,7 +228,7 @@ def test_without_any_candidate():
     wish = Wish(20, 5, 0.9)
     advice = advise(comparison(floors), wish)
     assert not advice.meets(wish)
-    assert told([advice], wish, 20, in_full=False) == [
+    assert advice_lines([advice], wish, 20, in_full=False) == [
         "2048: no method within 5.0 ms",
         "2048: no method with an ssim of at least 0.9",
     ]
@@ -237,7 +238,7 @@ def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
     wish = Wish(1, 5)
     odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, "2048", "a\nb")
     plain = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
-    first, *lines = told([advise(c, wish) for c in (odd, plain)], wish, 20, in_full=False)
+    first, *lines = advice_lines([advise(c, wish) for c in (odd, plain)], wish, 20, in_full=False)
     assert first.startswith("Costs of 1 view are reckoned from the share of one")
     assert lines[0].startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
     assert lines[1].startswith("2048, chair: best")

@@ -11,12 +11,11 @@ import pytest
 from PIL import Image
 
 import bench.rendering.cloud
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import SUITES, Limits
 from bench.cloud_dots import draw_dots
 from bench.commands.render import Wish, remedied, views_of
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
-from bench.running.isolation import Limits
 from data_prep.cloud_files import save_ply
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.report.report_axes import Axis, axis_of, spread
+from bench.report.robustness import Axis, axis_of, spread
 
 # A pixel is computed by one division and one product of numbers below 1000: far below 1e-9.
 CLOSE = 1e-9

@@ -3,7 +3,7 @@ from __future__ import annotations
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.crossings import Course
 from bench.catalogue.families import FAMILIES
-from bench.report.report_crossings import crossings_group, family_curves
+from bench.report.families import crossings_group, family_curves
 from bench.report.styles import styles
 from bench.tables.crossings import CrossingsTable
 from bench.tables.quality import Table

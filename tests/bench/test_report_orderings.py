@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from bench.analysis.comparison import NAN, Estimate
-from bench.report.report_orderings import orderings_group
+from bench.report.tables import orderings_group
 from bench.tables.orderings import Ordering, OrderingsTable
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.report.report_costs import cost_plots, cost_table
-from bench.report.report_curves import curves
+from bench.report.pareto import cost_plots, cost_table
+from bench.report.robustness import curves
 from bench.report.styles import higher_is_better, styles
 from bench.tables.quality import Table
 from bench.tables.table import NAN, Row

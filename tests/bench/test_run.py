@@ -19,11 +19,11 @@ from PIL import Image
 
 import bench.running.run
 import bench.tables.build
+from bench.commands.publish import run_suite
 from bench.judges import JUDGE_WEIGHTS
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
-from bench.running.options import Options, default_name, protocol_of
-from bench.running.run import run
+from bench.running.protocol import Options, default_name, protocol_of
 from bench.tables.build import tables
 from data_prep.failures import BadInput, MissingDependency
 
@@ -36,7 +36,7 @@ TIMES = ["prepare_s", "draw_s"]
 def same_machine(finished, monkeypatch, tmp_path):
     """In-process runs see the machine as the command line saw it (which takes seconds to ask)."""
     environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.running.options, "environment", lambda: environment)
+    monkeypatch.setattr(bench.running.protocol, "environment", lambda: environment)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
 
@@ -192,7 +192,7 @@ def test_the_manifest_tells_what_was_run(finished, tiny_weights):
 
 def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_weights):
     before = journal(copied)
-    again = run(options(tiny_weights, copied))
+    again = run_suite(options(tiny_weights, copied))
     assert (again.done, again.reused, again.failed) == (0, 24, 0)
     assert journal(copied) == before
     assert table_bytes(copied) == table_bytes(finished[0])
@@ -210,7 +210,7 @@ def test_damage_is_mended_and_growth_added(finished, copied, same_machine, tiny_
     places[truth].unlink()
     places[splat].write_bytes(places[splat].read_bytes()[:-1])
     conditions = ("2048", "noise-0.10", "512")
-    again = run(options(tiny_weights, copied, conditions=conditions))
+    again = run_suite(options(tiny_weights, copied, conditions=conditions))
     assert (again.done, again.reused, again.failed) == (12 + 1, 23, 0)
     new = Counter(line["key"] for line in journal(copied)["0002.jsonl"])
     assert new[truth] == new[splat] == 1
@@ -227,9 +227,9 @@ def test_damage_is_mended_and_growth_added(finished, copied, same_machine, tiny_
 def test_fresh_starts_over(copied, same_machine, no_networks, capsys):
     small = {"methods": ("blank",), "conditions": ("2048",), "limit": 1, "views": 2, "workers": 1}
     with pytest.raises(BadInput, match="must be at least 1"):
-        run(Options("chair-robustness", out=copied, fresh=True, views=0))
+        run_suite(Options("chair-robustness", out=copied, fresh=True, views=0))
     assert len(records(copied)) == 48  # what is refused leaves all as it was
-    again = run(Options("chair-robustness", out=copied, fresh=True, **small))
+    again = run_suite(Options("chair-robustness", out=copied, fresh=True, **small))
     assert (again.done, again.reused) == (1, 0)
     old = copied.with_name("run.old-1")
     assert f"the old run is now {old}\n" in capsys.readouterr().err
@@ -356,7 +356,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
     (folder / "tall.obj").write_text(TETRAHEDRON.replace("v 1 1 1", "v 1 3 1"))
     chosen = {"methods": ("true-mesh",), "conditions": ("2048",), "views": 2, "workers": 1}
     out = tmp_path / "run"
-    done = run(Options("chair-robustness", dataset=f"folder:{folder}", out=out, **chosen))
+    done = run_suite(Options("chair-robustness", dataset=f"folder:{folder}", out=out, **chosen))
     assert (done.done, done.reused, done.failed) == (14, 0, 10)
     frame = records(out)
     assert len(frame) == 7 * 2 * 2
@@ -374,7 +374,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
     assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
     (lines,) = journal(out).values()
     assert len(lines) == 7 + 2 * 2  # without a ground truth nothing is tried
-    again = run(Options("chair-robustness", dataset=f"folder:{folder}", out=out, **chosen))
+    again = run_suite(Options("chair-robustness", dataset=f"folder:{folder}", out=out, **chosen))
     assert (again.done, again.reused, again.failed) == (0, 14, 10)
 
 
@@ -400,14 +400,14 @@ def test_a_machine_without_opengl(monkeypatch, tmp_path):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
-    monkeypatch.setattr(bench.running.options, "environment", environment)
+    monkeypatch.setattr(bench.running.protocol, "environment", environment)
     with pytest.raises(BadInput, match="no OpenGL context: install libegl1"):
-        run(Options("chair-robustness", methods=("blank",), out=tmp_path / "run"))
+        run_suite(Options("chair-robustness", methods=("blank",), out=tmp_path / "run"))
     assert not (tmp_path / "run").exists()
 
 
 def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.running.options, "environment", dict)
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
     protocol, skipped = protocol_of(bench.running.run.SUITES[0], Options("chair-robustness"))
     assert protocol.methods == (
         "surface-apss",
@@ -442,4 +442,4 @@ def test_default_folder_of_a_relative_path(tmp_path, monkeypatch):
     (tmp_path / "meshes").mkdir()
     monkeypatch.chdir(tmp_path / "meshes")
     assert default_name("s", "folder:.") == "s-folder-meshes"
-    assert Path("results/runs") == bench.running.options.RUNS
+    assert Path("results/runs") == bench.running.protocol.RUNS

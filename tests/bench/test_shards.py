@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.running.shards import Shard, deal_back, objects_to_search, read_shard
+from bench.running.protocol import Shard, deal_back, objects_to_search, read_shard
 from data_prep.failures import BadInput
 
 

@@ -10,10 +10,9 @@ import pytest
 
 import bench.rendering.cloud
 import bench.rendering.shrink
-from bench.catalogue.suites import STABILITY, SUITES
+from bench.catalogue.suites import STABILITY, SUITES, Limits
 from bench.records.journal import write_manifest
 from bench.rendering.shrink import fails_alike, find_item, shrink
-from bench.running.isolation import Limits
 from bench.running.work import cloud_of
 from bench.suites.stability.cases import CASES
 from data_prep.cloud_files import load_points

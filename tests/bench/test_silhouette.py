@@ -3,11 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.metrics.foreground import contrast, drawn, foreground
 from bench.metrics.image_scores import scores
-from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.silhouette import contrast, drawn, foreground, silhouette_iou
+from bench.suites.stability.image_cases import SILHOUETTE, SILHOUETTE_CASES
 from bench.suites.stability.metric_cases import Refused
-from bench.suites.stability.metric_cases_silhouette import SILHOUETTE, SILHOUETTE_CASES
 from data_prep.images import blank
 
 BROWN = (120, 80, 40)  # contrast 175: half of 75 is asked for, 37.5

@@ -11,10 +11,10 @@ import pytest
 
 import bench.running.environment
 import bench.suites.speed.run
-from bench.catalogue.suites import SPEED
+from bench.catalogue.suites import SPEED, Limits
 from bench.records.journal import read_manifest
-from bench.running.isolation import WORKER_ENVIRONMENT, Limits, run_tasks, thread_counts
-from bench.running.options import Options
+from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
+from bench.running.protocol import Options
 from bench.suites.speed.measure import Unit
 from bench.suites.speed.run import lost, run
 from bench.suites.speed.samples import Sample, read_measurement

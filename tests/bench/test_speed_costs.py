@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.suites.speed.speed_costs import BreakEven, Cost, break_even
+from bench.suites.speed.summary import BreakEven, Cost, break_even
 
 RECONSTRUCTION = Cost(prepare=1000.0, draw_one=60.0, draw_batch=1000.0, batch=20)
 NETWORK = Cost(prepare=10.0, draw_one=110.0, draw_batch=1200.0, batch=20)

@@ -24,6 +24,7 @@ from bench.suites.speed.measure import (
     subjects_of,
     take_samples,
 )
+from bench.suites.speed.run import speed_units
 from bench.suites.speed.samples import (
     Failure,
     Measurement,
@@ -32,7 +33,6 @@ from bench.suites.speed.samples import (
     read_measurement,
     write_measurement,
 )
-from bench.suites.speed.speed_plan import speed_units
 from data_prep.conditions import Stride, Unchanged
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
@@ -335,7 +335,7 @@ def test_whatever_times_depend_on_is_in_the_key(changes):
 
 
 def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
-    from bench.suites.speed import speed_plan
+    from bench.suites.speed import run as speed_plan
 
     before = speed_plan.sources_sha256()
     assert before == speed_plan.sources_sha256(Path(speed_plan.__file__).parents[1])

@@ -16,19 +16,20 @@ from hypothesis import strategies as st
 from bench.catalogue.suites import SPEED
 from bench.suites.speed.figure import spread, write_amortised
 from bench.suites.speed.samples import Failure, Measurement, Sample
-from bench.suites.speed.speed_costs import Cost
-from bench.suites.speed.speed_markdown import amortised_markdown, speed_markdown, verdict
-from bench.suites.speed.summary import Value, speedups, summarise
+from bench.suites.speed.summary import Cost, Value, speedups, summarise
 from bench.suites.speed.tables import (
     AmortisedRow,
     BreakEvenRow,
     Machine,
     SpeedRow,
+    amortised_markdown,
     amortised_rows,
     break_even_rows,
     samples_to_csv,
+    speed_markdown,
     speed_rows,
     to_csv,
+    verdict,
 )
 from bench.tables.published import published
 

@@ -9,10 +9,10 @@ import pytest
 import bench.suites.stability.run
 from bench.checking.golden import check
 from bench.records.journal import read_manifest
-from bench.running.options import Options
+from bench.running.protocol import Options
 from bench.suites.stability.cases import CASES
+from bench.suites.stability.expectations import KINDS, Outcome
 from bench.suites.stability.figures import ACROSS, MISSING, sheet, write_matrix
-from bench.suites.stability.outcomes import KINDS, Outcome
 from bench.suites.stability.run import run
 from bench.suites.stability.tables import Matrix, read_outcomes
 from bench.tables.build import tables

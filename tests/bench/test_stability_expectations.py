@@ -13,12 +13,12 @@ from bench.suites.stability.expectations import (
     Draws,
     Either,
     Fails,
+    Observation,
     Unstated,
     _verdict,
     expectation,
     outcome,
 )
-from bench.suites.stability.observations import Observation
 from data_prep.scene import View
 
 PICTURES = Observation("plain", "splat", "", "", 0.25, None, None, 0.1, 0.1)

@@ -13,11 +13,18 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, JUDGE, SET_METRICS
 from bench.metrics.structural_similarity import C1, C2, C3, SIGMA, WINDOW, SsimPerImage
-from bench.suites.stability import metric_tolerances
+from bench.suites.stability import metric_cases as metric_tolerances
 from bench.suites.stability import metrics as stability_metrics
 from bench.suites.stability.image_cases import gaussian_window
-from bench.suites.stability.metric_cases import FRECHET, Case, Near, Refused
-from bench.suites.stability.metric_tolerances import ONE_WINDOW, ROUNDING, SUMS
+from bench.suites.stability.metric_cases import (
+    FRECHET,
+    ONE_WINDOW,
+    ROUNDING,
+    SUMS,
+    Case,
+    Near,
+    Refused,
+)
 from bench.suites.stability.metrics import CASES, METRICS, metric_outcomes
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.records.job import Result, failed
 from bench.records.journal import (
     FIXED,
     Settled,
@@ -23,7 +24,6 @@ from bench.records.journal import (
     write_manifest,
 )
 from bench.records.record import SCHEMA_VERSION
-from bench.running.work import Result, failed
 from data_prep.failures import BadInput
 
 from .builders import make_job, make_manifest, make_record, write_artifact

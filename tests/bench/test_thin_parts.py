@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from bench.metrics.foreground import MOST_ASKED, contrast, foreground, object_boxes
+from bench.metrics.silhouette import MOST_ASKED, contrast, foreground, object_boxes
 from bench.metrics.thin_parts import evaluated, thin, thin_scores
 from data_prep.images import blank
 from data_prep.mesh_files import NEUTRAL_GREY

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench.running.options
+import bench.running.protocol
 from bench.catalogue.methods import find_method
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.suites import SUITES
+from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
-from bench.running.options import Options
-from bench.running.run import run
+from bench.running.protocol import Options
 from bench.tables.build import read_comparisons, write_trade
 from data_prep.failures import BadInput
 
@@ -53,8 +53,8 @@ def test_settings_of_a_knob_stand_in_their_order():
 def finished(tmp_path_factory, tiny_weights):
     """2 objects x 2 conditions x 4 methods, 2 views."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.running.options, "environment", dict)
-        return run(
+        patch.setattr(bench.running.protocol, "environment", dict)
+        return run_suite(
             Options(
                 suite=SUITE.id,
                 methods=("splat@spread=2", "splat", f"pc2pix@{tiny_weights}", "blank"),
@@ -136,7 +136,7 @@ def test_the_tables_again(finished, command):
 
 
 def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, monkeypatch):
-    monkeypatch.setattr(bench.running.options, "environment", dict)
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
     arguments = ("run", "--suite", SUITE.id, "--methods", "blank", "--out", tmp_path / "run")
     assert command(*arguments, "--workers", "2") == (
         2,

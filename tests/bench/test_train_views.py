@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.analysis.class_confidence import read_class_head
+from bench.analysis.recognition import read_class_head
 from bench.judges import train_views as training
 from bench.judges.train_views import NO_LABEL, Scores, labels, train_views
 from bench.judges.views import ViewsNetwork, load_views_network, view_features

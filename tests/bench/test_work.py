@@ -14,7 +14,7 @@ from bench.catalogue.methods import METHODS, Method
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network, view_features
 from bench.metrics import ssim
-from bench.metrics.foreground import object_boxes
+from bench.metrics.silhouette import object_boxes
 from bench.metrics.structural_similarity import ssim_per_image_and_box
 from bench.records.artifacts import read_artifact
 from bench.records.job import Spent

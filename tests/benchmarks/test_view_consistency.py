@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bench.records.job import Job
 from bench.rendering.cloud import Drawing, Failed
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN
-from bench.running.work import Job, cloud_of, rng_of
+from bench.running.work import cloud_of, rng_of
 from benchmarks import view_consistency
 from benchmarks.view_consistency import (
     SHOWN_CONDITIONS,

@@ -18,7 +18,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.running.isolation import Limits, Lost, run_tasks
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, run_tasks
 from benchmarks import fuzz_files, fuzzing
 from benchmarks.fuzzing import (
     FORMATS,

@@ -19,10 +19,10 @@ from bench.judges.views import load_views_network
 from bench.records.journal import check_directory, open_journal, set_aside, write_manifest
 from bench.records.record import SCHEMA_VERSION
 from bench.running import environment as manifests
-from bench.running.one_thread import one_thread
-from bench.running.options import Options, refuse
-from bench.running.probe import environment
+from bench.running.environment import environment
+from bench.running.isolation import one_thread
 from bench.running.progress import progress
+from bench.running.protocol import Options, refuse
 from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
 from bench.suites.latent.chairs import Pair, Triple, choose_pairs, choose_triples, specified_chairs
 from bench.suites.latent.figures import Strip, write_strips

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.analysis.intervals import mean_interval
 from bench.tables import markdown
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text
 
 ALL = "all"
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.catalogue.suites import SpeedSuite
-from bench.suites.speed.speed_costs import break_even
-from bench.suites.speed.summary import MS, Summary, beside
+from bench.suites.speed.summary import MS, Summary, beside, break_even
 
 POINTS = 200  # of a line
 APART = 0.05  # of a panel's height: labels closer than this would touch

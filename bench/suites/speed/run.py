@@ -7,41 +7,109 @@ long as versions, code and machine are the same. While it runs, nothing else sho
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.records.journal import check_directory, open_journal, set_aside, write_manifest
 from bench.records.record import SCHEMA_VERSION
 from bench.running import environment as manifests
+from bench.running.environment import ROOT, code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
-from bench.running.options import Options, refuse
-from bench.running.probe import environment
 from bench.running.progress import progress, say
+from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.speed.figure import write_amortised
 from bench.suites.speed.measure import Unit, measure
-from bench.suites.speed.samples import Failure, Measurement, read_measurement, write_measurement
-from bench.suites.speed.speed_markdown import amortised_markdown, speed_markdown
-from bench.suites.speed.speed_plan import speed_units
+from bench.suites.speed.samples import (
+    FORM,
+    Failure,
+    Measurement,
+    read_measurement,
+    write_measurement,
+)
 from bench.suites.speed.summary import Summary, summarise
 from bench.suites.speed.tables import (
     AmortisedRow,
     BreakEvenRow,
     Machine,
     SpeedRow,
+    amortised_markdown,
     amortised_rows,
     break_even_rows,
     samples_to_csv,
+    speed_markdown,
     speed_rows,
     to_csv,
 )
 from bench.tables.published import published
+from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
+
+TIMED = (  # what decides how long something takes
+    *("data_prep", "baselines", "pc2pix"),
+    *(f"bench/catalogue/{name}.py" for name in ("methods", "loaders", "parameters")),
+    "bench/suites/speed/measure.py",
+)
+
+
+def speed_units(
+    suite: SpeedSuite,
+    methods: Sequence[str],
+    conditions: Sequence[str],
+    objects: Sequence[SceneObject],
+    threads: Sequence[int],
+    views: int,
+    seed: int,
+    device: str,
+    circumstances: Mapping[str, Any],
+) -> list[Unit]:
+    """One unit per method, condition and number of threads, in the order in which they are taken.
+
+    `circumstances` is whatever else times depend on: versions, machine, drivers. Raises BadInput
+    for an unknown method or condition.
+    """
+    common = [
+        *(FORM, suite.id, sources_sha256(), circumstances, views, seed),
+        *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
+        [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],
+    ]
+    units = []
+    for method in methods:
+        identity = [method, method_identity(method, device)]
+        for name in conditions:
+            condition = find(name, CONDITIONS, "condition")
+            of_cloud = [condition.id, repr(condition.perturbation)]
+            units += [
+                Unit(
+                    key=digest([common, identity, of_cloud, count]),
+                    suite=suite,
+                    method=method,
+                    condition=condition.id,
+                    perturbation=condition.perturbation,
+                    objects=tuple(objects),
+                    threads=count,
+                    views=views,
+                    seed=seed,
+                    device=device,
+                )
+                for count in threads
+            ]
+    return units
+
+
+def sources_sha256(root: Path = ROOT) -> str:
+    """Checksum of all code under `root` that is timed.
+
+    `Method.version` is raised when pictures change; times also change where they do not.
+    """
+    return code_sha256(TIMED, root)
+
 
 TABLES = "tables"
 FIGURES = "figures"

@@ -4,17 +4,122 @@ An expectation is a picture, the picture of another case to within a tolerance, 
 size, or a failure of a stated name. For methods that nobody has stated anything about (those of
 other packages) every picture and every named failure is in order; only what has no name is not: an
 exception of Python, a crash, a time or memory limit.
+
+What a method made of a case is an observation: small values, taken from records and pictures. One
+`Outcome` is one cell of a matrix cases x subjects, whatever the subject is: a method, a metric, a
+number format, a library.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.metrics.silhouette import foreground
+from bench.records.job import Job, Result
 from bench.suites.stability.cases import CASES, Case
-from bench.suites.stability.observations import Observation
-from bench.suites.stability.outcomes import Kind, Outcome
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One method on one case.
+
+    reason         why there are no pictures; empty where there are
+    notes          what the method mended on its way
+    shown          share of the pixels that are not white, mean over the views; None without
+    mean_change    mean absolute difference to the pictures of the case it should be like, in grey
+                   levels 0..255; None where there is none, or no pictures of either
+    most_change    the largest
+    prepare_s, draw_s  as in a record; None without pictures
+    """
+
+    case: str
+    method: str
+    reason: str
+    notes: str
+    shown: float | None
+    mean_change: float | None
+    most_change: int | None
+    prepare_s: float | None
+    draw_s: float | None
+
+
+def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observation]:
+    """An observation for each job, in their order; `result` gives that of a key."""
+    first = {job.key: result(job.key).records[0] for job in jobs}
+    drawn = {(job.method, job.condition): job for job in jobs if first[job.key].outcome == "ok"}
+    likes = {case.id: case.like for case in CASES}
+    observed = []
+    for job in jobs:
+        record = first[job.key]
+        shown = mean = most = None
+        if (job.method, job.condition) in drawn:
+            pictures = _pictures(job)
+            shown = float(foreground(pictures).mean())
+            other = drawn.get((job.method, likes[job.condition] or ""))
+            if other is not None:
+                mean, most = _change(pictures, _pictures(other))
+        observed.append(
+            Observation(
+                case=job.condition,
+                method=job.method,
+                reason=record.reason,
+                notes=record.notes,
+                shown=shown,
+                mean_change=mean,
+                most_change=most,
+                prepare_s=record.prepare_s,
+                draw_s=record.draw_s,
+            )
+        )
+    return observed
+
+
+def _change(pictures: NDArray[np.uint8], like: NDArray[np.uint8]) -> tuple[float, int]:
+    """Mean and largest absolute difference; `like` is gone through again where it is shorter."""
+    counterpart = like[np.arange(len(pictures)) % len(like)]
+    difference = np.abs(pictures.astype(np.int16) - counterpart)
+    return float(difference.mean()), int(difference.max())
+
+
+def _pictures(job: Job) -> NDArray[np.uint8]:
+    return job.made.pictures()
+
+
+Kind = Literal["holds", "refused", "differs", "contained", "unexpected"]
+KINDS: dict[Kind, str] = {  # and what they mean, for people
+    "holds": "the stated value or invariant",
+    "refused": "a named failure, as stated",
+    "differs": "the invariant does not hold, as stated",
+    "contained": "a defect of a library, as stated; it costs its own item",
+    "unexpected": "none of what was stated",
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case on one subject.
+
+    case      kebab-case id, unique within a matrix
+    group     what kind of case it is, "outlier" say; cases of a group stand together
+    subject   the method, metric, format or library
+    expected  in words: a value with its tolerance, an invariant, or a named failure
+    observed  in words; what `expected` is compared with
+    kind      the verdict, see `KINDS`
+    """
+
+    case: str
+    group: str
+    subject: str
+    expected: str
+    observed: str
+    kind: Kind
+
 
 # What an agreement leaves room for. Exactly the same numbers go in: float32 sums in another order
 # differ by some 1e-6, which now and then takes a pixel over the edge between two grey levels.

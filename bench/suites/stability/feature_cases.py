@@ -1,25 +1,41 @@
-"""The Fréchet distance of features: few rows, rank, magnitude, types, values not finite."""
+"""Cases on metrics of features: Fréchet distances, the networks that take them, angles."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.catalogue.metrics import JUDGE, Extractor, find_extractor
 from bench.metrics.frechet import TooFewSamples, frechet_distance
 from bench.suites.stability.metric_cases import (
+    ANGLE_DEG,
+    FD_VIEWS,
+    FLOAT32_FEATURES,
     FRECHET,
+    ROUNDING,
+    UNIT_CODES,
     Array,
     Case,
     Near,
     Pair,
+    Pictures,
     Refused,
     Stated,
+    U,
+    boxes,
+    flat,
+    grey,
+    largest_move,
+    noise,
+    rounding,
+    speck,
+    trace,
     twice,
 )
-from bench.suites.stability.metric_tolerances import ROUNDING, U, largest_move, rounding, trace
 
 Floats = NDArray[np.float64]
 
@@ -230,4 +246,126 @@ FRECHET_CASES = (
     _features("longdouble-beyond-float64", "not finite",
               lambda: (_pair()[0], _pair()[1].astype(np.longdouble) * np.longdouble("1e400")),
               Refused(ValueError, "320 of 320 feature values are not finite")),
+)  # fmt: skip
+
+
+@functools.cache
+def extractor(name: str) -> Extractor:
+    """A network of ours by its id, loaded once."""
+    source = find_extractor(name)
+    return source.load(str(source.weights(None)))
+
+
+def _of_constants(name: str, a: Pictures, b: Pictures) -> float:
+    """Squared distance of the features of two pictures."""
+    features = extractor(name)
+    return float(((features(a[:1])[0].astype(float) - features(b[:1])[0].astype(float)) ** 2).sum())
+
+
+def _rounding_of(name: str, a: Pictures, b: Pictures) -> float:
+    features = extractor(name)
+    return rounding(features(a), features(b))
+
+
+def _on_networks(stated: Callable[[str], Near]) -> dict[str, Stated]:
+    return {name: stated(name) for name in FD_VIEWS}
+
+
+_SAME = "0, not less, of 6 pictures and 64 features"
+
+NETWORK_CASES = (
+    Case(
+        "identical-pictures",
+        "features of pictures",
+        lambda: twice(boxes()),
+        _on_networks(lambda name: Near(_SAME, 0.0, functools.partial(_rounding_of, name)))
+        | {JUDGE: UNIT_CODES},
+    ),
+    Case(
+        "pictures-in-reverse",
+        "features of pictures",
+        lambda: (boxes(), boxes()[::-1]),
+        _on_networks(lambda name: Near(_SAME, 0.0, largest_move(0.0, 64, 6, FLOAT32_FEATURES)))
+        | {JUDGE: UNIT_CODES},
+    ),
+    Case(
+        "white-pictures",
+        "features of pictures",
+        lambda: twice(flat(255, 3)),
+        _on_networks(lambda name: Near(_SAME, 0.0, largest_move(0.0, 64, 3, FLOAT32_FEATURES)))
+        | {JUDGE: UNIT_CODES},
+    ),
+    Case(
+        "white-pictures-against-black",
+        "features of pictures",
+        lambda: (flat(255, 3), flat(0, 3)),
+        _on_networks(
+            lambda name: Near(
+                "nothing varies: the squared distance of two feature vectors",
+                functools.partial(_of_constants, name),
+                lambda a, b: largest_move(
+                    math.sqrt(_of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES
+                ),
+            )
+        )
+        | {JUDGE: UNIT_CODES},
+    ),
+    Case(
+        "colour-against-its-grey",
+        "features of pictures",
+        lambda: (boxes(), grey(boxes())),
+        {
+            "fd-views-grey": Near(
+                "0: colour does not count", 0.0, functools.partial(_rounding_of, "fd-views-grey")
+            )
+        },
+    ),
+    Case(
+        "noise-and-one-pixel",
+        "features of pictures",
+        lambda: (flat(255, 2), np.concatenate([noise(5), speck(255, 0, 0)])),
+        {JUDGE: UNIT_CODES},
+    ),
+)
+
+
+def _answers(azimuth_deg: list[float], elevation_deg: float = 0.0) -> NDArray[np.float32]:
+    """What a judge that is never wrong would say, float32 [n, 3]."""
+    radians = np.radians(np.array(azimuth_deg, np.float64))
+    elevation = np.full(len(radians), elevation_deg / 40)
+    return np.stack([np.sin(radians), np.cos(radians), elevation], axis=1).astype(np.float32)
+
+
+def _angles(case_id: str, answers: Callable[[], Array], asked: list[float], **stated: Near) -> Case:
+    metrics = {f"{name}-error-deg": near for name, near in stated.items()}
+    return Case(case_id, "angles", lambda: (answers(), np.array(asked, np.float64)), metrics)
+
+
+ANGLE_CASES = (
+    _angles("right", lambda: _answers([-170.0, 0.0, 90.0]), [-170.0, 0.0, 90.0],
+            azimuth=Near("0", 0.0, ANGLE_DEG)),
+    _angles("opposite", lambda: _answers([-90.0, 0.0]), [90.0, 180.0],
+            azimuth=Near("the largest", 180.0, ANGLE_DEG)),
+    _angles("both-sides-of-180", lambda: _answers([179.5, -180.0]), [-179.5, 180.0],
+            azimuth=Near("wrapped", lambda a, b: [1.0, 0.0], ANGLE_DEG)),
+    _angles("turned-ten-million-times", lambda: _answers([90.0]), [90.0 + 3.6e9],
+            azimuth=Near("wrapped", 0.0, ANGLE_DEG)),
+    _angles("undecided", lambda: np.zeros((2, 3), np.float32), [30.0, -120.0],
+            azimuth=Near("0 / 0 is the azimuth 0", lambda a, b: np.abs(b), ANGLE_DEG),
+            elevation=Near("0 is level", lambda a, b: np.abs(b))),
+    _angles("answers-of-1e-40", lambda: np.float32(1e-40) * _answers([90.0]), [90.0],
+            azimuth=Near("the length does not count", 0.0, ANGLE_DEG)),
+    _angles("answers-of-1e38", lambda: np.float32(1e38) * _answers([45.0]), [45.0],
+            azimuth=Near("the length does not count", 0.0, ANGLE_DEG)),
+    _angles("answers-in-float16", lambda: _answers([30.0], 20.0).astype(np.float16), [20.0],
+            # Sine and cosine are off by 2^-11 of themselves.
+            azimuth=Near("30 - 20", 10.0, math.degrees(2.0**-11)),
+            elevation=Near("20 - 20", 0.0)),
+    _angles("ends-of-elevation", lambda: _answers([0.0, 0.0], 40.0), [40.0, -40.0],
+            elevation=Near("0 and 80", lambda a, b: [0.0, 80.0])),
+    _angles("answers-of-nan", lambda: np.full((2, 3), np.nan, np.float32), [0.0, 30.0],
+            azimuth=Near("NaN stays NaN", math.nan), elevation=Near("NaN stays NaN", math.nan)),
+    _angles("no-answers", lambda: np.empty((0, 3), np.float32), [],
+            azimuth=Near("of no pictures none", lambda a, b: np.empty(0)),
+            elevation=Near("of no pictures none", lambda a, b: np.empty(0))),
 )  # fmt: skip

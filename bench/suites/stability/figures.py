@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.suites.stability.outcomes import KINDS, Kind
+from bench.suites.stability.expectations import KINDS, Kind
 from bench.suites.stability.tables import Matrix
 from data_prep.scene import IMAGE_SIZE
 

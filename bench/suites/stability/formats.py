@@ -27,7 +27,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
-from bench.suites.stability.outcomes import Kind, Outcome
+from bench.suites.stability.expectations import Kind, Outcome
 
 if TYPE_CHECKING:
     from data_prep.scene import Points

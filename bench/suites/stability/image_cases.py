@@ -1,27 +1,44 @@
-"""SSIM and its components where they have closed forms, or a single window."""
+"""Cases on metrics of images: SSIM, thin parts, silhouettes, and arrays that are not images."""
 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.catalogue.metrics import JUDGE
+from bench.metrics.frechet import TooFewSamples
 from bench.suites.stability.metric_cases import (
+    C1,
+    C2,
+    C3,
+    FD_VIEWS,
+    ONE_WINDOW,
+    SIGMA,
     SSIM,
+    SUMS,
     THIN,
+    UNIT_CODES,
     WHOLE_LEG,
+    WINDOW,
     Case,
     Near,
+    Pictures,
+    Refused,
     Stated,
+    U,
+    flat,
+    leg,
     luminance_of_flat,
+    noise,
     ones,
+    speck,
     twice,
     undefined,
 )
-from bench.suites.stability.metric_pictures import Pictures, flat, leg, noise, speck
-from bench.suites.stability.metric_tolerances import C1, C2, C3, ONE_WINDOW, SIGMA, SUMS, WINDOW
 from data_prep.scene import IMAGE_SIZE
 
 Floats = NDArray[np.float64]
@@ -241,5 +258,316 @@ SSIM_CASES = (
         "small images",
         lambda: (noise(3, 30)[:, :, :1], noise(4, 30)[:, :, :1]),
         _STRIP,
+    ),
+)
+
+
+_LEG_IS_GONE = {"thin-recall": Near("nothing of it is drawn", 0.0), **undefined("thin-precision")}
+# Within 4 px of 40 x 3 px: 4 px at its sides and ends, 8 px with x^2 + y^2 <= 16 at each corner.
+_NEAR_LEG = 120 + 2 * 4 * 40 + 2 * 4 * 3 + 4 * 8
+
+THIN_CASES = (
+    Case(
+        "leg-not-drawn",
+        "thin parts",
+        lambda: (leg(), flat(255)),
+        _LEG_IS_GONE,
+    ),
+    Case(
+        "leg-half-drawn",
+        "thin parts",
+        lambda: (leg(), leg(rows=slice(40, 60))),
+        {
+            "thin-recall": Near("20 of 40 rows", 0.5),
+            "thin-precision": Near("nothing beside it", 1.0),
+        },
+    ),
+    Case(
+        "leg-one-pixel-off",
+        "thin parts",
+        lambda: (leg(), leg(columns=slice(61, 64))),
+        {metric: Near("2 of 3 columns", 2 / 3, U) for metric in THIN},
+    ),
+    Case(
+        "leg-on-black",
+        "thin parts",
+        lambda: (leg(), flat(0)),
+        {
+            "thin-recall": Near("all is painted", 1.0),
+            "thin-precision": Near("120 px of all within 4 px", 120 / _NEAR_LEG, U),
+        },
+    ),
+    Case(
+        "faintest-leg",
+        "thin parts",
+        lambda: (leg(254), leg(254)),
+        WHOLE_LEG,
+    ),
+    Case(
+        "faintest-leg-not-drawn",
+        "thin parts",
+        lambda: (leg(254), flat(255)),
+        _LEG_IS_GONE,
+    ),
+    Case(
+        "light-leg-half-as-dark",
+        "thin parts",
+        lambda: (leg(235), leg(245)),
+        WHOLE_LEG,
+    ),
+    Case(
+        "light-leg-less-than-half-as-dark",
+        "thin parts",
+        lambda: (leg(235), leg(246)),
+        _LEG_IS_GONE,
+    ),
+    Case(
+        "stub-of-8-px",
+        "thin parts",
+        lambda: twice(leg(rows=slice(40, 44), columns=slice(60, 62))),
+        WHOLE_LEG,
+    ),
+    Case(
+        "stub-of-7-px",
+        "thin parts",
+        lambda: twice(leg(rows=slice(40, 47), columns=slice(60, 61))),
+        undefined(*THIN),
+    ),
+    Case(
+        "leg-along-the-frame",
+        "thin parts",
+        lambda: twice(leg(columns=slice(0, 3))),
+        WHOLE_LEG,
+    ),
+)
+
+
+SILHOUETTE = "silhouette-iou"
+
+
+def _stated(words: str, value: float, within: float = 0.0) -> dict[str, Stated]:
+    return {SILHOUETTE: Near(words, value, within)}
+
+
+def _refused(says: str) -> dict[str, Stated]:
+    return {SILHOUETTE: Refused(ValueError, says)}
+
+
+SILHOUETTE_CASES = (
+    Case("same-leg", "silhouettes", lambda: twice(leg()), _stated("the same pixels", 1.0)),
+    Case("same-noise", "silhouettes", lambda: twice(noise(3)), _stated("the same pixels", 1.0)),
+    Case(
+        "nothing-on-nothing",
+        "silhouettes",
+        lambda: twice(flat(255)),
+        _stated("neither shows anything: they agree", 1.0),
+    ),
+    Case(
+        "nothing-of-a-leg",
+        "silhouettes",
+        lambda: (leg(), flat(255)),
+        _stated("nothing of 120 px", 0.0),
+    ),
+    Case(
+        "a-leg-on-nothing",
+        "silhouettes",
+        lambda: (flat(255), leg()),
+        _stated("120 px where nothing is", 0.0),
+    ),
+    Case(
+        "half-a-leg",
+        "silhouettes",
+        lambda: (leg(), leg(rows=slice(40, 60))),
+        _stated("20 of 40 rows", 0.5),
+    ),
+    Case(
+        "shifted-leg",
+        "silhouettes",
+        lambda: (leg(), leg(columns=slice(61, 64))),
+        _stated("2 of 3 columns drawn, 1 beside them: 2 / 4", 0.5),
+    ),
+    Case(
+        "a-leg-painted-over",
+        "silhouettes",
+        lambda: (leg(), flat(0)),
+        _stated("120 px of 128 x 128", 120 / 128**2, U),
+    ),
+    Case(
+        "a-leg-in-another-colour",
+        "silhouettes",
+        lambda: (leg(0), leg(217)),
+        _stated("contrast 38 of the 37.5 asked for: what is in it does not count", 1.0),
+    ),
+    Case(
+        "a-leg-too-faint",
+        "silhouettes",
+        lambda: (leg(0), leg(218)),
+        _stated("contrast 37 of the 37.5 asked for", 0.0),
+    ),
+    Case(
+        "haze-around-a-leg",
+        "silhouettes",
+        lambda: (leg(), np.minimum(leg(), flat(218))),
+        _stated("contrast 37 all over the background is no object", 1.0),
+    ),
+    Case(
+        "a-light-leg-in-haze",
+        "silhouettes",
+        lambda: (leg(235), np.minimum(leg(235), flat(245))),
+        _stated("contrast 10, half of the leg's, all over: 120 px of 128 x 128", 120 / 128**2, U),
+    ),
+    Case(
+        "faintest-haze-on-nothing",
+        "silhouettes",
+        lambda: (flat(255), flat(218)),
+        _stated("contrast 37 of the 37.5 asked for where nothing is", 1.0),
+    ),
+    Case(
+        "silhouettes-of-no-images",
+        "silhouettes",
+        lambda: twice(flat(0, 0)),
+        {SILHOUETTE: Near("of no images none", lambda a, b: np.empty(0))},
+    ),
+    Case(
+        "silhouettes-of-two-images",
+        "silhouettes",
+        lambda: (np.concatenate([leg(), leg()]), np.concatenate([leg(), flat(255)])),
+        {SILHOUETTE: Near("each by itself", lambda a, b: [1.0, 0.0])},
+    ),
+    Case(
+        "silhouettes-in-0-to-1",
+        "silhouettes",
+        lambda: (flat(255) / 255, leg() / 255),
+        _refused("images must be uint8"),
+    ),
+    Case(
+        "silhouettes-without-a-stack",
+        "silhouettes",
+        lambda: twice(leg()[0]),
+        _refused("[128, 128, 3]"),
+    ),
+    Case(
+        "silhouettes-of-another-size",
+        "silhouettes",
+        lambda: (flat(0, side=64), flat(0)),
+        _refused("of truths [1, 64, 64, 3]"),
+    ),
+)
+
+
+def _refused_images(says: str, thin_says: str) -> dict[str, Stated]:
+    stated: dict[str, Stated] = {
+        metric: Refused(ValueError, says) for metric in (*SSIM, "ssim-object")
+    }
+    return stated | {metric: Refused(ValueError, thin_says) for metric in THIN}
+
+
+def _refused_by_networks(of_grey: str = "pictures must be uint8 [..., 3]") -> dict[str, Stated]:
+    whole: Stated = Refused(ValueError, "pictures must be uint8 [N, 128, 128, 3]")
+    return {"fd-views": whole, "fd-views-grey": Refused(ValueError, of_grey), JUDGE: whole}
+
+
+_NOT_UINT8 = (
+    _refused_images("images must be uint8", "images must be uint8") | _refused_by_networks()
+)
+
+INPUT_CASES = (
+    Case(
+        "no-images",
+        "number of images",
+        lambda: twice(flat(0, 0)),
+        {metric: Refused(ValueError, "nothing to compare") for metric in (*SSIM, "ssim-object")}
+        | {metric: Near("of no images none", lambda a, b: np.empty(0)) for metric in (*THIN, JUDGE)}
+        | {metric: Refused(TooFewSamples, "[0, 64]") for metric in FD_VIEWS},
+    ),
+    Case(
+        "one-image",
+        "number of images",
+        lambda: (flat(0), flat(255)),
+        {
+            "ssim": Near("one value", lambda a, b: [luminance_of_flat(0, 255)], SUMS),
+            "fd-views": Refused(TooFewSamples, "[1, 64]"),
+            "fd-views-grey": Refused(TooFewSamples, "[1, 64]"),
+            JUDGE: UNIT_CODES,
+        },
+    ),
+    Case(
+        "two-images",
+        "number of images",
+        lambda: (
+            np.concatenate([flat(0), leg()]),
+            np.concatenate([flat(255), leg()]),
+        ),
+        {
+            "ssim": Near("each by itself", lambda a, b: [luminance_of_flat(0, 255), 1.0], SUMS),
+            "ssim-object": Near(
+                "each by itself", lambda a, b: [luminance_of_flat(0, 255), 1.0], SUMS
+            ),
+            "thin-recall": Near("each by itself", lambda a, b: [math.nan, 1.0]),
+            "thin-precision": Near("each by itself", lambda a, b: [math.nan, 1.0]),
+            JUDGE: UNIT_CODES,
+        },
+    ),
+    Case(
+        "nan-pixels",
+        "not pictures",
+        lambda: (flat(255) / 255, np.full((1, IMAGE_SIZE, IMAGE_SIZE, 3), np.nan)),
+        _NOT_UINT8,
+    ),
+    Case(
+        "floats-in-0-to-1",
+        "not pictures",
+        lambda: (flat(255).astype(np.float32) / 255, leg().astype(np.float32) / 255),
+        _NOT_UINT8,
+    ),
+    Case(
+        "whole-numbers-of-64-bits",
+        "not pictures",
+        lambda: (flat(255).astype(np.int64), leg().astype(np.int64)),
+        _NOT_UINT8,
+    ),
+    Case(
+        "only-one-is-uint8",
+        "not pictures",
+        lambda: (flat(255), leg() / 255),
+        _NOT_UINT8,
+    ),
+    Case(
+        "image-without-a-stack",
+        "not pictures",
+        lambda: twice(flat(0)[0]),
+        _refused_images("[128, 128, 3]", "[128, 128, 3]")
+        | _refused_by_networks("pictures must be uint8 [N, 128, 128, 3]"),
+    ),
+    Case(
+        "two-dimensions",
+        "not pictures",
+        lambda: twice(flat(0)[0, :, :, 0]),
+        _refused_images("[128, 128]", "[128, 128]") | _refused_by_networks(),
+    ),
+    Case(
+        "another-size",
+        "not pictures",
+        lambda: (flat(0, side=64), flat(0)),
+        _refused_images("must have the same shape", "of truths [1, 64, 64, 3]")
+        | {metric: Refused(ValueError, "[1, 64, 64, 3]") for metric in FD_VIEWS},
+    ),
+    Case(
+        "another-number-of-images",
+        "not pictures",
+        lambda: (flat(0), flat(0, 2)),
+        _refused_images("must have the same shape", "of truths [1, 128, 128, 3]"),
+    ),
+    Case(
+        "four-channels",
+        "not pictures",
+        lambda: twice(np.zeros((2, 128, 128, 4), np.uint8)),
+        _refused_by_networks(),
+    ),
+    Case(
+        "no-channels",
+        "not pictures",
+        lambda: twice(flat(0)[..., :0]),
+        {metric: Refused(ValueError, "nothing to compare") for metric in (*SSIM, "ssim-object")},
     ),
 )

@@ -1,8 +1,21 @@
-"""What a case on metrics is made of: two arrays, and what each metric has to make of them.
+"""What a case on metrics is made of, the images that cases use, and how far values may be off.
 
 A metric is a function of two arrays: true pictures and pictures, two sets of features, the judge's
 answers and the angles asked for. What a case states is a closed form, an independent computation,
 an invariant or a named refusal; what nobody states is not asked.
+
+How far a metric may be from what a case states, with u = 2^-53:
+
+* `SUMS`. The mean over the 118 x 118 windows of three channels is taken tile by tile: sums of at
+  most 576 x 3 values of at most 1, and of 25 tiles. Off by 1,753 u at most: 2e-13.
+* `ONE_WINDOW`. A moment of one window of noise is a sum of 11 sums of 11 products of at most 255^2,
+  off by 22 u of that. Four moments, over the least of the divisors, C3: 2e-11.
+* `ROUNDING`. A singular value errs by a few u of the largest one, the sum of d of them by d u of
+  the traces: 5e-13 of the traces for d = 2,048. The distance is the difference of traces.
+* Features that are off by at most e move the root of the distance by at most
+  D = e sqrt(d n / (n - 1)) a set: it is a metric, and pairing each row with itself is one way to
+  carry one Gaussian to the other (Gelbrich 1990). The distance itself moves by 2 D times its root
+  and D^2.
 """
 
 from __future__ import annotations
@@ -12,12 +25,46 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.metrics import UNDEFINED
-from bench.suites.stability.metric_tolerances import C1, CODE_LENGTH
+from data_prep.scene import IMAGE_SIZE
 
 Array = NDArray[Any]
+Floats = NDArray[np.float64]
+
+# By the protocol of the head of `bench.metrics.structural_similarity`, and not its own constants:
+# they are under test.
+WINDOW, SIGMA = 11, 1.5
+C1, C2, C3 = 2.55**2, 7.65**2, 7.65**2 / 2
+U = 2.0**-53
+SUMS = (576 * 3 + 25) * U
+ONE_WINDOW = 4 * 22 * U * 255**2 / C3
+ROUNDING = 1e-12
+FLOAT32_FEATURES = 1e-4  # sums of up to 864 float32 products a layer, of features up to some 10
+CODE_LENGTH = 18 * 2.0**-24  # float32: half of the 32 roundings of a sum of squares, root, quotient
+ANGLE_DEG = math.degrees(2.0**-23)  # sine and cosine in float32
+
+
+def trace(x: Floats) -> Any:
+    """Of the covariance; two passes."""
+    return ((x - x.mean(axis=0)) ** 2).sum() / (len(x) - 1)
+
+
+def rounding(x: Array, y: Array) -> float:
+    """ROUNDING of the traces and of the squared shift of two sets of features."""
+    x, y = x.astype(np.float64), y.astype(np.float64)
+    shift = x.mean(axis=0) - y.mean(axis=0)
+    return ROUNDING * float(trace(x) + trace(y) + shift @ shift)
+
+
+def largest_move(root: Any, features: int, rows: int, by: float) -> float:
+    """How far a distance may move where both sets of features are off by `by`; see the head."""
+    move = 2 * by * math.sqrt(features * rows / (rows - 1))
+    return float(2 * root * move + move**2)
+
+
 Pair = tuple[Array, Array]
 Number = float | Callable[[Any, Any], Any]  # or how to have it from the two arrays
 
@@ -83,3 +130,49 @@ def luminance_of_flat(p: int, q: int) -> float:
 
 WHOLE_LEG = ones("all of it, and nothing else, is drawn", *THIN)
 UNIT_CODES = Near("a code of length 1, and finite angles", 1.0, CODE_LENGTH)
+
+
+Pictures = NDArray[np.uint8]
+
+
+def flat(level: int, count: int = 1, side: int = IMAGE_SIZE) -> Pictures:
+    """Every pixel of one level."""
+    return np.full((count, side, side, 3), level, np.uint8)
+
+
+def noise(seed: int, side: int = IMAGE_SIZE, count: int = 1) -> Pictures:
+    """Independent levels, all 256 as likely."""
+    rng = np.random.default_rng(seed)
+    return rng.integers(0, 256, (count, side, side, 3), dtype=np.uint8)
+
+
+def speck(background: int, level: int, at: int) -> Pictures:
+    """One pixel of another level: (64, 64) is in 121 windows, the corner (0, 0) in one."""
+    return _painted(flat(background), slice(at, at + 1), slice(at, at + 1), level)
+
+
+def leg(level: int = 80, rows: slice = slice(40, 80), columns: slice = slice(60, 63)) -> Pictures:
+    """A bar of 40 x 3 px on white, all of it thin."""
+    return _painted(flat(255), rows, columns, level)
+
+
+def boxes(count: int = 6) -> Pictures:
+    """Coloured boxes of different sizes on white: something for the networks to look at."""
+    rng = np.random.default_rng(0)
+    images = flat(255, count)
+    for image in images:
+        top, left, height, width = rng.integers(10, 60, 4)
+        image[top : top + height, left : left + width] = rng.integers(0, 255, 3)
+    return images
+
+
+def grey(images: Pictures) -> Pictures:
+    """Luma (Rec. 601), rounded half up, in three channels."""
+    luma = np.floor((images @ np.array([299.0, 587.0, 114.0]) + 500) / 1000)
+    return np.repeat(luma.astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def _painted(image: Pictures, rows: slice, columns: slice, level: int) -> Pictures:
+    image = image.copy()
+    image[:, rows, columns] = level
+    return image

@@ -17,14 +17,19 @@ from numpy.typing import NDArray
 
 from bench.analysis.recognition import azimuth_error_deg, elevation_error_deg
 from bench.catalogue.metrics import JUDGE
-from bench.metrics.foreground import object_boxes
 from bench.metrics.frechet import frechet_distance
-from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.silhouette import object_boxes, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box
 from bench.metrics.thin_parts import thin_scores
-from bench.running.one_thread import one_thread
-from bench.suites.stability.feature_cases import FRECHET_CASES
-from bench.suites.stability.image_cases import SSIM_CASES
+from bench.running.isolation import one_thread
+from bench.suites.stability.expectations import Kind, Outcome
+from bench.suites.stability.feature_cases import (
+    ANGLE_CASES,
+    FRECHET_CASES,
+    NETWORK_CASES,
+    extractor,
+)
+from bench.suites.stability.image_cases import INPUT_CASES, SILHOUETTE_CASES, SSIM_CASES, THIN_CASES
 from bench.suites.stability.metric_cases import (
     FD_VIEWS,
     FRECHET,
@@ -32,16 +37,10 @@ from bench.suites.stability.metric_cases import (
     Case,
     Number,
     Pair,
+    Pictures,
     Refused,
     Stated,
 )
-from bench.suites.stability.metric_cases_angles import ANGLE_CASES
-from bench.suites.stability.metric_cases_inputs import INPUT_CASES
-from bench.suites.stability.metric_cases_networks import NETWORK_CASES, extractor
-from bench.suites.stability.metric_cases_silhouette import SILHOUETTE_CASES
-from bench.suites.stability.metric_cases_thin import THIN_CASES
-from bench.suites.stability.metric_pictures import Pictures
-from bench.suites.stability.outcomes import Kind, Outcome
 
 Floats = NDArray[np.float64]
 

@@ -16,19 +16,19 @@ from typing import Any
 from bench.catalogue.methods import FLOORS, find_method, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
 from bench.library_defects import library_outcomes
+from bench.records.artifacts import artifact_path
+from bench.records.job import Job
 from bench.records.journal import Settled, check_directory, open_journal, set_aside, write_manifest
 from bench.records.parquet import JobRow, write_records
 from bench.records.record import SCHEMA_VERSION
 from bench.running import environment as manifests
-from bench.running.executors import JobPool
-from bench.running.job_results import do_jobs
-from bench.running.one_thread import one_thread
-from bench.running.options import Options, refuse
-from bench.running.probe import environment
+from bench.running.environment import environment
+from bench.running.executors import JobPool, do_jobs
+from bench.running.isolation import one_thread
 from bench.running.progress import say
-from bench.running.work import Job
+from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
-from bench.suites.stability.expectations import STATED, outcome
+from bench.suites.stability.expectations import STATED, Observation, observe, outcome
 from bench.suites.stability.figures import write_matrix, write_pictures
 from bench.suites.stability.formats import (
     format_outcomes,
@@ -37,11 +37,56 @@ from bench.suites.stability.formats import (
     measure_formats,
 )
 from bench.suites.stability.metrics import metric_outcomes
-from bench.suites.stability.observations import Observation, observe
-from bench.suites.stability.stability_plan import stability_jobs
 from bench.suites.stability.tables import Matrix, observations_to_csv
+from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
+
+CASES_VERSION = 1  # raise when a perturbation of `data_prep.extremes` changes a cloud
+
+
+def stability_jobs(
+    suite: StabilitySuite,
+    methods: Sequence[str],
+    seed: int,
+    device: str,
+    environment: Mapping[str, str],
+    directory: Path,
+) -> list[Job]:
+    """One job per method and case, without ground truth: nothing is scored.
+
+    Raises BadInput for an unknown method.
+    """
+    obj = ProceduralObject(suite.class_name, "test", suite.index)
+    jobs = []
+    for method in methods:
+        common = [
+            *(suite.id, SCHEMA_VERSION, CASES_VERSION, obj.fingerprint(), seed, method),
+            *(sorted(environment.items()), method_identity(method, device)),
+        ]
+        for case in CASES:
+            views = [[view.azimuth_deg, view.elevation_deg] for view in case.views]
+            # The case's name too: random numbers are drawn by it.
+            key = digest([*common, case.id, repr(case.perturbation), views, case.batch])
+            jobs.append(
+                Job(
+                    key=key,
+                    suite=suite.id,
+                    method=method,
+                    condition=case.id,
+                    perturbation=case.perturbation,
+                    object=obj,
+                    views=case.views,
+                    seed=seed,
+                    device=device,
+                    features=(),
+                    artifact=artifact_path(directory, key),
+                    reference=None,
+                    batch=case.batch,
+                )
+            )
+    return jobs
+
 
 TABLES = "tables"
 FIGURES = "figures"

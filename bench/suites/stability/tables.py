@@ -9,10 +9,9 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from bench.suites.stability.observations import Observation
-from bench.suites.stability.outcomes import KINDS, Outcome
+from bench.suites.stability.expectations import KINDS, Observation, Outcome
 from bench.tables.markdown import cell
-from bench.tables.tidy_csv import csv_text
+from bench.tables.table import csv_text
 from data_prep.failures import BadInput
 
 
