@@ -346,3 +346,5 @@ SPEED = SpeedSuite(
     quiet_cores=0.25,
     limits=Limits(time_s=600.0, memory_gib=8.0),
 )
+
+ALL_SUITES = (*SUITES, LATENT, STABILITY, SPEED)

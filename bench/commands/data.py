@@ -6,14 +6,20 @@ vouches for them.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from bench.catalogue.suites import Limits
+from bench.commands.options import WorkersOption, worker_count
+from bench.running.environment import cores
 from bench.running.isolation import Lost, run_tasks
 from bench.running.progress import progress
+from bench.tables.markdown import visible
 from data_prep.dataset import Dataset
 from data_prep.dataset_paper import VIEWS, PaperObject
 from data_prep.datasets import layout_of, open_dataset
@@ -177,3 +183,31 @@ def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
     if means[best] > means[0] + INDIFFERENCE:
         return [], [f"angles do not fit: {told}, {against}"]
     return [f"angles       {told}; {against}"], []
+
+
+app = typer.Typer(help="Look at datasets.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@app.callback()
+def _all() -> None:
+    """Makes this a group, though it has one command."""
+
+
+@app.command("inspect")
+def inspect_data(
+    location: Annotated[
+        str,
+        typer.Argument(metavar="PATH", help="A folder, or a dataset such as shapenet:PATH."),
+    ],
+    sample: Annotated[int, typer.Option(help="Objects of each class that are read.")] = 10,
+    workers: WorkersOption = None,
+) -> None:
+    """What is understood of a dataset: exit 1 where something is missing or odd."""
+    found = inspect(location, sample, worker_count(workers) or cores())
+    for line in found.lines:
+        print(visible(line))
+    for line in found.irregular:
+        print(f"IRREGULAR    {visible(line)}")
+    print(f"use          --dataset {shlex.quote(found.spec)}")
+    if found.irregular:
+        raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""Is everything here that a run needs? One line per finding, with the remedy."""
+"""`bench doctor`: is everything here that a run needs? One line per finding, with the remedy."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+
+import typer
 
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
@@ -59,3 +61,13 @@ def examine() -> Iterator[Finding]:
     cores = len(os.sched_getaffinity(0))
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     yield Finding(True, "machine", f"{cores} cores, {memory:.1f} GiB of memory")
+
+
+def doctor() -> None:
+    """Check that everything a run needs is here: exit 0 if so, 1 if not."""
+    healthy = True
+    for finding in examine():
+        healthy &= finding.ok
+        print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.subject}: {finding.text}", flush=True)
+    if not healthy:
+        raise typer.Exit(1)

@@ -9,10 +9,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, METHODS, find_method
-from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
+from bench.catalogue.suites import ALL_SUITES, Suite
+from bench.commands.options import RUN_OPTIONS, names, takes
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import (
     Amount,
@@ -209,7 +213,7 @@ def forecast(options: Options, wish: Wish) -> str:
     Raises BadInput as the run would, for the suites that are not made of items, and as
     `bench.running.pilot.measure`.
     """
-    suite = find(options.suite, (*SUITES, LATENT, STABILITY, SPEED), "suite")
+    suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
         raise refuse_small(suite.id, "bench plan")
     for method in wish.also:
@@ -374,3 +378,21 @@ def _without(left: dict[Cell, int], method: str) -> dict[Cell, int]:
 def _saving(what: str, whole: Estimate, part: Estimate, note: str) -> Saving:
     costs = part.total.core_s.value
     return Saving(what, costs, whole.total.core_s.value - costs, note)
+
+
+@takes(Options, RUN_OPTIONS, leave_out=("fresh", "ray"))
+def plan(
+    options: Options,
+    pilot: Annotated[
+        int, typer.Option(help="Objects that are measured now, with all methods and conditions.")
+    ] = 6,
+    also: Annotated[
+        str | None,
+        typer.Option(metavar="METHODS", help="Further methods to measure, for what they save."),
+    ] = None,
+    samples: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Keep what was measured, as CSV.")
+    ] = None,
+) -> None:
+    """What a run costs, or what is left of one: time, disk, memory; and what saves."""
+    print(forecast(options, Wish(pilot, names(also) or (), samples)))

@@ -65,18 +65,34 @@ def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
 
 def publish(measured: Measured) -> Outputs:
     """Write the tables and figures of a run whose records and features are written."""
-    directory = measured.directory
     with timed("tables", measured.seconds):
-        outputs = Outputs(
-            tables=tuple(write_tables(directory)),
-            cost=write_cost(directory),
-            trade=write_trade(directory),
-            orderings=write_orderings(directory),
-            beyond=write_beyond(directory),
-        )
+        outputs = write_all_tables(measured.directory)
     with timed("figures", measured.seconds):
-        _write_figures(directory, measured.suite, outputs, measured.artifacts)
+        _write_figures(measured.directory, measured.suite, outputs, measured.artifacts)
     return outputs
+
+
+def write_all_tables(directory: Path) -> Outputs:
+    """Make the tables of a run from its records and features, and write them."""
+    return Outputs(
+        tables=tuple(write_tables(directory)),
+        cost=write_cost(directory),
+        trade=write_trade(directory),
+        orderings=write_orderings(directory),
+        beyond=write_beyond(directory),
+    )
+
+
+def printed(outputs: Outputs) -> list[str]:
+    """What a command prints of a run, in Markdown."""
+    texts = [*(table.to_markdown() for table in outputs.tables), outputs.cost]
+    if outputs.trade is not None:
+        texts += [outputs.trade.frontier.to_markdown(), outputs.trade.points.to_markdown()]
+    if outputs.orderings is not None:
+        texts.append(outputs.orderings.to_markdown())
+    if outputs.beyond is not None and outputs.beyond.crossings is not None:
+        texts.append(outputs.beyond.crossings.to_markdown())
+    return texts
 
 
 def _report(directory: Path, outputs: Outputs) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
+from bench.commands.options import Device, DeviceOption, WorkersOption, names, worker_count
 from bench.rendering.cloud import (
     CloudFile,
     Dots,
@@ -131,3 +135,75 @@ def _frames(drawn: Mapping[Wanted, Pictures | Failed]) -> Pictures:
         for one, shown in drawn.items()
     ]
     return draw_sheet(tiles, columns_of(len(tiles)), SHEET_SCALE)
+
+
+def render_cloud(
+    cloud: Annotated[
+        Path,
+        typer.Argument(metavar="CLOUD", help="PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD."),
+    ],
+    method: Annotated[
+        str, typer.Option(help="What draws it, see 'bench list'; several make a sheet: a,b.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="The picture, .png; or a turntable, .gif, .webp, .apng."),
+    ],
+    azimuth: Annotated[float, typer.Option(help="Degrees; 0 is the front.")] = 30.0,
+    elevation: Annotated[float, typer.Option(help="Degrees, -90 to 90; 0 is level.")] = 20.0,
+    frames: Annotated[
+        int | None, typer.Option(help="Of a turntable, from the azimuth all around; default: 36.")
+    ] = None,
+    up: Annotated[
+        str, typer.Option(help="The file's axis that points up: z for most scans.")
+    ] = "y",
+    front: Annotated[
+        str | None, typer.Option(help="Its axis to the front; default: -z, or -y where z is up.")
+    ] = None,
+    points: Annotated[
+        int | None, typer.Option(help="At most so many, chosen at random; default: all.")
+    ] = None,
+    device: DeviceOption = Device.auto,
+    as_is: Annotated[
+        bool, typer.Option("--as-is", help="Do not bring the cloud to the unit sphere.")
+    ] = False,
+) -> None:
+    """Draw a point cloud in a file: exit 1 where the method fails, of several where all do.
+
+    A method gets all points, 120 s and 4 GiB. Of many points pc2pix takes 8 x 1,024, surface-fit
+    what the picture can show; for other reconstructions 100,000 are half a minute's work.
+    """
+    methods = names(method) or ()
+    file = CloudFile(cloud, as_is, up, front, points)
+    failed = render(Wish(file, methods, azimuth, elevation, out, frames, device.value))
+    for name, reason in failed.items():
+        print(f"bench: {visible(f'{name}: {reason}')}", file=sys.stderr)
+    if len(failed) == len(set(methods)):
+        raise typer.Exit(1)
+    print(out)
+
+
+def shrink_record(
+    record: Annotated[
+        str,
+        typer.Argument(
+            metavar="RECORD",
+            help="DIR:METHOD/CONDITION/CLASS/OBJECT; of the suite stability DIR:METHOD/CASE. "
+            "DIR alone lists some that failed.",
+        ),
+    ],
+    budget_s: Annotated[float, typer.Option(help="Seconds after which the best is kept.")] = 600.0,
+    workers: WorkersOption = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder; default: DIR/shrunk/RECORD.")
+    ] = None,
+) -> None:
+    """Make a failed record's cloud as small as it can be and still fail: exit 1 if it does not."""
+    from bench.rendering import shrink as shrinking
+    from bench.running.environment import cores
+
+    found = shrinking.shrink(record, budget_s, worker_count(workers) or cores(), out)
+    if isinstance(found, shrinking.Mended):
+        print(f"bench: {found.told}", file=sys.stderr)
+        raise typer.Exit(1)
+    print(found.told)

@@ -1,84 +1,242 @@
-"""`bench score`: metrics of other packages, taken of the pictures that a finished run has kept.
-
-The run itself stays as it is: its records, its tables and what they are compared with. A score is a
-pure function of pictures, so there is nothing to keep but the tables.
-"""
+"""The commands that read finished runs: merge, table, report, check, recommend."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
+import typer
 
-from bench.catalogue.metrics import column
-from bench.catalogue.plugins import ImageMetric, find_metric
-from bench.records.artifacts import Item
-from bench.report.stored import Sources, open_sources
-from bench.running.work import Pictures, reason_of
-from bench.tables.build import TABLES, read_scored, table_files
-from bench.tables.quality import Table, image_rows
+from bench.analysis.comparison import Estimate, decimals, milliseconds
+from bench.analysis.recommend import METRIC, Advice, Choice, Wish, advise, at_condition
+from bench.commands.options import RunDirectory
+from bench.records.journal import read_finished
+from bench.tables.build import how_timed, read_comparisons
+from bench.tables.markdown import visible
 from data_prep.failures import BadInput
-from data_prep.whole_files import write_whole
 
 
-def score(directory: Path, metric_ids: Sequence[str]) -> list[Table]:
-    """A table for each metric, written into `directory`/tables as metric_ID.csv and .md.
+def merge(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a run.")
+    ],
+    out: Annotated[Path, typer.Option(help="The folder of the whole run.")],
+) -> None:
+    """Put shards ('bench run --shard k/N') together into the whole run."""
+    from bench.commands.publish import merge_shards, printed
 
-    Raises BadInput for what is no finished run, an unknown metric, pictures that are not there any
-    more, and where a metric fails or gives no scores.
-    """
-    metrics = [find_metric(metric_id) for metric_id in metric_ids]
-    run = read_scored(directory)
-    for metric in metrics:
-        if column(metric.id) in run.records.columns:
-            raise BadInput(
-                f"metric '{metric.id}': the records have a column of that name; rename it"
-            )
-    sources = open_sources(directory, run.manifest, ())
-    made = []
-    for metric in metrics:
-        records = scored(run.records, sources, metric)
-        rows = tuple(one.row for one in image_rows([metric.id], records, run.suite, {}))
-        better = "higher" if metric.higher_is_better else "lower"
-        title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
-        made.append(Table(f"metric_{metric.id}", title, rows, decimals=3, paper_layout=False))
-    for name, text in table_files(made).items():
-        write_whole(directory / TABLES / name, text.encode())
-    return made
+    merged = merge_shards(directories, out)
+    for text in printed(merged.outputs):
+        print(text)
+    print(
+        f"{merged.jobs} jobs of {len(directories)} shards, {merged.copied} copied now\n"
+        f"results in {merged.directory}",
+        file=sys.stderr,
+    )
 
 
-def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.DataFrame:
-    """The records with a column for the metric, NaN where there is no picture.
+def table(directory: RunDirectory) -> None:
+    """Make the tables again, from the records alone."""
+    from bench.commands.publish import printed, write_all_tables
+    from bench.records.journal import read_finished
 
-    Raises BadInput as `score`.
-    """
-    values = pd.Series(np.nan, index=records.index)
-    ok = records[records["outcome"] == "ok"]
-    for names, group in ok.groupby(["method", "condition", "class", "object"], sort=False):
-        item = Item(*map(str, names))  # type: ignore[arg-type]  # pandas: of several columns a tuple
-        drawn, truth = sources.pictures(item), sources.pictures(item.truth)
-        if drawn is None or truth is None:
-            raise BadInput(
-                f"{' '.join(item)}: its pictures are not there any more; start the run again with "
-                "its command"
-            )
-        views = group["view"].to_numpy()
-        values[group.index] = checked_scores(metric, truth, drawn)[views]
-    return records.assign(**{column(metric.id): values})
+    read_finished(directory)
+    for text in printed(write_all_tables(directory)):
+        print(text)
 
 
-def checked_scores(metric: ImageMetric, truth: Pictures, drawn: Pictures) -> NDArray[np.float64]:
-    """Scores [V] of pictures [V, H, W, 3]. Raises BadInput where the metric has none."""
-    try:
-        found = np.asarray(metric.score(truth, drawn), np.float64)
-    except Exception as error:  # whatever a stranger's function raises
-        raise BadInput(f"metric '{metric.id}': {reason_of(error)}; mend that package") from error
-    if found.shape != (len(drawn),) or not np.isfinite(found).all():
+def report(
+    directory: RunDirectory,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The file; default: DIR/report.html.")
+    ] = None,
+) -> None:
+    """Make one HTML file of a run: tables, curves, pictures, worst cases, failures; offline."""
+    from bench.report.build import write_report
+
+    print(write_report(directory, out))
+
+
+def check(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR", help="Finished runs; several with --claims.")
+    ],
+    bless: Annotated[
+        bool, typer.Option("--bless", help="Make this run's values the golden ones.")
+    ] = False,
+    claims: Annotated[
+        bool, typer.Option("--claims", help="What the runs say about the paper's claims.")
+    ] = False,
+) -> None:
+    """Compare a run with the golden values: exit 0 if all agree, 1 if one does not."""
+    from bench.checking import golden as checks
+
+    if claims:
+        _check_claims(directories)
+        return
+    if len(directories) > 1:
         raise BadInput(
-            f"metric '{metric.id}': gives {found.shape} values, {np.isfinite(found).sum()} finite, "
-            f"for {len(drawn)} pictures; mend that package"
+            f"{len(directories)} folders: golden values are of one run; or give --claims"
         )
-    return found
+    (directory,) = directories
+    if bless:
+        print(f"golden values written to {checks.bless(directory)}")
+        return
+    verdict = checks.check(directory)
+    for line in verdict.remarks:
+        print(line)
+    for line in verdict.regressions:
+        print(f"REGRESSION {line}")
+    print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
+    if verdict.regressions:
+        raise typer.Exit(1)
+
+
+def _check_claims(directories: list[Path]) -> None:
+    """Print the checklist, and write it into the first folder."""
+    from bench.checking.checklist import check_claims, to_markdown, write_checklist
+
+    made = check_claims(directories)
+    print(to_markdown(made))
+    print(f"written to {write_checklist(made, directories[0])}", file=sys.stderr)
+
+
+def recommend(
+    directory: RunDirectory,
+    budget_ms: Annotated[
+        float | None, typer.Option(help="Milliseconds for a cloud with all its views.")
+    ] = None,
+    views: Annotated[
+        int | None, typer.Option(help="Pictures of a cloud; default: as many as in the run.")
+    ] = None,
+    condition: Annotated[
+        str | None, typer.Option(help="One of the run's, in full; default: all, in short.")
+    ] = None,
+    min_ssim: Annotated[float | None, typer.Option(help="The least that will do.")] = None,
+) -> None:
+    """Which method to take for a budget, or a quality: exit 1 if none will do."""
+    manifest = read_finished(directory)
+    wish = make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
+    compared = at_condition(read_comparisons(directory, [METRIC]), condition)
+    print(how_timed(manifest))
+    given = [advise(comparison, wish) for comparison in compared]
+    for line in advice_lines(given, wish, manifest["views"], in_full=condition is not None):
+        print(line)
+    if not all(one.meets(wish) for one in given):
+        raise typer.Exit(1)
+
+
+def advice_lines(given: Sequence[Advice], wish: Wish, views_drawn: int, in_full: bool) -> list[str]:
+    """Lines of text: for each advice one for the budget and one for the quality wished for.
+
+    views_drawn  in a call, when the costs were taken
+    in_full      the alternatives and the regret too
+    """
+    lines = []
+    if wish.views != views_drawn:
+        lines.append(
+            f"Costs of {wish.views} view{'s' * (wish.views > 1)} are reckoned from the share of "
+            "one; drawn in a call of their own they may differ."
+        )
+    several = len({advice.class_name for advice in given}) > 1
+    for advice in given:
+        name = advice.condition + f", {advice.class_name}" * several
+        lines += [f"{visible(name)}: {line}" for line in _in_short(advice, wish)]
+        if in_full:
+            lines += [f"  {line}" for line in _alternatives(advice, wish)]
+    return lines
+
+
+def _in_short(advice: Advice, wish: Wish) -> list[str]:
+    lines = []
+    if wish.budget_ms is not None:
+        lines.append(_within_budget(advice, wish, wish.budget_ms))
+    if wish.min_ssim is not None:
+        lines.append(_good_enough(advice, wish, wish.min_ssim))
+    return lines
+
+
+def _alternatives(advice: Advice, wish: Wish) -> list[str]:
+    lines = []
+    if wish.min_ssim is not None:
+        surely = _told(advice.surely, wish) if advice.surely else "none"
+        lines.append(f"surely that good, by the lower end of the interval: {surely}")
+    if advice.best is None:
+        return lines
+    if wish.budget_ms is None:
+        lines.append(f"best at any cost: {_told(advice.best, wish)}")
+    for choice in advice.next:
+        lines.append(f"next: {_told(choice, wish)}; behind by {_estimated(choice.behind)}")
+    lines.append(
+        f"regret: {_estimated(advice.regret)} ssim against the best of {advice.affordable} such "
+        f"methods for each of {advice.objects} objects; "
+        f"{_estimated(advice.regret_blind)} where the method is chosen by the other objects"
+    )
+    return lines
+
+
+def _within_budget(advice: Advice, wish: Wish, budget_ms: float) -> str:
+    budget = f"{milliseconds(budget_ms)} ms"
+    if advice.best is None:
+        nearest = f"; the cheapest: {_told(advice.cheapest, wish)}" if advice.cheapest else ""
+        return f"no method within {budget}{nearest}"
+    told = f"best within {budget}: {_told(advice.best, wish)}"
+    if advice.best.cost_ms.high > budget_ms:
+        told += "; the interval of its cost reaches beyond the budget"
+    return told
+
+
+def _good_enough(advice: Advice, wish: Wish, min_ssim: float) -> str:
+    least = f"ssim of at least {min_ssim:g}"
+    if advice.on_average is None:
+        nearest = f"; the nearest: {_told(advice.finest, wish)}" if advice.finest else ""
+        return f"no method with an {least}{nearest}"
+    sure = advice.surely is not None and advice.surely.method == advice.on_average.method
+    told = (
+        f"cheapest with an {least}, {'surely' if sure else 'on average'}: "
+        f"{_told(advice.on_average, wish)}"
+    )
+    if wish.budget_ms is not None and advice.on_average.cost_ms.value > wish.budget_ms:
+        told += "; over the budget"
+    return told
+
+
+def _told(choice: Choice, wish: Wish) -> str:
+    """The method with its quality and its cost, for the cloud and for a picture."""
+    ssim = _estimated(choice.ssim)
+    cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
+    failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)
+    picture = milliseconds(choice.cost_ms.value / wish.views)
+    return f"{visible(choice.method)}, ssim {ssim}, {cost} a cloud, {picture} ms a picture{failed}"
+
+
+def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
+    if not math.isfinite(estimate.low):
+        return ""
+    return f" [{shown(estimate.low)}, {shown(estimate.high)}]"
+
+
+def _estimated(estimate: Estimate) -> str:
+    if not math.isfinite(estimate.value):
+        return "unknown"
+    return _digits(estimate.value) + _interval(estimate, _digits)
+
+
+def _digits(value: float) -> str:
+    return f"{value:z.{decimals(METRIC)}f}"
+
+
+def make_wish(views: int, budget_ms: float | None, min_ssim: float | None) -> Wish:
+    """A wish of the command line. Raises BadInput for one that is empty or makes no sense."""
+    if budget_ms is None and min_ssim is None:
+        raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
+    if views < 1:
+        raise BadInput(f"--views {views}: must be at least 1")
+    if budget_ms is not None and not 0 < budget_ms < math.inf:
+        raise BadInput(f"--budget-ms {budget_ms:g}: must be a number over 0")
+    if min_ssim is not None and not -1 <= min_ssim <= 1:
+        raise BadInput(f"--min-ssim {min_ssim:g}: must be from -1 to 1")
+    return Wish(views, budget_ms, min_ssim)

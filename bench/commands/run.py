@@ -1,31 +1,38 @@
-"""What `bench run` would do, told in full; nothing is done."""
+"""`bench run`, and with `--dry-run` what it would do."""
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+from importlib import import_module
+from typing import Annotated
+
+import typer
 
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import find_extractor
-from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
+from bench.catalogue.suites import ALL_SUITES, Suite
+from bench.commands.options import RUN_OPTIONS, takes
+from bench.commands.publish import Outputs, printed, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Protocol, method_identity, protocol_of
-from bench.running.run import Prospect, look_ahead, refuse_small
+from bench.running.run import Finished, Prospect, look_ahead, refuse_small
 from bench.tables.markdown import cell, row, visible
 
 FID = "fid"
 
 
-def dry_run(options: Options) -> str:
+def describe_run(options: Options) -> str:
     """Protocol, jobs to be done and done before, folder and weights files, as text.
 
     Raises BadInput as the run would, and for the suites that are not made of items.
     """
-    suite = find(options.suite, (*SUITES, LATENT, STABILITY, SPEED), "suite")
+    suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
         raise refuse_small(suite.id, "--dry-run")
     protocol, skipped = _protocol(suite, options)
@@ -128,3 +135,35 @@ def _jobs(prospect: Prospect) -> list[str]:
         "|---" * (1 + len(protocol.conditions)) + "|",
         *(row([cell(m), *(to_do((m, c)) for c in protocol.conditions)]) for m in protocol.methods),
     ]
+
+
+@takes(Options, RUN_OPTIONS)
+def run(
+    options: Options,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would run, and do nothing.")
+    ] = False,
+) -> None:
+    """Run a suite, or go on with one that was stopped; print its tables."""
+    suite = find(options.suite, ALL_SUITES, "suite")
+    if dry_run:
+        print(describe_run(options))
+        return
+    if isinstance(suite, Suite):
+        finished = run_suite(options)
+        shown, summary, directory = printed(finished.outputs), _summary(finished), options.directory
+    else:
+        done = import_module(f"bench.suites.{suite.id}.run").run(options)
+        shown, summary, directory = done.printed, done.summary, done.directory
+    for text in shown:
+        print(text)
+    print(f"{summary}\nresults in {directory}", file=sys.stderr)
+
+
+def _summary(finished: Finished[Outputs]) -> str:
+    stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
+    parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
+    return (
+        f"{finished.done} items done, {finished.reused} from before, {finished.failed} failed "
+        f"({stages})\ntime of the workers: {parts}"
+    )

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
+from bench.commands.options import Device, Stated, names, takes
 from bench.running.progress import progress
-from data_prep.datasets import SceneObject, open_dataset
+from data_prep.datasets import ProceduralObject, SceneObject, open_dataset
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.training_set import TrainingSet, add_surfaces, make_training_set
@@ -25,70 +28,115 @@ CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another hal
 DATA_SEED = 0
 
 
-@dataclass(frozen=True)
+class Width(StrEnum):
+    """Width of the networks: the paper's, or a quarter of it."""
+
+    lite = "lite"
+    paper = "paper"
+
+
+class Precision(StrEnum):
+    """bfloat16 is mixed precision."""
+
+    float32 = "float32"
+    bfloat16 = "bfloat16"
+
+
+class Encoder(StrEnum):
+    """Dilated convolutions along the order of the points, or PointNet."""
+
+    paper = "paper"
+    pointnet = "pointnet"
+
+
+class Azimuth(StrEnum):
+    """How the networks are told the azimuth."""
+
+    scalar = "scalar"
+    sine_cosine = "sine-cosine"
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrainingOptions:
     """What all trainings have in common; `steps` counts from the beginning, not from a resume.
 
     classes  to train on; empty: all that the dataset has
-    objects  of each class
+    objects  of each class; None: DEFAULT_OBJECTS, or all of a dataset with an end
+    threads  CPU threads of torch; None: its own choice
     """
 
-    dataset: str
-    classes: tuple[str, ...]
-    objects: int | None
+    dataset: str = "procedural"
+    classes: tuple[str, ...] = ("chair",)
+    objects: int | None = None
     steps: int
-    batch: int
-    augment: bool
-    precision: Literal["float32", "bfloat16"]
-    device: str
-    seed: int
-    threads: int | None
+    batch: int = 32
+    augment: bool = False
+    precision: Literal["float32", "bfloat16"] = "float32"
+    device: str = "cpu"
+    seed: int = 0
+    threads: int | None = None
     out: Path
 
 
-@dataclass(frozen=True)
-class NetworkOptions:
-    """What the networks look like; a GAN takes its own from its autoencoder, but for `azimuth`."""
+@dataclass(frozen=True, kw_only=True)
+class AutoencoderOptions(TrainingOptions):
+    """The point-cloud autoencoder; see `pc2pix.train_autoencoder.AutoencoderConfig`."""
 
-    width: Literal["lite", "paper"]
-    encoder: Literal["paper", "pointnet"]
-    latent_dim: int
-
-
-@dataclass(frozen=True)
-class GanOptions:
-    """What is particular to the GAN; see `pc2pix.train_gan.GanConfig`."""
-
-    autoencoder: Path
-    views: int
-    objective: str
-    azimuth: Literal["scalar", "sine-cosine"]
-    warm_up: int
-    generator_lr: float
+    width: Literal["lite", "paper"] = "lite"
+    encoder: Literal["paper", "pointnet"] = "paper"
+    latent_dim: int = 32
+    steps: int = 10_000
+    learning_rate: float = 1e-4
+    out: Path = Path("training/autoencoder")
 
 
-@dataclass(frozen=True)
-class SplatNetOptions:
-    """What is particular to splat-net; see `baselines.splat_net.train.SplatNetConfig`.
+@dataclass(frozen=True, kw_only=True)
+class GanOptions(TrainingOptions):
+    """The GAN on an autoencoder, which gives its networks; see `pc2pix.train_gan.GanConfig`."""
+
+    autoencoder: Path = Path("training/autoencoder/checkpoint.safetensors")
+    views: int = 8
+    objective: str = "acgan-code"
+    azimuth: Literal["scalar", "sine-cosine"] = "scalar"
+    steps: int = 20_000
+    warm_up: int = 0
+    generator_lr: float = 1e-4
+    out: Path = Path("training/gan")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplatNetOptions(TrainingOptions):
+    """splat-net; see `baselines.splat_net.train.SplatNetConfig`.
 
     size     a key of `baselines.splat_net.network.SIZES`
-    without  what it has to do without, see `do_without`
+    without  inputs to leave out, see `do_without`
     start    weights to start from, see `baselines.splat_net.start.read_start`; None: random ones
     """
 
-    size: str
-    objective: str
-    views: int
-    warm_up: int
-    cool_down: int
-    learning_rate: float
-    without: tuple[str, ...]
-    start: str | None
+    size: str = "default"
+    views: int = 8
+    start: str | None = None
+    objective: str = "l1"
+    without: tuple[str, ...] = ()
+    augment: bool = True
+    steps: int = 8000
+    warm_up: int = 0
+    cool_down: int = 2000
+    batch: int = 24
+    learning_rate: float = 2e-3
+    out: Path = Path("training/splat-net")
 
 
-def train_autoencoder(
-    options: TrainingOptions, networks: NetworkOptions, learning_rate: float
-) -> Path:
+@dataclass(frozen=True, kw_only=True)
+class DecoderOptions(TrainingOptions):
+    """The decoder of trained weights, on the procedural train chairs."""
+
+    weights: str = "chair"
+    steps: int = 3000
+    out: Path = Path("training/decoder")
+
+
+def train_autoencoder(options: AutoencoderOptions) -> Path:
     """Train the point-cloud autoencoder; returns its checkpoint. Resumes what is in `out`."""
     from learning.processes import is_first
     from learning.progress import ConsoleProgress
@@ -100,13 +148,13 @@ def train_autoencoder(
     clouds = training_clouds(training_objects(options))
     config = AutoencoderConfig(
         model=replace(
-            {"lite": LITE, "paper": PAPER}[networks.width],
-            encoder=networks.encoder,
-            latent_dim=networks.latent_dim,
+            {"lite": LITE, "paper": PAPER}[options.width],
+            encoder=options.encoder,
+            latent_dim=options.latent_dim,
         ),
         steps=options.steps,
         batch=options.batch,
-        learning_rate=learning_rate,
+        learning_rate=options.learning_rate,
         augment=options.augment,
         precision=options.precision,
         seed=options.seed,
@@ -117,7 +165,7 @@ def train_autoencoder(
         )
 
 
-def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
+def train_gan(options: GanOptions) -> Path:
     """Train the rendering GAN on a trained autoencoder; returns the exported weights file."""
     from learning.processes import is_first
     from learning.progress import ConsoleProgress
@@ -127,16 +175,16 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
     from pc2pix.weights import export
 
     _set_threads(options.threads)
-    encoder = load_encoder(gan.autoencoder)
-    made = training_set(training_objects(options), gan.views)
+    encoder = load_encoder(options.autoencoder)
+    made = training_set(training_objects(options), options.views)
     config = GanConfig(
-        model=replace(encoder.config, azimuth=gan.azimuth),
-        objective=gan.objective,
+        model=replace(encoder.config, azimuth=options.azimuth),
+        objective=options.objective,
         steps=options.steps,
-        warm_up=gan.warm_up,
+        warm_up=options.warm_up,
         batch=options.batch,
         augment=options.augment,
-        generator_lr=gan.generator_lr,
+        generator_lr=options.generator_lr,
         precision=options.precision,
         seed=options.seed,
     )
@@ -151,7 +199,7 @@ def train_gan(options: TrainingOptions, gan: GanOptions) -> Path:
     return weights
 
 
-def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Path:
+def train_splat_net(options: SplatNetOptions) -> Path:
     """Train splat-net; returns the exported weights file, `weights-grey` stands beside it."""
     from baselines.splat_net.network import SIZES
     from baselines.splat_net.start import grey_beside, read_start
@@ -161,27 +209,27 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
     from learning.progress import ConsoleProgress
 
     _set_threads(options.threads)
-    if splat_net.size not in SIZES:
-        raise BadInput(f"--size: unknown '{splat_net.size}'; choose one of {', '.join(SIZES)}")
-    network = do_without(SIZES[splat_net.size], splat_net.without)
+    if options.size not in SIZES:
+        raise BadInput(f"--size: unknown '{options.size}'; choose one of {', '.join(SIZES)}")
+    network = do_without(SIZES[options.size], options.without)
     start = None
-    if splat_net.start is not None:
-        start = read_start(splat_net.start, network, options.seed)
+    if options.start is not None:
+        start = read_start(options.start, network, options.seed)
     config = SplatNetConfig(
         network=network,
-        objective=splat_net.objective,
+        objective=options.objective,
         steps=options.steps,
-        warm_up=splat_net.warm_up,
-        cool_down=splat_net.cool_down,
+        warm_up=options.warm_up,
+        cool_down=options.cool_down,
         batch=options.batch,
         augment=options.augment,
-        learning_rate=splat_net.learning_rate,
+        learning_rate=options.learning_rate,
         precision=options.precision,
         seed=options.seed,
         start=start.sha256 if start else None,
     )
     objects = training_objects(options)
-    seen = training_set(objects, splat_net.views)
+    seen = training_set(objects, options.views)
     with _progress("silhouettes", len(objects)) as advance:
         data = add_surfaces(seen, objects, lambda: advance(0))
     with ConsoleProgress("splat-net", quiet=not is_first()) as show:
@@ -198,6 +246,53 @@ def train_splat_net(options: TrainingOptions, splat_net: SplatNetOptions) -> Pat
         export(checkpoint, weights, "colour")
         export(checkpoint, grey_beside(weights), "grey")
     return weights
+
+
+def train_decoder(options: DecoderOptions) -> Path:
+    """Fit a decoder to the encoder of `weights`; returns its file, which stands beside them.
+
+    The data are the procedural train chairs. What is in `out` is continued. Raises BadInput where
+    the weights cannot be used or a number is not positive.
+    """
+    count = DEFAULT_OBJECTS if options.objects is None else options.objects
+    for name, value in (("objects", count), ("steps", options.steps), ("batch", options.batch)):
+        if value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
+    import torch
+
+    from learning.progress import ConsoleProgress
+    from pc2pix.decoder_weights import export_decoder
+    from pc2pix.train_autoencoder import AutoencoderData
+    from pc2pix.train_decoder import DecoderConfig
+    from pc2pix.train_decoder import train_decoder as train
+    from pc2pix.weight_files import decoder_path
+    from pc2pix.weights import load_weights
+
+    if options.threads is not None:
+        torch.set_num_threads(options.threads)
+    weights = load_weights(options.weights)
+    objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
+    clouds = training_clouds(objects)
+    config = DecoderConfig(
+        weights=weights.sha256,
+        model=weights.encoder.config,
+        steps=options.steps,
+        batch=options.batch,
+        precision=options.precision,
+        seed=options.seed,
+    )
+    with ConsoleProgress("decoder") as show:
+        checkpoint = train(
+            AutoencoderData(clouds),
+            weights,
+            config,
+            options.out,
+            device=options.device,
+            on_progress=show,
+        )
+    path = decoder_path(options.weights)
+    export_decoder(checkpoint, path)
+    return path
 
 
 def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
@@ -262,3 +357,209 @@ def _set_threads(threads: int | None) -> None:
         import torch
 
         torch.set_num_threads(threads)
+
+
+app = typer.Typer(help="Train the networks.", no_args_is_help=True, rich_markup_mode=None)
+Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
+
+TRAIN_OPTIONS = {
+    "out": Stated(
+        Annotated[Path, typer.Option(help="Folder; a training that is there is continued.")]
+    ),
+    "dataset": Stated(Annotated[str, typer.Option(help="As of 'bench run'; its train split.")]),
+    "classes": Stated(
+        Annotated[
+            str,
+            typer.Option("--class", help="What to train on: a class, several (a,b), or all."),
+        ],
+        lambda text: () if text == "all" else names(text) or (),
+        "chair",
+    ),
+    "objects": Stated(
+        Annotated[int | None, typer.Option(help="Objects of each class; default 1500 or all.")]
+    ),
+    "augment": Stated(
+        Annotated[bool, typer.Option("--augment", help="Show the encoder noise and fewer points.")]
+    ),
+    "steps": Stated(
+        Annotated[int, typer.Option(help="Steps in all, those before a resume included.")]
+    ),
+    "batch": Stated(Annotated[int, typer.Option(help="Pictures or clouds a step.")]),
+    "precision": Stated(Annotated[Precision, typer.Option()], str, Precision.float32),
+    "device": Stated(Annotated[Device, typer.Option()], str, Device.cpu),
+    "seed": Stated(Annotated[int, typer.Option(help="Seed of initial weights and batches.")]),
+    "threads": Stated(
+        Annotated[int | None, typer.Option(help="CPU threads; default: PyTorch's choice.")]
+    ),
+}
+GAN_VIEWS = Stated(Annotated[int, typer.Option(help="Pictures of each object.")])
+
+
+@app.command("autoencoder")
+@takes(
+    AutoencoderOptions,
+    TRAIN_OPTIONS
+    | {
+        "width": Stated(Annotated[Width, typer.Option()], str, Width.lite),
+        "encoder": Stated(
+            Annotated[
+                Encoder,
+                typer.Option(help="The paper's, or one that does not depend on their order."),
+            ],
+            str,
+            Encoder.paper,
+        ),
+        "latent_dim": Stated(Annotated[int, typer.Option("--latent", help="Length of the code.")]),
+        "learning_rate": Stated(Annotated[float, typer.Option(help="Of RMSprop.")]),
+    },
+)
+def autoencoder_command(options: AutoencoderOptions) -> None:
+    """The point-cloud autoencoder (paper, section 3.1)."""
+    _print_once(train_autoencoder(options))
+
+
+@app.command("gan")
+@takes(
+    GanOptions,
+    {
+        "autoencoder": Stated(Annotated[Path, typer.Option(help="Checkpoint of the autoencoder.")]),
+    }
+    | TRAIN_OPTIONS
+    | {
+        "views": GAN_VIEWS,
+        "objective": Stated(
+            Annotated[str, typer.Option(help="acgan-code, acgan-paper or paired.")]
+        ),
+        "azimuth": Stated(
+            Annotated[
+                Azimuth,
+                typer.Option(help="One number as in the paper, or two without a jump."),
+            ],
+            str,
+            Azimuth.scalar,
+        ),
+        "warm_up": Stated(
+            Annotated[
+                int, typer.Option(help="First steps without the discriminator (paired only).")
+            ]
+        ),
+        "generator_lr": Stated(Annotated[float, typer.Option(help="Adam's learning rate.")]),
+    },
+)
+def gan_command(options: GanOptions) -> None:
+    """The rendering GAN (paper, section 3.2), on a trained autoencoder."""
+    _print_once(train_gan(options))
+
+
+@app.command("splat-net")
+@takes(
+    SplatNetOptions,
+    TRAIN_OPTIONS
+    | {
+        "augment": Stated(Annotated[bool, typer.Option(help="Show noise and fewer points.")]),
+        "size": Stated(Annotated[str, typer.Option(help="tiny, default or large.")]),
+        "views": GAN_VIEWS,
+        "start": Stated(
+            Annotated[
+                str | None,
+                typer.Option(
+                    help="Go on from weights: a bundled name, or a file with the grey one beside."
+                ),
+            ]
+        ),
+        "objective": Stated(Annotated[str, typer.Option(help="l1 or l1-patch.")]),
+        "without": Stated(
+            Annotated[
+                str | None,
+                typer.Option(help="Inputs to leave out: normals,density,flattened,far,discs."),
+            ],
+            lambda text: names(text) or (),
+            None,
+        ),
+        "warm_up": Stated(
+            Annotated[
+                int,
+                typer.Option(help="First steps without the judge of patches (l1-patch only)."),
+            ]
+        ),
+        "cool_down": Stated(
+            Annotated[
+                int,
+                typer.Option(help="Last steps, over which the learning rate falls to zero."),
+            ]
+        ),
+        "learning_rate": Stated(Annotated[float, typer.Option(help="Of Adam.")]),
+    },
+)
+def splat_net_command(options: SplatNetOptions) -> None:
+    """A U-Net that sees the projected points: weights in colour and in grey."""
+    _print_once(train_splat_net(options))
+
+
+@app.command("decoder")
+@takes(
+    DecoderOptions,
+    {
+        "weights": Stated(
+            Annotated[
+                str, typer.Option(help="A bundled name or a file; the decoder is put beside it.")
+            ]
+        ),
+    }
+    | {
+        name: option
+        for name, option in TRAIN_OPTIONS.items()
+        if name not in ("dataset", "classes", "augment")
+    },
+)
+def decoder_command(options: DecoderOptions) -> None:
+    """A decoder from codes to clouds for trained weights, for the suite latent."""
+    _print_once(train_decoder(options))
+
+
+@app.command("views")
+def train_views(
+    objects: Annotated[int, typer.Option(help="Objects of each class.")] = 500,
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
+    seed: Seed = 0,
+) -> None:
+    """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
+    from bench.judges.train_views import train_views as train
+
+    print(train(objects, views, epochs, seed).to_text())
+
+
+@app.command("constant")
+def train_constant(
+    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
+    steps: Annotated[int, typer.Option(help="Steps of 64 pictures.")] = 400,
+    seed: Seed = 0,
+) -> None:
+    """The best constant picture: replaces the bundled one, hence its golden values."""
+    from bench.judges.train_constant import train_constant as train
+
+    print(train(objects, views, steps, seed))
+
+
+@app.command("judge")
+def train_judge(
+    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
+    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 16,
+    steps: Annotated[int, typer.Option(help="Steps of 96 pictures.")] = 3000,
+    seed: Seed = 0,
+) -> None:
+    """The judge of view and shape: replaces the bundled weights, hence what it measures."""
+    from bench.judges.train_judge import train_judge as train
+
+    for name, scores in train(objects, views, steps, seed).items():
+        print(f"{name}: {scores}")
+
+
+def _print_once(path: Path) -> None:
+    """Print what a training made, not by every process that took part."""
+    from learning.processes import is_first
+
+    if is_first():
+        print(path)

@@ -12,7 +12,7 @@ import bench.metrics.inception_weights
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.plan import Forecast, Saving, to_markdown
-from bench.commands.run import dry_run
+from bench.commands.run import describe_run
 from bench.metrics.inception_weights import WEIGHTS_SHA256
 from bench.records.job import failed
 from bench.records.journal import open_journal, write_manifest
@@ -85,7 +85,7 @@ def test_dry_run_counts_what_is_left_of_a_begun_run(copied, command, arguments, 
 def test_dry_run_of_a_download_fetches_nothing(no_cache, monkeypatch, tmp_path):
     monkeypatch.setattr(bench.metrics.inception_weights, "_download", pytest.fail)
     options = Options(SUITE, methods=("blank",), limit=1, inception_weights="download")
-    out = dry_run(options)
+    out = describe_run(options)
     assert re.search(r"^  fid +to be downloaded first$", out, re.M)
     assert "skipped:" not in out
     assert "fid, fd-views" in out

@@ -6,7 +6,7 @@ import pytest
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.analysis.recommend import Wish, advise, at_condition
-from bench.commands.recommendation import advice_lines, make_wish
+from bench.commands.results import advice_lines, make_wish
 from data_prep.failures import BadInput
 
 # Milliseconds to prepare and to draw a view, and the score of each object.

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench.commands.results
+import bench.commands.score
 import bench.records.artifacts
 from bench.catalogue.plugins import ImageMetric, find_metric, metric_ids
-from bench.commands.results import checked_scores, score
+from bench.commands.score import checked_scores, score
 from data_prep.failures import BadInput
 
 MODULE = """
@@ -121,7 +121,7 @@ def test_true_and_drawn_pictures_in_their_order():
 def metrics(monkeypatch):
     """Metrics by their ids, as if they were installed."""
     found = {}
-    monkeypatch.setattr(bench.commands.results, "find_metric", found.__getitem__)
+    monkeypatch.setattr(bench.commands.score, "find_metric", found.__getitem__)
     return found
 
 
@@ -141,10 +141,10 @@ def test_every_picture_counts_where_it_belongs(copied, metrics):
 
 
 def test_scores_stand_with_their_own_views(copied):
-    run = bench.commands.results.read_scored(copied)
-    sources = bench.commands.results.open_sources(copied, run.manifest, ())
+    run = bench.commands.score.read_scored(copied)
+    sources = bench.commands.score.open_sources(copied, run.manifest, ())
     light = made(lambda truth, drawn: drawn.mean(axis=(1, 2, 3)), "light")
-    values = bench.commands.results.scored(run.records, sources, light)
+    values = bench.commands.score.scored(run.records, sources, light)
     names = ["method", "condition", "class", "object"]
     for record in values[values["method"] == "splat"].to_dict("records"):
         pictures = sources.pictures(bench.records.artifacts.Item(*(record[name] for name in names)))
@@ -154,7 +154,7 @@ def test_scores_stand_with_their_own_views(copied):
 
 def test_failed_pictures_are_scored_as_blank_ones(copied, metrics):
     """Every second picture of the ceiling fails: it scores 0 where blank scores 1."""
-    run = bench.commands.results.read_scored(copied)
+    run = bench.commands.score.read_scored(copied)
     records = run.records
     failed = (records["method"] == "true-mesh") & (records["view"] == 1)
     outcome, reason = (
@@ -162,12 +162,12 @@ def test_failed_pictures_are_scored_as_blank_ones(copied, metrics):
         failed.map({True: "x: y", False: ""}),
     )
     broken = records.assign(outcome=outcome, reason=reason)
-    sources = bench.commands.results.open_sources(copied, run.manifest, ())
+    sources = bench.commands.score.open_sources(copied, run.manifest, ())
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
-    values = bench.commands.results.scored(broken, sources, blank)
+    values = bench.commands.score.scored(broken, sources, blank)
     assert values.loc[failed, "is_blank"].isna().all()
     assert values.loc[~failed, "is_blank"].notna().all()
-    rows = bench.commands.results.image_rows(["is-blank"], values, run.suite, {})
+    rows = bench.commands.score.image_rows(["is-blank"], values, run.suite, {})
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
 

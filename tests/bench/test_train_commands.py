@@ -55,7 +55,7 @@ def test_classes_to_train_on(command, monkeypatch, wish, classes):
     monkeypatch.setattr(
         bench.commands.train,
         "train_autoencoder",
-        lambda options, *_: asked.append(options) or options.out,
+        lambda options: asked.append(options) or options.out,
     )
     status, _, _ = command("train", "autoencoder", "--class", wish, "--objects", "2")
     assert (status, [o.classes for o in asked]) == (0, [classes])
@@ -74,7 +74,7 @@ def test_objects_of_each_class_are_taken(tmp_path, classes, found):
         (tmp_path / place).with_suffix(".ply").parent.mkdir(exist_ok=True)
         (tmp_path / place).with_suffix(".ply").touch()
     options = bench.commands.train.TrainingOptions(
-        f"folder:{tmp_path}", classes, 2, 1, 1, False, "float32", "cpu", 0, None, tmp_path
+        dataset=f"folder:{tmp_path}", classes=classes, objects=2, steps=1, out=tmp_path
     )
     objects = bench.commands.train.training_objects(options)
     assert [f"{o.class_name}/{o.object_id.removesuffix('.ply')}" for o in objects] == found

@@ -47,6 +47,16 @@ class LatentRun:
     tables: tuple[LatentTable, ...]
     seconds: float
 
+    @property
+    def printed(self) -> list[str]:
+        """What `bench run` prints."""
+        return [table.to_markdown() for table in self.tables]
+
+    @property
+    def summary(self) -> str:
+        """What it says at the end."""
+        return f"{self.seconds:.0f} s"
+
 
 def run(options: Options, suite: LatentSuite = LATENT) -> LatentRun:
     """Carry out the suite. Raises BadInput for anything the user has to mend."""

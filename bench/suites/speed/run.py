@@ -130,6 +130,20 @@ class SpeedRun:
     noisy: int
     seconds: float
 
+    @property
+    def printed(self) -> tuple[str, ...]:
+        """What `bench run` prints."""
+        return self.tables
+
+    @property
+    def summary(self) -> str:
+        """What it says at the end."""
+        noisy = f", {self.noisy} while something else ran" if self.noisy else ""
+        return (
+            f"{self.done} measurements taken, {self.reused} from before, "
+            f"{self.failed} with failures{noisy}; {self.seconds:.0f} s"
+        )
+
 
 def run(options: Options, suite: SpeedSuite = SPEED) -> SpeedRun:
     """Carry out the suite, or what is left of it. Raises BadInput for what the user has to mend."""

@@ -28,7 +28,7 @@ from bench.running.isolation import one_thread
 from bench.running.progress import say
 from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
-from bench.suites.stability.expectations import STATED, Observation, observe, outcome
+from bench.suites.stability.expectations import KINDS, STATED, Observation, observe, outcome
 from bench.suites.stability.figures import write_matrix, write_pictures
 from bench.suites.stability.formats import (
     format_outcomes,
@@ -99,6 +99,25 @@ class StabilityRun:
     directory: Path
     matrices: tuple[Matrix, ...]
     seconds: float
+
+    @property
+    def printed(self) -> list[str]:
+        """What `bench run` prints: the kinds of outcomes counted, and the unexpected ones."""
+        lines = ["| matrix | " + " | ".join(KINDS) + " |", "|---" * (len(KINDS) + 1) + "|"]
+        for matrix in self.matrices:
+            kinds = [outcome.kind for outcome in matrix.outcomes]
+            counts = " | ".join(str(kinds.count(kind)) for kind in KINDS)
+            lines.append(f"| {matrix.title} | {counts} |")
+        return lines + [
+            f"UNEXPECTED {one.subject}, {one.case}: {one.observed}; stated was: {one.expected}"
+            for matrix in self.matrices
+            for one in matrix.unexpected
+        ]
+
+    @property
+    def summary(self) -> str:
+        """What it says at the end."""
+        return f"{self.seconds:.0f} s"
 
 
 def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:

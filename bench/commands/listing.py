@@ -1,0 +1,52 @@
+"""`bench list`: what can be run, drawn, perturbed, measured and read."""
+
+from __future__ import annotations
+
+
+def list_all() -> None:
+    """Suites, methods and their variants, conditions, metrics and datasets."""
+    from bench.catalogue.methods import METHODS, YARDSTICKS, plugin_ids
+    from bench.catalogue.metrics import (
+        CONTROL_METRICS,
+        IMAGE_METRICS,
+        KERNEL_METRICS,
+        RECOGNITION_METRICS,
+        SET_METRICS,
+    )
+    from bench.catalogue.parameters import KNOBS
+    from bench.catalogue.plugins import metric_ids
+    from bench.catalogue.suites import ALL_SUITES
+    from data_prep.conditions import CONDITIONS
+
+    sections = {
+        "suites": [(s.id, s.about) for s in ALL_SUITES],
+        "methods": [
+            *((m.id, m.source) for m in METHODS),
+            *((id_, "of another installed package") for id_ in plugin_ids()),
+        ],
+        "variants": [
+            *((f"{k.method}@{k.name}=", f"{k.low:g} to {k.high:g}: {k.about}") for k in KNOBS),
+            *((m.id, m.source) for m in YARDSTICKS),
+        ],
+        "conditions": [(c.id, c.source) for c in CONDITIONS],
+        "metrics": [
+            *IMAGE_METRICS.items(),
+            *((m.id, m.about) for m in SET_METRICS),
+            *((name, about) for name, (_, about) in KERNEL_METRICS.items()),
+            *RECOGNITION_METRICS.items(),
+            *CONTROL_METRICS.items(),
+            *((id_, "of another installed package; see 'bench score'") for id_ in metric_ids()),
+        ],
+        "datasets": [
+            ("procedural", "parametric shapes, nothing to download (the default); test split"),
+            ("procedural:validation", "the same, on the split for making choices"),
+            ("folder:PATH", "your meshes; sub-folders are classes"),
+            ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv where that is there"),
+            ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),
+            ("paper:PATH", "clouds, 20 pictures each and their cameras, as the paper's code has"),
+        ],
+    }
+    for title, entries in sections.items():
+        print(f"{title}:")
+        for name, about in entries:
+            print(f"  {name:<25} {about}")
