@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from data_prep.shapes.airliners import airliner, rear_engine_jet, supersonic
+from data_prep.shapes.airplane.airliners import airliner, rear_engine_jet, supersonic
+from data_prep.shapes.airplane.military import fighter, flying_wing
+from data_prep.shapes.airplane.propeller import biplane, propeller_plane
 from data_prep.shapes.chances import pick
-from data_prep.shapes.military_airplanes import fighter, flying_wing
-from data_prep.shapes.propeller_airplanes import biplane, propeller_plane
 from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import Part
 

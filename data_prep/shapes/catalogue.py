@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from data_prep.shapes import (
     airplanes,
-    cabinets,
-    cars,
-    chairs,
-    displays,
     lamps,
     loudspeakers,
     rifles,
     sitting_benches,
     sofas,
-    tables,
     telephones,
     vessels,
 )
+from data_prep.shapes.cabinet import cabinets
+from data_prep.shapes.car import cars
+from data_prep.shapes.chair import chairs
+from data_prep.shapes.display import displays
+from data_prep.shapes.table import tables
 
 CLASSES = {
     shape_class.name: shape_class

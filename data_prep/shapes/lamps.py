@@ -10,11 +10,11 @@ from collections.abc import Callable
 import numpy as np
 
 from data_prep.shapes.chances import pick
-from data_prep.shapes.hung_lamps import chandelier, pendant, sconce
+from data_prep.shapes.lamp.hung import chandelier, pendant, sconce
+from data_prep.shapes.lamp.standing import bedside, desk, floor
+from data_prep.shapes.lamp.street import lamp_post
 from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import Part
-from data_prep.shapes.standing_lamps import bedside, desk, floor
-from data_prep.shapes.street_lamps import lamp_post
 
 FAMILY_WEIGHTS: dict[str, float] = {
     "bedside": 0.24,

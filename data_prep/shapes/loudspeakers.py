@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from data_prep.shapes.chances import pick
-from data_prep.shapes.loudspeaker_cabinets import bookshelf, stand, tower
-from data_prep.shapes.loudspeaker_small import cylinder, desktop, soundbar
-from data_prep.shapes.loudspeaker_stage import stage
+from data_prep.shapes.loudspeaker.living_room import bookshelf, stand, tower
+from data_prep.shapes.loudspeaker.small import cylinder, desktop, soundbar
+from data_prep.shapes.loudspeaker.stage import stage
 from data_prep.shapes.shape_class import Drawn, ShapeClass
 
 FAMILY_WEIGHTS = {

@@ -9,9 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from data_prep.shapes.automatic_rifles import assault, bullpup, machine_gun, submachine
 from data_prep.shapes.chances import pick
-from data_prep.shapes.long_guns import bolt_action, shotgun, sniper
+from data_prep.shapes.rifle.automatic import assault, bullpup, machine_gun, submachine
+from data_prep.shapes.rifle.long_guns import bolt_action, shotgun, sniper
 from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import Part
 

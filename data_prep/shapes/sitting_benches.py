@@ -10,9 +10,9 @@ from collections.abc import Callable
 import numpy as np
 
 from data_prep.shapes.chances import pick
-from data_prep.shapes.indoor_benches import draw_pew, draw_row, draw_settle
-from data_prep.shapes.outdoor_benches import draw_park, draw_picnic, draw_plank
 from data_prep.shapes.shape_class import Drawn, ShapeClass
+from data_prep.shapes.sitting_bench.indoor import draw_pew, draw_row, draw_settle
+from data_prep.shapes.sitting_bench.outdoor import draw_park, draw_picnic, draw_plank
 from data_prep.shapes.solids import Part
 
 FAMILY_WEIGHTS = {

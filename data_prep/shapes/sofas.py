@@ -8,8 +8,8 @@ import numpy as np
 
 from data_prep.shapes.chances import pick
 from data_prep.shapes.shape_class import Drawn, ShapeClass
-from data_prep.shapes.sofa_bodies import draw_box_arm, draw_rolled_arm, draw_sectional
-from data_prep.shapes.sofa_frames import draw_armless, draw_curved, draw_open_frame
+from data_prep.shapes.sofa.bodies import draw_box_arm, draw_rolled_arm, draw_sectional
+from data_prep.shapes.sofa.frames import draw_armless, draw_curved, draw_open_frame
 from data_prep.shapes.solids import Part
 
 FAMILY_WEIGHTS = {

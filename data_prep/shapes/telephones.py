@@ -10,10 +10,10 @@ from collections.abc import Callable
 import numpy as np
 
 from data_prep.shapes.chances import pick
-from data_prep.shapes.fixed_telephones import classic, cordless, desk
-from data_prep.shapes.mobile_telephones import flip, keypad_phone, smartphone
 from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import Part
+from data_prep.shapes.telephone.fixed import classic, cordless, desk
+from data_prep.shapes.telephone.mobile import flip, keypad_phone, smartphone
 
 FAMILY_WEIGHTS: dict[str, float] = {
     "smartphone": 0.34,

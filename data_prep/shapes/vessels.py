@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from data_prep.shapes.boats import motor_yacht, open_boat
 from data_prep.shapes.chances import pick
-from data_prep.shapes.merchant_ships import cargo_ship, passenger_ship
-from data_prep.shapes.sailing_vessels import sailing_yacht, tall_ship
 from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import Part
-from data_prep.shapes.warships import submarine, warship
+from data_prep.shapes.vessel.boats import motor_yacht, open_boat
+from data_prep.shapes.vessel.merchant import cargo_ship, passenger_ship
+from data_prep.shapes.vessel.sailing import sailing_yacht, tall_ship
+from data_prep.shapes.vessel.warships import submarine, warship
 
 FAMILY_WEIGHTS = {
     "cargo-ship": 0.22,

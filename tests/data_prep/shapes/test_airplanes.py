@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.shapes.airplane_parts import Wing
+from data_prep.shapes.airplane.parts import Wing
 from data_prep.shapes.airplanes import BUILDERS, CLASS
 from data_prep.shapes.shape_class import Drawn
 from tests.data_prep.shapes.samples import Families

@@ -6,7 +6,8 @@ import itertools
 import numpy as np
 import pytest
 
-from data_prep.shapes.cabinet_parts import (
+from data_prep.shapes.cabinet.cabinets import CLASS
+from data_prep.shapes.cabinet.parts import (
     Field,
     Finish,
     darker,
@@ -16,7 +17,6 @@ from data_prep.shapes.cabinet_parts import (
     glass_doors,
     rack,
 )
-from data_prep.shapes.cabinets import CLASS
 from data_prep.shapes.shape_class import Drawn
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import box_of, cut, extents, holds, volume

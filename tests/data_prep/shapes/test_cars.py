@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.shapes.car_spec import PAINT_WEIGHTS, PAINTS, PROPORTIONS, draw_car
-from data_prep.shapes.cars import CLASS
+from data_prep.shapes.car.cars import CLASS
+from data_prep.shapes.car.spec import PAINT_WEIGHTS, PAINTS, PROPORTIONS, draw_car
 from data_prep.shapes.shape_class import Drawn
 from data_prep.shapes.solids import Color
 from tests.data_prep.shapes.samples import Families, by_family

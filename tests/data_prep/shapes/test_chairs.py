@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from data_prep.scene import Mesh
-from data_prep.shapes.chair_spec import BACK_WEIGHTS
-from data_prep.shapes.chairs import (
+from data_prep.shapes.chair.chairs import (
     BACKS,
     CLASS,
     FAMILIES,
@@ -17,6 +16,7 @@ from data_prep.shapes.chairs import (
     chair_parts,
     draw_chair_spec,
 )
+from data_prep.shapes.chair.spec import BACK_WEIGHTS
 from data_prep.shapes.materials import LIGHTEST
 from tests.data_prep.shapes.solid_checks import afloat, shared_planes, unsound
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.display_parts import Head, Look, column, curved_head, flat_head, foot
-from data_prep.shapes.displays import CLASS
+from data_prep.shapes.display.displays import CLASS
+from data_prep.shapes.display.parts import Head, Look, column, curved_head, flat_head, foot
 from data_prep.shapes.solids import Part
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import box_of, cut, extents

@@ -11,20 +11,20 @@ import pytest
 from data_prep.scene import Mesh
 from data_prep.shapes import (
     airplanes,
-    cabinets,
-    cars,
-    chair_spec,
-    displays,
     lamps,
     loudspeakers,
     rifles,
     sitting_benches,
     sofas,
-    tables,
     telephones,
     vessels,
 )
+from data_prep.shapes.cabinet import cabinets
+from data_prep.shapes.car import cars
 from data_prep.shapes.catalogue import CLASSES
+from data_prep.shapes.chair import spec as chair_spec
+from data_prep.shapes.display import displays
+from data_prep.shapes.table import tables
 from tests.data_prep.shapes.sections import second_moment, surface_area
 
 WEIGHTS = {

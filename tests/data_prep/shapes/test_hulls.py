@@ -7,7 +7,7 @@ import pytest
 
 from data_prep.shapes.hulls import AEROFOIL, blade, disc, mirrored, pair, spindle
 from data_prep.shapes.solids import box
-from data_prep.shapes.vessel_lines import STATIONS, Lines
+from data_prep.shapes.vessel.lines import STATIONS, Lines
 from tests.data_prep.shapes.sections import box_of, holds, volume
 
 GREY = (120, 121, 122)

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from data_prep.shapes.lamp_parts import ball, bar_height, bowl, open_shade, to_a_side
+from data_prep.shapes.lamp.parts import ball, bar_height, bowl, open_shade, to_a_side
 from data_prep.shapes.lamps import CLASS
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import extents, filled, vertices_of, volume

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.loudspeaker_cabinets import baffle, plan_of
-from data_prep.shapes.loudspeaker_drivers import dome, draw_drivers, horn, port, woofer
+from data_prep.shapes.loudspeaker.drivers import dome, draw_drivers, horn, port, woofer
+from data_prep.shapes.loudspeaker.living_room import baffle, plan_of
 from data_prep.shapes.loudspeakers import CLASS
 from data_prep.shapes.shape_class import Drawn
 from tests.data_prep.shapes.samples import Families, by_family

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.rifle_parts import bipod, magazine, pipe, scope, stock
+from data_prep.shapes.rifle.parts import bipod, magazine, pipe, scope, stock
 from data_prep.shapes.rifles import CLASS
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import extents, volume

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from data_prep.shapes.sofa_spec import draw_sofa_spec
+from data_prep.shapes.sofa.spec import draw_sofa_spec
 from data_prep.shapes.sofas import CLASS
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import box_of, cut, holds, surface_area, vertices_of

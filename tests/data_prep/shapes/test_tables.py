@@ -7,7 +7,7 @@ import pytest
 
 from data_prep.shapes.shape_class import Drawn
 from data_prep.shapes.solids import Part
-from data_prep.shapes.tables import CLASS
+from data_prep.shapes.table.tables import CLASS
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import box_of, cut, holds
 

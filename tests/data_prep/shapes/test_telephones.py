@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.telephone_parts import (
+from data_prep.shapes.telephone.parts import (
     CUP_PLACE,
     dial,
     handset,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.shape_class import Drawn
-from data_prep.shapes.vessel_rigs import CLOTH, fore_and_aft_sail, house, square_sail
+from data_prep.shapes.vessel.rigs import CLOTH, fore_and_aft_sail, house, square_sail
 from data_prep.shapes.vessels import BUILDERS, CLASS
 from tests.data_prep.shapes.samples import Families
 from tests.data_prep.shapes.sections import box_of, cut, holds, vertices_of, volume
