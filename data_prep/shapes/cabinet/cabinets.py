@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.shapes.cabinet.kitchens import kitchen
 from data_prep.shapes.cabinet.parts import (
     GLASS,
     LACQUER,
@@ -21,18 +20,7 @@ from data_prep.shapes.cabinet.parts import (
 )
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.materials import shade
-from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import Color, Part, box, post, rectangle, slab, tube
-
-FAMILY_WEIGHTS = {
-    "chest": 0.28,
-    "sideboard": 0.18,
-    "wardrobe": 0.18,
-    "shelves": 0.18,
-    "hutch": 0.08,
-    "kitchen": 0.10,
-}
-FAMILIES = tuple(FAMILY_WEIGHTS)
 
 # Ranges of width, height, depth (metres), rows and columns of drawers.
 CHESTS = {
@@ -66,7 +54,8 @@ def _top(
     return slab(rectangle(1, 1), centre, size, color, bevel=0.2 * thick)
 
 
-def _chest(rng: np.random.Generator) -> list[Part]:
+def chest(rng: np.random.Generator) -> list[Part]:
+    """Drawers from the floor up: a dresser, a tallboy, a bedside chest or a filing cabinet."""
     kind = pick(rng, CHEST_WEIGHTS)
     widths, heights, depths, row_range, column_range = CHESTS[kind]
     width, height, depth = uniform(rng, widths), uniform(rng, heights), uniform(rng, depths)
@@ -93,7 +82,8 @@ def _chest(rng: np.random.Generator) -> list[Part]:
     return parts + drawers(finish, field, heights_up, columns)
 
 
-def _sideboard(rng: np.random.Generator) -> list[Part]:
+def sideboard(rng: np.random.Generator) -> list[Part]:
+    """A low, wide row of bays: doors, drawers or open."""
     width, height, depth = (uniform(rng, r) for r in ((1.10, 2.10), (0.45, 0.90), (0.36, 0.50)))
     body = _body_color(rng, "sideboard")
     finish = draw_finish(rng, body, (width, height, depth))
@@ -131,7 +121,8 @@ def _sideboard(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def _wardrobe(rng: np.random.Generator) -> list[Part]:
+def wardrobe(rng: np.random.Generator) -> list[Part]:
+    """As tall as a person: one to four doors, perhaps drawers below and a cornice."""
     height, depth = uniform(rng, (1.65, 2.30)), uniform(rng, (0.48, 0.66))
     count = pick(rng, {1: 0.12, 2: 0.50, 3: 0.22, 4: 0.16})
     width = count * uniform(rng, (0.42, 0.56))
@@ -156,7 +147,8 @@ def _wardrobe(rng: np.random.Generator) -> list[Part]:
     return parts + doors(finish, field, count)
 
 
-def _shelves(rng: np.random.Generator) -> list[Part]:
+def shelving(rng: np.random.Generator) -> list[Part]:
+    """Open shelves, perhaps with doors in front of the lowest; or boards between posts."""
     width, height, depth = (uniform(rng, r) for r in ((0.45, 1.70), (0.75, 2.20), (0.24, 0.42)))
     color = _body_color(rng, "shelves")
     rows = max(2, round(height / uniform(rng, (0.28, 0.48))))
@@ -206,7 +198,8 @@ def _etagere(
     return parts
 
 
-def _hutch(rng: np.random.Generator) -> list[Part]:
+def hutch(rng: np.random.Generator) -> list[Part]:
+    """A cabinet with a shallower one on it, of glass doors or shelves."""
     width, waist, height = (uniform(rng, r) for r in ((0.80, 1.60), (0.72, 0.95), (1.70, 2.20)))
     depth = uniform(rng, (0.40, 0.56))
     body = _body_color(rng, "hutch")
@@ -244,21 +237,3 @@ def _hutch(rng: np.random.Generator) -> list[Part]:
         centre = (0, height + 0.02, front + shallow / 2 - 0.03)
         parts.append(slab(rectangle(1, 1), centre, size, body, bevel=0.02))
     return parts
-
-
-_BUILD = {
-    "chest": _chest,
-    "sideboard": _sideboard,
-    "wardrobe": _wardrobe,
-    "shelves": _shelves,
-    "hutch": _hutch,
-    "kitchen": kitchen,
-}
-
-
-def _draw(rng: np.random.Generator) -> Drawn:
-    family = pick(rng, FAMILY_WEIGHTS)
-    return Drawn(family, tuple(_BUILD[family](rng)))
-
-
-CLASS = ShapeClass("cabinet", FAMILIES, _draw)

@@ -14,25 +14,15 @@ from data_prep.shapes.car.bodies import (
 )
 from data_prep.shapes.car.cabins import Cabin
 from data_prep.shapes.car.spec import TAILLIGHT, draw_car
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import pair
 from data_prep.shapes.materials import shade
-from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import Color, Part, box, loft, post, rectangle, rim, tube
 
-FAMILY_WEIGHTS = {
-    "sedan": 0.30,
-    "coupe": 0.22,
-    "suv": 0.15,
-    "hatchback": 0.12,
-    "van": 0.08,
-    "pickup": 0.07,
-    "convertible": 0.06,
-}
 LEATHER: tuple[Color, ...] = ((156, 108, 70), (196, 172, 138), (120, 34, 34), (64, 62, 62))
 
 
-def _closed(rng: np.random.Generator, family: str) -> list[Part]:
+def closed(rng: np.random.Generator, family: str) -> list[Part]:
     """Sedan, coupe, SUV and hatchback: a cabin of glass between pillars, under a roof."""
     car, cabin = draw_car(rng, family)
     nose = uniform(rng, (0.76, 0.88)) if family == "suv" else uniform(rng, (0.66, 0.82))
@@ -76,7 +66,8 @@ def _closed(rng: np.random.Generator, family: str) -> list[Part]:
     return parts
 
 
-def _van(rng: np.random.Generator) -> list[Part]:
+def van(rng: np.random.Generator) -> list[Part]:
+    """A tall box with a short nose; a panel van has no windows behind the front doors."""
     car, drawn = draw_car(rng, "van")
     cabin = Cabin(
         drawn.foot,
@@ -106,7 +97,8 @@ def _van(rng: np.random.Generator) -> list[Part]:
     return parts + light_parts(car, (nose - 0.17) * car.belt, tail, 0.24, shade(rng, TAILLIGHT))
 
 
-def _pickup(rng: np.random.Generator) -> list[Part]:
+def pickup(rng: np.random.Generator) -> list[Part]:
+    """A cabin and an open bed."""
     car, cabin = draw_car(rng, "pickup")
     nose = uniform(rng, (0.80, 0.90))
     start, rear = cabin.foot[1] + 0.08, car.length / 2
@@ -138,7 +130,8 @@ def _pickup(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def _convertible(rng: np.random.Generator) -> list[Part]:
+def convertible(rng: np.random.Generator) -> list[Part]:
+    """Seats behind a windscreen, and no roof."""
     car, cabin = draw_car(rng, "convertible")
     leather = shade(rng, LEATHER)
     nose = uniform(rng, (0.66, 0.80))
@@ -176,13 +169,3 @@ def _convertible(rng: np.random.Generator) -> list[Part]:
         car, (nose - 0.17) * car.belt, car.belt - 0.20, 0.26, shade(rng, TAILLIGHT)
     )
     return parts + lights
-
-
-def _draw(rng: np.random.Generator) -> Drawn:
-    family = pick(rng, FAMILY_WEIGHTS)
-    special = {"van": _van, "pickup": _pickup, "convertible": _convertible}
-    parts = special[family](rng) if family in special else _closed(rng, family)
-    return Drawn(family, tuple(parts))
-
-
-CLASS = ShapeClass("car", tuple(FAMILY_WEIGHTS), _draw)

@@ -17,9 +17,7 @@ from data_prep.shapes.display.parts import (
     flat_head,
     foot,
 )
-from data_prep.shapes.display.tubes import old_television, tube_monitor
 from data_prep.shapes.fronts import panel
-from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import (
     Part,
     box,
@@ -33,17 +31,6 @@ from data_prep.shapes.solids import (
     tube,
     turned,
 )
-
-FAMILY_WEIGHTS = {
-    "monitor": 0.35,
-    "television": 0.23,
-    "tube-monitor": 0.13,
-    "old-television": 0.08,
-    "all-in-one": 0.09,
-    "pair": 0.06,
-    "sign": 0.06,
-}
-FAMILIES = tuple(FAMILY_WEIGHTS)
 
 OFFICE = {"black": 0.60, "silver": 0.18, "grey": 0.10, "white": 0.07, "beige": 0.05}
 LIVING = {"black": 0.72, "silver": 0.18, "grey": 0.10}
@@ -72,7 +59,8 @@ def _stood(head_parts: list[Part], y: float, tilt_rad: float, under: list[Part])
     return [moved(part, (0, y, 0), tilt_rad=tilt_rad) for part in head_parts] + under
 
 
-def _monitor(rng: np.random.Generator) -> list[Part]:
+def monitor(rng: np.random.Generator) -> list[Part]:
+    """A flat or curved head on a column and a foot."""
     head = _monitor_head(rng)
     look = draw_look(rng, OFFICE, SCREEN_ON)
     portrait = chance(rng, 0.06)
@@ -100,7 +88,8 @@ def _monitor(rng: np.random.Generator) -> list[Part]:
     return _stood(parts, y, tilt, under)
 
 
-def _television(rng: np.random.Generator) -> list[Part]:
+def television(rng: np.random.Generator) -> list[Part]:
+    """A wide head on a pedestal, on two feet or on a wall."""
     width = uniform(rng, (0.75, 1.50))
     height = width * uniform(rng, (0.56, 0.62))
     look = draw_look(rng, LIVING, SCREEN_ON)
@@ -152,7 +141,7 @@ def _blades(rng: np.random.Generator, head: Head, y: float, look: Look) -> list[
     ]
 
 
-def _all_in_one(rng: np.random.Generator) -> list[Part]:
+def all_in_one(rng: np.random.Generator) -> list[Part]:
     """A computer behind its screen: a thin case with a chin, on a bent sheet of metal."""
     width = uniform(rng, (0.46, 0.66))
     height = width * uniform(rng, (0.60, 0.66))
@@ -189,7 +178,7 @@ def _all_in_one(rng: np.random.Generator) -> list[Part]:
     return _stood(flat_head(head, look), y, tilt, under)
 
 
-def _pair(rng: np.random.Generator) -> list[Part]:
+def monitor_pair(rng: np.random.Generator) -> list[Part]:
     """Two equal monitors on one column, turned towards each other."""
     head = replace(_monitor_head(rng), bulge_share=0.45)
     if head.width > 1.8 * head.height:
@@ -218,7 +207,7 @@ def _pair(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def _sign(rng: np.random.Generator) -> list[Part]:
+def sign(rng: np.random.Generator) -> list[Part]:
     """A display as tall as a person: an upright slab, or a wide head on a trolley."""
     cases = {"black": 0.55, "silver": 0.25, "white": 0.20}
     look = draw_look(rng, cases, {"off": 0.3, "glare": 0.2, "lit": 0.5})
@@ -259,22 +248,3 @@ def _sign(rng: np.random.Generator) -> list[Part]:
         under.append(box((side, 0.04, 0.02), (0.07, 0.07, uniform(rng, (0.6, 0.8))), look.stand))
     under.append(box((0, 0.45 * y, z), (2 * x, 0.035, 0.36), look.stand))
     return _stood(flat_head(head, look), y, 0.0, under)
-
-
-_BUILD = {
-    "monitor": _monitor,
-    "television": _television,
-    "tube-monitor": tube_monitor,
-    "old-television": old_television,
-    "all-in-one": _all_in_one,
-    "pair": _pair,
-    "sign": _sign,
-}
-
-
-def _draw(rng: np.random.Generator) -> Drawn:
-    family = pick(rng, FAMILY_WEIGHTS)
-    return Drawn(family, tuple(_BUILD[family](rng)))
-
-
-CLASS = ShapeClass("display", FAMILIES, _draw)

@@ -24,7 +24,7 @@ from data_prep.shapes.solids import (
 )
 
 
-def draw_settle(rng: np.random.Generator) -> list[Part]:
+def settle(rng: np.random.Generator) -> list[Part]:
     """A wide wooden chair: four or six legs, a back of bars or boards."""
     length, depth = uniform(rng, (0.85, 1.7)), uniform(rng, (0.38, 0.50))
     height = uniform(rng, (0.40, 0.48))
@@ -96,7 +96,7 @@ def draw_settle(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def draw_pew(rng: np.random.Generator) -> list[Part]:
+def pew(rng: np.random.Generator) -> list[Part]:
     """Two ends of board, and between them a seat and a closed back; maybe closed below, too."""
     length, depth = uniform(rng, (0.9, 2.3)), uniform(rng, (0.40, 0.54))
     height, top = uniform(rng, (0.41, 0.47)), uniform(rng, (0.82, 1.05))
@@ -131,7 +131,7 @@ def draw_pew(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def draw_row(rng: np.random.Generator) -> list[Part]:
+def row(rng: np.random.Generator) -> list[Part]:
     """Shells side by side on a beam, as in waiting rooms."""
     seats = int(rng.integers(2, 6))
     pitch = uniform(rng, (0.50, 0.60))

@@ -26,7 +26,7 @@ from data_prep.shapes.solids import (
 STONE = ((206, 202, 194), (164, 160, 152), (122, 120, 116))
 
 
-def draw_park(rng: np.random.Generator) -> list[Part]:
+def park(rng: np.random.Generator) -> list[Part]:
     """Slats of wood on ends of iron, wood or stone."""
     length, depth = uniform(rng, (1.2, 2.1)), uniform(rng, (0.40, 0.52))
     height = uniform(rng, (0.40, 0.47))
@@ -81,7 +81,7 @@ def draw_park(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def draw_plank(rng: np.random.Generator) -> list[Part]:
+def plank(rng: np.random.Generator) -> list[Part]:
     """Without a back: a plank, a slab of stone, a cushion, slats or an arc."""
     length, depth = uniform(rng, (1.0, 1.9)), uniform(rng, (0.32, 0.50))
     height = uniform(rng, (0.40, 0.48))
@@ -157,7 +157,7 @@ def _arc(rng: np.random.Generator, height: float) -> list[Part]:
     return parts
 
 
-def draw_picnic(rng: np.random.Generator) -> list[Part]:
+def picnic(rng: np.random.Generator) -> list[Part]:
     """A table with a bench on either side, all on the same crossed or splayed legs."""
     length = uniform(rng, (1.3, 2.1))
     wood = shade(rng, pick(rng, {"wood": 0.82, "paint": 0.18}))

@@ -26,7 +26,7 @@ from data_prep.shapes.solids import (
 )
 
 
-def draw_box_arm(rng: np.random.Generator) -> list[Part]:
+def box_arm(rng: np.random.Generator) -> list[Part]:
     """Arms like boxes, lower than the back or as high."""
     spec = draw_sofa_spec(rng, "box-arm")
     if chance(rng, 0.16):  # arms as high as the back
@@ -43,7 +43,7 @@ def draw_box_arm(rng: np.random.Generator) -> list[Part]:
     ]
 
 
-def draw_rolled_arm(rng: np.random.Generator) -> list[Part]:
+def rolled_arm(rng: np.random.Generator) -> list[Part]:
     """Arms that end in rolls; the back is a roll as high, a higher one, or a camel's hump."""
     spec = draw_sofa_spec(rng, "rolled-arm")
     kind = pick(rng, {"level": 0.34, "camel": 0.33, "roll": 0.33})
@@ -83,7 +83,7 @@ def draw_rolled_arm(rng: np.random.Generator) -> list[Part]:
     return parts + feet(spec, spec.half - 0.07, spec.depth / 2 - 0.07)
 
 
-def draw_sectional(rng: np.random.Generator) -> list[Part]:
+def sectional(rng: np.random.Generator) -> list[Part]:
     """A sofa with a chaise, or a corner sofa with a second back; `side` is where it turns."""
     spec = draw_sofa_spec(rng, "sectional")
     side = int(rng.choice([-1, 1]))

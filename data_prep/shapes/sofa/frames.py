@@ -33,7 +33,7 @@ from data_prep.shapes.solids import (
 )
 
 
-def draw_open_frame(rng: np.random.Generator) -> list[Part]:
+def open_frame(rng: np.random.Generator) -> list[Part]:
     """Cushions on a frame of wood, or within a cage of tubes."""
     spec = draw_sofa_spec(rng, "open-frame")
     metal = chance(rng, 0.4)
@@ -111,7 +111,7 @@ def _caged(rng: np.random.Generator, spec: SofaSpec) -> list[Part]:
     return parts + back_cushions(back, (-inside, inside), spec.seats, height, 0.15)
 
 
-def draw_armless(rng: np.random.Generator) -> list[Part]:
+def armless(rng: np.random.Generator) -> list[Part]:
     """A futon, a daybed with one raised end, or a chaise longue with half a back."""
     spec = draw_sofa_spec(rng, "armless")
     spec = replace(spec, seats=max(spec.seats, 2), low=max(spec.low, 0.10))
@@ -166,7 +166,7 @@ def draw_armless(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def draw_curved(rng: np.random.Generator) -> list[Part]:
+def curved(rng: np.random.Generator) -> list[Part]:
     """A tub with a rounded back, or an arc of seats around a table that is not there."""
     spec = draw_sofa_spec(rng, "curved")
     low = max(spec.low, 0.04)

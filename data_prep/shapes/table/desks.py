@@ -44,7 +44,7 @@ def _drawers(
     return parts
 
 
-def draw_desk(rng: np.random.Generator) -> list[Part]:
+def desk(rng: np.random.Generator) -> list[Part]:
     """A desk: one or two blocks of drawers, or panels with a screen for the knees; maybe a wing."""
     width, depth = uniform(rng, (1.05, 1.80)), uniform(rng, (0.55, 0.82))
     height = uniform(rng, (0.71, 0.78))
@@ -121,7 +121,7 @@ def _wing(
     return [top, panel]
 
 
-def draw_panel_table(rng: np.random.Generator) -> list[Part]:
+def panel_table(rng: np.random.Generator) -> list[Part]:
     """A low table of boards: a bent sheet, a box with shelves, or a closed block."""
     kind = pick(rng, {"sheet": 0.30, "shelves": 0.40, "block": 0.30})
     length = uniform(rng, (0.75, 1.40))

@@ -7,14 +7,12 @@ side of the top lies along x.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import beam, legs
 from data_prep.shapes.materials import shade
-from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -32,17 +30,6 @@ from data_prep.shapes.solids import (
     slab,
     sweep,
 )
-from data_prep.shapes.table.desks import draw_desk, draw_panel_table
-
-FAMILY_WEIGHTS = {
-    "four-leg": 0.36,
-    "pedestal": 0.16,
-    "desk": 0.16,
-    "panel": 0.12,
-    "frame": 0.11,
-    "trestle": 0.09,
-}
-FAMILIES = tuple(FAMILY_WEIGHTS)
 
 GLASS = ((172, 200, 202), (146, 176, 184), (190, 206, 204))
 STONE = ((208, 202, 192), (128, 126, 122), (66, 66, 70))
@@ -67,7 +54,8 @@ def _turned(height: float, radius: float) -> Vectors:
     return np.array(stations) * (radius, height)
 
 
-def _four_leg(rng: np.random.Generator) -> list[Part]:
+def four_leg(rng: np.random.Generator) -> list[Part]:
+    """A dining, coffee or side table on four legs."""
     kind = pick(rng, {"dining": 0.52, "coffee": 0.30, "side": 0.18})
     shape = pick(rng, {"square": 0.62, "rounded": 0.20, "round": 0.18})
     height = uniform(
@@ -132,7 +120,8 @@ def _four_leg(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def _pedestal(rng: np.random.Generator) -> list[Part]:
+def pedestal(rng: np.random.Generator) -> list[Part]:
+    """A top on one column; a long one on two."""
     shape = pick(rng, {"round": 0.66, "square": 0.16, "rounded": 0.18})
     height = uniform(rng, pick(rng, {(0.70, 0.77): 0.62, (0.42, 0.58): 0.22, (0.98, 1.10): 0.16}))
     length = min(uniform(rng, (0.60, 1.35)), 1.5 * height)
@@ -198,7 +187,8 @@ def _claws(
     return parts
 
 
-def _trestle(rng: np.random.Generator) -> list[Part]:
+def trestle(rng: np.random.Generator) -> list[Part]:
+    """A top on two trestles that a beam ties: A-shaped, crossed or T-shaped."""
     height, length = uniform(rng, (0.70, 0.78)), uniform(rng, (1.2, 2.3))
     width = uniform(rng, (0.65, 0.95))
     thickness = uniform(rng, (0.025, 0.06))
@@ -236,7 +226,8 @@ def _trestle(rng: np.random.Generator) -> list[Part]:
     return parts
 
 
-def _frame(rng: np.random.Generator) -> list[Part]:
+def metal_frame(rng: np.random.Generator) -> list[Part]:
+    """A top on a frame of thin metal bars: loops, hairpins or the edges of a box."""
     dining = chance(rng, 0.45)
     height = uniform(rng, (0.70, 0.76) if dining else (0.34, 0.50))
     length = uniform(rng, (1.1, 1.9) if dining else (0.7, 1.3))
@@ -282,21 +273,3 @@ def _frame(rng: np.random.Generator) -> list[Part]:
     parts += [beam((-at, y, k), (at, y, k), bar, bar, frame) for k in (-0.8 * z, 0.8 * z)]
     parts += [beam((i, y, -z), (i, y, z), bar, bar, frame) for i in (-at, at)]
     return parts
-
-
-_DRAW: dict[str, Callable[[np.random.Generator], list[Part]]] = {
-    "four-leg": _four_leg,
-    "pedestal": _pedestal,
-    "desk": draw_desk,
-    "panel": draw_panel_table,
-    "frame": _frame,
-    "trestle": _trestle,
-}
-
-
-def _draw(rng: np.random.Generator) -> Drawn:
-    family = pick(rng, FAMILY_WEIGHTS)
-    return Drawn(family, tuple(_DRAW[family](rng)))
-
-
-CLASS = ShapeClass("table", FAMILIES, _draw)

@@ -9,39 +9,9 @@ import numpy as np
 import pytest
 
 from data_prep.scene import Mesh
-from data_prep.shapes import (
-    airplanes,
-    lamps,
-    loudspeakers,
-    rifles,
-    sitting_benches,
-    sofas,
-    telephones,
-    vessels,
-)
-from data_prep.shapes.cabinet import cabinets
-from data_prep.shapes.car import cars
 from data_prep.shapes.catalogue import CLASSES
-from data_prep.shapes.chair import spec as chair_spec
-from data_prep.shapes.display import displays
-from data_prep.shapes.table import tables
 from tests.data_prep.shapes.sections import second_moment, surface_area
 
-WEIGHTS = {
-    "airplane": airplanes.FAMILY_WEIGHTS,
-    "bench": sitting_benches.FAMILY_WEIGHTS,
-    "cabinet": cabinets.FAMILY_WEIGHTS,
-    "car": cars.FAMILY_WEIGHTS,
-    "chair": chair_spec.FAMILY_WEIGHTS,
-    "display": displays.FAMILY_WEIGHTS,
-    "lamp": lamps.FAMILY_WEIGHTS,
-    "loudspeaker": loudspeakers.FAMILY_WEIGHTS,
-    "rifle": rifles.FAMILY_WEIGHTS,
-    "sofa": sofas.FAMILY_WEIGHTS,
-    "table": tables.FAMILY_WEIGHTS,
-    "telephone": telephones.FAMILY_WEIGHTS,
-    "vessel": vessels.FAMILY_WEIGHTS,
-}
 # In the order in which a stream's first number chooses among them.
 SHARES = {
     "airplane": {
@@ -311,7 +281,6 @@ def name(request: pytest.FixtureRequest) -> str:
 
 def test_shares_are_those_of_the_table(name: str) -> None:
     shares = SHARES[name]
-    assert list(WEIGHTS[name].items()) == list(shares.items())
     assert CLASSES[name].families == tuple(shares)
     # Written with two decimals: exact in hundredths.
     assert sum(round(100 * share) for share in shares.values()) == 100

@@ -16,8 +16,8 @@ from data_prep.shapes.catalogue import CLASSES
 OBJECTS = 32  # of each split: these have every family of every class
 # The last bits of sine, cosine and matrix products depend on the processor, so meshes are not
 # equal to the byte on all machines. Families, faces and colours are hashed as they are,
-# coordinates as multiples of GRID: these are equal without vector instructions, too, where a third of
-# all meshes differs in some last bit. That one of the 800,000 coordinates, off by up to 1e-15,
+# coordinates as multiples of GRID: these are equal without vector instructions, too, where a third
+# of all meshes differs in some last bit. That one of the 800,000 coordinates, off by up to 1e-15,
 # changes its multiple has a probability of 8e5 * 2e-15 / 1e-6 = 0.0016.
 GRID = 1e-6
 PINNED = {

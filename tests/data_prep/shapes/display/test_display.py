@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.display.displays import CLASS
+from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.display.parts import Head, Look, column, curved_head, flat_head, foot
 from data_prep.shapes.solids import Part
 from tests.data_prep.shapes.samples import Families, by_family
@@ -27,7 +27,7 @@ HEAD = Head(
 
 @pytest.fixture(scope="module")
 def displays() -> Families:
-    return by_family(CLASS, seed=31, count=500)
+    return by_family(CLASSES["display"], seed=31, count=500)
 
 
 def of(parts: list[Part], color: tuple[int, int, int]) -> np.ndarray:

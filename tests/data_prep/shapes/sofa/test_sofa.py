@@ -5,15 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
+from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.sofa.spec import draw_sofa_spec
-from data_prep.shapes.sofas import CLASS
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import box_of, cut, holds, surface_area, vertices_of
 
 
 @pytest.fixture(scope="module")
 def sofas() -> Families:
-    return by_family(CLASS, seed=2024, count=800)
+    return by_family(CLASSES["sofa"], seed=2024, count=800)
 
 
 def test_seats_are_as_frequent_as_stated() -> None:

@@ -6,7 +6,6 @@ import itertools
 import numpy as np
 import pytest
 
-from data_prep.shapes.cabinet.cabinets import CLASS
 from data_prep.shapes.cabinet.parts import (
     Field,
     Finish,
@@ -17,6 +16,7 @@ from data_prep.shapes.cabinet.parts import (
     glass_doors,
     rack,
 )
+from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.shape_class import Drawn
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import box_of, cut, extents, holds, volume
@@ -30,7 +30,7 @@ FIELD = Field(-0.5, 0.7, 0.1, 0.9, -0.25)
 
 @pytest.fixture(scope="module")
 def cabinets() -> Families:
-    return by_family(CLASS, seed=31, count=500)
+    return by_family(CLASSES["cabinet"], seed=31, count=500)
 
 
 def test_split_runs_by_columns_and_upwards() -> None:

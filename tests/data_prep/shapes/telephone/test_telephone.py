@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.telephone.parts import (
     CUP_PLACE,
     dial,
@@ -16,7 +17,6 @@ from data_prep.shapes.telephone.parts import (
     plate,
     wedge,
 )
-from data_prep.shapes.telephones import CLASS
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import extents, vertices_of, volume
 
@@ -27,7 +27,7 @@ EXACT = 1e-11
 
 @pytest.fixture(scope="module")
 def telephones() -> Families:
-    return by_family(CLASS, seed=31, count=600)
+    return by_family(CLASSES["telephone"], seed=31, count=600)
 
 
 def test_a_plate_stands_upright() -> None:

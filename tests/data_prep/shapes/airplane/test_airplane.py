@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.airplane.parts import Wing
-from data_prep.shapes.airplanes import BUILDERS, CLASS
+from data_prep.shapes.catalogue import AIRPLANE
 from data_prep.shapes.shape_class import Drawn
 from tests.data_prep.shapes.samples import Families
 from tests.data_prep.shapes.sections import box_of, cut, extents, filled, vertices_of
@@ -17,11 +17,10 @@ EXACT = 1e-12  # see test_solids
 def fleet() -> Families:
     """20 airplanes of each family."""
     rng = np.random.default_rng(17)
-    return {f: [Drawn(f, tuple(BUILDERS[f](rng))) for _ in range(20)] for f in BUILDERS}
-
-
-def test_every_family_has_a_builder() -> None:
-    assert tuple(BUILDERS) == CLASS.families
+    return {
+        family: [Drawn(family, tuple(build(rng))) for _ in range(20)]
+        for family, (_, build) in AIRPLANE.items()
+    }
 
 
 def test_a_wing_has_its_chords_where_it_says() -> None:

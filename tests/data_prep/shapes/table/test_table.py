@@ -5,16 +5,16 @@ import itertools
 import numpy as np
 import pytest
 
+from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.shape_class import Drawn
 from data_prep.shapes.solids import Part
-from data_prep.shapes.table.tables import CLASS
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.sections import box_of, cut, holds
 
 
 @pytest.fixture(scope="module")
 def tables() -> Families:
-    return by_family(CLASS, seed=2024, count=1000)
+    return by_family(CLASSES["table"], seed=2024, count=1000)
 
 
 def halfway(table: Drawn) -> np.ndarray:
