@@ -6,20 +6,10 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.airplane.parts import (
-    DARK,
-    GLASS,
-    GREY,
-    LIVERY,
-    WHITE,
-    Wing,
-    turbofan,
-    upright_fin,
-    winglets_on,
-)
+from data_prep.shapes.airplane.parts import Wing, turbofan, upright_fin, winglets_on
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import blade, pair, spindle
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import AIRPLANE, shade, shades
 from data_prep.shapes.solids import Color, Part, Vectors, box
 
 
@@ -55,8 +45,9 @@ def _windows(r: float, taper: float, glass: Color) -> list[Part]:
 
 def airliner(rng: np.random.Generator) -> list[Part]:
     """Two or four engines under a low, swept wing."""
-    body, wings, accent = shade(rng, WHITE), shade(rng, GREY), shade(rng, LIVERY)
-    glass, dark = shade(rng, GLASS), shade(rng, DARK)
+    body, wings, accent, glass, dark = shades(
+        rng, AIRPLANE, "white", "grey", "livery", "glass", "dark"
+    )
     four = chance(rng, 0.28)
     r = uniform(rng, (0.046, 0.066))
     taper = uniform(rng, (0.10, 0.20))
@@ -112,9 +103,9 @@ def airliner(rng: np.random.Generator) -> list[Part]:
 
 def rear_engine_jet(rng: np.random.Generator) -> list[Part]:
     """Engines on both sides of the tail (sometimes one more in the fin), a T-tail."""
-    body, accent = shade(rng, WHITE), shade(rng, LIVERY)
-    wings = body if chance(rng, 0.5) else shade(rng, GREY)
-    glass, dark = shade(rng, GLASS), shade(rng, DARK)
+    body, accent = shades(rng, AIRPLANE, "white", "livery")
+    wings = body if chance(rng, 0.5) else shade(rng, AIRPLANE["grey"])
+    glass, dark = shades(rng, AIRPLANE, "glass", "dark")
     r = uniform(rng, (0.044, 0.070))
     taper = uniform(rng, (0.14, 0.22))
     wing = Wing(
@@ -166,8 +157,7 @@ def rear_engine_jet(rng: np.random.Generator) -> list[Part]:
 
 def supersonic(rng: np.random.Generator) -> list[Part]:
     """A needle of a body on an ogee wing, without a tailplane."""
-    body, accent = shade(rng, WHITE), shade(rng, LIVERY)
-    glass, dark = shade(rng, GLASS), shade(rng, DARK)
+    body, accent, glass, dark = shades(rng, AIRPLANE, "white", "livery", "glass", "dark")
     r = uniform(rng, (0.026, 0.036))
     fuselage = spindle(
         [

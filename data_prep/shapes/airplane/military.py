@@ -4,26 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.shapes.airplane.parts import DARK, GLASS, WHITE, Wing, upright_fin
+from data_prep.shapes.airplane.parts import Wing, upright_fin
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import blade, mirrored, pair, spindle
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import AIRPLANE, shade, shades
 from data_prep.shapes.solids import Color, Part, box, rectangle, sweep
-
-MILITARY: tuple[Color, ...] = (
-    (128, 134, 140),
-    (104, 110, 116),
-    (150, 156, 160),
-    (96, 102, 74),
-    (172, 150, 112),
-    (78, 88, 98),
-)
-STEALTH: tuple[Color, ...] = ((58, 61, 66), (76, 80, 86), (44, 46, 52))
 
 
 def fighter(rng: np.random.Generator) -> list[Part]:
     """A pointed body between intakes: trapezoid, delta or swept wing, one fin or two."""
-    body, glass, dark = shade(rng, MILITARY), shade(rng, GLASS), shade(rng, DARK)
+    body, glass, dark = shades(rng, AIRPLANE, "military", "glass", "dark")
     wings = body if chance(rng, 0.7) else shade(rng, (body,))
     shape = pick(rng, {"trapezoid": 0.45, "delta": 0.3, "swept": 0.25})
     twin = chance(rng, 0.5 if shape == "trapezoid" else 0.2)
@@ -108,7 +98,7 @@ def fighter(rng: np.random.Generator) -> list[Part]:
 def _missiles(rng: np.random.Generator, wing: Wing, pylons: Color) -> list[Part]:
     """Missiles on the tips of the wing, or hung from it."""
     parts = []
-    store = shade(rng, WHITE) if chance(rng, 0.5) else shade(rng, DARK)
+    store = shade(rng, AIRPLANE["white"]) if chance(rng, 0.5) else shade(rng, AIRPLANE["dark"])
     places = [1.0] if chance(rng, 0.4) else [0.5, 0.75][: 1 + int(rng.integers(2))]
     for place in places:
         x, y, z = wing.at(place * wing.half_span, 0.5)
@@ -123,7 +113,7 @@ def _missiles(rng: np.random.Generator, wing: Wing, pylons: Color) -> list[Part]
 
 def flying_wing(rng: np.random.Generator) -> list[Part]:
     """A swept wing and nothing else, but for humps over its engines."""
-    body, glass, dark = shade(rng, STEALTH), shade(rng, GLASS), shade(rng, DARK)
+    body, glass, dark = shades(rng, AIRPLANE, "stealth", "glass", "dark")
     half_span, sweep_back = uniform(rng, (0.75, 1.0)), uniform(rng, (0.55, 0.75))
     root, tip = uniform(rng, (0.42, 0.52)), uniform(rng, (0.08, 0.12))
     notch = uniform(rng, (0.18, 0.30)) * half_span

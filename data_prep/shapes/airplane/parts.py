@@ -13,20 +13,6 @@ import numpy as np
 from data_prep.shapes.hulls import blade, disc, pair, spindle
 from data_prep.shapes.solids import Color, Part, rectangle, sweep, tube
 
-WHITE: tuple[Color, ...] = ((224, 225, 228), (214, 216, 220), (222, 220, 212))
-GREY: tuple[Color, ...] = ((176, 180, 186), (150, 155, 162), (196, 199, 203))
-LIVERY: tuple[Color, ...] = (
-    (30, 62, 128),
-    (182, 36, 42),
-    (24, 110, 160),
-    (226, 120, 36),
-    (34, 116, 78),
-    (224, 184, 60),
-    (60, 64, 74),
-)
-GLASS: tuple[Color, ...] = ((34, 42, 54), (44, 50, 58))
-DARK: tuple[Color, ...] = ((36, 36, 39), (52, 54, 58))
-
 
 @dataclass(frozen=True)
 class Wing:

@@ -6,33 +6,20 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.airplane.parts import (
-    DARK,
-    GLASS,
-    GREY,
-    LIVERY,
-    WHITE,
-    Wing,
-    propeller_parts,
-    undercarriage,
-    upright_fin,
-)
+from data_prep.shapes.airplane.parts import Wing, propeller_parts, undercarriage, upright_fin
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import pair, spindle
-from data_prep.shapes.materials import shade
-from data_prep.shapes.solids import Color, Part, box, rectangle, slab, tube
-
-WARBIRD: tuple[Color, ...] = ((92, 98, 68), (176, 180, 184), (70, 84, 104), (196, 168, 60))
-STUNT: tuple[Color, ...] = ((190, 40, 36), (222, 178, 50), (96, 104, 70), (50, 84, 140))
+from data_prep.shapes.palettes import AIRPLANE, shade, shades
+from data_prep.shapes.solids import Part, box, rectangle, slab, tube
 
 
 def propeller_plane(rng: np.random.Generator) -> list[Part]:
     """A straight wing, high or low, with one propeller in the nose or one on each side."""
     warbird = chance(rng, 0.35)
-    body = shade(rng, WARBIRD if warbird else WHITE)
-    accent = shade(rng, LIVERY)
-    wings = body if chance(rng, 0.7) else shade(rng, GREY)
-    glass, dark = shade(rng, GLASS), shade(rng, DARK)
+    body = shade(rng, AIRPLANE["warbird"] if warbird else AIRPLANE["white"])
+    accent = shade(rng, AIRPLANE["livery"])
+    wings = body if chance(rng, 0.7) else shade(rng, AIRPLANE["grey"])
+    glass, dark = shades(rng, AIRPLANE, "glass", "dark")
     high, twin = not warbird and chance(rng, 0.6), chance(rng, 0.3)
     w, h = uniform(rng, (0.060, 0.080)), uniform(rng, (0.070, 0.095))
     wide = uniform(rng, (0.55, 0.66)) if twin else uniform(rng, (0.52, 0.70))
@@ -108,8 +95,8 @@ def propeller_plane(rng: np.random.Generator) -> list[Part]:
 
 def biplane(rng: np.random.Generator) -> list[Part]:
     """Two wings joined by struts, an open cockpit, wheels."""
-    body, dark = shade(rng, STUNT), shade(rng, DARK)
-    wings = shade(rng, STUNT) if chance(rng, 0.5) else body
+    body, dark = shades(rng, AIRPLANE, "stunt", "dark")
+    wings = shade(rng, AIRPLANE["stunt"]) if chance(rng, 0.5) else body
     wood = shade(rng, "wood")
     w, h = uniform(rng, (0.060, 0.075)), uniform(rng, (0.070, 0.090))
     fuselage = spindle(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from data_prep.shapes.cabinet.parts import (
-    GLASS,
-    LACQUER,
     Field,
     Stand,
     carcass,
@@ -19,7 +17,7 @@ from data_prep.shapes.cabinet.parts import (
     stand,
 )
 from data_prep.shapes.chances import chance, pick, uniform
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import CABINET, shade, shade_of
 from data_prep.shapes.solids import Color, Part, box, post, rectangle, slab, tube
 
 # Ranges of width, height, depth (metres), rows and columns of drawers.
@@ -37,12 +35,10 @@ MATERIAL_WEIGHTS = {
     "shelves": {"wood": 0.66, "lacquer": 0.34},
     "hutch": {"wood": 0.65, "lacquer": 0.35},
 }
-STEEL = ((150, 152, 150), (176, 172, 158), (96, 100, 104), (58, 60, 64))
 
 
 def _body_color(rng: np.random.Generator, family: str) -> Color:
-    material = pick(rng, MATERIAL_WEIGHTS[family])
-    return shade(rng, LACQUER if material == "lacquer" else material)
+    return shade_of(rng, MATERIAL_WEIGHTS[family])
 
 
 def _top(
@@ -62,7 +58,7 @@ def chest(rng: np.random.Generator) -> list[Part]:
     rows = int(rng.integers(row_range[0], row_range[1] + 1))
     columns = int(rng.integers(column_range[0], column_range[1] + 1))
     steel = kind == "filing"
-    body = shade(rng, STEEL) if steel else _body_color(rng, "chest")
+    body = shade(rng, CABINET["steel"]) if steel else _body_color(rng, "chest")
     finish = draw_finish(rng, body, (width, height, depth))
     kinds: dict[Stand, float] = {"plinth": 0.35, "legs": 0.35, "blocks": 0.30}
     under: Stand = "plinth" if steel else pick(rng, kinds)
@@ -143,7 +139,7 @@ def wardrobe(rng: np.random.Generator) -> list[Part]:
         below, field = field.split([1], [uniform(rng, (0.2, 0.35)), 1])
         parts += drawers(finish, below, [1.0] * int(rng.integers(1, 3)), min(count, 2))
     if chance(rng, 0.25):
-        return parts + glass_doors(finish, field, count, shade(rng, GLASS))
+        return parts + glass_doors(finish, field, count, shade(rng, CABINET["glass"]))
     return parts + doors(finish, field, count)
 
 
@@ -177,7 +173,7 @@ def _etagere(
     """Boards between four posts, without sides."""
     width, height, depth = size
     thick = uniform(rng, (0.018, 0.034))
-    metal = shade(rng, pick(rng, {"dark-metal": 0.6, "chrome": 0.25, "wood": 0.15}))
+    metal = shade_of(rng, {"dark-metal": 0.6, "chrome": 0.25, "wood": 0.15})
     section = rectangle(thick, thick)
     # A board's corners lie inside the posts.
     x, z = width / 2 - 0.2 * thick, depth / 2 - 0.2 * thick
@@ -226,7 +222,7 @@ def hutch(rng: np.random.Generator) -> list[Part]:
         )
         parts.append(carcass(centre, size, body))
         panes = Field(0.02 - narrow / 2, narrow / 2 - 0.02, waist + 0.08, height - 0.03, front)
-        parts += glass_doors(finish, panes, count, shade(rng, GLASS))
+        parts += glass_doors(finish, panes, count, shade(rng, CABINET["glass"]))
     else:
         columns = int(rng.integers(1, 3))
         back = darker(body, uniform(rng, (0.6, 0.85)))

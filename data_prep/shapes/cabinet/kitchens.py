@@ -6,20 +6,11 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.cabinet.parts import (
-    LACQUER,
-    Field,
-    Finish,
-    darker,
-    doors,
-    draw_finish,
-    drawers,
-)
+from data_prep.shapes.cabinet.parts import Field, Finish, darker, doors, draw_finish, drawers
 from data_prep.shapes.chances import chance, pick, uniform
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import CABINET, shade
 from data_prep.shapes.solids import Part, box, fillet, moved, rectangle, slab, tube, turned
 
-STONE = ((58, 58, 60), (120, 116, 110), (186, 182, 174), (214, 210, 202))
 KICK = 0.10  # height of the recessed plinth
 
 
@@ -29,10 +20,10 @@ def kitchen(rng: np.random.Generator) -> list[Part]:
     units = int(rng.integers(3, 6)) if kind != "straight" else int(rng.integers(2, 5))
     unit, depth, height = (uniform(rng, r) for r in ((0.42, 0.62), (0.55, 0.64), (0.82, 0.92)))
     length = units * unit
-    body = shade(rng, LACQUER if chance(rng, 0.6) else "wood")
+    body = shade(rng, "lacquer" if chance(rng, 0.6) else "wood")
     tall = 2.05 if kind in ("wall-units", "tall") else height
     finish = draw_finish(rng, body, (length, tall, depth))
-    stone = shade(rng, STONE if chance(rng, 0.65) else "wood")
+    stone = shade(rng, CABINET["stone"] if chance(rng, 0.65) else "wood")
     side = 1.0 if chance(rng, 0.5) else -1.0
     # At the corner, fronts end where those of the wing would be in their way.
     hidden = depth + 0.07 if kind == "corner" else 0.0
@@ -51,7 +42,7 @@ def kitchen(rng: np.random.Generator) -> list[Part]:
         parts += [moved(turned(part, side * math.pi / 2), centre) for part in wing]
     elif kind == "wall-units":
         low, top, shallow = uniform(rng, (1.35, 1.50)), uniform(rng, (1.95, 2.25)), 0.34
-        colour = darker(shade(rng, STONE), 0.95)
+        colour = darker(shade(rng, CABINET["stone"]), 0.95)
         middle, high = (height - 0.05 + top - 0.04) / 2, top - 0.04 - height + 0.05
         parts.append(box((0, middle, rear - 0.035), (0.985 * length, high, 0.03), colour))
         wide = length if chance(rng, 0.6) else length - unit

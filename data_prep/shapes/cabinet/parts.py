@@ -17,24 +17,12 @@ from numpy.typing import ArrayLike
 
 from data_prep.shapes.chances import pick, uniform
 from data_prep.shapes.fronts import dial, frame, panel
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.solids import Color, Part, box, post, rectangle, slab, sweep
 
 Handle = Literal["knob", "bar", "pull", "none"]
 Leaf = Literal["flat", "framed", "raised"]
 Stand = Literal["plinth", "legs", "blocks", "sled"]
-
-LACQUER = (
-    (222, 218, 208),
-    (204, 202, 196),
-    (128, 132, 134),
-    (46, 48, 52),
-    (74, 92, 108),
-    (116, 132, 112),
-    (132, 56, 46),
-)
-BRASS = ((176, 142, 82), (150, 118, 66))
-GLASS = ((150, 178, 188), (122, 146, 158), (178, 200, 206))
 
 
 @dataclass(frozen=True)
@@ -87,14 +75,13 @@ def draw_finish(rng: np.random.Generator, body: Color, size: tuple[float, float,
     colors = {
         "same": body,
         "tone": darker(body, tone),
-        "lacquer": shade(rng, LACQUER),
+        "lacquer": shade(rng, "lacquer"),
     }
-    trim = pick(rng, {"chrome": 0.40, "dark-metal": 0.35, "brass": 0.25})
     return Finish(
         body=body,
         front=colors[front],
         seam=darker(body, 0.45),
-        trim=shade(rng, BRASS if trim == "brass" else trim),
+        trim=shade_of(rng, {"chrome": 0.40, "dark-metal": 0.35, "brass": 0.25}),
         leaf=pick(rng, {"flat": 0.45, "framed": 0.30, "raised": 0.25}),
         handle=pick(rng, {"knob": 0.40, "bar": 0.35, "pull": 0.17, "none": 0.08}),
         layer=0.011 * math.hypot(*size) / 2,

@@ -7,7 +7,8 @@ import numpy as np
 from data_prep.shapes.car.cabins import Cabin
 from data_prep.shapes.car.spec import ARCH, Car
 from data_prep.shapes.hulls import disc, pair
-from data_prep.shapes.solids import Color, Part, box, loft
+from data_prep.shapes.palettes import CAR, shade
+from data_prep.shapes.solids import Part, box, loft
 
 
 def body_shell(car: Car, top: list[tuple[float, float]]) -> Part:
@@ -67,9 +68,12 @@ def running_gear(car: Car) -> list[Part]:
     return parts
 
 
-def light_parts(car: Car, nose: float, tail: float, wide: float, red: Color) -> list[Part]:
-    """Head lights, grille and tail lights, at the heights `nose` and `tail`."""
-    depth, out = 0.2, 0.03
+def light_parts(
+    rng: np.random.Generator, car: Car, nose: float, tail: float, wide: float
+) -> list[Part]:
+    """Head lights and grille below the hood, `nose` belts high; tail lights at `tail`."""
+    red = shade(rng, CAR["taillight"])
+    depth, out, nose = 0.2, 0.03, (nose - 0.17) * car.belt
     front, rear = -car.length / 2 - out + depth / 2, car.length / 2 + out - depth / 2
     x = 0.66 * car.half
     parts = pair(box((x, nose, front), (wide, 0.12, depth), car.light))

@@ -13,13 +13,11 @@ from data_prep.shapes.car.bodies import (
     running_gear,
 )
 from data_prep.shapes.car.cabins import Cabin
-from data_prep.shapes.car.spec import TAILLIGHT, draw_car
+from data_prep.shapes.car.spec import draw_car
 from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import pair
-from data_prep.shapes.materials import shade
-from data_prep.shapes.solids import Color, Part, box, loft, post, rectangle, rim, tube
-
-LEATHER: tuple[Color, ...] = ((156, 108, 70), (196, 172, 138), (120, 34, 34), (64, 62, 62))
+from data_prep.shapes.palettes import CAR, shade
+from data_prep.shapes.solids import Part, box, loft, post, rectangle, rim, tube
 
 
 def closed(rng: np.random.Generator, family: str) -> list[Part]:
@@ -36,13 +34,7 @@ def closed(rng: np.random.Generator, family: str) -> list[Part]:
         cabin.top(car.paint),
         *cabin.pillars(car.paint, middles, rear),
         *mirror_parts(car, cabin),
-        *light_parts(
-            car,
-            (nose - 0.17) * car.belt,
-            car.belt - 0.20,
-            uniform(rng, (0.22, 0.34)),
-            shade(rng, TAILLIGHT),
-        ),
+        *light_parts(rng, car, nose, car.belt - 0.20, uniform(rng, (0.22, 0.34))),
     ]
     if family == "coupe" and chance(rng, 0.4):
         high, z = car.belt + uniform(rng, (0.10, 0.22)), car.length / 2 - 0.16
@@ -93,8 +85,7 @@ def van(rng: np.random.Generator) -> list[Part]:
     else:
         parts += cabin.pillars(car.paint, (0.28, 0.52, 0.76), 0.16)
     parts += mirror_parts(car, cabin)
-    tail = 0.9 * car.belt
-    return parts + light_parts(car, (nose - 0.17) * car.belt, tail, 0.24, shade(rng, TAILLIGHT))
+    return parts + light_parts(rng, car, nose, 0.9 * car.belt, 0.24)
 
 
 def pickup(rng: np.random.Generator) -> list[Part]:
@@ -121,7 +112,7 @@ def pickup(rng: np.random.Generator) -> list[Part]:
         *cabin.pillars(car.paint, middles, 0.14),
         *mirror_parts(car, cabin),
         rim(walls, floor - 0.12, car.belt + uniform(rng, (0.0, 0.06)), 0.10, car.paint),
-        *light_parts(car, (nose - 0.17) * car.belt, floor - 0.22, 0.28, shade(rng, TAILLIGHT)),
+        *light_parts(rng, car, nose, floor - 0.22, 0.28),
     ]
     if chance(rng, 0.25):  # a roll bar behind the cabin
         x, z, high = 0.80 * car.half, start + 0.22, car.height - 0.08
@@ -133,7 +124,7 @@ def pickup(rng: np.random.Generator) -> list[Part]:
 def convertible(rng: np.random.Generator) -> list[Part]:
     """Seats behind a windscreen, and no roof."""
     car, cabin = draw_car(rng, "convertible")
-    leather = shade(rng, LEATHER)
+    leather = shade(rng, CAR["leather"])
     nose = uniform(rng, (0.66, 0.80))
     start, end = cabin.foot[0] + 0.35, cabin.foot[1]
     parts = [
@@ -165,7 +156,4 @@ def convertible(rng: np.random.Generator) -> list[Part]:
     parts += pair(
         box((0.93 * car.half, car.belt + 0.04, foot + 0.2), (0.3 * car.half, 0.11, 0.09), car.paint)
     )
-    lights = light_parts(
-        car, (nose - 0.17) * car.belt, car.belt - 0.20, 0.26, shade(rng, TAILLIGHT)
-    )
-    return parts + lights
+    return parts + light_parts(rng, car, nose, car.belt - 0.20, 0.26)

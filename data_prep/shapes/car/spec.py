@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_prep.shapes.car.cabins import Cabin
-from data_prep.shapes.chances import pick, uniform
-from data_prep.shapes.materials import shade
+from data_prep.shapes.chances import uniform
+from data_prep.shapes.palettes import CAR, CAR_PAINTS, shade, shade_of
 from data_prep.shapes.solids import Color
 
 Range = tuple[float, float]
@@ -70,15 +70,6 @@ PROPORTIONS = {
         *(((0.44, 0.47), (0.62, 0.68)), (0.70, 0.76), (0.30, 0.35), (0.14, 0.19)),
     ),
 }
-PAINTS: dict[str, tuple[Color, ...]] = {
-    "white": ((222, 223, 222), (214, 212, 204)),
-    "silver": ((172, 176, 180), (150, 155, 160)),
-    "dark": ((46, 48, 54), (72, 77, 84), (34, 44, 70)),
-    "red": ((178, 34, 36), (138, 26, 34)),
-    "blue": ((36, 76, 152), (74, 122, 178)),
-    "green": ((38, 96, 70), (92, 116, 78)),
-    "bright": ((226, 182, 40), (224, 112, 36), (122, 180, 60), (44, 160, 186)),
-}
 PAINT_WEIGHTS = {
     "sedan": {
         "silver": 0.30,
@@ -95,11 +86,6 @@ PAINT_WEIGHTS = {
     "pickup": {"red": 0.26, "dark": 0.24, "white": 0.22, "blue": 0.14, "green": 0.14},
     "convertible": {"red": 0.35, "bright": 0.25, "silver": 0.15, "green": 0.15, "blue": 0.10},
 }
-GLASS: tuple[Color, ...] = ((40, 50, 62), (32, 40, 52), (64, 80, 96))
-TYRE: tuple[Color, ...] = ((26, 26, 28), (34, 34, 35))
-HUB: tuple[Color, ...] = ((168, 172, 176), (140, 144, 149), (92, 95, 100))
-HEADLIGHT: tuple[Color, ...] = ((226, 222, 200), (208, 214, 220))
-TAILLIGHT: tuple[Color, ...] = ((176, 30, 30),)
 # A wheel arch, as corners on the unit circle.
 ARCH = ((-1.0, 0.0), (-0.8, 0.6), (-0.4, 0.917), (0.4, 0.917), (0.8, 0.6), (1.0, 0.0))
 
@@ -159,11 +145,11 @@ def draw_car(rng: np.random.Generator, family: str) -> tuple[Car, Cabin]:
         wheel=wheel,
         arch=arch,
         axles=(front - length / 2, rear - length / 2),
-        paint=shade(rng, PAINTS[pick(rng, PAINT_WEIGHTS[family])]),
-        glass=shade(rng, GLASS),
-        tyre=shade(rng, TYRE),
-        hub=shade(rng, HUB),
-        light=shade(rng, HEADLIGHT),
+        paint=shade_of(rng, PAINT_WEIGHTS[family], CAR_PAINTS),
+        glass=shade(rng, CAR["glass"]),
+        tyre=shade(rng, CAR["tyre"]),
+        hub=shade(rng, CAR["hub"]),
+        light=shade(rng, CAR["headlight"]),
     )
     cabin = Cabin(
         foot=(car.z(cowl), car.z(tail)),

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.solids import Color
 
 Family = Literal[
@@ -243,7 +243,7 @@ def draw_chair_spec(rng: np.random.Generator) -> ChairSpec:
 
     # A disc is cast or spun: a bar stool on one is never of wood.
     metal = FRAME_WEIGHTS["pedestal"] if base == "disc" else FRAME_WEIGHTS[family]
-    frame_color = shade(rng, pick(rng, metal))
+    frame_color = shade_of(rng, metal)
     if cushion and family in CUSHION_COLOR_WEIGHTS:
         seat_material = pick(rng, CUSHION_COLOR_WEIGHTS[family])
     else:

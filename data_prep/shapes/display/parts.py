@@ -9,7 +9,7 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.fronts import frame, panel
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import DISPLAY_CASES, DISPLAY_SCREENS, shade, shade_of
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -24,20 +24,6 @@ from data_prep.shapes.solids import (
     tube,
 )
 
-CASES = {
-    "black": ((36, 36, 38), (26, 26, 28), (50, 50, 53)),
-    "silver": ((176, 178, 182), (198, 200, 202), (140, 143, 148)),
-    "white": ((222, 222, 218), (208, 206, 200)),
-    "beige": ((206, 196, 174), (190, 182, 164), (176, 170, 158)),
-    "grey": ((96, 98, 102), (122, 124, 128)),
-}
-SCREENS = {
-    "off": ((26, 28, 32), (38, 41, 47), (20, 22, 27)),
-    "glare": ((74, 88, 102), (98, 114, 128), (58, 70, 80)),
-    "lit": ((66, 118, 178), (120, 172, 200), (170, 206, 212), (88, 140, 96), (42, 74, 126)),
-    "tube": ((58, 66, 62), (74, 84, 80), (48, 52, 56), (96, 106, 104)),
-}
-
 
 @dataclass(frozen=True)
 class Look:
@@ -51,13 +37,13 @@ class Look:
 
 def draw_look(rng: np.random.Generator, cases: dict[str, float], screens: dict[str, float]) -> Look:
     """Colours by the chances of the materials; the border is the case's colour, or black."""
-    case = shade(rng, CASES[pick(rng, cases)])
-    black = shade(rng, CASES["black"])
+    case = shade_of(rng, cases, DISPLAY_CASES)
+    black = shade(rng, DISPLAY_CASES["black"])
     return Look(
         case=case,
         border=case if chance(rng, 0.6) else black,
-        screen=shade(rng, SCREENS[pick(rng, screens)]),
-        stand=case if chance(rng, 0.7) else shade(rng, CASES[pick(rng, {"black": 1, "silver": 1})]),
+        screen=shade_of(rng, screens, DISPLAY_SCREENS),
+        stand=case if chance(rng, 0.7) else shade_of(rng, {"black": 1, "silver": 1}, DISPLAY_CASES),
     )
 
 

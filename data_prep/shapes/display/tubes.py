@@ -9,7 +9,7 @@ import numpy as np
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.display.parts import Look, draw_look
 from data_prep.shapes.fronts import dial, frame, panel
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import DISPLAY_CASES, shade
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -25,7 +25,6 @@ from data_prep.shapes.solids import (
 )
 
 TUBE_LIT = {"tube": 0.60, "off": 0.15, "lit": 0.25}
-ENAMEL = ((150, 60, 44), (206, 196, 174), (60, 60, 64), (120, 150, 140))
 
 
 def tube_monitor(rng: np.random.Generator) -> list[Part]:
@@ -107,7 +106,7 @@ def old_television(rng: np.random.Generator) -> list[Part]:
     """A box, often of wood, with dials beside the screen; on legs, or with an aerial."""
     wood = chance(rng, 0.65)
     look = draw_look(rng, {"black": 0.45, "grey": 0.25, "beige": 0.30}, {"tube": 0.85, "lit": 0.15})
-    case = shade(rng, "wood" if wood else ENAMEL)
+    case = shade(rng, "wood" if wood else DISPLAY_CASES["enamel"])
     width = uniform(rng, (0.45, 0.75))
     height, depth = width * uniform(rng, (0.62, 0.80)), width * uniform(rng, (0.55, 0.80))
     kind = pick(rng, {"legs": 0.45, "blocks": 0.55})

@@ -3,39 +3,19 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from data_prep.shapes.chances import chance, pick, uniform
-from data_prep.shapes.materials import MATERIALS, shade
+from data_prep.shapes.palettes import LAMP, shade_of
 from data_prep.shapes.solids import Color, Part, lathe, loft, moved, tube, turned
-
-COLORS: dict[str, tuple[Color, ...]] = {
-    "linen": ((226, 216, 192), (214, 198, 160), (228, 224, 214), (196, 180, 148)),
-    "dyed": ((150, 44, 40), (58, 84, 70), (52, 66, 104), (190, 110, 50), (40, 38, 40)),
-    "milk-glass": ((228, 226, 216), (226, 216, 182), (220, 222, 226)),
-    "amber": ((214, 152, 66), (226, 178, 92)),
-    "brass": ((176, 141, 72), (150, 115, 58), (196, 162, 96)),
-    "ceramic": (
-        (62, 98, 132),
-        (216, 208, 190),
-        (148, 62, 48),
-        (74, 106, 84),
-        (40, 42, 46),
-        (178, 150, 110),
-    ),
-    "cast-iron": ((34, 62, 48), (46, 48, 50), (28, 28, 31), (92, 98, 100)),
-    "galvanised": ((150, 156, 160), (128, 132, 136), (176, 180, 182)),
-    **{name: MATERIALS[name] for name in ("wood", "dark-metal", "chrome", "paint", "plastic")},
-}
 
 METAL = {"dark-metal": 0.40, "chrome": 0.35, "brass": 0.25}  # of what is made of metal indoors
 
 
-def tint(rng: np.random.Generator, weights: dict[str, float]) -> Color:
-    """A colour of one of the materials of COLORS, as often as its weight says."""
-    return shade(rng, COLORS[pick(rng, weights)])
+tint = partial(shade_of, palette=LAMP)
 
 
 def ball(centre: ArrayLike, radius: float, color: Color, *, sides: int = 10) -> Part:
@@ -96,7 +76,7 @@ def open_shade(
     rings[..., 2] = section[:, :1] * np.sin(angle)
     bar_y = bar_height(y)
     reach = float(np.interp(bar_y, heights, radii)) - wall / 2
-    bar = tube([(-reach, bar_y, 0), (reach, bar_y, 0)], 0.3 * wall, COLORS["dark-metal"][1])
+    bar = tube([(-reach, bar_y, 0), (reach, bar_y, 0)], 0.3 * wall, LAMP["dark-metal"][1])
     parts = [loft(rings, color, closed=True), bar]
     # Square and triangular shades look along the axes, not across them.
     return [turned(part, math.pi / sides) for part in parts] if sides < 6 else parts
@@ -130,7 +110,7 @@ def shaded_stem(
     """Stem from `foot_y` up into a fabric shade with a bulb; the shade begins at `y_low`."""
     parts, held_y = fabric_shade(rng, radius, y_low)
     stem = 0.05 * radius + 0.002
-    bulb = ball((0, y_low + 0.5 * (held_y - y_low), 0), 5 * stem, COLORS["milk-glass"][1])
+    bulb = ball((0, y_low + 0.5 * (held_y - y_low), 0), 5 * stem, LAMP["milk-glass"][1])
     knob = [ball((0, held_y + 2.4 * stem, 0), 2.2 * stem, color)] if chance(rng, 0.5) else []
     return [*parts, rod(foot_y, held_y + 1.2 * stem, stem, color), bulb, *knob]
 

@@ -10,23 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.fronts import dial, frame, panel
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import LOUDSPEAKER, LOUDSPEAKER_CONES, shade, shade_of
 from data_prep.shapes.solids import Color, Part
 
 Place = tuple[float, float, float]
 
-CONES = {
-    "paper": ((62, 60, 60), (84, 82, 80), (48, 48, 52)),
-    "kevlar": ((206, 178, 78), (214, 170, 60)),
-    "metal": ((176, 180, 186), (150, 154, 160)),
-    "white": ((222, 220, 214),),
-    "copper": ((178, 110, 70),),
-}
 CONE_WEIGHTS = {"paper": 0.50, "metal": 0.22, "kevlar": 0.12, "white": 0.08, "copper": 0.08}
-RUBBER = ((24, 24, 26), (34, 34, 36))
-CLOTH = ((34, 34, 36), (50, 50, 54), (76, 74, 72), (60, 50, 44))
 
 
 @dataclass(frozen=True)
@@ -53,8 +44,8 @@ class Drivers:
 
 def draw_drivers(rng: np.random.Generator, cabinet: Color, woofers: int) -> Drivers:
     """Drivers for a cabinet of this colour: its baffle is black, or of the same colour."""
-    cone = shade(rng, CONES[pick(rng, CONE_WEIGHTS)])
-    ring = shade(rng, RUBBER)
+    cone = shade_of(rng, CONE_WEIGHTS, LOUDSPEAKER_CONES)
+    ring = shade(rng, LOUDSPEAKER["rubber"])
     baffle = (
         cabinet if chance(rng, 0.45) else shade(rng, ((40, 40, 42), (54, 54, 56), (30, 30, 32)))
     )
@@ -68,7 +59,7 @@ def draw_drivers(rng: np.random.Generator, cabinet: Color, woofers: int) -> Driv
         cone=cone,
         ring=shade(rng, ((150, 152, 156),)) if chance(rng, 0.22) else ring,
         cap=ring if chance(rng, 0.5) else cone,
-        cloth=shade(rng, CLOTH),
+        cloth=shade(rng, LOUDSPEAKER["cloth"]),
     )
 
 

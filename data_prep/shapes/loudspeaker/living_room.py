@@ -9,7 +9,7 @@ import numpy as np
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.fronts import panel
 from data_prep.shapes.loudspeaker.drivers import Drivers, dome, draw_drivers, port, woofer
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import LOUDSPEAKER, shade_of
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -23,8 +23,6 @@ from data_prep.shapes.solids import (
     slab,
 )
 
-BLACK = ((36, 36, 38), (48, 48, 50), (28, 28, 30), (60, 58, 58))
-GLOSS = ((220, 218, 214), (176, 178, 180), (120, 122, 126), (120, 36, 34), (52, 70, 104))
 CABINET_WEIGHTS = {
     "bookshelf": {"wood": 0.48, "black": 0.37, "gloss": 0.15},
     "tower": {"wood": 0.45, "black": 0.38, "gloss": 0.17},
@@ -37,8 +35,7 @@ CABINET_WEIGHTS = {
 
 def cabinet_color(rng: np.random.Generator, family: str) -> Color:
     """Veneer, black or painted, as often as in the family."""
-    material = pick(rng, CABINET_WEIGHTS[family])
-    return shade(rng, {"wood": "wood", "black": BLACK, "gloss": GLOSS}[material])
+    return shade_of(rng, CABINET_WEIGHTS[family], LOUDSPEAKER)
 
 
 def prism(plan: Vectors, size: tuple[float, float, float], low: float, color: Color) -> Part:
@@ -161,7 +158,7 @@ def stand(rng: np.random.Generator) -> list[Part]:
     low = uniform(rng, (0.50, 0.80))
     color = cabinet_color(rng, "stand")
     drivers = draw_drivers(rng, color, 1)
-    metal = shade(rng, pick(rng, {"dark-metal": 0.75, "chrome": 0.25}))
+    metal = shade_of(rng, {"dark-metal": 0.75, "chrome": 0.25})
     parts = [prism(plan_of(pick(rng, {"box": 0.75, "lute": 0.25})), size, low, color)]
     parts += baffle(drivers, size, low, grille=chance(rng, 0.1))
     shelf = (0.94 * width, 0.02, 0.86 * size[2])

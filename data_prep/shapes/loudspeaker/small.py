@@ -9,8 +9,8 @@ import numpy as np
 from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.fronts import frame, panel
 from data_prep.shapes.loudspeaker.drivers import Drivers, dome, draw_drivers, woofer
-from data_prep.shapes.loudspeaker.living_room import BLACK, GLOSS, cabinet_color
-from data_prep.shapes.materials import shade
+from data_prep.shapes.loudspeaker.living_room import cabinet_color
+from data_prep.shapes.palettes import LOUDSPEAKER, shade
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -22,15 +22,6 @@ from data_prep.shapes.solids import (
     rectangle,
     rounded,
     slab,
-)
-
-FABRIC = (
-    (64, 66, 70),
-    (112, 114, 116),
-    (44, 44, 48),
-    (168, 166, 160),
-    (86, 98, 112),
-    (146, 62, 54),
 )
 
 
@@ -101,8 +92,8 @@ def cylinder(rng: np.random.Generator) -> list[Part]:
     """A wireless speaker that plays all round: a drum in cloth between a foot and a cap."""
     radius = uniform(rng, (0.045, 0.085))
     height = radius * uniform(rng, (0.9, 5.0))
-    cloth = shade(rng, FABRIC if chance(rng, 0.8) else BLACK)
-    trim = shade(rng, BLACK if chance(rng, 0.6) else GLOSS)
+    cloth = shade(rng, LOUDSPEAKER["fabric"] if chance(rng, 0.8) else LOUDSPEAKER["black"])
+    trim = shade(rng, LOUDSPEAKER["black"] if chance(rng, 0.6) else LOUDSPEAKER["gloss"])
     waist = uniform(rng, (0.86, 1.12))
     turn = np.linspace(0, 1, 7)
     radii = radius * (1 + (waist - 1) * np.sin(math.pi * turn))

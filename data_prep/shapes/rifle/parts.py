@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.chances import pick
-from data_prep.shapes.materials import MATERIALS, shade
+from data_prep.shapes.palettes import RIFLE, shade_of
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -31,19 +31,8 @@ from data_prep.shapes.solids import (
 SECTION = rounded(rectangle(1.0, 1.0), 0.2, steps=1)  # a square without its corners
 KNOB = rounded(rectangle(0.018, 0.018), 0.005, steps=1)
 
-COLORS: dict[str, tuple[Color, ...]] = {
-    "polymer": ((34, 34, 36), (52, 52, 54), (44, 46, 48)),
-    "olive": ((78, 84, 56), (96, 98, 70), (64, 74, 54)),
-    "tan": ((176, 150, 108), (150, 128, 94)),
-    "gunmetal": (*MATERIALS["dark-metal"], (74, 76, 80), (92, 95, 99)),
-    "steel": ((146, 150, 154), (122, 126, 130)),
-    "walnut": ((108, 66, 38), (134, 84, 46), (84, 52, 34), (156, 104, 58)),
-}
 
-
-def tint(rng: np.random.Generator, weights: dict[str, float]) -> Color:
-    """A colour of one of the materials of COLORS, as often as its weight says."""
-    return shade(rng, COLORS[pick(rng, weights)])
+tint = partial(shade_of, palette=RIFLE)
 
 
 def stock(stations: ArrayLike, color: Color) -> Part:

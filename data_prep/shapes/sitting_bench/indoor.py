@@ -9,7 +9,7 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import beam, cushion, run
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -28,7 +28,7 @@ def settle(rng: np.random.Generator) -> list[Part]:
     """A wide wooden chair: four or six legs, a back of bars or boards."""
     length, depth = uniform(rng, (0.85, 1.7)), uniform(rng, (0.38, 0.50))
     height = uniform(rng, (0.40, 0.48))
-    frame = shade(rng, pick(rng, {"wood": 0.78, "paint": 0.22}))
+    frame = shade_of(rng, {"wood": 0.78, "paint": 0.22})
     thick = uniform(rng, (0.025, 0.05))
     bar = uniform(rng, (0.035, 0.060))
     top = height + uniform(rng, (0.35, 0.60))
@@ -100,7 +100,7 @@ def pew(rng: np.random.Generator) -> list[Part]:
     """Two ends of board, and between them a seat and a closed back; maybe closed below, too."""
     length, depth = uniform(rng, (0.9, 2.3)), uniform(rng, (0.40, 0.54))
     height, top = uniform(rng, (0.41, 0.47)), uniform(rng, (0.82, 1.05))
-    wood = shade(rng, pick(rng, {"wood": 0.85, "paint": 0.15}))
+    wood = shade_of(rng, {"wood": 0.85, "paint": 0.15})
     ends = wood if chance(rng, 0.7) else shade(rng, "wood")
     thick, rake = uniform(rng, (0.03, 0.06)), uniform(rng, (0.02, 0.16))
     front, rear = -depth / 2, depth / 2
@@ -137,7 +137,7 @@ def row(rng: np.random.Generator) -> list[Part]:
     pitch = uniform(rng, (0.50, 0.60))
     height, depth = uniform(rng, (0.41, 0.46)), uniform(rng, (0.42, 0.50))
     width = pitch - uniform(rng, (0.02, 0.07))
-    frame = shade(rng, pick(rng, {"chrome": 0.55, "dark-metal": 0.45}))
+    frame = shade_of(rng, {"chrome": 0.55, "dark-metal": 0.45})
     material = pick(rng, {"plastic": 0.45, "office-fabric": 0.25, "chrome": 0.15, "leather": 0.15})
     color = shade(rng, material)
     thick = 0.03 if material in ("plastic", "chrome") else uniform(rng, (0.05, 0.08))

@@ -9,7 +9,7 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import beam, cushion, legs, run
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import BENCH, shade, shade_of
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -23,14 +23,12 @@ from data_prep.shapes.solids import (
     slab,
 )
 
-STONE = ((206, 202, 194), (164, 160, 152), (122, 120, 116))
-
 
 def park(rng: np.random.Generator) -> list[Part]:
     """Slats of wood on ends of iron, wood or stone."""
     length, depth = uniform(rng, (1.2, 2.1)), uniform(rng, (0.40, 0.52))
     height = uniform(rng, (0.40, 0.47))
-    frame = shade(rng, pick(rng, {"dark-metal": 0.62, "paint": 0.16, "wood": 0.22}))
+    frame = shade_of(rng, {"dark-metal": 0.62, "paint": 0.16, "wood": 0.22})
     wood = shade(rng, "wood" if chance(rng, 0.85) else "paint")
     rake = math.radians(uniform(rng, (8, 20)))
     back = uniform(rng, (0.32, 0.48))
@@ -49,7 +47,7 @@ def park(rng: np.random.Generator) -> list[Part]:
         for part in _upright_slats(stations, (0.12, back), thick, count, wood)
     ]
     blocks = chance(rng, 0.18)  # what stands on the ground is of stone
-    stone = shade(rng, STONE)
+    stone = shade(rng, BENCH["stone"])
     arms = chance(rng, 0.1 if blocks else 0.65)
     arm_y = height + uniform(rng, (0.18, 0.24))
     front, rear = -depth / 2, depth / 2
@@ -89,7 +87,7 @@ def plank(rng: np.random.Generator) -> list[Part]:
     if kind == "arc":
         return _arc(rng, height)
     if kind == "padded":
-        frame = shade(rng, pick(rng, {"wood": 0.5, "dark-metal": 0.3, "chrome": 0.2}))
+        frame = shade_of(rng, {"wood": 0.5, "dark-metal": 0.3, "chrome": 0.2})
         color = shade(rng, "leather" if chance(rng, 0.4) else "upholstery")
         thick = uniform(rng, (0.09, 0.16))
         size = (length, thick, depth)
@@ -100,8 +98,12 @@ def plank(rng: np.random.Generator) -> list[Part]:
         x, z = length / 2 - 0.1, depth / 2 - 0.07
         return parts + legs(x, z, under, 0.7 * section, section, frame, out=out)
     thick = uniform(rng, (0.03, 0.06)) if kind != "stone" else uniform(rng, (0.07, 0.13))
-    seat = shade(rng, STONE if kind == "stone" else "wood")
-    carrier = seat if chance(rng, 0.5) else shade(rng, STONE if chance(rng, 0.6) else "dark-metal")
+    seat = shade(rng, BENCH["stone"] if kind == "stone" else "wood")
+    carrier = (
+        seat
+        if chance(rng, 0.5)
+        else shade(rng, BENCH["stone"] if chance(rng, 0.6) else "dark-metal")
+    )
     inset = uniform(rng, (0.10, 0.24)) * length
     under = height - thick
     stations = (-length / 2, inset - length / 2, length / 2 - inset, length / 2)
@@ -146,7 +148,10 @@ def _arc(rng: np.random.Generator, height: float) -> list[Part]:
     """A bent bench without a back, on posts."""
     angle, half_width = uniform(rng, (0.5, 1.3)), uniform(rng, (0.7, 1.1))
     thick, depth = uniform(rng, (0.05, 0.10)), uniform(rng, (0.36, 0.44))
-    seat, frame = shade(rng, "wood" if chance(rng, 0.6) else STONE), shade(rng, "dark-metal")
+    seat, frame = (
+        shade(rng, "wood" if chance(rng, 0.6) else BENCH["stone"]),
+        shade(rng, "dark-metal"),
+    )
     parts = [curved_panel(half_width, angle, depth, height - thick, height, seat, steps=16)]
     radius = half_width / math.sin(min(angle, math.pi / 2))
     section = polygon(8, 0.035)
@@ -160,7 +165,7 @@ def _arc(rng: np.random.Generator, height: float) -> list[Part]:
 def picnic(rng: np.random.Generator) -> list[Part]:
     """A table with a bench on either side, all on the same crossed or splayed legs."""
     length = uniform(rng, (1.3, 2.1))
-    wood = shade(rng, pick(rng, {"wood": 0.82, "paint": 0.18}))
+    wood = shade_of(rng, {"wood": 0.82, "paint": 0.18})
     frame = wood if chance(rng, 0.7) else shade(rng, "dark-metal")
     table_y, seat_y = uniform(rng, (0.70, 0.78)), uniform(rng, (0.42, 0.48))
     half_table, reach = uniform(rng, (0.33, 0.42)), uniform(rng, (0.62, 0.76))

@@ -9,7 +9,7 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import beam, cushion, legs, run
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import shade_of
 from data_prep.shapes.sofa.spec import (
     SofaSpec,
     back_cushions,
@@ -37,7 +37,7 @@ def open_frame(rng: np.random.Generator) -> list[Part]:
     """Cushions on a frame of wood, or within a cage of tubes."""
     spec = draw_sofa_spec(rng, "open-frame")
     metal = chance(rng, 0.4)
-    frame = shade(rng, pick(rng, {"chrome": 0.7, "dark-metal": 0.3} if metal else {"wood": 1.0}))
+    frame = shade_of(rng, {"chrome": 0.7, "dark-metal": 0.3} if metal else {"wood": 1.0})
     spec = replace(spec, feet=frame, cushions=spec.body)
     front, rear = -spec.depth / 2, spec.depth / 2
     if metal:

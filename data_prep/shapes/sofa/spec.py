@@ -12,7 +12,7 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import back_cushion, cushion, legs
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.solids import Color, Part, Vectors, polygon, rectangle, rounded
 
 SUNK = 0.012  # m, by which a cushion sinks into what it lies on
@@ -86,7 +86,7 @@ def draw_sofa_spec(rng: np.random.Generator, family: str) -> SofaSpec:
     deck = uniform(rng, (0.25, 0.32))
     thick = uniform(rng, (0.10, 0.19))
     sitting = deck + thick
-    body = shade(rng, pick(rng, COVERS[family]))
+    body = shade_of(rng, COVERS[family])
     return SofaSpec(
         seats=seats,
         seat=seat,
@@ -101,7 +101,7 @@ def draw_sofa_spec(rng: np.random.Generator, family: str) -> SofaSpec:
         rake_rad=math.radians(uniform(rng, (4, 16))),
         body=body,
         cushions=body if chance(rng, 0.72) else shade(rng, "upholstery"),
-        feet=shade(rng, pick(rng, {"wood": 0.62, "dark-metal": 0.22, "chrome": 0.16})),
+        feet=shade_of(rng, {"wood": 0.62, "dark-metal": 0.22, "chrome": 0.16}),
         pillows=shade(rng, "upholstery"),
     )
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import legs
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import shade, shade_of
 from data_prep.shapes.solids import Color, Part, box, loft, post, rectangle, rounded, slab
 
-LAMINATE = ((206, 204, 198), (150, 152, 154), (92, 94, 98), (214, 178, 130))
 PROUD = 0.014  # m, by which fronts and handles stand out of what carries them
 
 
@@ -48,9 +47,9 @@ def desk(rng: np.random.Generator) -> list[Part]:
     """A desk: one or two blocks of drawers, or panels with a screen for the knees; maybe a wing."""
     width, depth = uniform(rng, (1.05, 1.80)), uniform(rng, (0.55, 0.82))
     height = uniform(rng, (0.71, 0.78))
-    wooden = shade(rng, pick(rng, {"wood": 0.84, "paint": 0.16}))
-    body = shade(rng, LAMINATE) if chance(rng, 0.3) else wooden
-    top = body if chance(rng, 0.6) else shade(rng, "wood" if chance(rng, 0.6) else LAMINATE)
+    wooden = shade_of(rng, {"wood": 0.84, "paint": 0.16})
+    body = shade(rng, "laminate") if chance(rng, 0.3) else wooden
+    top = body if chance(rng, 0.6) else shade(rng, "wood" if chance(rng, 0.6) else "laminate")
     front = body if chance(rng, 0.6) else shade(rng, "wood" if chance(rng, 0.4) else "paint")
     handle = shade(rng, "dark-metal" if chance(rng, 0.6) else "chrome")
     board = uniform(rng, (0.022, 0.045))
@@ -130,8 +129,8 @@ def panel_table(rng: np.random.Generator) -> list[Part]:
     if kind == "sheet" and chance(rng, 0.45):  # as high as a dining table or a console
         height, length, width = 0.75, uniform(rng, (1.1, 2.0)), uniform(rng, (0.38, 0.90))
     board = uniform(rng, (0.025, 0.055))
-    body = shade(rng, pick(rng, {"wood": 0.70, "paint": 0.30}))
-    accent = body if chance(rng, 0.5) else shade(rng, "wood" if chance(rng, 0.5) else LAMINATE)
+    body = shade_of(rng, {"wood": 0.70, "paint": 0.30})
+    accent = body if chance(rng, 0.5) else shade(rng, "wood" if chance(rng, 0.5) else "laminate")
     x, z = length / 2, width / 2
     if kind == "sheet":
         lean = uniform(rng, (0.0, 0.16)) * height if chance(rng, 0.5) else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import beam, legs
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import TABLE, shade, shade_of
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -30,9 +30,6 @@ from data_prep.shapes.solids import (
     slab,
     sweep,
 )
-
-GLASS = ((172, 200, 202), (146, 176, 184), (190, 206, 204))
-STONE = ((208, 202, 192), (128, 126, 122), (66, 66, 70))
 
 
 def _top(shape: str, size: tuple[float, float], y: tuple[float, float], color: Color) -> Part:
@@ -69,13 +66,9 @@ def four_leg(rng: np.random.Generator) -> list[Part]:
         "coffee": length * uniform(rng, (0.45, 0.95)),
         "side": length * uniform(rng, (0.80, 1.00)),
     }[kind]
-    frame = shade(rng, pick(rng, {"wood": 0.80, "paint": 0.13, "dark-metal": 0.07}))
+    frame = shade_of(rng, {"wood": 0.80, "paint": 0.13, "dark-metal": 0.07})
     covering = pick(rng, {"frame": 0.66, "wood": 0.16, "glass": 0.10, "stone": 0.08})
-    top = (
-        frame
-        if covering == "frame"
-        else shade(rng, {"glass": GLASS, "stone": STONE}.get(covering, "wood"))
-    )
+    top = frame if covering == "frame" else shade(rng, TABLE[covering])
 
     thickness = uniform(rng, (0.020, 0.055))
     under, inside = height - thickness, height - thickness / 2
@@ -134,8 +127,7 @@ def pedestal(rng: np.random.Generator) -> list[Part]:
     foot_kind = pick(rng, {"disc": 0.46, "feet": 0.34, "block": 0.20})
     wooden = chance(rng, 0.25 if foot_kind == "disc" else 0.6)
     frame = shade(rng, "wood" if wooden else pick(rng, {"dark-metal": 0.6, "chrome": 0.4}))
-    covering = pick(rng, {"wood": 0.55, "glass": 0.15, "stone": 0.18, "paint": 0.12})
-    top = shade(rng, {"glass": GLASS, "stone": STONE}.get(covering, covering))
+    top = shade_of(rng, {"wood": 0.55, "glass": 0.15, "stone": 0.18, "paint": 0.12}, TABLE)
     if wooden and chance(rng, 0.7):
         top = frame
 
@@ -192,7 +184,7 @@ def trestle(rng: np.random.Generator) -> list[Part]:
     height, length = uniform(rng, (0.70, 0.78)), uniform(rng, (1.2, 2.3))
     width = uniform(rng, (0.65, 0.95))
     thickness = uniform(rng, (0.025, 0.06))
-    frame = shade(rng, pick(rng, {"wood": 0.85, "paint": 0.10, "dark-metal": 0.05}))
+    frame = shade_of(rng, {"wood": 0.85, "paint": 0.10, "dark-metal": 0.05})
     top = frame if chance(rng, 0.6) else shade(rng, "wood")
     under, inside = height - thickness, height - 0.5 * thickness
     x = length / 2 - uniform(rng, (0.10, 0.22)) * length
@@ -233,9 +225,8 @@ def metal_frame(rng: np.random.Generator) -> list[Part]:
     length = uniform(rng, (1.1, 1.9) if dining else (0.7, 1.3))
     width = length * uniform(rng, (0.45, 0.62) if dining else (0.5, 1.0))
     thickness = uniform(rng, (0.012, 0.035))
-    frame = shade(rng, pick(rng, {"chrome": 0.45, "dark-metal": 0.55}))
-    covering = pick(rng, {"glass": 0.45, "wood": 0.35, "stone": 0.20})
-    top = shade(rng, {"glass": GLASS, "stone": STONE}.get(covering, covering))
+    frame = shade_of(rng, {"chrome": 0.45, "dark-metal": 0.55})
+    top = shade_of(rng, {"glass": 0.45, "wood": 0.35, "stone": 0.20}, TABLE)
     under = height - thickness
     bar = uniform(rng, (0.018, 0.034))
     x, z = length / 2 - bar, width / 2 - bar

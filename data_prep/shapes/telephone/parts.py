@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.chances import pick
-from data_prep.shapes.materials import MATERIALS, shade
+from data_prep.shapes.palettes import TELEPHONE, shade_of
 from data_prep.shapes.solids import (
     Color,
     Part,
@@ -25,29 +25,8 @@ from data_prep.shapes.solids import (
 
 CUP_PLACE = 0.375  # of a handset's length, from its middle to its ear and mouth pieces
 
-COLORS: dict[str, tuple[Color, ...]] = {
-    "black": ((34, 34, 37), (24, 24, 27), (50, 51, 55)),
-    "silver": ((180, 184, 190), (152, 156, 162), (202, 204, 208)),
-    "white": ((224, 224, 222), (214, 212, 206)),
-    "beige": ((206, 196, 172), (186, 174, 150)),
-    "coloured": (
-        (164, 40, 48),
-        (44, 84, 150),
-        (206, 104, 148),
-        (74, 140, 104),
-        (216, 180, 60),
-        (96, 60, 120),
-    ),
-    "bakelite": ((28, 26, 26), (58, 38, 30), (146, 34, 32), (34, 62, 52), (206, 192, 162)),
-    "glass": ((26, 28, 34), (40, 46, 58), (60, 72, 92)),
-    "lit": ((112, 148, 186), (150, 176, 200), (86, 112, 156), (140, 164, 124)),
-    "wood": MATERIALS["wood"],
-}
 
-
-def tint(rng: np.random.Generator, weights: dict[str, float]) -> Color:
-    """A colour of one of the materials of COLORS, as often as its weight says."""
-    return shade(rng, COLORS[pick(rng, weights)])
+tint = partial(shade_of, palette=TELEPHONE)
 
 
 def key_color(rng: np.random.Generator, body: Color) -> Color:

@@ -6,20 +6,18 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import pair
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import VESSEL, shade, shades
 from data_prep.shapes.solids import Color, Part, box, tube
 from data_prep.shapes.vessel.lines import STATIONS, Lines
-from data_prep.shapes.vessel.parts import BLACK, GLASS, TEAK, TRIM, WHITE, decked_hull
+from data_prep.shapes.vessel.parts import decked_hull
 from data_prep.shapes.vessel.rigs import house, mast
-
-RUBBER: tuple[Color, ...] = ((196, 54, 46), (214, 108, 46), (96, 100, 106))
 
 
 def motor_yacht(rng: np.random.Generator) -> list[Part]:
     """A planing hull with one or two glazed decks; or a speedboat."""
-    side = shade(rng, WHITE) if chance(rng, 0.7) else shade(rng, TRIM)
-    bottom, deck, white = shade(rng, TRIM), shade(rng, TEAK), shade(rng, WHITE)
-    glass = shade(rng, GLASS)
+    side = shade(rng, VESSEL["white"]) if chance(rng, 0.7) else shade(rng, VESSEL["trim"])
+    bottom, deck, white = shades(rng, VESSEL, "trim", "teak", "white")
+    glass = shade(rng, VESSEL["glass"])
     speedboat = chance(rng, 0.4)
     lines = Lines(
         half_beam=uniform(rng, (0.12, 0.175)) if speedboat else uniform(rng, (0.10, 0.145)),
@@ -97,7 +95,7 @@ def _speedboat(
 ) -> list[Part]:
     """An open cockpit behind a windscreen, and an outboard engine."""
     b, y = lines.half_beam, lines.freeboard
-    seat, depth = shade(rng, TRIM), 0.8 * y
+    seat, depth = shade(rng, VESSEL["trim"]), 0.8 * y
     start = uniform(rng, (-0.10, 0.0))
     parts = [lines.open_boat(depth, 0.16 * b, side, fore=0.45)]
     parts.append(lines.between(lines.keel - 0.004, 0.0, bottom, swell=0.004))
@@ -116,7 +114,11 @@ def _speedboat(
         parts.append(box((0, y - depth + 0.08, z + 0.05), (1.2 * b, 0.09, 0.025), seat))
     z = 0.525
     engine = house(
-        (z - 0.04, z + 0.04), (0.3 * y, 1.45 * y), 0.04, shade(rng, BLACK), lean=(0.01, 0.015)
+        (z - 0.04, z + 0.04),
+        (0.3 * y, 1.45 * y),
+        0.04,
+        shade(rng, VESSEL["black"]),
+        lean=(0.01, 0.015),
     )
     parts += [
         engine,
@@ -130,8 +132,9 @@ def open_boat(rng: np.random.Generator) -> list[Part]:
     """A hull with a well and thwarts: with oars, with inflated tubes, or bare."""
     kind = pick(rng, {"oars": 0.5, "tubes": 0.25, "bare": 0.25})
     wooden = kind != "tubes" and chance(rng, 0.75)
-    hull = shade(rng, "wood" if wooden else RUBBER if kind == "tubes" else (*TRIM, *WHITE))
-    inside = shade(rng, TEAK) if wooden else shade(rng, BLACK)
+    plain = VESSEL["rubber"] if kind == "tubes" else (*VESSEL["trim"], *VESSEL["white"])
+    hull = shade(rng, "wood" if wooden else plain)
+    inside = shade(rng, VESSEL["teak"]) if wooden else shade(rng, VESSEL["black"])
     lines = Lines(
         half_beam=uniform(rng, (0.14, 0.21)),
         draft=uniform(rng, (0.05, 0.08)),

@@ -8,30 +8,11 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import pair, spindle
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import VESSEL, shade, shades
 from data_prep.shapes.solids import Color, Part, box, tube
 from data_prep.shapes.vessel.lines import Lines
-from data_prep.shapes.vessel.parts import (
-    ANTIFOULING,
-    GLASS,
-    TEAK,
-    TRIM,
-    WHITE,
-    decked_hull,
-    funnel_parts,
-)
+from data_prep.shapes.vessel.parts import decked_hull, funnel_parts
 from data_prep.shapes.vessel.rigs import house, mast
-
-SHIP_HULL: tuple[Color, ...] = ((42, 44, 50), (40, 70, 124), (130, 44, 40), (44, 88, 74))
-DECK: tuple[Color, ...] = ((120, 70, 56), (96, 110, 92), (120, 122, 122))
-CONTAINER: tuple[Color, ...] = (
-    (176, 64, 44),
-    (48, 96, 148),
-    (190, 140, 58),
-    (60, 118, 84),
-    (160, 162, 164),
-)
-FUNNEL: tuple[Color, ...] = ((196, 60, 44), (40, 78, 138), (224, 170, 60), (40, 42, 46))
 
 
 def _bridge(
@@ -53,8 +34,8 @@ def _bridge(
 
 def cargo_ship(rng: np.random.Generator) -> list[Part]:
     """A full hull with its bridge at the stern: containers, tanks or hatches with derricks."""
-    side, bottom, deck = shade(rng, SHIP_HULL), shade(rng, ANTIFOULING[:2]), shade(rng, DECK)
-    white, glass, funnel = shade(rng, WHITE), shade(rng, GLASS), shade(rng, FUNNEL)
+    side, bottom, deck = shades(rng, VESSEL, "ship-hull", "red-antifouling", "deck")
+    white, glass, funnel = shades(rng, VESSEL, "white", "glass", "funnel")
     lines = Lines(
         half_beam=uniform(rng, (0.062, 0.090)),
         draft=uniform(rng, (0.025, 0.045)),
@@ -77,8 +58,8 @@ def cargo_ship(rng: np.random.Generator) -> list[Part]:
     parts.append(mast((0, lines.deck_at(-0.44), -0.44), 0.05, 0.006, white))
     load = pick(rng, {"containers": 0.45, "tanks": 0.28, "hatches": 0.27})
     if load == "containers":
-        first = int(rng.integers(len(CONTAINER) - 1))
-        colors = [shade(rng, (color,)) for color in CONTAINER[first : first + 2]]
+        first = int(rng.integers(len(VESSEL["container"]) - 1))
+        colors = [shade(rng, (color,)) for color in VESSEL["container"][first : first + 2]]
         colors += [side] if chance(rng, 0.5) else []
         bays = int(rng.integers(5, 9))
         edges = np.linspace(-0.34, start - 0.015, bays + 1)
@@ -116,9 +97,9 @@ def cargo_ship(rng: np.random.Generator) -> list[Part]:
 
 def passenger_ship(rng: np.random.Generator) -> list[Part]:
     """Storeys of windows over nearly the whole length, lifeboats, funnels."""
-    white, glass, funnel = shade(rng, WHITE), shade(rng, GLASS), shade(rng, FUNNEL)
-    side = white if chance(rng, 0.55) else shade(rng, SHIP_HULL)
-    bottom, deck = shade(rng, (*ANTIFOULING, *TRIM)), shade(rng, TEAK)
+    white, glass, funnel = shades(rng, VESSEL, "white", "glass", "funnel")
+    side = white if chance(rng, 0.55) else shade(rng, VESSEL["ship-hull"])
+    bottom, deck = shade(rng, (*VESSEL["antifouling"], *VESSEL["trim"])), shade(rng, VESSEL["teak"])
     boat = shade(rng, ((214, 108, 46),))
     lines = Lines(
         half_beam=uniform(rng, (0.060, 0.095)),

@@ -8,13 +8,6 @@ from __future__ import annotations
 from data_prep.shapes.solids import Color, Part, polygon, post
 from data_prep.shapes.vessel.lines import Lines
 
-WHITE: tuple[Color, ...] = ((222, 223, 224), (216, 214, 206))
-ANTIFOULING: tuple[Color, ...] = ((128, 44, 38), (110, 36, 34), (44, 60, 92))
-TEAK: tuple[Color, ...] = ((182, 140, 92), (160, 116, 72))
-TRIM: tuple[Color, ...] = ((28, 56, 112), (170, 36, 36), (30, 30, 34), (36, 110, 120))
-GLASS: tuple[Color, ...] = ((34, 44, 56), (46, 56, 66))
-BLACK: tuple[Color, ...] = ((34, 35, 38), (48, 50, 54))
-
 
 def decked_hull(
     lines: Lines, side: Color, bottom: Color, deck: Color, waterline: float

@@ -6,21 +6,24 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import blade
-from data_prep.shapes.materials import shade
-from data_prep.shapes.solids import Color, Part, tube
+from data_prep.shapes.palettes import VESSEL, shade, shades
+from data_prep.shapes.solids import Part, tube
 from data_prep.shapes.vessel.lines import Lines
-from data_prep.shapes.vessel.parts import GLASS, TEAK, TRIM, WHITE, decked_hull
+from data_prep.shapes.vessel.parts import decked_hull
 from data_prep.shapes.vessel.rigs import fore_and_aft_sail, house, mast, square_sail, yard
-
-SAILCLOTH: tuple[Color, ...] = ((222, 225, 228), (226, 224, 216), (214, 202, 174))
 
 
 def sailing_yacht(rng: np.random.Generator) -> list[Part]:
     """A keel, one or two masts with fore-and-aft sails."""
-    side = shade(rng, WHITE) if chance(rng, 0.6) else shade(rng, (*TRIM, *TEAK))
-    bottom, deck = shade(rng, TRIM), shade(rng, TEAK)
-    white, glass, cloth = shade(rng, WHITE), shade(rng, GLASS), shade(rng, SAILCLOTH)
-    spar = shade(rng, "chrome") if chance(rng, 0.65) else shade(rng, TEAK)
+    side = (
+        shade(rng, VESSEL["white"])
+        if chance(rng, 0.6)
+        else shade(rng, (*VESSEL["trim"], *VESSEL["teak"]))
+    )
+    bottom, deck, white, glass, cloth = shades(
+        rng, VESSEL, "trim", "teak", "white", "glass", "sailcloth"
+    )
+    spar = shade(rng, "chrome") if chance(rng, 0.65) else shade(rng, VESSEL["teak"])
     lines = Lines(
         half_beam=uniform(rng, (0.12, 0.165)),
         draft=uniform(rng, (0.045, 0.07)),
@@ -92,8 +95,8 @@ def sailing_yacht(rng: np.random.Generator) -> list[Part]:
 def tall_ship(rng: np.random.Generator) -> list[Part]:
     """A wooden hull, two or three masts with square sails, a bowsprit."""
     wood = shade(rng, ((116, 74, 44), (92, 58, 38), (146, 98, 60), (56, 46, 42)))
-    bottom, deck = shade(rng, ((70, 48, 36), (104, 60, 42))), shade(rng, TEAK)
-    spar, cloth = shade(rng, ((108, 74, 46), (84, 60, 42))), shade(rng, SAILCLOTH)
+    bottom, deck = shade(rng, ((70, 48, 36), (104, 60, 42))), shade(rng, VESSEL["teak"])
+    spar, cloth = shade(rng, ((108, 74, 46), (84, 60, 42))), shade(rng, VESSEL["sailcloth"])
     lines = Lines(
         half_beam=uniform(rng, (0.10, 0.135)),
         draft=uniform(rng, (0.05, 0.07)),

@@ -8,18 +8,16 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import blade, spindle
-from data_prep.shapes.materials import shade
+from data_prep.shapes.palettes import VESSEL, shade, shades
 from data_prep.shapes.solids import Color, Part, box, lathe, moved, slab, tube
 from data_prep.shapes.vessel.lines import Lines
-from data_prep.shapes.vessel.parts import ANTIFOULING, BLACK, GLASS, decked_hull, funnel_parts
+from data_prep.shapes.vessel.parts import decked_hull, funnel_parts
 from data_prep.shapes.vessel.rigs import house, mast, yard
-
-NAVY_GREY: tuple[Color, ...] = ((128, 134, 140), (106, 113, 120), (152, 157, 162))
 
 
 def warship(rng: np.random.Generator) -> list[Part]:
     """A slim grey hull: stepped houses, masts, turrets; or a carrier."""
-    grey, dark, glass = shade(rng, NAVY_GREY), shade(rng, BLACK), shade(rng, GLASS)
+    grey, dark, glass = shades(rng, VESSEL, "navy-grey", "black", "glass")
     deck = shade(rng, ((96, 102, 108), (120, 84, 66)))
     lines = Lines(
         half_beam=uniform(rng, (0.046, 0.066)),
@@ -31,7 +29,7 @@ def warship(rng: np.random.Generator) -> list[Part]:
         fullness=uniform(rng, (0.18, 0.30)),
         rake=uniform(rng, (0.03, 0.07)),
     )
-    bottom = shade(rng, ANTIFOULING) if chance(rng, 0.6) else dark
+    bottom = shade(rng, VESSEL["antifouling"]) if chance(rng, 0.6) else dark
     parts = decked_hull(lines, grey, bottom, deck, -0.006)
     b, y = lines.half_beam, lines.freeboard
     if chance(rng, 0.25):
@@ -125,8 +123,8 @@ def _flight_deck(
 
 def submarine(rng: np.random.Generator) -> list[Part]:
     """A round hull with a sail, fins and a propeller; partly below the water."""
-    hull = shade(rng, (*BLACK, (74, 80, 86), (92, 104, 110)))
-    trim = shade(rng, (*ANTIFOULING, *BLACK))
+    hull = shade(rng, (*VESSEL["black"], (74, 80, 86), (92, 104, 110)))
+    trim = shade(rng, (*VESSEL["antifouling"], *VESSEL["black"]))
     r = uniform(rng, (0.048, 0.066))
     blunt = uniform(rng, (0.5, 0.75))
     body = [

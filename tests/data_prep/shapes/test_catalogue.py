@@ -9,7 +9,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES
-from data_prep.shapes.materials import LIGHTEST
+from data_prep.shapes.palettes import LIGHTEST
 from data_prep.shapes.shape_class import Drawn
 from tests.data_prep.shapes.samples import Families, by_family
 from tests.data_prep.shapes.solid_checks import afloat, radius, shared_planes, unsound

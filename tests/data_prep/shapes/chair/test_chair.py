@@ -17,7 +17,7 @@ from data_prep.shapes.chair.chairs import (
     draw_chair_spec,
 )
 from data_prep.shapes.chair.spec import BACK_WEIGHTS
-from data_prep.shapes.materials import LIGHTEST
+from data_prep.shapes.palettes import LIGHTEST
 from tests.data_prep.shapes.solid_checks import afloat, shared_planes, unsound
 
 # Of seeds 0 to 7: back, colour of the frame. The rest is pinned in test_families.
