@@ -97,7 +97,7 @@ def airliner(rng: np.random.Generator) -> list[Part]:
             (0.008, y - drop, back - front - 0.3 * length),
             wings,
         )
-        parts += [p for part in [*engine, pylon] for p in pair(part)]
+        parts += pair(*engine, pylon)
     return parts + (winglets_on(wing, uniform(rng, (0.03, 0.06)), accent) if winglets else [])
 
 
@@ -144,8 +144,7 @@ def rear_engine_jet(rng: np.random.Generator) -> list[Part]:
         *_windows(r, taper - 0.08, glass),
         box((0, y, z + 0.45 * length), (2 * x, 0.012, 0.5 * length), body),
     ]
-    for part in turbofan(x, y, z, radius, length, shell, dark):
-        parts += pair(part)
+    parts += pair(*turbofan(x, y, z, radius, length, shell, dark))
     if chance(rng, 0.2):  # a third engine at the root of the fin
         parts += turbofan(0.0, 0.95 * r + 0.6 * radius, 0.24, 0.9 * radius, 0.22, shell, dark)
     if chance(rng, 0.5):
@@ -188,7 +187,7 @@ def supersonic(rng: np.random.Generator) -> list[Part]:
     y_engine = y - 0.020
     pod = box((0.42 * half_span, y_engine, end - 0.09), (0.055, 0.036, 0.20), body)
     exhaust = box((0.42 * half_span, y_engine, end - 0.05), (0.042, 0.026, 0.16), dark)
-    parts += [p for part in (pod, exhaust) for p in pair(part)]
+    parts += pair(pod, exhaust)
     height = 0.24 * r
     strip = box((0, 0.3 * r, 0.0), (2.06 * r + 0.006, height, 0.5), glass)
     visor = [(-0.43, -0.1 * r, 0.3 * r, 0.2 * r), (-0.38, 0.5 * r, 0.6 * r, 0.52 * r)]

@@ -137,5 +137,5 @@ def undercarriage(
     for x, y, z in places:
         strut = tube([(0.2 * x, top, z), (x, y, z)], 0.007, leg, sides=6)
         wheel = disc((x, y, z), radius, 0.6 * radius, tyre, sides=12)
-        parts += [strut, wheel] if x == 0 else [p for part in (strut, wheel) for p in pair(part)]
+        parts += [strut, wheel] if x == 0 else pair(strut, wheel)
     return parts

@@ -77,8 +77,7 @@ def propeller_plane(rng: np.random.Generator) -> list[Part]:
             (rear, middle, 0.005, 0.005),
         ]
         parts += pair(spindle(pod, accent if chance(rng, 0.4) else wings, x=x, sides=10))
-        for part in propeller_parts((x, y, z - 0.13), 0.10, blades, phase, dark, spinner):
-            parts += pair(part)
+        parts += pair(*propeller_parts((x, y, z - 0.13), 0.10, blades, phase, dark, spinner))
     else:
         centre = (0.0, -0.1 * h, -0.515)
         parts += propeller_parts(centre, uniform(rng, (0.13, 0.17)), blades, phase, dark, spinner)

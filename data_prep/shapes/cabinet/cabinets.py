@@ -17,8 +17,9 @@ from data_prep.shapes.cabinet.parts import (
     stand,
 )
 from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.shapes.furniture import legs
 from data_prep.shapes.palettes import CABINET, shade, shade_of
-from data_prep.shapes.solids import Color, Part, box, post, rectangle, slab, tube
+from data_prep.shapes.solids import Color, Part, box, rectangle, slab, tube
 
 # Ranges of width, height, depth (metres), rows and columns of drawers.
 CHESTS = {
@@ -177,11 +178,7 @@ def _etagere(
     section = rectangle(thick, thick)
     # A board's corners lie inside the posts.
     x, z = width / 2 - 0.2 * thick, depth / 2 - 0.2 * thick
-    parts = [
-        post((i * x, 0, k * z), (i * x, height, k * z), section, section, metal)
-        for i in (-1, 1)
-        for k in (-1, 1)
-    ]
+    parts = legs(x, z, height, section, section, metal)
     board = uniform(rng, (0.018, 0.036))
     for y in np.linspace(uniform(rng, (0.06, 0.22)), height - board, rows + 1):
         parts.append(

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 
 from data_prep.shapes.chances import pick, uniform
 from data_prep.shapes.fronts import dial, frame, panel
+from data_prep.shapes.furniture import legs
 from data_prep.shapes.palettes import shade, shade_of
-from data_prep.shapes.solids import Color, Part, box, post, rectangle, slab, sweep
+from data_prep.shapes.solids import Color, Part, box, rectangle, slab, sweep
 
 Handle = Literal["knob", "bar", "pull", "none"]
 Leaf = Literal["flat", "framed", "raised"]
@@ -260,8 +261,4 @@ def stand(
     head = rectangle(thick, thick)
     x, z = width / 2 - 0.7 * thick, depth / 2 - 0.7 * thick
     out = min(splay * height, 0.5 * thick)
-    return [
-        post((i * (x + out), 0, k * (z + out)), (i * x, top, k * z), taper * head, head, color)
-        for i in (-1, 1)
-        for k in (-1, 1)
-    ]
+    return legs(x, z, top, taper * head, head, color, out=out)

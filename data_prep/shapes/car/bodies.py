@@ -8,7 +8,7 @@ from data_prep.shapes.car.cabins import Cabin
 from data_prep.shapes.car.spec import ARCH, Car
 from data_prep.shapes.hulls import disc, pair
 from data_prep.shapes.palettes import CAR, shade
-from data_prep.shapes.solids import Part, box, loft
+from data_prep.shapes.solids import Part, box, prism
 
 
 def body_shell(car: Car, top: list[tuple[float, float]]) -> Part:
@@ -30,11 +30,9 @@ def body_shell(car: Car, top: list[tuple[float, float]]) -> Part:
     high, floor, wide = (np.interp(z, *np.array(line).T) for line in (top, low, plan))
     right = [(0.985, 0.0, 0), (1.0, 0.4, 0), (0.975, 0.8, 0), (0.87, 1.0, 0), (0.4, 1.0, 0.02)]
     section = np.array([*right, *((-x, y, more) for x, y, more in right[::-1])])
-    rings = np.empty((len(z), len(section), 3))
-    rings[..., 0] = wide[:, None] * car.half * section[:, 0]
-    rings[..., 1] = floor[:, None] + (high - floor)[:, None] * section[:, 1] + section[:, 2]
-    rings[..., 2] = z[:, None]
-    return loft(rings, car.paint)
+    x = wide[:, None] * car.half * section[:, 0]
+    y = floor[:, None] + (high - floor)[:, None] * section[:, 1] + section[:, 2]
+    return prism(2, np.stack([x, y], axis=-1), z, car.paint)
 
 
 def hood_line(car: Car, cabin: Cabin, nose: float) -> list[tuple[float, float]]:

@@ -8,13 +8,12 @@ import numpy as np
 
 from data_prep.shapes.chair.seats import bar_section
 from data_prep.shapes.chair.spec import ChairSpec
+from data_prep.shapes.furniture import legs, trough
 from data_prep.shapes.solids import (
     Part,
     curved_panel,
-    loft,
     moved,
     polygon,
-    post,
     rectangle,
     rounded,
     slab,
@@ -29,17 +28,7 @@ def armchair_parts(spec: ChairSpec) -> list[Part]:
 def _feet(spec: ChairSpec, x: float, z: float, height: float) -> list[Part]:
     section = bar_section(spec, spec.leg_m)
     out = height * math.tan(math.radians(spec.splay_deg))
-    return [
-        post(
-            (side * (x + out), 0.0, end * (z + out)),
-            (side * x, height, end * z),
-            spec.leg_taper * section,
-            section,
-            spec.frame_color,
-        )
-        for side in (-1.0, 1.0)
-        for end in (-1.0, 1.0)
-    ]
+    return legs(x, z, height, spec.leg_taper * section, section, spec.frame_color, out=out)
 
 
 def _boxy(spec: ChairSpec) -> list[Part]:
@@ -48,20 +37,7 @@ def _boxy(spec: ChairSpec) -> list[Part]:
     low = spec.reach_m - 0.20
     deck = spec.seat_height_m - (spec.cushion_m if spec.cushion else 0.0)
     top = spec.seat_height_m + 0.85 * spec.arm_height_m
-    edge = 0.22 * arm
-    # Arms and seat are one solid of U-shaped section: separate boxes would hide a quarter of
-    # their surface in each other. Each station is a pair of points, outside and inside of the U.
-    left = [
-        ((edge - half, top), (arm - edge - half, top)),
-        ((-half, top - edge), (arm - half, top - edge)),
-        ((-half, low), (arm - half, deck)),
-    ]
-    stations = np.array([*left, *((np.array(pair) * (-1, 1)).tolist() for pair in left[::-1])])
-    rings = np.empty((len(stations), 4, 3))
-    for k, (side, end) in enumerate(((0, -0.5), (0, 0.5), (1, 0.5), (1, -0.5))):
-        rings[:, k, :2] = stations[:, side]
-        rings[:, k, 2] = end * depth
-    parts = [loft(rings, spec.back_color)]
+    parts = [trough(half, arm, (low, deck, top), 0.22 * arm, depth, spec.back_color)]
 
     thickness = 0.06 + 2.6 * spec.back_thickness_m
     inside = 2 * (half - arm)

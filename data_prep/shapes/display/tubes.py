@@ -15,11 +15,12 @@ from data_prep.shapes.solids import (
     Part,
     box,
     lathe,
-    loft,
     moved,
     post,
+    prism,
     rectangle,
     rounded,
+    sections,
     slab,
     tube,
 )
@@ -65,11 +66,9 @@ def _funnel(
     drop = -0.10 * (1 - rear) * height
     stations += [(front + face + 0.03 * depth, 0.92, drop / 4), (0.40 * depth, rear, drop)]
     stations += [(0.5 * depth, 0.9 * rear, drop)]
-    rings = np.empty((len(stations), len(outline), 3))
-    for ring, (z, scale, lower) in zip(rings, stations, strict=True):
-        ring[:, :2] = outline * scale + (0.0, y + lower)
-        ring[:, 2] = z
-    return loft(rings, color)
+    z, scale, lower = np.array(stations).T
+    centres = np.stack([np.zeros_like(lower), y + lower], axis=1)
+    return prism(2, sections(outline, centres, scale[:, None]), z, color)
 
 
 def _tube_screen(
@@ -89,12 +88,9 @@ def _tube_screen(
     glass = rounded(
         rectangle(outside[0] - 1.4 * border, outside[1] - 1.4 * border), 0.05 * width, steps=2
     )
-    rings = np.empty((4, len(glass), 3))
-    levels = ((1.0, 0.7), (1.0, -1.0), (0.80, -2.2), (0.45, -2.8))
-    for ring, (scale, forward) in zip(rings, levels, strict=True):
-        ring[:, :2] = glass * scale + (x, middle)
-        ring[:, 2] = z + forward * step
-    parts.append(loft(rings, look.screen))
+    scale, forward = np.array([(1.0, 0.7), (1.0, -1.0), (0.80, -2.2), (0.45, -2.8)]).T
+    bulge = sections(glass, [(x, middle)], scale[:, None])
+    parts.append(prism(2, bulge, z + forward * step, look.screen))
     if chin > 0.04 * height:
         size_ = (0.12 * width, 0.4 * chin, 2.4 * step)
         dark: Color = (40, 40, 42)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.palettes import LAMP, shade_of
-from data_prep.shapes.solids import Color, Part, lathe, loft, moved, tube, turned
+from data_prep.shapes.solids import Color, Part, lathe, moved, prism, tube, turned
 
 METAL = {"dark-metal": 0.40, "chrome": 0.35, "brass": 0.25}  # of what is made of metal indoors
 
@@ -70,14 +70,12 @@ def open_shade(
         [np.stack([radii, heights], 1), np.stack([radii - wall, heights], 1)[::-1]]
     )
     angle = np.arange(sides) * (2 * math.pi / sides)  # a corner on x, where the bar ends in it
-    rings = np.empty((len(section), sides, 3))
-    rings[..., 0] = section[:, :1] * np.cos(angle)
-    rings[..., 1] = section[:, 1:]
-    rings[..., 2] = section[:, :1] * np.sin(angle)
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    walls = prism(1, section[:, :1, None] * around, section[:, 1], color, closed=True)
     bar_y = bar_height(y)
     reach = float(np.interp(bar_y, heights, radii)) - wall / 2
     bar = tube([(-reach, bar_y, 0), (reach, bar_y, 0)], 0.3 * wall, LAMP["dark-metal"][1])
-    parts = [loft(rings, color, closed=True), bar]
+    parts = [walls, bar]
     # Square and triangular shades look along the axes, not across them.
     return [turned(part, math.pi / sides) for part in parts] if sides < 6 else parts
 

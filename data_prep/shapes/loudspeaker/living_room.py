@@ -8,6 +8,7 @@ import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.fronts import panel
+from data_prep.shapes.furniture import legs
 from data_prep.shapes.loudspeaker.drivers import Drivers, dome, draw_drivers, port, woofer
 from data_prep.shapes.palettes import LOUDSPEAKER, shade_of
 from data_prep.shapes.solids import (
@@ -38,8 +39,8 @@ def cabinet_color(rng: np.random.Generator, family: str) -> Color:
     return shade_of(rng, CABINET_WEIGHTS[family], LOUDSPEAKER)
 
 
-def prism(plan: Vectors, size: tuple[float, float, float], low: float, color: Color) -> Part:
-    """Upright prism of a plan [n, 2] (x, z) of unit size, with its underside at `low`."""
+def cabinet(plan: Vectors, size: tuple[float, float, float], low: float, color: Color) -> Part:
+    """Box of a plan [n, 2] (x, z) of unit size, with its underside at `low`."""
     width, height, depth = size
     bevel = 0.012 * min(size)
     return slab(plan, (0, low + height / 2, 0), (width, height, depth), color, bevel=bevel)
@@ -103,11 +104,7 @@ def baffle(
 def _feet(x: float, z: float, height: float, color: Color) -> list[Part]:
     """Four cones under a cabinet."""
     head, foot = polygon(8, 0.5 * height), polygon(8, 0.2 * height)
-    return [
-        post((i * x, 0, k * z), (i * x, 1.25 * height, k * z), foot, head, color)
-        for i in (-1, 1)
-        for k in (-1, 1)
-    ]
+    return legs(x, z, 1.25 * height, foot, head, color)
 
 
 def bookshelf(rng: np.random.Generator) -> list[Part]:
@@ -118,11 +115,11 @@ def bookshelf(rng: np.random.Generator) -> list[Part]:
     color = cabinet_color(rng, "bookshelf")
     count = pick(rng, {1: 0.8, 2: 0.2}) if size[1] > 1.5 * width else 1
     drivers = draw_drivers(rng, color, count)
-    parts = [prism(plan, size, 0.0, color)]
+    parts = [cabinet(plan, size, 0.0, color)]
     if chance(rng, 0.15):  # a subwoofer: one large driver fires forwards
         size = (1.4 * width, 1.35 * width, 1.5 * width)
         low = 0.12 * width
-        parts = [prism(rectangle(1, 1), size, low, color)]
+        parts = [cabinet(rectangle(1, 1), size, low, color)]
         step = 0.006 * math.hypot(*size)
         centre = (0.0, low + size[1] / 2, -size[2] / 2)
         parts += woofer(drivers, centre, 0.40 * size[1], step)
@@ -138,7 +135,7 @@ def tower(rng: np.random.Generator) -> list[Part]:
     color = cabinet_color(rng, "tower")
     drivers = draw_drivers(rng, color, pick(rng, {1: 0.15, 2: 0.35, 3: 0.32, 4: 0.18}))
     low = uniform(rng, (0.03, 0.07))
-    parts = [prism(plan, size, low, color)]
+    parts = [cabinet(plan, size, low, color)]
     if chance(rng, 0.55):  # a plinth wider than the cabinet
         plate = (1.18 * width, low + 0.006, 1.08 * size[2])
         parts.append(
@@ -159,7 +156,7 @@ def stand(rng: np.random.Generator) -> list[Part]:
     color = cabinet_color(rng, "stand")
     drivers = draw_drivers(rng, color, 1)
     metal = shade_of(rng, {"dark-metal": 0.75, "chrome": 0.25})
-    parts = [prism(plan_of(pick(rng, {"box": 0.75, "lute": 0.25})), size, low, color)]
+    parts = [cabinet(plan_of(pick(rng, {"box": 0.75, "lute": 0.25})), size, low, color)]
     parts += baffle(drivers, size, low, grille=chance(rng, 0.1))
     shelf = (0.94 * width, 0.02, 0.86 * size[2])
     parts.append(box((0, low - 0.004, 0), shelf, metal))

@@ -17,10 +17,11 @@ from data_prep.shapes.solids import (
     box,
     hoop,
     lathe,
-    loft,
     moved,
+    prism,
     rectangle,
     rounded,
+    sections,
     slab,
 )
 
@@ -127,14 +128,9 @@ def soundbar(rng: np.random.Generator) -> list[Part]:
     step = 0.006 * length
     corner = 0.30 * min(height, depth)
     section = rounded(rectangle(depth, height), corner, steps=3)  # in (z, y)
-    rings = np.empty((4, len(section), 3))
-    for ring, (x, inset) in zip(
-        rings, ((-0.5, 0.9), (-0.488, 1.0), (0.488, 1.0), (0.5, 0.9)), strict=True
-    ):
-        ring[:, 0] = x * length
-        ring[:, 1:] = inset * section[:, ::-1] + (height / 2 + 0.012, 0.0)
-    parts = [loft(rings, color)]
+    x, inset = np.array([(-0.5, 0.9), (-0.488, 1.0), (0.488, 1.0), (0.5, 0.9)]).T
     y, z = height / 2 + 0.012, -depth / 2
+    parts = [prism(0, sections(section, [(0.0, y)], inset[:, None]), x * length, color)]
     inner = height - 1.6 * corner
     if chance(rng, 0.45):
         size = (0.90 * length, inner, 3 * step)

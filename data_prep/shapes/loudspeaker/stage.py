@@ -9,13 +9,13 @@ import numpy as np
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.fronts import panel
 from data_prep.shapes.loudspeaker.drivers import draw_drivers, horn, woofer
-from data_prep.shapes.loudspeaker.living_room import cabinet_color, plan_of, prism
+from data_prep.shapes.loudspeaker.living_room import cabinet, cabinet_color, plan_of
 from data_prep.shapes.solids import (
     Color,
     Part,
     box,
-    loft,
     moved,
+    prism,
     tube,
 )
 
@@ -29,7 +29,7 @@ def stage(rng: np.random.Generator) -> list[Part]:
     drivers = draw_drivers(rng, color, 1)
     step = 0.006 * math.hypot(*size)
     tilt = math.radians(uniform(rng, (35.0, 55.0))) if kind == "wedge" else 0.0
-    upright = prism(plan_of("tapered"), size, 0.0, color)
+    upright = cabinet(plan_of("tapered"), size, 0.0, color)
     parts = [_wedge(size, tilt, color) if kind == "wedge" else upright]
     z, height = -size[2] / 2, size[1]
     if chance(rng, 0.3):  # a steel grille before everything
@@ -70,12 +70,8 @@ def _wedge(size: tuple[float, float, float], tilt_rad: float, color: Color) -> P
             (height * cos, height * sin),
         ]
     )
-    rings = np.empty((2, 4, 3))
-    for ring, x in zip(rings, (-width / 2, width / 2), strict=True):
-        ring[:, 0] = x
-        ring[:, 1] = lying @ (cos, sin)
-        ring[:, 2] = lying @ (-sin, cos) - depth / 2
-    return loft(rings, color)
+    outline = np.stack([lying @ (-sin, cos) - depth / 2, lying @ (cos, sin)], axis=1)
+    return prism(0, outline, (-width / 2, width / 2), color)
 
 
 def _tripod(height: float, reach: float, color: Color) -> list[Part]:

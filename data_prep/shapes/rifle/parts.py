@@ -19,11 +19,12 @@ from data_prep.shapes.solids import (
     box,
     fillet,
     lathe,
-    loft,
     moved,
     post,
+    prism,
     rectangle,
     rounded,
+    sections,
     sweep,
     tube,
 )
@@ -40,12 +41,9 @@ def stock(stations: ArrayLike, color: Color) -> Part:
 
     stations  [k, 4]: z, lower y, upper y, width
     """
-    z, low, high, width = np.asarray(stations, dtype=np.float64).T[:, :, None]
-    rings = np.empty((len(z), len(SECTION), 3))
-    rings[..., 0] = width * SECTION[:, 0]
-    rings[..., 1] = (low + high) / 2 + (high - low) * SECTION[:, 1]
-    rings[..., 2] = z
-    return loft(rings, color)
+    z, low, high, width = np.asarray(stations, dtype=np.float64).T
+    centres = np.stack([np.zeros_like(z), (low + high) / 2], axis=1)
+    return prism(2, sections(SECTION, centres, np.stack([width, high - low], axis=1)), z, color)
 
 
 def pipe(
@@ -70,13 +68,11 @@ def magazine(
     """Box magazine that hangs `drop` below head (y, z), bent forwards by `ahead` at its end."""
     y, z = head
     t = np.linspace(0.0, 1.0, 5 if ahead else 2)
-    rings = np.full((len(t), 4, 3), (0.0, y, z))
-    rings[..., ::2] += rectangle(width, depth)
+    bend = np.stack([np.zeros_like(t), ahead * (t**2)], axis=1)
     # The end of a bent one is square to its bend: its front stays higher than its rear.
     slope = 1.2 * ahead / drop * np.outer(t, rectangle(0.0, depth)[:, 1])
-    rings[..., 1] -= drop * t[:, None] + slope
-    rings[..., 2] -= ahead * (t**2)[:, None]
-    return loft(rings, color)
+    outlines = np.add(rectangle(width, depth), (0.0, z)) - bend[:, None]
+    return prism(1, outlines, y - (drop * t[:, None] + slope), color)
 
 
 def trigger(y: float, front_z: float, rear_z: float, color: Color) -> list[Part]:

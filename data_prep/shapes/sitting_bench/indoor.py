@@ -15,10 +15,10 @@ from data_prep.shapes.solids import (
     Part,
     box,
     fillet,
-    loft,
     post,
     rectangle,
     rounded,
+    sheet,
     slab,
     sweep,
 )
@@ -188,7 +188,6 @@ def _shell(
     along = np.gradient(path, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     normal = np.stack([0 * along[:, 0], along[:, 2], -along[:, 1]], axis=1)
-    rings = np.empty((len(path), 4, 3))
-    for k, (side, depth_share) in enumerate(((-0.5, 0), (0.5, 0), (0.5, 1), (-0.5, 1))):
-        rings[:, k] = path - depth_share * thick * normal + (x + side * width, 0.0, 0.0)
-    return loft(rings, color)
+    below = path - thick * normal
+    ends = (x - 0.5 * width, x + 0.5 * width)
+    return sheet(0, (path[:, :0:-1], below[:, :0:-1]), ends, color)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from data_prep.shapes.chances import chance, pick, uniform
-from data_prep.shapes.furniture import run
+from data_prep.shapes.furniture import run, trough
 from data_prep.shapes.sofa.spec import (
     SofaSpec,
     back_cushions,
@@ -20,8 +20,8 @@ from data_prep.shapes.sofa.spec import (
 from data_prep.shapes.solids import (
     Part,
     box,
-    loft,
     polygon,
+    prism,
     rounded,
 )
 
@@ -36,7 +36,7 @@ def box_arm(rng: np.random.Generator) -> list[Part]:
     between = chance(rng, 0.4)
     reach = spec.inside / 2 + 0.02 if between else spec.half - 0.006
     return [
-        _trough(spec, spec.arm_top, uniform(rng, (0.10, 0.30)) * spec.arm, slope),
+        _base(spec, spec.arm_top, uniform(rng, (0.10, 0.30)) * spec.arm, slope),
         run(back_profile(spec, top), (-reach, reach), spec.body, bevel=0.02),
         *_upholstery(rng, spec, 0.72),
         *feet(spec, spec.half - 0.07, spec.depth / 2 - 0.07),
@@ -52,7 +52,7 @@ def rolled_arm(rng: np.random.Generator) -> list[Part]:
     axis_y, axis_x = spec.arm_top - roll, spec.half - 0.45 * spec.arm + 0.15 * roll
     section = polygon(12, roll)
     front, rear = -spec.depth / 2 - 0.02, spec.depth / 2
-    parts = [_trough(spec, axis_y + 0.3 * roll, 0.1 * spec.arm, 0.0)]
+    parts = [_base(spec, axis_y + 0.3 * roll, 0.1 * spec.arm, 0.0)]
     parts += [
         run(section, (front, rear), spec.body, at=(side * axis_x, axis_y), axis=2)
         for side in (-1, 1)
@@ -64,13 +64,11 @@ def rolled_arm(rng: np.random.Generator) -> list[Part]:
         top = spec.back_top
         profile = back_profile(spec, top)
         share = (profile[:, 1] - profile[:, 1].min()) / np.ptp(profile[:, 1])
-        rings = np.empty((len(stations), len(profile), 3))
-        rings[:, :, 0] = stations[:, None]
-        rings[:, :, 2] = profile[:, 0]
         bow = np.clip(1 - (stations / axis_x) ** 2, 0.0, None) ** 0.8
         drop = (top - spec.arm_top) * (1 - bow)
-        rings[:, :, 1] = profile[:, 1] - drop[:, None] * share
-        parts.append(loft(rings, spec.body))
+        outlines = np.repeat(profile[None], len(stations), axis=0)
+        outlines[..., 1] -= drop[:, None] * share
+        parts.append(prism(0, outlines, stations, spec.body))
     else:
         top = spec.arm_top if kind == "level" else spec.back_top
         parts.append(run(back_profile(spec, top - 0.4 * roll), tuple(stations), spec.body))
@@ -142,27 +140,9 @@ def sectional(rng: np.random.Generator) -> list[Part]:
     return parts + feet(spec, wing / 2 - 0.08, long / 2 - 0.08, centre=(turn, z))
 
 
-def _trough(spec: SofaSpec, arm_top: float, edge: float, slope: float) -> Part:
-    """Base and arms as one solid of U-shaped section: boxes would hide their sides in each other.
-
-    edge   taken off the arms' upper edges
-    slope  how much lower an arm is in front than behind
-    """
-    half, arm = spec.half, spec.arm
-    left = [
-        ((edge - half, arm_top), (arm - edge - half, arm_top)),
-        ((-half, arm_top - edge), (arm - half, arm_top - edge)),
-        ((-half, spec.low), (arm - half, spec.deck)),
-    ]
-    stations = np.array([*left, *((np.array(pair) * (-1, 1)).tolist() for pair in left[::-1])])
-    rings = np.empty((len(stations), 4, 3))
-    for k, (side, end) in enumerate(((0, -0.5), (0, 0.5), (1, 0.5), (1, -0.5))):
-        rings[:, k, :2] = stations[:, side]
-        rings[:, k, 2] = end * spec.depth
-        if end < 0:
-            arms = (0, 1, -2, -1)
-            rings[arms, k, 1] -= slope
-    return loft(rings, spec.body)
+def _base(spec: SofaSpec, arm_top: float, edge: float, slope: float) -> Part:
+    heights = (spec.low, spec.deck, arm_top)
+    return trough(spec.half, spec.arm, heights, edge, spec.depth, spec.body, slope=slope)
 
 
 def _upholstery(rng: np.random.Generator, spec: SofaSpec, cushioned: float) -> list[Part]:

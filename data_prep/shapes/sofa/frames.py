@@ -22,10 +22,10 @@ from data_prep.shapes.solids import (
     Part,
     box,
     curved_panel,
-    loft,
     moved,
     polygon,
     post,
+    prism,
     rectangle,
     rounded,
     slab,
@@ -152,15 +152,11 @@ def armless(rng: np.random.Generator) -> list[Part]:
     if kind == "longue":  # a back that falls from the raised end towards the other
         stations = np.linspace(-0.1, 1.0, 8) * (half - 0.05) * side
         share = np.linspace(0.0, 1.0, 8) ** 1.5
-        rings = np.empty((8, 4, 3))
-        rings[:, :, 0] = stations[:, None]
-        z = depth / 2
-        rings[:, :, 2] = (z - 0.10, z - 0.05, z + 0.03, z - 0.01)
-        rings[:, :2, 1] = np.stack(
-            [np.full(8, top - 0.05), top + 0.03 + 0.9 * rise * share], axis=1
-        )
-        rings[:, 2:, 1] = rings[:, 1::-1, 1]
-        parts.append(loft(rings, spec.body))
+        z, low = depth / 2, np.full(8, top - 0.05)
+        high = top + 0.03 + 0.9 * rise * share
+        corners = ((z - 0.10, low), (z - 0.05, high), (z + 0.03, high), (z - 0.01, low))
+        outlines = np.stack([np.stack([np.full(8, at), y], axis=1) for at, y in corners], axis=1)
+        parts.append(prism(0, outlines, stations, spec.body))
     at, ends = (side * (near - 0.02), top + 0.07), (-0.36 * depth, 0.36 * depth)
     parts.append(run(polygon(10, 0.085), ends, spec.pillows, at=at, axis=2, bevel=0.02))
     return parts

@@ -9,7 +9,7 @@ import numpy as np
 from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import legs
 from data_prep.shapes.palettes import shade, shade_of
-from data_prep.shapes.solids import Color, Part, box, loft, post, rectangle, rounded, slab
+from data_prep.shapes.solids import Color, Part, box, post, rectangle, rounded, sheet, slab
 
 PROUD = 0.014  # m, by which fronts and handles stand out of what carries them
 
@@ -137,10 +137,7 @@ def panel_table(rng: np.random.Generator) -> list[Part]:
         outer = np.array([(-x - lean, 0), (-x, height), (x, height), (x + lean, 0)])
         inner = np.array([(-x - lean + board, 0), (-x + board, height - board)])
         inner = np.concatenate([inner, inner[::-1] * (-1, 1)])
-        rings = np.empty((4, 4, 3))
-        for k, (line, at) in enumerate(((outer, -z), (outer, z), (inner, z), (inner, -z))):
-            rings[:, k, :2], rings[:, k, 2] = line, at
-        parts = [loft(rings, body)]
+        parts = [sheet(2, (outer, inner), (-z, z), body)]
         shelf = uniform(rng, (0.25, 0.5)) * height
         reach = x + lean * (1 - shelf / height) - 0.4 * board
         size = (2 * reach, 0.8 * board, 1.9 * z)

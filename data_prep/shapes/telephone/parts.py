@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from data_prep.shapes.fronts import panel
 from data_prep.shapes.palettes import TELEPHONE, shade_of
 from data_prep.shapes.solids import (
     Color,
@@ -15,11 +16,11 @@ from data_prep.shapes.solids import (
     box,
     fillet,
     lathe,
-    loft,
     moved,
+    prism,
     rectangle,
     rounded,
-    slab,
+    sections,
     tube,
 )
 
@@ -43,11 +44,8 @@ def plate(
     bevel: float = 0.0,
 ) -> Part:
     """Upright plate of size (x, y, z) with round corners, its broad sides towards -z and +z."""
-    width, height, thickness = size
-    corner = min(corner, 0.48 * width, 0.48 * height)
-    outline = rounded(rectangle(width, height), corner) / (width, height)
-    lying = slab(outline, (0, 0, 0), (width, thickness, height), color, bevel=bevel)
-    return moved(lying, centre, tilt_rad=math.pi / 2)
+    corner = min(corner, 0.48 * size[0], 0.48 * size[1])
+    return panel(centre, size, color, corner=corner, bevel=bevel, steps=3)
 
 
 def keypad(
@@ -109,10 +107,8 @@ def handset(length: float, width: float, thick: float, color: Color) -> list[Par
         ]
     )
     section = rounded(rectangle(1.0, 1.0), 0.28, steps=1)
-    rings = np.empty((len(stations), len(section), 3))
-    rings[..., 0] = stations[:, 2:3] * section[:, 0]
-    rings[..., 1] = stations[:, :1]
-    rings[..., 2] = stations[:, 1:2] + stations[:, 3:] * section[:, 1]
+    centres = stations[:, :2] * (0.0, 1.0)
+    grip = prism(1, sections(section, centres, stations[:, 2:]), stations[:, 0], color)
     cup = lathe(
         [(0.46 * width, -0.2), (0.46 * width, 0.3 * thick), (0.38 * width, 0.62 * thick)], color
     )
@@ -120,7 +116,7 @@ def handset(length: float, width: float, thick: float, color: Color) -> list[Par
         moved(cup, (0, y, 0.1 * thick), tilt_rad=math.pi / 2)
         for y in (-CUP_PLACE * length, CUP_PLACE * length)
     ]
-    return [loft(rings, color), *cups]
+    return [grip, *cups]
 
 
 def wedge(width: float, z: tuple[float, float], heights: tuple[float, float], color: Color) -> Part:
@@ -130,13 +126,8 @@ def wedge(width: float, z: tuple[float, float], heights: tuple[float, float], co
     section = rounded(section, 0.4 * min(low, high, 3.0))
     centre, edge = section.mean(axis=0), 0.6
     smaller = centre + (section - centre) * (1 - 2 * edge / np.ptp(section, axis=0))
-    rings = np.empty((4, len(section), 3))
-    for ring, x in zip(
-        rings, (-width / 2, edge - width / 2, width / 2 - edge, width / 2), strict=True
-    ):
-        ring[:, 0] = x
-        ring[:, :0:-1] = smaller if abs(x) == width / 2 else section
-    return loft(rings, color)
+    places = (-width / 2, edge - width / 2, width / 2 - edge, width / 2)
+    return prism(0, [smaller, section, section, smaller], places, color)
 
 
 def hood(
@@ -146,14 +137,11 @@ def hood(
 
     It is upright between the first two heights and narrows to the third.
     """
-    rings = np.empty((3, 16, 3))
-    for ring, (width, front, rear), height in zip(
-        rings, (foot, foot, head), np.asarray(y), strict=True
-    ):
-        ring[:, ::2] = rounded(rectangle(width, rear - front), 1.5)
-        ring[:, 1] = height
-        ring[:, 2] += (front + rear) / 2
-    return loft(rings, color)
+    outlines = [
+        np.add(rounded(rectangle(width, rear - front), 1.5), (0.0, (front + rear) / 2))
+        for width, front, rear in (foot, foot, head)
+    ]
+    return prism(1, outlines, y, color)
 
 
 def leaned(part: Part, offset: ArrayLike) -> Part:

@@ -8,8 +8,7 @@ from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import pair
 from data_prep.shapes.palettes import VESSEL, shade, shades
 from data_prep.shapes.solids import Color, Part, box, tube
-from data_prep.shapes.vessel.lines import STATIONS, Lines
-from data_prep.shapes.vessel.parts import decked_hull
+from data_prep.shapes.vessel.lines import STATIONS, Lines, decked_hull
 from data_prep.shapes.vessel.rigs import house, mast
 
 

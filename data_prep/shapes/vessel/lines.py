@@ -1,4 +1,7 @@
-"""The lines of a ship's hull, and the solids between two of its heights."""
+"""The lines of a ship's hull, and the solids between two of its heights.
+
+Lengths are in hulls: the bow is at z = -0.5, the stern at z = 0.5, the water at y = 0.
+"""
 
 from __future__ import annotations
 
@@ -109,3 +112,16 @@ class Lines:
         inner[:, 1, 1] += np.where(open_, -depth, 0.003)
         half = np.concatenate([outer, inner], axis=1)
         return loft(np.concatenate([half, half[:, ::-1] * (-1, 1, 1)], axis=1), color)
+
+
+def decked_hull(
+    lines: Lines, side: Color, bottom: Color, deck: Color, waterline: float
+) -> list[Part]:
+    """Hull in two colours, parted at the height `waterline`, and a deck let into its top."""
+    parts = [
+        lines.between(waterline - 0.008, lines.deck, side),
+        lines.between(lines.keel, waterline, bottom, swell=0.003),
+    ]
+    inset = 0.12 * lines.half_beam
+    parts.append(lines.between(lines.deck - 0.01, lines.deck + 0.006, deck, swell=-inset, levels=2))
+    return parts

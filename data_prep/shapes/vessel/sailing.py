@@ -8,8 +8,7 @@ from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import blade
 from data_prep.shapes.palettes import VESSEL, shade, shades
 from data_prep.shapes.solids import Part, tube
-from data_prep.shapes.vessel.lines import Lines
-from data_prep.shapes.vessel.parts import decked_hull
+from data_prep.shapes.vessel.lines import Lines, decked_hull
 from data_prep.shapes.vessel.rigs import fore_and_aft_sail, house, mast, square_sail, yard
 
 

@@ -10,9 +10,8 @@ from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import blade, spindle
 from data_prep.shapes.palettes import VESSEL, shade, shades
 from data_prep.shapes.solids import Color, Part, box, lathe, moved, slab, tube
-from data_prep.shapes.vessel.lines import Lines
-from data_prep.shapes.vessel.parts import decked_hull, funnel_parts
-from data_prep.shapes.vessel.rigs import house, mast, yard
+from data_prep.shapes.vessel.lines import Lines, decked_hull
+from data_prep.shapes.vessel.rigs import funnel_parts, house, mast, yard
 
 
 def warship(rng: np.random.Generator) -> list[Part]:
