@@ -14,20 +14,8 @@ from data_prep.shapes.chair.armchairs import armchair_parts
 from data_prep.shapes.chair.backs import arm_parts, back_parts
 from data_prep.shapes.chair.bases import base_parts
 from data_prep.shapes.chair.seats import lay_out, seat_parts
-from data_prep.shapes.chair.spec import BACKS, FAMILIES, ChairSpec, draw_chair_spec
-from data_prep.shapes.shape_class import Drawn, ShapeClass
+from data_prep.shapes.chair.spec import ChairSpec, Family, draw_chair_spec, draw_spec_of
 from data_prep.shapes.solids import Part, join
-
-__all__ = [
-    "BACKS",
-    "CLASS",
-    "FAMILIES",
-    "ChairSpec",
-    "build_chair",
-    "chair",
-    "chair_parts",
-    "draw_chair_spec",
-]
 
 
 def chair(rng: np.random.Generator) -> Mesh:
@@ -53,9 +41,6 @@ def chair_parts(spec: ChairSpec) -> list[Part]:
     ]
 
 
-def _draw(rng: np.random.Generator) -> Drawn:
-    spec = draw_chair_spec(rng)
-    return Drawn(spec.family, tuple(chair_parts(spec)))
-
-
-CLASS = ShapeClass("chair", FAMILIES, _draw)
+def chair_of(rng: np.random.Generator, family: Family) -> list[Part]:
+    """The solids of a random chair of this family."""
+    return chair_parts(draw_spec_of(rng, family))

@@ -22,7 +22,6 @@ Seat = Literal["square", "rounded", "round", "trapezoid"]
 Base = Literal["legs", "star-5", "star-4", "disc"]
 Stretchers = Literal["none", "sides", "h", "box"]
 
-FAMILIES: tuple[Family, ...] = get_args(Family)
 BACKS: tuple[Back, ...] = get_args(Back)
 
 
@@ -227,8 +226,11 @@ BACK_LIKE_SEAT: dict[Back, float] = {
 
 def draw_chair_spec(rng: np.random.Generator) -> ChairSpec:
     """A chair at random: the family first, then what suits it."""
+    return draw_spec_of(rng, pick(rng, FAMILY_WEIGHTS))
 
-    family = pick(rng, FAMILY_WEIGHTS)
+
+def draw_spec_of(rng: np.random.Generator, family: Family) -> ChairSpec:
+    """A chair of this family at random."""
     back = pick(rng, BACK_WEIGHTS[family])
     seat = pick(rng, SEAT_WEIGHTS[family])
     base: Base = pick(rng, BASE_WEIGHTS[family]) if family in BASE_WEIGHTS else "legs"

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.airplane.parts import Wing
-from data_prep.shapes.catalogue import AIRPLANE
-from data_prep.shapes.shape_class import Drawn
-from tests.data_prep.shapes.samples import Families
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import box_of, cut, extents, filled, vertices_of
 
 GREY = (120, 121, 122)
@@ -16,11 +14,7 @@ EXACT = 1e-12  # see test_solids
 @pytest.fixture(scope="module")
 def fleet() -> Families:
     """20 airplanes of each family."""
-    rng = np.random.default_rng(17)
-    return {
-        family: [Drawn(family, tuple(build(rng))) for _ in range(20)]
-        for family, (_, build) in AIRPLANE.items()
-    }
+    return of_each_family("airplane", seed=17, count=20)
 
 
 def test_a_wing_has_its_chords_where_it_says() -> None:

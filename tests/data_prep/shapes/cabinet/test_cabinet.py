@@ -16,10 +16,9 @@ from data_prep.shapes.cabinet.parts import (
     glass_doors,
     rack,
 )
-from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.shape_class import Drawn
-from tests.data_prep.shapes.samples import Families, by_family
-from tests.data_prep.shapes.sections import box_of, cut, extents, holds, volume
+from tests.data_prep.shapes.samples import Families, of_each_family
+from tests.data_prep.shapes.sections import box_of, cut, extents, held, holds, volume
 from tests.data_prep.shapes.solid_checks import radius
 
 WOOD, WHITE, SEAM, BRASS = (160, 110, 70), (220, 216, 208), (72, 50, 32), (176, 142, 82)
@@ -30,7 +29,7 @@ FIELD = Field(-0.5, 0.7, 0.1, 0.9, -0.25)
 
 @pytest.fixture(scope="module")
 def cabinets() -> Families:
-    return by_family(CLASSES["cabinet"], seed=31, count=500)
+    return of_each_family("cabinet", seed=31, count=30)
 
 
 def test_split_runs_by_columns_and_upwards() -> None:
@@ -91,11 +90,11 @@ def test_rack_is_hollow_and_has_its_shelves() -> None:
     middle = FIELD.z + 0.15
     # Straight up through the left and the right bay: top, bottom and shelves between them.
     for x, shelves in ((-0.2, 2), (0.4, 1)):
-        inside = [holds(parts, (x, y, middle)) for y in np.linspace(0.1, 0.9, 1601)]
-        assert np.diff(np.array(inside, dtype=int)).clip(0).sum() + inside[0] == shelves + 2
+        inside = held(parts, [(x, y, middle) for y in np.linspace(0.1, 0.9, 1601)])
+        assert np.diff(inside.astype(int)).clip(0).sum() + inside[0] == shelves + 2
     assert not holds(parts, (-0.2, 0.25, middle))
     closed = rack(FIELD, 0.3, 0.02, [1, 1], [3, 2], WOOD, back=WHITE)
-    hit = [holds(closed, (-0.2, 0.25, z)) for z in np.linspace(FIELD.z, FIELD.z + 0.3, 301)]
+    hit = held(closed, [(-0.2, 0.25, z) for z in np.linspace(FIELD.z, FIELD.z + 0.3, 301)])
     assert not any(hit[:270])
     assert any(hit[270:])
 
@@ -139,7 +138,7 @@ def test_chests_are_full_and_shelves_are_empty(cabinets: Families) -> None:
     def share(obj: Drawn) -> float:
         low, high = box_of(obj.parts)
         points = np.random.default_rng(0).uniform(low, high, (60, 3))
-        return float(np.mean([holds(obj.parts, point) for point in points]))
+        return float(np.mean(held(obj.parts, points)))
 
     # Means of 15 objects with 60 points each: standard errors below 0.03.
     assert np.mean([share(obj) for obj in cabinets["chest"][:15]]) > 0.7

@@ -3,17 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.shapes.car.spec import PAINT_WEIGHTS, PAINTS, PROPORTIONS, draw_car
+from data_prep.shapes.car.spec import PAINT_WEIGHTS, PROPORTIONS, draw_car
 from data_prep.shapes.catalogue import CLASSES
+from data_prep.shapes.palettes import CAR_PAINTS
 from data_prep.shapes.shape_class import Drawn
 from data_prep.shapes.solids import Color
-from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import box_of, cut, extents, holds
 
 
 @pytest.fixture(scope="module")
 def cars() -> Families:
-    return by_family(CLASSES["car"], seed=23, count=400)
+    return of_each_family("car", seed=23, count=20)
 
 
 def role(color: Color) -> str:
@@ -36,7 +37,7 @@ def top_at(car: Drawn, share: float) -> float:
 def test_every_family_has_its_tables() -> None:
     assert tuple(PROPORTIONS) == tuple(PAINT_WEIGHTS) == CLASSES["car"].families
     for weights in PAINT_WEIGHTS.values():
-        assert set(weights) <= set(PAINTS)
+        assert set(weights) <= set(CAR_PAINTS)
         assert sum(weights.values()) == pytest.approx(1.0)
 
 

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.display.parts import Head, Look, column, curved_head, flat_head, foot
 from data_prep.shapes.solids import Part
-from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import box_of, cut, extents
 
 CASE, BORDER, SCREEN, STAND = (180, 182, 184), (30, 31, 32), (60, 110, 170), (90, 92, 94)
@@ -27,7 +26,7 @@ HEAD = Head(
 
 @pytest.fixture(scope="module")
 def displays() -> Families:
-    return by_family(CLASSES["display"], seed=31, count=500)
+    return of_each_family("display", seed=31, count=30)
 
 
 def of(parts: list[Part], color: tuple[int, int, int]) -> np.ndarray:

@@ -6,9 +6,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.lamp.parts import ball, bar_height, bowl, open_shade, to_a_side
-from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import extents, filled, vertices_of, volume
 
 GREY = (120, 121, 122)
@@ -18,7 +17,7 @@ EXACT = 1e-12
 
 @pytest.fixture(scope="module")
 def lamps() -> Families:
-    return by_family(CLASSES["lamp"], seed=31, count=600)
+    return of_each_family("lamp", seed=31, count=30)
 
 
 @pytest.mark.parametrize("sides", [4, 6, 16])

@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.loudspeaker.drivers import dome, draw_drivers, horn, port, woofer
 from data_prep.shapes.loudspeaker.living_room import baffle, plan_of
 from data_prep.shapes.shape_class import Drawn
-from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import box_of, cut, extents
 
 BLACK = (30, 31, 32)
@@ -20,7 +19,7 @@ DRIVERS = draw_drivers(np.random.default_rng(3), BLACK, 2)
 
 @pytest.fixture(scope="module")
 def speakers() -> Families:
-    return by_family(CLASSES["loudspeaker"], seed=31, count=500)
+    return of_each_family("loudspeaker", seed=31, count=30)
 
 
 def test_woofer_is_a_ring_around_a_cone_that_deepens() -> None:

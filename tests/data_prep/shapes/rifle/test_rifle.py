@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.rifle.parts import bipod, magazine, pipe, scope, stock
-from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import extents, volume
 
 GREY = (120, 121, 122)
@@ -17,7 +16,7 @@ EXACT = 1e-12
 
 @pytest.fixture(scope="module")
 def rifles() -> Families:
-    return by_family(CLASSES["rifle"], seed=31, count=600)
+    return of_each_family("rifle", seed=32, count=30)
 
 
 def test_a_straight_stock_is_a_prism_without_its_edges() -> None:

@@ -5,14 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from data_prep.shapes.catalogue import CLASSES
-from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import box_of, cut, holds, vertices_of
 
 
 @pytest.fixture(scope="module")
 def benches() -> Families:
-    return by_family(CLASSES["bench"], seed=2024, count=800)
+    return of_each_family("bench", seed=2024, count=30)
 
 
 def test_benches_are_longer_than_deep_and_stand_on_the_floor(benches: Families) -> None:

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.telephone.parts import (
     CUP_PLACE,
     dial,
@@ -17,7 +16,7 @@ from data_prep.shapes.telephone.parts import (
     plate,
     wedge,
 )
-from tests.data_prep.shapes.samples import Families, by_family
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import extents, vertices_of, volume
 
 GREY, BLACK = (120, 121, 122), (20, 21, 22)
@@ -27,7 +26,7 @@ EXACT = 1e-11
 
 @pytest.fixture(scope="module")
 def telephones() -> Families:
-    return by_family(CLASSES["telephone"], seed=31, count=600)
+    return of_each_family("telephone", seed=31, count=20)
 
 
 def test_a_plate_stands_upright() -> None:

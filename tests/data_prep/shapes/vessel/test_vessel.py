@@ -3,10 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.shapes.catalogue import VESSEL
-from data_prep.shapes.shape_class import Drawn
 from data_prep.shapes.vessel.rigs import CLOTH, fore_and_aft_sail, house, square_sail
-from tests.data_prep.shapes.samples import Families
+from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.sections import box_of, cut, holds, vertices_of, volume
 
 GREY = (120, 121, 122)
@@ -16,11 +14,7 @@ EXACT = 1e-12  # see test_solids
 @pytest.fixture(scope="module")
 def fleet() -> Families:
     """20 vessels of each family."""
-    rng = np.random.default_rng(29)
-    return {
-        family: [Drawn(family, tuple(build(rng))) for _ in range(20)]
-        for family, (_, build) in VESSEL.items()
-    }
+    return of_each_family("vessel", seed=29, count=20)
 
 
 def test_a_flat_sail_is_a_plate() -> None:
@@ -45,7 +39,7 @@ def test_a_house_is_a_frustum() -> None:
 
 
 def test_bows_point_to_minus_z(fleet: Families) -> None:
-    for family in set(VESSEL) - {"submarine"}:
+    for family in set(fleet) - {"submarine"}:
         for vessel in fleet[family]:
             bow, stern = (np.ptp(cut(vessel.parts[:1], 2, z)[:, 0]) for z in (-0.47, 0.47))
             assert bow < 0.75 * stern, family
@@ -63,14 +57,14 @@ def test_hulls_float_in_the_water(fleet: Families) -> None:
 
 
 def test_beam_and_height_tell_families_apart(fleet: Families) -> None:
-    beams = {f: [np.ptp(v.parts[0].vertices[:, 0]) for v in fleet[f]] for f in VESSEL}
+    beams = {f: [np.ptp(v.parts[0].vertices[:, 0]) for v in fleet[f]] for f in fleet}
     assert max(beams["warship"]) < 0.14
     assert max(beams["submarine"]) < 0.14
     assert min(beams["open-boat"]) > 0.27
     assert max(max(beams["cargo-ship"]), max(beams["passenger-ship"])) < 0.20
     assert min(beams["sailing-yacht"]) > 0.23
     # Above the water, in lengths of the hull.
-    heights = {f: [float(box_of(v.parts)[1][1]) for v in fleet[f]] for f in VESSEL}
+    heights = {f: [float(box_of(v.parts)[1][1]) for v in fleet[f]] for f in fleet}
     assert min(heights["sailing-yacht"]) > 0.85
     assert min(heights["tall-ship"]) > 0.70
     for family in ("cargo-ship", "warship", "motor-yacht", "open-boat", "submarine"):
