@@ -213,10 +213,8 @@ def hutch(rng: np.random.Generator) -> list[Part]:
     front = depth / 2 - shallow - 0.012
     upper = Field(-narrow / 2, narrow / 2, waist, height, front)
     if chance(rng, 0.45):
-        centre, size = (
-            (0, (waist + height) / 2, front + shallow / 2),
-            (narrow, height - waist, shallow),
-        )
+        centre = (0, (waist + height) / 2, front + shallow / 2)
+        size = (narrow, height - waist, shallow)
         parts.append(carcass(centre, size, body))
         panes = Field(0.02 - narrow / 2, narrow / 2 - 0.02, waist + 0.08, height - 0.03, front)
         parts += glass_doors(finish, panes, count, shade(rng, CABINET["glass"]))

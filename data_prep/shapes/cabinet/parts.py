@@ -73,11 +73,7 @@ def draw_finish(rng: np.random.Generator, body: Color, size: tuple[float, float,
     """What suits a body of this colour and size (width, height, depth in metres)."""
     front = pick(rng, {"same": 0.60, "tone": 0.28, "lacquer": 0.12})
     tone = uniform(rng, (0.72, 0.90))
-    colors = {
-        "same": body,
-        "tone": darker(body, tone),
-        "lacquer": shade(rng, "lacquer"),
-    }
+    colors = {"same": body, "tone": darker(body, tone), "lacquer": shade(rng, "lacquer")}
     return Finish(
         body=body,
         front=colors[front],

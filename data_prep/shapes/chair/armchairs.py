@@ -9,15 +9,7 @@ import numpy as np
 from data_prep.shapes.chair.seats import bar_section
 from data_prep.shapes.chair.spec import ChairSpec
 from data_prep.shapes.furniture import legs, trough
-from data_prep.shapes.solids import (
-    Part,
-    curved_panel,
-    moved,
-    polygon,
-    rectangle,
-    rounded,
-    slab,
-)
+from data_prep.shapes.solids import Part, curved_panel, moved, polygon, rectangle, rounded, slab
 
 
 def armchair_parts(spec: ChairSpec) -> list[Part]:

@@ -123,12 +123,7 @@ STRETCHER_WEIGHTS: dict[Family, dict[Stretchers, float]] = {
     "stool": {"none": 0.40, "box": 0.60},
     "bar-stool": {"box": 1.0},
 }
-ARM_CHANCE: dict[Family, float] = {
-    "four-leg": 0.25,
-    "pedestal": 0.45,
-    "sled": 0.30,
-    "rocker": 0.75,
-}
+ARM_CHANCE: dict[Family, float] = {"four-leg": 0.25, "pedestal": 0.45, "sled": 0.30, "rocker": 0.75}
 CUSHION_CHANCE: dict[Family, float] = {
     "four-leg": 0.30,
     "pedestal": 0.50,

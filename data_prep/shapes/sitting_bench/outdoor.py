@@ -99,11 +99,9 @@ def plank(rng: np.random.Generator) -> list[Part]:
         return parts + legs(x, z, under, 0.7 * section, section, frame, out=out)
     thick = uniform(rng, (0.03, 0.06)) if kind != "stone" else uniform(rng, (0.07, 0.13))
     seat = shade(rng, BENCH["stone"] if kind == "stone" else "wood")
-    carrier = (
-        seat
-        if chance(rng, 0.5)
-        else shade(rng, BENCH["stone"] if chance(rng, 0.6) else "dark-metal")
-    )
+    carrier = seat
+    if not chance(rng, 0.5):
+        carrier = shade(rng, BENCH["stone"] if chance(rng, 0.6) else "dark-metal")
     inset = uniform(rng, (0.10, 0.24)) * length
     under = height - thick
     stations = (-length / 2, inset - length / 2, length / 2 - inset, length / 2)
@@ -148,10 +146,8 @@ def _arc(rng: np.random.Generator, height: float) -> list[Part]:
     """A bent bench without a back, on posts."""
     angle, half_width = uniform(rng, (0.5, 1.3)), uniform(rng, (0.7, 1.1))
     thick, depth = uniform(rng, (0.05, 0.10)), uniform(rng, (0.36, 0.44))
-    seat, frame = (
-        shade(rng, "wood" if chance(rng, 0.6) else BENCH["stone"]),
-        shade(rng, "dark-metal"),
-    )
+    seat = shade(rng, "wood" if chance(rng, 0.6) else BENCH["stone"])
+    frame = shade(rng, "dark-metal")
     parts = [curved_panel(half_width, angle, depth, height - thick, height, seat, steps=16)]
     radius = half_width / math.sin(min(angle, math.pi / 2))
     section = polygon(8, 0.035)
@@ -217,31 +213,19 @@ def _slats(
 
     `stations` are their ends in x and the places between them where something carries them.
     """
-    return [
-        run(
-            rounded(rectangle(width, thick), 0.2 * thick, steps=1),
-            stations,
-            color,
-            at=(middle, top - thick / 2),
-        )
-        for middle, width in _across(*z, count, 0.16)
-    ]
+    parts = []
+    for middle, width in _across(*z, count, 0.16):
+        section = rounded(rectangle(width, thick), 0.2 * thick, steps=1)
+        parts.append(run(section, stations, color, at=(middle, top - thick / 2)))
+    return parts
 
 
 def _upright_slats(
-    stations: Sequence[float],
-    y: tuple[float, float],
-    thick: float,
-    count: int,
-    color: Color,
+    stations: Sequence[float], y: tuple[float, float], thick: float, count: int, color: Color
 ) -> list[Part]:
     """Upright bars along x in the plane z = 0, `count` of them between two heights."""
-    return [
-        run(
-            rounded(rectangle(thick, width), 0.2 * thick, steps=1),
-            stations,
-            color,
-            at=(0.0, middle),
-        )
-        for middle, width in _across(*y, count, 0.22)
-    ]
+    parts = []
+    for middle, width in _across(*y, count, 0.22):
+        section = rounded(rectangle(thick, width), 0.2 * thick, steps=1)
+        parts.append(run(section, stations, color, at=(0.0, middle)))
+    return parts

@@ -17,13 +17,7 @@ from data_prep.shapes.sofa.spec import (
     seat_cushions,
     throw_pillows,
 )
-from data_prep.shapes.solids import (
-    Part,
-    box,
-    polygon,
-    prism,
-    rounded,
-)
+from data_prep.shapes.solids import Part, box, polygon, prism, rounded
 
 
 def box_arm(rng: np.random.Generator) -> list[Part]:

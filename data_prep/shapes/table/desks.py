@@ -23,12 +23,7 @@ def _plate(
 
 
 def _drawers(
-    x: tuple[float, float],
-    y: tuple[float, float],
-    z: float,
-    rows: int,
-    color: Color,
-    handle: Color,
+    x: tuple[float, float], y: tuple[float, float], z: float, rows: int, color: Color, handle: Color
 ) -> list[Part]:
     """Fronts of drawers, with handles, before a face at `z` that looks towards -z."""
     parts = []

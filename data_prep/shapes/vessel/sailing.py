@@ -14,11 +14,8 @@ from data_prep.shapes.vessel.rigs import fore_and_aft_sail, house, mast, square_
 
 def sailing_yacht(rng: np.random.Generator) -> list[Part]:
     """A keel, one or two masts with fore-and-aft sails."""
-    side = (
-        shade(rng, VESSEL["white"])
-        if chance(rng, 0.6)
-        else shade(rng, (*VESSEL["trim"], *VESSEL["teak"]))
-    )
+    dyed = (*VESSEL["trim"], *VESSEL["teak"])
+    side = shade(rng, VESSEL["white"] if chance(rng, 0.6) else dyed)
     bottom, deck, white, glass, cloth = shades(
         rng, VESSEL, "trim", "teak", "white", "glass", "sailcloth"
     )

@@ -27,7 +27,7 @@ def cut(parts: Sequence[Part], axis: int, at: float) -> np.ndarray:
 
 def holds(parts: Sequence[Part], point: ArrayLike) -> bool:
     """Whether a point [3] lies inside any of the parts."""
-    return bool(held(parts, [point])[0])
+    return bool(held(parts, np.asarray(point)[None])[0])
 
 
 def held(parts: Sequence[Part], points: ArrayLike) -> np.ndarray:
