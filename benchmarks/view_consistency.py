@@ -66,7 +66,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import View
-from data_prep.shapes.chair_spec import draw_chair_spec
+from data_prep.shapes.chair.spec import draw_chair_spec
 from data_prep.whole_files import write_whole
 
 CLASS, SPLIT, RUN_SEED = "chair", "test", 0

@@ -19,7 +19,7 @@ from data_prep.datasets import ProceduralObject, Split
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
-from data_prep.shapes.chair_spec import BACKS, draw_chair_spec
+from data_prep.shapes.chair.spec import BACKS, draw_chair_spec
 from data_prep.training_set import TrainingSet
 from data_prep.whole_files import write_whole
 

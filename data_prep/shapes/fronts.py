@@ -21,16 +21,22 @@ from data_prep.shapes.solids import (
 
 
 def panel(
-    centre: ArrayLike, size: ArrayLike, color: Color, *, corner: float = 0.0, bevel: float = 0.0
+    centre: ArrayLike,
+    size: ArrayLike,
+    color: Color,
+    *,
+    corner: float = 0.0,
+    bevel: float = 0.0,
+    steps: int = 2,
 ) -> Part:
     """Upright plate: width, height and thickness [3] around a centre [3].
 
-    `corner` rounds its four corners as seen from the front; it has to be less than half of width
-    and height. `bevel` takes that length off the edges of front and back at 45 degrees; it has to
-    be less than half of the thickness, and less than half of the `corner` where there is one.
+    `corner` rounds its four corners as seen from the front, in `steps`; it has to be less than half
+    of width and height. `bevel` takes that length off the edges of front and back at 45 degrees; it
+    has to be less than half of the thickness, and less than half of the `corner` if there is one.
     """
     width, height, thickness = np.asarray(size, dtype=np.float64)
-    outline = _outline(width, height, corner) / (width, height)
+    outline = _outline(width, height, corner, steps) / (width, height)
     lying = slab(outline, (0, 0, 0), (width, thickness, height), color, bevel=bevel)
     return moved(lying, centre, tilt_rad=math.pi / 2)
 
@@ -56,6 +62,6 @@ def dial(centre: ArrayLike, profile: ArrayLike, color: Color, *, sides: int = 12
     return moved(lathe(profile, color, sides=sides), centre, tilt_rad=-math.pi / 2)
 
 
-def _outline(width: float, height: float, corner: float) -> Vectors:
+def _outline(width: float, height: float, corner: float, steps: int = 2) -> Vectors:
     outline = rectangle(width, height)
-    return rounded(outline, corner, steps=2) if corner > 0.0 else outline
+    return rounded(outline, corner, steps) if corner > 0.0 else outline

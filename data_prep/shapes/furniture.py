@@ -8,7 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.solids import Color, Part, Vectors, loft, moved, post, rectangle, rounded
+from data_prep.shapes.solids import (
+    Color,
+    Part,
+    Vectors,
+    layered,
+    loft,
+    moved,
+    post,
+    prism,
+    rectangle,
+    rings_across,
+    rounded,
+)
 
 
 def run(
@@ -38,12 +50,8 @@ def run(
         first, last = stations[0], stations[-1]
         places = [(first, end), (first + bevel, section), *places[1:-1]]
         places += [(last - bevel, section), (last, end)]
-    rings = np.empty((len(places), len(section), 3))
-    for ring, (place, outline) in zip(rings, places, strict=True):
-        ring[:, axis] = place
-        ring[:, 2 - axis] = outline[:, 0]
-        ring[:, 1] = outline[:, 1]
-    return loft(rings, color)
+    along, outlines = zip(*places, strict=True)
+    return prism(axis, outlines, along, color)
 
 
 def legs(
@@ -98,19 +106,42 @@ def cushion(
     soft    radius of the edges; less than half of every extent
     corner  where the corners of the outline begin, as a share of its sides, less than 0.5
     """
-    cx, cy, cz = np.asarray(centre, dtype=np.float64)
-    sx, sy, sz = np.asarray(size, dtype=np.float64)
+    sy = np.asarray(size, dtype=np.float64)[1]
     outline = rounded(rectangle(1.0, 1.0), corner, steps=1)
     # A quarter of a circle in two steps: (below the top, in from the side), for both sides.
     quarter = [(0.0, 1.0), (1 - math.sqrt(0.5), 1 - math.sqrt(0.5)), (1.0, 0.0)]
     upper = [(sy / 2 - down * soft, inset * soft) for down, inset in quarter]
     levels = [*((-y, inset) for y, inset in upper), *upper[::-1]]
-    rings = np.empty((len(levels), len(outline), 3))
-    for ring, (y, inset) in zip(rings, levels, strict=True):
-        ring[:, 0] = cx + outline[:, 0] * (sx - 2 * inset)
-        ring[:, 1] = cy + y
-        ring[:, 2] = cz + outline[:, 1] * (sz - 2 * inset)
-    return loft(rings, color)
+    return layered(outline, centre, size, levels, color)
+
+
+def trough(
+    half: float,
+    arm: float,
+    heights: tuple[float, float, float],
+    edge: float,
+    depth: float,
+    color: Color,
+    *,
+    slope: float = 0.0,
+) -> Part:
+    """Base and arms of a seat as one solid: boxes would hide a part of their sides in each other.
+
+    half     half of the width over all
+    arm      thickness of the arms
+    heights  of the lower side, of the seat's deck, and of the arms
+    edge     taken off the arms' upper edges
+    slope    how much lower an arm is in front than behind
+    """
+    low, deck, top = heights
+    outer = np.array([(edge - half, top), (-half, top - edge), (-half, low)])
+    inner = np.array([(arm - edge - half, top), (arm - half, top - edge), (arm - half, deck)])
+    outer, inner = (np.concatenate([line, line[::-1] * (-1, 1)]) for line in (outer, inner))
+    front, rear = -0.5 * depth, 0.5 * depth
+    rings = rings_across(2, [outer, outer, inner, inner], [front, rear, rear, front])
+    for line in (0, 3):  # those in front
+        rings[line, (0, 1, -2, -1), 1] -= slope
+    return loft(rings.swapaxes(0, 1), color)
 
 
 def back_cushion(

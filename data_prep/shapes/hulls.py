@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.solids import Color, Part, loft, polygon
+from data_prep.shapes.solids import Color, Part, loft, polygon, prism, sections
 
 # An aerofoil's outline as (fraction of the chord, fraction of the thickness), sharp at both ends.
 AEROFOIL = np.array([(0, 0), (0.25, 0.5), (0.7, 0.34), (1, 0), (0.7, -0.34), (0.25, -0.5)])
@@ -20,13 +20,9 @@ def spindle(stations: ArrayLike, color: Color, *, x: float = 0.0, sides: int = 1
     stations  [k, 4]: z, y of the centre, half width > 0, half height > 0
     x         where it runs
     """
-    z, y, half_width, half_height = np.asarray(stations, dtype=np.float64).T[:, :, None]
-    circle = polygon(sides, 1.0)
-    rings = np.empty((len(z), sides, 3))
-    rings[..., 0] = x + half_width * circle[:, 0]
-    rings[..., 1] = y + half_height * circle[:, 1]
-    rings[..., 2] = z
-    return loft(rings, color)
+    given = np.asarray(stations, dtype=np.float64)
+    centres = np.stack([np.full(len(given), x), given[:, 1]], axis=1)
+    return prism(2, sections(polygon(sides, 1.0), centres, given[:, 2:]), given[:, 0], color)
 
 
 def blade(stations: ArrayLike, color: Color, *, upright: bool = False) -> Part:
@@ -56,12 +52,10 @@ def disc(
     if bevel > 0.0:
         inner, low = width / 2 - bevel, radius - bevel
         stations = [(-width / 2, low), (-inner, radius), (inner, radius), (width / 2, low)]
-    circle = polygon(sides, 1.0)
-    rings = np.empty((len(stations), sides, 3))
-    for ring, (x, r) in zip(rings, stations, strict=True):
-        ring[:, 0] = x
-        ring[:, 1:] = r * circle
-    return loft(rings + np.asarray(centre, dtype=np.float64), color)
+    x, y, z = np.asarray(centre, dtype=np.float64)
+    places, radii = np.array(stations).T
+    outlines = sections(polygon(sides, 1.0)[:, ::-1], [(z, y)], radii[:, None])
+    return prism(0, outlines, places + x, color)
 
 
 def mirrored(part: Part) -> Part:
@@ -69,6 +63,6 @@ def mirrored(part: Part) -> Part:
     return Part(part.vertices * (-1.0, 1.0, 1.0), part.faces[:, ::-1], part.color)
 
 
-def pair(part: Part) -> list[Part]:
-    """The part and its mirror image."""
-    return [part, mirrored(part)]
+def pair(*parts: Part) -> list[Part]:
+    """Each part and its mirror image."""
+    return [image for part in parts for image in (part, mirrored(part))]

@@ -1,15 +1,18 @@
-"""What a procedural class is."""
+"""What a procedural class is, and one that draws its family first."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from data_prep.normalise import normalise
 from data_prep.scene import Mesh
+from data_prep.shapes.chances import pick
 from data_prep.shapes.solids import Part, join
+
+Builder = Callable[[np.random.Generator], Sequence[Part]]
 
 
 @dataclass(frozen=True)
@@ -38,3 +41,15 @@ class ShapeClass:
     name: str
     families: tuple[str, ...]
     draw: Callable[[np.random.Generator], Drawn]
+
+
+def shape_class(name: str, families: Mapping[str, tuple[float, Builder]]) -> ShapeClass:
+    """A class that draws a family by its weight and then calls the builder of that family."""
+    weights = {family: weight for family, (weight, _) in families.items()}
+
+    def draw(rng: np.random.Generator) -> Drawn:
+        family = pick(rng, weights)
+        _, build = families[family]
+        return Drawn(family, tuple(build(rng)))
+
+    return ShapeClass(name, tuple(families), draw)

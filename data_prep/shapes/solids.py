@@ -1,7 +1,8 @@
 """Closed solids of one colour, from which the procedural shapes are put together.
 
-Every solid is a loft: polygons of equal size ("rings") joined one to the next. Lengths are in
-whatever unit the caller builds in; `data_prep.normalise` scales the finished shape.
+Every solid is a loft: polygons of equal size ("rings") joined one to the next. Most are prisms:
+their rings lie across one of the axes. Lengths are in whatever unit the caller builds in;
+`data_prep.normalise` scales the finished shape.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from data_prep.scene import Mesh
 
 Color = tuple[int, int, int]  # sRGB, 0..255
 Vectors = NDArray[np.float64]
+# The axes in which an outline is given that lies across x, across y and across z.
+PLANES = ((2, 1), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,54 @@ def loft(rings: ArrayLike, color: Color, *, closed: bool = False) -> Part:
     if volume == 0.0:
         raise ValueError("rings: the solid has no volume")
     return Part(vertices, joined if volume > 0.0 else joined[:, ::-1], color)
+
+
+def rings_across(axis: int, outlines: ArrayLike, places: ArrayLike) -> Vectors:
+    """Rings [S, n, 3] of outlines that lie across an axis.
+
+    outlines  [n, 2] or [S, n, 2], in (z, y) across x (axis 0), (x, z) across y, (x, y) across z
+    places    [S], or [S, n], or [1, n]: where their points are along the axis
+    """
+    plane, along = np.asarray(outlines, dtype=np.float64), np.asarray(places, dtype=np.float64)
+    if along.ndim == 1:
+        along = along[:, None]
+    rings = np.empty((*np.broadcast_shapes(plane.shape[:-1], along.shape), 3))
+    first, second = PLANES[axis]
+    rings[..., axis], rings[..., first], rings[..., second] = along, plane[..., 0], plane[..., 1]
+    return rings
+
+
+def prism(
+    axis: int, outlines: ArrayLike, places: ArrayLike, color: Color, *, closed: bool = False
+) -> Part:
+    """Solid through outlines at places along an axis; see `rings_across` and `loft`."""
+    return loft(rings_across(axis, outlines, places), color, closed=closed)
+
+
+def sheet(
+    axis: int,
+    sides: tuple[ArrayLike, ArrayLike],
+    ends: tuple[ArrayLike, ArrayLike],
+    color: Color,
+    *,
+    closed: bool = False,
+) -> Part:
+    """Sheet between two lines across an axis, from one place along it to another.
+
+    sides   both lines [n, 2], point by point opposite each other; see `rings_across` for the axes
+    ends    two places along the axis, or two of each point [n]
+    closed  the last points are joined to the first
+    """
+    one, other = (np.asarray(line, dtype=np.float64) for line in sides)
+    low, high = (np.broadcast_to(end, len(one)) for end in ends)
+    rings = rings_across(axis, [one, one, other, other], np.stack([low, high, high, low]))
+    return loft(rings.swapaxes(0, 1), color, closed=closed)
+
+
+def sections(outline: Vectors, centres: ArrayLike, scales: ArrayLike) -> Vectors:
+    """Outlines [S, n, 2]: one [n, 2] times `scales` about `centres`, which are [S or 1, 2 or 1]."""
+    middle, scale = np.asarray(centres, dtype=np.float64), np.asarray(scales, dtype=np.float64)
+    return middle[:, None] + scale[:, None] * outline
 
 
 def polygon(sides: int, radius: float) -> Vectors:
@@ -116,18 +167,24 @@ def slab(
     `bevel` takes that length off all edges of the top and the bottom at 45 degrees; it has to be
     less than half of every edge length.
     """
-    cx, cy, cz = np.asarray(centre, dtype=np.float64)
-    sx, sy, sz = np.asarray(size, dtype=np.float64)
-    half = sy / 2
+    half = np.asarray(size, dtype=np.float64)[1] / 2
     levels = [(-half, 0.0), (half, 0.0)]
     if bevel > 0.0:
         levels = [(-half, bevel), (bevel - half, 0.0), (half - bevel, 0.0), (half, bevel)]
-    rings = np.empty((len(levels), len(outline), 3))
-    for ring, (y, inset) in zip(rings, levels, strict=True):
-        ring[:, 0] = cx + outline[:, 0] * (sx - 2 * inset)
-        ring[:, 1] = cy + y
-        ring[:, 2] = cz + outline[:, 1] * (sz - 2 * inset)
-    return loft(rings, color)
+    return layered(outline, centre, size, levels, color)
+
+
+def layered(
+    outline: Vectors, centre: ArrayLike, size: ArrayLike, levels: ArrayLike, color: Color
+) -> Part:
+    """Upright solid of one outline [n, 2] in (x, z), scaled by size x and z, and drawn in.
+
+    levels  [k, 2], from below: height above the centre, length by which the edge is drawn in there
+    """
+    middle, extent = np.asarray(centre, dtype=np.float64), np.asarray(size, dtype=np.float64)
+    heights, insets = np.asarray(levels, dtype=np.float64).T
+    outlines = sections(outline, middle[None, ::2], extent[::2] - 2 * insets[:, None])
+    return prism(1, outlines, middle[1] + heights, color)
 
 
 def post(
@@ -138,22 +195,14 @@ def post(
     The outlines [n, 2] are its (x, z) sections at foot and head: equal ones make a (sheared) prism,
     similar ones a frustum.
     """
-    rings = np.empty((2, len(outline_foot), 3))
-    ends = zip(rings, (foot, head), (outline_foot, outline_head), strict=True)
-    for ring, end, outline in ends:
-        ring[:] = np.asarray(end, dtype=np.float64)
-        ring[:, ::2] += outline
-    return loft(rings, color)
+    ends = np.asarray([foot, head], dtype=np.float64)
+    return prism(1, ends[:, None, ::2] + (outline_foot, outline_head), ends[:, 1], color)
 
 
 def lathe(profile: ArrayLike, color: Color, *, sides: int = 16) -> Part:
     """Solid turned about the y axis; profile [k, 2] holds (radius > 0, y) from one end on."""
     radii, heights = np.asarray(profile, dtype=np.float64).T
-    circle = polygon(sides, 1.0)
-    rings = np.empty((len(radii), sides, 3))
-    rings[:, :, ::2] = radii[:, None, None] * circle
-    rings[:, :, 1] = heights[:, None]
-    return loft(rings, color)
+    return prism(1, radii[:, None, None] * polygon(sides, 1.0), heights, color)
 
 
 def sweep(path: ArrayLike, profile: Vectors, color: Color, *, up: ArrayLike = (0, 1, 0)) -> Part:
@@ -203,12 +252,10 @@ def hoop(
     """Level torus of round section (6 faces around the tube)."""
     section = polygon(6, tube_radius)
     angle = np.arange(steps) * (2 * math.pi / steps)
-    reach = radius + section[None, :, 0]
-    rings = np.empty((steps, len(section), 3))
-    rings[..., 0] = reach * np.cos(angle)[:, None]
-    rings[..., 1] = section[None, :, 1]
-    rings[..., 2] = reach * np.sin(angle)[:, None]
-    return loft(rings + np.asarray(centre, dtype=np.float64), color, closed=True)
+    x, y, z = np.asarray(centre, dtype=np.float64)
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    outlines = (radius + section[:, :1]) * around[:, None] + (x, z)
+    return prism(1, outlines, section[None, :, 1] + y, color, closed=True)
 
 
 def rim(outline: Vectors, y_low: float, y_high: float, thickness: float, color: Color) -> Part:
@@ -219,13 +266,7 @@ def rim(outline: Vectors, y_low: float, y_high: float, thickness: float, color: 
     extent = np.ptp(outline, axis=0)
     centre = (outline.min(axis=0) + outline.max(axis=0)) / 2
     inner = centre + (outline - centre) * (1 - 2 * thickness / extent)
-    rings = np.empty((len(outline), 4, 3))
-    for k, (border, y) in enumerate(
-        ((outline, y_low), (outline, y_high), (inner, y_high), (inner, y_low))
-    ):
-        rings[:, k, ::2] = border
-        rings[:, k, 1] = y
-    return loft(rings, color, closed=True)
+    return sheet(1, (outline, inner), (y_low, y_high), color, closed=True)
 
 
 def curved_panel(
@@ -248,13 +289,9 @@ def curved_panel(
     """
     radius = half_width / math.sin(min(half_angle_rad, math.pi / 2))
     angle = np.linspace(-half_angle_rad, half_angle_rad, steps + 1)
-    rings = np.empty((steps + 1, 4, 3))
-    for k, (depth, y) in enumerate(((0.5, y_low), (0.5, y_high), (-0.5, y_high), (-0.5, y_low))):
-        r = radius + depth * thickness
-        rings[:, k, 0] = r * np.sin(angle)
-        rings[:, k, 1] = y
-        rings[:, k, 2] = r * np.cos(angle) - radius
-    return loft(rings, color)
+    around = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    rear, front = ((radius + s * thickness) * around - (0.0, radius) for s in (0.5, -0.5))
+    return sheet(1, (rear, front), (y_low, y_high), color)
 
 
 def moved(part: Part, offset: ArrayLike, *, tilt_rad: float = 0.0) -> Part:

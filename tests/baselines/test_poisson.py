@@ -19,7 +19,7 @@ from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
 from data_prep.sampling import face_areas, sample_surface
 from data_prep.scene import Mesh, PointCloud, View
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 
 RADIUS = 0.7
 
@@ -85,7 +85,7 @@ def test_what_is_far_from_the_points_is_trimmed() -> None:
 CHAIR = """
 import hashlib, numpy as np
 from baselines.poisson import Poisson
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 from data_prep.sampling import sample_surface
 rng = np.random.default_rng(3)
 mesh = Poisson().prepare(sample_surface(chair(rng), rng)).mesh

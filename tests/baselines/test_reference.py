@@ -10,7 +10,7 @@ from data_prep.images import blank, to_uint8
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 
 VIEWS = [View(0, 0), View(100, -40), View(-180, 90)]
 

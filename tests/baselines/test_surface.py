@@ -19,7 +19,7 @@ from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import Mesh, PointCloud, View
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 from data_prep.shapes.solids import box, join
 
 RADIUS = 0.7
@@ -129,7 +129,7 @@ def test_scale_does_not_matter(scale: float) -> None:
 CHAIR = """
 import hashlib, numpy as np
 from baselines.surface import SurfaceApss
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 from data_prep.sampling import sample_surface
 rng = np.random.default_rng(3)
 mesh = SurfaceApss(resolution=60).prepare(sample_surface(chair(rng), rng)).mesh

@@ -11,7 +11,7 @@ from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 
 
 def chair_cloud() -> PointCloud:

@@ -18,7 +18,7 @@ from data_prep.images import to_float
 from data_prep.render import render
 from data_prep.sampling import face_areas, sample_surface
 from data_prep.scene import Mesh, PointCloud, View
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 
 RADIUS = 0.7
 CELL = 2.25 * FOOTPRINT
@@ -139,7 +139,7 @@ def test_finer_cells_give_more_faces() -> None:
 CHAIR = """
 import hashlib, numpy as np
 from baselines.surface_fit import SurfaceFit
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 from data_prep.sampling import face_areas, sample_surface
 rng = np.random.default_rng(3)
 mesh = SurfaceFit().prepare(sample_surface(chair(rng), rng)).mesh

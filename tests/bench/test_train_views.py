@@ -15,7 +15,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
-from data_prep.shapes.chair_spec import draw_chair_spec
+from data_prep.shapes.chair.spec import draw_chair_spec
 from data_prep.shapes.shape_class import Drawn, ShapeClass
 from data_prep.shapes.solids import box
 

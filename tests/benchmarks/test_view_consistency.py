@@ -44,7 +44,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.images import blank
 from data_prep.randomness import generator
 from data_prep.scene import View
-from data_prep.shapes.chair_spec import draw_chair_spec
+from data_prep.shapes.chair.spec import draw_chair_spec
 
 SIZE = 128
 

@@ -16,7 +16,7 @@ from data_prep.camera import camera_to_world, project
 from data_prep.datasets import ProceduralObject
 from data_prep.render import SHEET_VIEWS, gl_renderer, render
 from data_prep.scene import Mesh, View
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 from data_prep.shapes.solids import box, join
 
 FRONT = View(0, 0)
@@ -403,7 +403,7 @@ def test_plus_and_minus_180_are_one_picture() -> None:
 
 SCENE = """
 import hashlib, numpy as np
-from data_prep.shapes.chairs import chair
+from data_prep.shapes.chair.chairs import chair
 from data_prep.render import render
 from data_prep.scene import View
 mesh = chair(np.random.default_rng(7))

@@ -16,8 +16,8 @@ from data_prep.datasets import Split
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
-from data_prep.shapes.chair_spec import ChairSpec, draw_chair_spec
-from data_prep.shapes.chairs import build_chair
+from data_prep.shapes.chair.chairs import build_chair
+from data_prep.shapes.chair.spec import ChairSpec, draw_chair_spec
 
 
 @dataclass(frozen=True)

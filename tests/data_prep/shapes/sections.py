@@ -27,8 +27,18 @@ def cut(parts: Sequence[Part], axis: int, at: float) -> np.ndarray:
 
 def holds(parts: Sequence[Part], point: ArrayLike) -> bool:
     """Whether a point [3] lies inside any of the parts."""
-    points = np.asarray(point, dtype=np.float64)[None]
-    return any(winding(points, part)[0] > 0.5 for part in parts)
+    return bool(held(parts, np.asarray(point)[None])[0])
+
+
+def held(parts: Sequence[Part], points: ArrayLike) -> np.ndarray:
+    """Which points [n, 3] lie inside any of the parts: bool [n]."""
+    given = np.asarray(points, dtype=np.float64)
+    inside = np.zeros(len(given), dtype=bool)
+    for part in parts:
+        low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
+        near = ((given >= low) & (given <= high)).all(axis=1) & ~inside
+        inside[near] = winding(given[near], part) > 0.5
+    return inside
 
 
 def vertices_of(parts: Sequence[Part]) -> np.ndarray:

@@ -27,14 +27,18 @@ def afloat(parts: Sequence[Part]) -> list[int]:
     Touching is not enough: what touches in floats has a gap in another view.
     """
     probed = [probes(part) for part in parts]
-    held = np.eye(len(parts), dtype=bool)
-    for i, j in itertools.permutations(range(len(parts)), 2):
+    chains = np.arange(len(parts))  # parts of one number are known to be joined
+    pairs = itertools.permutations(range(len(parts)), 2)
+    for i, j in sorted(pairs, key=lambda ij: len(probed[ij[0]]) * len(parts[ij[1]].faces)):
+        if chains[i] == chains[j]:
+            continue
         low, high = parts[j].vertices.min(axis=0), parts[j].vertices.max(axis=0)
         near = probed[i][((probed[i] > low) & (probed[i] < high)).all(axis=1)]
-        if not held[i, j] and len(near) and (winding(near, parts[j]) > 0.5).any():
-            held[i, j] = held[j, i] = True
-    reached = np.linalg.matrix_power(held.astype(float), len(parts))[0] > 0
-    return np.flatnonzero(~reached).tolist()
+        # In small pieces: most often one of the first points is inside.
+        pieces = (near[k : k + 32] for k in range(0, len(near), 32))
+        if any((winding(piece, parts[j]) > 0.5).any() for piece in pieces):
+            chains[chains == chains[i]] = chains[j]
+    return np.flatnonzero(chains != chains[0]).tolist()
 
 
 def shared_planes(parts: Sequence[Part], size: float) -> list[tuple[int, int]]:

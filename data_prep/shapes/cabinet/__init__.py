@@ -1,0 +1,1 @@
+"""Cabinets: chests, sideboards, wardrobes, shelves, hutches and kitchens. Metres."""

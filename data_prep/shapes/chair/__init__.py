@@ -1,0 +1,1 @@
+"""Chairs: a description is drawn first, then built. Metres."""

@@ -1,0 +1,46 @@
+"""Procedural chairs: the embedded data set's best-stocked class.
+
+A chair is drawn in two steps, so that a shape can be told apart from the chance that made it:
+`draw_chair_spec` turns randomness into a description, `build_chair` the description into a mesh.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data_prep.normalise import normalise
+from data_prep.scene import Mesh
+from data_prep.shapes.chair.armchairs import armchair_parts
+from data_prep.shapes.chair.backs import arm_parts, back_parts
+from data_prep.shapes.chair.bases import base_parts
+from data_prep.shapes.chair.seats import lay_out, seat_parts
+from data_prep.shapes.chair.spec import ChairSpec, Family, draw_chair_spec, draw_spec_of
+from data_prep.shapes.solids import Part, join
+
+
+def chair(rng: np.random.Generator) -> Mesh:
+    """A random chair, normalised: +Y up, the front (away from the back) towards -Z."""
+    return build_chair(draw_chair_spec(rng))
+
+
+def build_chair(spec: ChairSpec) -> Mesh:
+    """The chair of a description, normalised. Equal descriptions give equal meshes."""
+    return normalise(join(chair_parts(spec)))
+
+
+def chair_parts(spec: ChairSpec) -> list[Part]:
+    """The watertight solids that a chair is made of, in metres above the floor."""
+    if spec.family == "armchair":
+        return armchair_parts(spec)
+    layout = lay_out(spec)
+    return [
+        *base_parts(spec, layout),
+        *seat_parts(spec, layout),
+        *back_parts(spec, layout),
+        *arm_parts(spec, layout),
+    ]
+
+
+def chair_of(rng: np.random.Generator, family: Family) -> list[Part]:
+    """The solids of a random chair of this family."""
+    return chair_parts(draw_spec_of(rng, family))

@@ -1,0 +1,1 @@
+"""Displays: monitors, televisions, tubes and signs. Metres; the screen looks to -Z."""

@@ -1,0 +1,1 @@
+"""Loudspeakers: boxes with round drivers, and other things that sound. Metres."""

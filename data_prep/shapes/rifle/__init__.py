@@ -1,0 +1,1 @@
+"""Rifles and other long guns: a thin barrel, and a silhouette. The muzzle points to -Z."""

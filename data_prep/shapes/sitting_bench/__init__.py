@@ -1,0 +1,1 @@
+"""Benches to sit on, of the class "bench" (the package `bench` is the benchmark). Front: -Z."""

@@ -1,0 +1,1 @@
+"""Sofas: of one to four seats, the seat open towards -Z. Metres."""

@@ -1,0 +1,1 @@
+"""Vessels: smooth hulls, and what tells them apart on deck. The bow points to -Z."""
