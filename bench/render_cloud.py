@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.cloud_dots import draw_dots
 from bench.isolation import Limits, Lost, run_tasks
 from bench.methods import Method, find_method
 from bench.work import Pictures, draw, load_renderer, reason_of
 from data_prep.cloud_files import load_points
+from data_prep.dots import draw_dots
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.normalise import normalise_points
 from data_prep.randomness import generator

@@ -13,11 +13,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.artifacts import Item
-from bench.cloud_dots import draw_dots
 from bench.record import GROUND_TRUTH
 from bench.report_methods import rivals
 from bench.report_page import Case, CaseGroup, Grid, GridCell, Picture, Tags
 from bench.report_sources import Sources
+from data_prep.dots import draw_dots
 from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each

@@ -11,13 +11,13 @@ import pytest
 from PIL import Image
 
 import bench.render_cloud
-from bench.cloud_dots import draw_dots
 from bench.isolation import Limits
 from bench.render_cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
 from bench.render_command import Wish, remedied, views_of
 from bench.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from bench.suites import SUITES
 from data_prep.cloud_files import save_ply
+from data_prep.dots import draw_dots
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
 
