@@ -641,32 +641,6 @@ def inspect_data(
         raise typer.Exit(1)
 
 
-@data_app.command("export")
-def export_data(
-    dataset: Annotated[str, typer.Option(help="As of 'bench run'.")],
-    classes: Annotated[str, typer.Option("--class", help="Comma-separated.")],
-    out: Annotated[Path, typer.Option(help="A new folder.")],
-    limit: Annotated[int | None, typer.Option(help="At most so many objects a class.")] = None,
-    seed: Annotated[int, typer.Option(help="Of clouds and views, as of 'bench run'.")] = 0,
-    workers: Annotated[
-        int | None, typer.Option(help="Worker processes; default: all cores.")
-    ] = None,
-) -> None:
-    """Write a dataset in the paper's layout: exit 1 where an object cannot be written."""
-    from bench.export_paper import export
-    from bench.manifest import cores
-    from bench.markdown import visible
-
-    if workers is not None and workers < 1:
-        raise _bad(f"--workers {workers}: must be at least 1")
-    done = export(dataset, _names(classes) or (), limit, seed, out, workers or cores())
-    for line in done.failures:
-        print(f"bench: {visible(line)}", file=sys.stderr)
-    print(f"{done.written} objects, split {done.split_file}; use --dataset paper:{out}")
-    if done.failures:
-        raise typer.Exit(1)
-
-
 class Width(StrEnum):
     """Width of the networks: the paper's, or a quarter of it."""
 

@@ -50,12 +50,6 @@ class Orientation:
         # Not a matrix product, where an infinite x would make NaN of y and z.
         return points[..., list(self.columns)] * np.array(self.signs, points.dtype)
 
-    def from_ours(self, points: NDArray[Any]) -> NDArray[Any]:
-        """Coordinates [..., 3] of ours in the file's axes. Exact, and the inverse of `to_ours`."""
-        there = np.empty_like(points)
-        there[..., list(self.columns)] = points * np.array(self.signs, points.dtype)
-        return there
-
     @property
     def told(self) -> str:
         """In words."""
