@@ -1,7 +1,7 @@
 """What a stability case was expected to do, what it did, and what to call that.
 
 One `Outcome` is one cell of a matrix cases x subjects, whatever the subject is: a method, a metric,
-a number format, a library.
+a number format.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Outcome:
 
     case      kebab-case id, unique within a matrix
     group     what kind of case it is, "outlier" say; cases of a group stand together
-    subject   the method, metric, format or library
+    subject   the method, metric or format
     expected  in words: a value with its tolerance, an invariant, or a named failure
     observed  in words; what `expected` is compared with
     kind      the verdict, see `KINDS`

@@ -1,7 +1,7 @@
 """The suite `stability`: extremes, and whether what happens there is what is stated.
 
-Four matrices: methods on extreme clouds and views (killable workers, resumable), metrics on extreme
-pictures and features, pc2pix in other number formats, and defects of the libraries underneath.
+Three matrices: methods on extreme clouds and views (killable workers, resumable), metrics on
+extreme pictures and features, and pc2pix in other number formats.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from typing import Any
 from bench import manifest as manifests
 from bench.columns import JobRow, write_records
 from bench.job_results import do_jobs
-from bench.library_defects import library_outcomes
 from bench.methods import FLOORS, find_method, objectives
 from bench.observations import Observation, observe
 from bench.one_thread import one_thread
@@ -82,8 +81,8 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
         rows = [JobRow(job.key, job.item, settled[job.key].artifact_sha256) for job in jobs]
         write_records(directory, rows, lambda row: results(row.key).records)
         observations = observe(jobs, results)
-        say("libraries, metrics and number formats")
-        matrices = _matrices(methods, observations, workers, directory)
+        say("metrics and number formats")
+        matrices = _matrices(methods, observations, directory)
         _write(directory, matrices, observations)
         _draw(directory, matrices, jobs, settled, methods)
         write_manifest(directory, manifest | {"finished": manifests.now()})
@@ -134,7 +133,7 @@ def _describe(
 
 
 def _matrices(
-    methods: Sequence[str], observations: Sequence[Observation], workers: int, directory: Path
+    methods: Sequence[str], observations: Sequence[Observation], directory: Path
 ) -> tuple[Matrix, ...]:
     with one_thread():
         formats = measure_formats()
@@ -158,12 +157,6 @@ def _matrices(
             "pc2pix in other number formats",
             "Against float64 on the same cloud; the figures are in number_formats.",
             tuple(format_outcomes(formats)),
-        ),
-        Matrix(
-            "stability_libraries",
-            "Defects of the libraries underneath",
-            "Shown on the bare library, in a worker that can be killed; each is contained.",
-            tuple(library_outcomes(workers)),
         ),
     )
 
