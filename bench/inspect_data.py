@@ -13,14 +13,13 @@ import numpy as np
 
 from bench.isolation import Limits, Lost, run_tasks
 from bench.progress import progress
-from data_prep.dataset import Dataset
+from data_prep.dataset import Dataset, listed
 from data_prep.dataset_paper import VIEWS, PaperObject
 from data_prep.datasets import layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene_objects import SceneObject
-from data_prep.split_lists import listed
 from data_prep.untrusted import is_regular_file
 
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object

@@ -25,8 +25,8 @@ from bench.render_cloud import (
 from bench.sheet import Tile, columns_of, draw_sheet
 from bench.work import Pictures
 from data_prep.failures import BadInput
+from data_prep.orientations import upright
 from data_prep.scene import View
-from data_prep.upright import upright
 
 FRAMES = 36
 MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB

@@ -13,7 +13,6 @@ from data_prep.cloud_files import CLOUD_SUFFIXES, MOST_BYTES, load_points
 from data_prep.dataset import Dataset
 from data_prep.failures import BadInput
 from data_prep.fingerprints import fingerprint_of
-from data_prep.folders import files_below
 from data_prep.mesh_files import SUFFIXES
 from data_prep.normalise import normalise_points
 from data_prep.orientations import OURS
@@ -21,6 +20,7 @@ from data_prep.sampling import random_views
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 from data_prep.scene_objects import SceneObject
 from data_prep.stored_meshes import MeshFile
+from data_prep.untrusted import files_below
 
 # A .ply may be either: it is taken for a mesh. A .txt is more often something to read.
 BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))

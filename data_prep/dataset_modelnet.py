@@ -14,14 +14,12 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from data_prep.dataset import Dataset
+from data_prep.dataset import Dataset, differences
 from data_prep.failures import BadInput
-from data_prep.folders import files_below, folders_in
 from data_prep.orientations import MODELNET
 from data_prep.scene_objects import SceneObject, Split
-from data_prep.split_lists import differences
 from data_prep.stored_meshes import PlacedMesh
-from data_prep.untrusted import MIB, is_regular_file, plain_name, read_file
+from data_prep.untrusted import MIB, files_below, folders_in, is_regular_file, plain_name, read_text
 
 MOST_LIST_BYTES = 4 * MIB  # 12,311 ids are 0.2
 SPLITS: Sequence[Split] = ("train", "test")
@@ -139,12 +137,10 @@ def _read_lists(root: Path, irregular: list[str]) -> dict[Split, list[str]]:
     lists: dict[Split, list[str]] = {}
     seen: set[str] = set()
     for split, path in sorted(files[name].items(), reverse=True):  # train before test
+        lines = read_text(path, MOST_LIST_BYTES).splitlines()
         try:
-            text = read_file(path, MOST_LIST_BYTES).decode("utf-8-sig")
-            ids = [plain_name(line.strip()) for line in text.splitlines() if line.strip()]
+            ids = [plain_name(line.strip()) for line in lines if line.strip()]
         except ValueError as error:
-            if isinstance(error, BadInput):
-                raise
             raise BadInput(f"{path}: {error}; expected an id a line") from None
         lists[split] = []
         for object_id in ids:

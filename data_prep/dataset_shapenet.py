@@ -18,15 +18,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from data_prep.dataset import Dataset
+from data_prep.dataset import Dataset, differences, listed
 from data_prep.failures import BadInput
-from data_prep.folders import folders_in
 from data_prep.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
 from data_prep.scene_objects import SceneObject, Split
-from data_prep.split_lists import differences, listed
 from data_prep.stored_meshes import PlacedMesh
 from data_prep.synsets import class_names
-from data_prep.untrusted import MIB, is_regular_file, plain_name, plain_text, read_file, shown
+from data_prep.untrusted import (
+    MIB,
+    folders_in,
+    is_regular_file,
+    plain_name,
+    plain_text,
+    read_file,
+    read_text,
+    shown,
+)
 
 SYNSET = re.compile("[0-9]{8}")
 SPLIT_FILE = "all.csv"  # id,synsetId,subSynsetId,modelId,split
@@ -153,14 +160,13 @@ def _taxonomy(root: Path, synsets: Sequence[str]) -> dict[str, str]:
     path = root / TAXONOMY
     if not is_regular_file(path):
         return names
+    data = read_file(path, MOST_LIST_BYTES)
     try:
-        tree: Any = json.loads(read_file(path, MOST_LIST_BYTES))
+        tree: Any = json.loads(data)
         for entry in tree:
             if entry["synsetId"] in names:
                 names[entry["synsetId"]] = plain_text(entry["name"])
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        if isinstance(error, BadInput):
-            raise
         raise BadInput(
             f"{path}: not the taxonomy of ShapeNet ({error}); fetch it again, or remove it"
         ) from None
@@ -180,9 +186,9 @@ def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list
     lists: dict[str, dict[Split, list[str]]] = {}
     seen: dict[tuple[str, str], str] = {}
     again = []
+    lines = read_text(path, MOST_LIST_BYTES).splitlines()
     try:
-        text = read_file(path, MOST_LIST_BYTES).decode("utf-8-sig")
-        for row in csv.DictReader(text.splitlines(), strict=True):
+        for row in csv.DictReader(lines, strict=True):
             synset, model, split = (row[name] for name in ("synsetId", "modelId", "split"))
             key = plain_name(synset.zfill(8)), plain_name(model)
             if split not in _SPLITS:
@@ -193,8 +199,6 @@ def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list
             seen[key] = split
             lists.setdefault(key[0], {}).setdefault(_SPLITS[split], []).append(model)
     except (ValueError, KeyError, AttributeError, TypeError, csv.Error) as error:
-        if isinstance(error, BadInput):
-            raise
         raise BadInput(
             f"{path}: not the split list of ShapeNet ({error}); expected the columns "
             "id,synsetId,subSynsetId,modelId,split with train, val or test"

@@ -14,7 +14,7 @@ from data_prep.dataset_paper import PaperObject
 from data_prep.datasets import ProceduralObject, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
 from data_prep.failures import BadInput
-from data_prep.picture_file import read_picture
+from data_prep.images import read_picture
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
 
