@@ -7,7 +7,6 @@ An artifact is a compressed .npz, written whole or not at all by `bench.work`: `
 from __future__ import annotations
 
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.record import GROUND_TRUTH
+from data_prep.failures import BadInput
+from data_prep.fingerprints import file_sha256
 
 
 class Item(NamedTuple):
@@ -61,8 +62,8 @@ def artifact_path(directory: Path, key: str) -> Path:
 def artifact_sha256(path: Path) -> str | None:
     """The checksum of an artifact; None where it cannot be read."""
     try:
-        return sha256(path.read_bytes()).hexdigest()
-    except OSError:
+        return file_sha256(path)
+    except (BadInput, OSError):
         return None
 
 

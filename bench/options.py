@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 
 from bench import manifest as manifests
@@ -20,6 +19,7 @@ from bench.suites import Suite
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import Dataset, open_dataset
 from data_prep.failures import BadInput
+from data_prep.fingerprints import file_sha256
 from data_prep.scene_objects import SceneObject
 
 RUNS = Path("results/runs")
@@ -114,7 +114,7 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
             skipped[metric] = f"skipped: weights; {error}"
             continue
         features.append((metric, str(weights)))
-        identity[metric] = f"{extractor.version} {sha256(weights.read_bytes()).hexdigest()}"
+        identity[metric] = f"{extractor.version} {file_sha256(weights)}"
     protocol = Protocol(
         suite=suite,
         dataset=dataset.id,

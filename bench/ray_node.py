@@ -16,7 +16,6 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from hashlib import sha256
 from pathlib import Path
 
 from bench.isolation import Limits
@@ -27,6 +26,7 @@ from bench.probe import environment
 from bench.sources import code_sha256
 from bench.work import Job, Result, failed
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.fingerprints import file_sha256
 from data_prep.scene_objects import SceneObject
 
 PACKAGES = ("data_prep", "learning", "baselines", "pc2pix", "bench")
@@ -163,6 +163,6 @@ def _identities(methods: Iterable[str], device: str) -> dict[str, str]:
 
 def _sum(path: str) -> str:
     try:
-        return sha256(Path(path).read_bytes()).hexdigest()
-    except OSError as error:
-        return str(error.strerror)
+        return file_sha256(Path(path))
+    except (BadInput, OSError) as error:
+        return str(error).removeprefix(f"{path}: ")
