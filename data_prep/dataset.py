@@ -71,6 +71,43 @@ class Dataset:
         return found[:limit]
 
 
+@dataclass
+class Found:
+    """What a reader has found of a source, class by class, before it is a Dataset."""
+
+    objects: list[SceneObject] = field(default_factory=list)
+    splits: dict[Split, list[SceneObject]] = field(default_factory=dict)
+    irregular: list[str] = field(default_factory=list)
+
+    def add_listed(
+        self,
+        class_name: str,
+        there: Mapping[str, SceneObject],
+        named: Mapping[Split, Sequence[str]],
+        absent: Callable[[str], SceneObject],
+    ) -> None:
+        """The objects of a class by their ids, and the ids that a list names for each split.
+
+        An id that is named and not there becomes `absent` of it: an object that fails.
+        """
+        self.objects += there.values()
+        self.irregular += [f"{class_name}: {line}" for line in differences(named, list(there))]
+        for split, ids in named.items():
+            self.splits.setdefault(split, []).extend(there.get(i) or absent(i) for i in ids)
+
+    def dataset(self, spec: str, layout: str, orientation: str) -> Dataset:
+        """All of it; the classes are those of the objects."""
+        return Dataset(
+            spec,
+            tuple(sorted({obj.class_name for obj in self.objects})),
+            tuple(self.objects),
+            splits={split: tuple(found) for split, found in self.splits.items()},
+            layout=layout,
+            orientation=orientation,
+            irregular=tuple(self.irregular),
+        )
+
+
 def listed(names: Sequence[str]) -> str:
     """Some names, for a line of a report."""
     more = len(names) - MOST_NAMED

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.cloud_files import CLOUD_SUFFIXES, MOST_BYTES, load_points
-from data_prep.dataset import Dataset
+from data_prep.dataset import Dataset, Found
 from data_prep.failures import BadInput
 from data_prep.fingerprints import fingerprint_of
 from data_prep.mesh_files import SUFFIXES
@@ -96,16 +96,10 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
         name = root.resolve().name
         flat = tuple(make(name, file.name, file) for file in files)
         return Dataset(spec, (), flat, layout=layout, orientation=OURS.told)
-    objects = []
+    found = Found()
     for file in nested:
         class_name, *rest = file.relative_to(root).parts
-        objects.append(make(class_name, "/".join(rest), file))
-    beside = len(files) - len(nested)
-    return Dataset(
-        spec,
-        tuple(sorted({obj.class_name for obj in objects})),
-        tuple(objects),
-        layout=layout,
-        orientation=OURS.told,
-        irregular=(f"{beside} files beside the sub-folders are left alone",) if beside else (),
-    )
+        found.objects.append(make(class_name, "/".join(rest), file))
+    if beside := len(files) - len(nested):
+        found.irregular.append(f"{beside} files beside the sub-folders are left alone")
+    return found.dataset(spec, layout, OURS.told)

@@ -139,6 +139,19 @@ def files_below(root: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
     return tuple(sorted(found))
 
 
+def files_in(folder: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
+    """The regular files directly in a folder with one of these suffixes, sorted.
+
+    Raises BadInput as `files_below`.
+    """
+    found = []
+    for path, is_folder in _entries(folder):
+        if not is_folder and path.suffix.lower() in suffixes and is_regular_file(path):
+            check_name(path, folder)
+            found.append(path)
+    return tuple(sorted(found))
+
+
 def folders_in(folder: Path) -> tuple[Path, ...]:
     """The folders directly in a folder, sorted; links to folders count.
 
