@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.cloud_files import CLOUD_SUFFIXES, MOST_BYTES, load_points
+from data_prep.conditions import RandomSubset
 from data_prep.dataset import Dataset, Found
 from data_prep.failures import BadInput
 from data_prep.fingerprints import fingerprint_of
@@ -55,10 +56,7 @@ class BareCloud:
             cloud = normalise_points(points)
         except BadInput as error:
             raise BadInput(f"{self.path}: {error}") from error
-        if len(cloud) <= count:
-            return cloud
-        rows = np.sort(rng.choice(len(cloud), size=count, replace=False))
-        return PointCloud(cloud.points[rows])
+        return RandomSubset(count).apply(cloud, rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """Views drawn at random."""

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.cloud_files import MOST_BYTES, load_points
+from data_prep.conditions import RandomSubset
 from data_prep.dataset import Dataset, differences, listed
 from data_prep.failures import BadInput
 from data_prep.fingerprints import fingerprint_of
@@ -107,9 +108,7 @@ class PaperObject:
             raise BadInput(f"{self.cloud_file}: points that are not finite; fetch it again")
         with np.errstate(over="ignore"):
             ours = (PAPER.to_ours(points) / RADIUS).astype(np.float32)
-        if count < CLOUD_SIZE:
-            ours = ours[np.sort(rng.choice(CLOUD_SIZE, size=count, replace=False))]
-        return PointCloud(ours)
+        return RandomSubset(count).apply(PointCloud(ours), rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """The cameras of the first `count` pictures; views of the front where they cannot be read.
