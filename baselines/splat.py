@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from baselines.stages import check_finite
 from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX, project
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
@@ -45,9 +46,7 @@ class Splat:
         points = cloud.points
         if len(points) == 0:
             raise StageFailure("input", "no points")
-        bad = int((~np.isfinite(points)).any(axis=1).sum())
-        if bad:
-            raise StageFailure("input", f"{bad} of {len(points)} points are not finite")
+        check_finite(points)
         if len(points) == 1:
             return Discs(points, 0.0)
         distances, _ = cKDTree(points).query(points, k=[2])  # the first is the point itself

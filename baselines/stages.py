@@ -41,6 +41,11 @@ def check_points(points: Points, least: int, what: str) -> None:
     points [N, 3] is not finite."""
     if len(points) < least:
         raise StageFailure("input", f"{len(points)} points; {what} need at least {least}")
+    check_finite(points)
+
+
+def check_finite(points: Points) -> None:
+    """Raises StageFailure("input", ...) where one of points [N, 3] is not finite."""
     bad = int((~np.isfinite(points)).any(axis=1).sum())
     if bad:
         raise StageFailure("input", f"{bad} of {len(points)} points are not finite")

@@ -584,13 +584,13 @@ def _read_inception(path: Path) -> None:
 
 
 def _read_views(path: Path) -> None:
-    from data_prep.paper_files import read_views
+    from data_prep.dataset_paper import read_views
 
     read_views(path)
 
 
 def _read_split(path: Path) -> None:
-    from data_prep.paper_files import read_split
+    from data_prep.dataset_paper import read_split
 
     read_split(path)
 

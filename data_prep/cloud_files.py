@@ -110,7 +110,12 @@ class _Element:
 
 
 def _read_ply(data: bytes) -> CloudPoints:
-    """By hand: plyfile takes memory for as many rows as the header claims, and reads all faces."""
+    """The vertices, by hand: faces are not read.
+
+    trimesh reads a text that is cut short as if it were whole and refuses binary files with faces
+    of different sizes; plyfile takes memory for as many rows as the header claims, and is under the
+    GPL (`tests/upstream` shows all but the last).
+    """
     found = _PLY_HEADER.match(data, 0, MOST_HEADER_BYTES)
     if found is None:
         raise _NotACloud("no PLY header (ply ... end_header); use a PLY file")
@@ -207,7 +212,11 @@ def _ascii_vertices(
 
 
 def _read_npy(data: bytes) -> CloudPoints:
-    """Never unpickles: an array of objects is refused by its dtype."""
+    """Never unpickles: an array of objects is refused by its dtype.
+
+    Not by numpy.load, which takes memory for as many rows as the header claims; workers fill what
+    they take (`isolation.WORKER_ENVIRONMENT`), so that a claim would cost it all.
+    """
     file = io.BytesIO(data)
     try:
         with warnings.catch_warnings():

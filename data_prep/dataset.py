@@ -1,12 +1,19 @@
-"""A dataset: objects by class and split, and what was understood of the place they come from."""
+"""A dataset: objects by class and split, and what was understood of the place they come from.
+
+Where a source has a split list, the list decides what is measured: what it names and is not there
+becomes an object that fails with "no such file", so that nothing is dropped in silence. What is
+there and not named is left out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from data_prep.failures import BadInput
 from data_prep.scene_objects import SceneObject, Split
+
+MOST_NAMED = 3  # in a line of a report
 
 
 @dataclass(frozen=True)
@@ -62,3 +69,60 @@ class Dataset:
                 f"{self.id}: no {class_name} in the split '{split}'; there are objects in {there}"
             )
         return found[:limit]
+
+
+@dataclass
+class Found:
+    """What a reader has found of a source, class by class, before it is a Dataset."""
+
+    objects: list[SceneObject] = field(default_factory=list)
+    splits: dict[Split, list[SceneObject]] = field(default_factory=dict)
+    irregular: list[str] = field(default_factory=list)
+
+    def add_listed(
+        self,
+        class_name: str,
+        there: Mapping[str, SceneObject],
+        named: Mapping[Split, Sequence[str]],
+        absent: Callable[[str], SceneObject],
+    ) -> None:
+        """The objects of a class by their ids, and the ids that a list names for each split.
+
+        An id that is named and not there becomes `absent` of it: an object that fails.
+        """
+        self.objects += there.values()
+        self.irregular += [f"{class_name}: {line}" for line in differences(named, list(there))]
+        for split, ids in named.items():
+            self.splits.setdefault(split, []).extend(there.get(i) or absent(i) for i in ids)
+
+    def dataset(self, spec: str, layout: str, orientation: str) -> Dataset:
+        """All of it; the classes are those of the objects."""
+        return Dataset(
+            spec,
+            tuple(sorted({obj.class_name for obj in self.objects})),
+            tuple(self.objects),
+            splits={split: tuple(found) for split, found in self.splits.items()},
+            layout=layout,
+            orientation=orientation,
+            irregular=tuple(self.irregular),
+        )
+
+
+def listed(names: Sequence[str]) -> str:
+    """Some names, for a line of a report."""
+    more = len(names) - MOST_NAMED
+    return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def differences(named: Mapping[Split, Sequence[str]], there: Sequence[str]) -> list[str]:
+    """What list and disk do not agree on, a line each: `named` are the ids of each split."""
+    on_disk, lines = set(there), []
+    for split, ids in named.items():
+        missing = [name for name in ids if name not in on_disk]
+        if missing:
+            lines.append(f"{len(missing)} of the split '{split}' are not there: {listed(missing)}")
+    every = {name for ids in named.values() for name in ids}
+    extra = sorted(on_disk - every)
+    if extra:
+        lines.append(f"{len(extra)} are in no split and left out: {listed(extra)}")
+    return lines

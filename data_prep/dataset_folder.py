@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.cloud_files import CLOUD_SUFFIXES, MOST_BYTES, load_points
-from data_prep.dataset import Dataset
+from data_prep.conditions import RandomSubset
+from data_prep.dataset import Dataset, Found
 from data_prep.failures import BadInput
 from data_prep.fingerprints import fingerprint_of
-from data_prep.folders import files_below
 from data_prep.mesh_files import SUFFIXES
 from data_prep.normalise import normalise_points
 from data_prep.orientations import OURS
@@ -21,6 +21,7 @@ from data_prep.sampling import random_views
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 from data_prep.scene_objects import SceneObject
 from data_prep.stored_meshes import MeshFile
+from data_prep.untrusted import files_below
 
 # A .ply may be either: it is taken for a mesh. A .txt is more often something to read.
 BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
@@ -55,10 +56,7 @@ class BareCloud:
             cloud = normalise_points(points)
         except BadInput as error:
             raise BadInput(f"{self.path}: {error}") from error
-        if len(cloud) <= count:
-            return cloud
-        rows = np.sort(rng.choice(len(cloud), size=count, replace=False))
-        return PointCloud(cloud.points[rows])
+        return RandomSubset(count).apply(cloud, rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """Views drawn at random."""
@@ -96,16 +94,10 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
         name = root.resolve().name
         flat = tuple(make(name, file.name, file) for file in files)
         return Dataset(spec, (), flat, layout=layout, orientation=OURS.told)
-    objects = []
+    found = Found()
     for file in nested:
         class_name, *rest = file.relative_to(root).parts
-        objects.append(make(class_name, "/".join(rest), file))
-    beside = len(files) - len(nested)
-    return Dataset(
-        spec,
-        tuple(sorted({obj.class_name for obj in objects})),
-        tuple(objects),
-        layout=layout,
-        orientation=OURS.told,
-        irregular=(f"{beside} files beside the sub-folders are left alone",) if beside else (),
-    )
+        found.objects.append(make(class_name, "/".join(rest), file))
+    if beside := len(files) - len(nested):
+        found.irregular.append(f"{beside} files beside the sub-folders are left alone")
+    return found.dataset(spec, layout, OURS.told)

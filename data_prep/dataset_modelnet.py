@@ -12,19 +12,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
-from data_prep.dataset import Dataset
+from data_prep.dataset import Dataset, Found
 from data_prep.failures import BadInput
-from data_prep.folders import files_below, folders_in
 from data_prep.orientations import MODELNET
-from data_prep.scene_objects import SceneObject, Split
-from data_prep.split_lists import differences
+from data_prep.scene_objects import Split
 from data_prep.stored_meshes import PlacedMesh
-from data_prep.untrusted import MIB, is_regular_file, plain_name, read_file
+from data_prep.untrusted import MIB, files_in, folders_in, is_regular_file, plain_name, read_text
 
 MOST_LIST_BYTES = 4 * MIB  # 12,311 ids are 0.2
 SPLITS: Sequence[Split] = ("train", "test")
+OFF = (".off",)
 _LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt")
 
 
@@ -48,67 +48,54 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
     Raises BadInput where there is no OFF file in a class, and for lists that cannot be read.
     """
     classes = {folder.name: folder for folder in folders_in(root)}
-    by_folder = any((folder / split).is_dir() for folder in classes.values() for split in SPLITS)
-    irregular: list[str] = []
-    objects: list[SceneObject] = []
-    splits: dict[Split, list[SceneObject]] = {}
-    names: dict[str, list[str]] = {}
-    if by_folder:
+    found = Found()
+    if any((folder / split).is_dir() for folder in classes.values() for split in SPLITS):
         for class_name, folder in classes.items():
-            for split in SPLITS:
-                found = [_object(class_name, p) for p in _off_files(folder / split)]
-                splits.setdefault(split, []).extend(found)
-                objects += found
-            both = {o.object_id for o in splits["train"] if o.class_name == class_name}
-            both &= {o.object_id for o in splits["test"] if o.class_name == class_name}
-            if both:
-                irregular.append(f"{class_name}: {len(both)} ids are in train and in test")
-            if beside := len(_off_files(folder)):
-                irregular.append(f"{class_name}: {beside} files beside train and test are left out")
+            _add_folders(found, class_name, folder)
         layout = "ModelNet, with folders train and test"
     else:
+        lists = _read_lists(root, found.irregular)
         for class_name, folder in classes.items():
-            found = [_object(class_name, p) for p in _off_files(folder)]
-            names[class_name] = [o.object_id for o in found]
-            objects += found
-        layout = "ModelNet, without splits"
-        lists = _read_lists(root, irregular)
-        if lists:
-            layout = "ModelNet, with split lists"
-            known = {(o.class_name, o.object_id): o for o in objects}
-            for class_name, folder in classes.items():
-                own = _of_class(class_name, lists)
-                irregular += [f"{class_name}: {d}" for d in differences(own, names[class_name])]
-                for split, ids in own.items():
-                    splits.setdefault(split, []).extend(
-                        known.get((class_name, i)) or _object(class_name, folder / f"{i}.off")
-                        for i in ids
-                    )
-    if not objects:
+            there = {path.stem: _object(class_name, path) for path in files_in(folder, OFF)}
+            if lists:
+                named = _of_class(class_name, lists)
+                found.add_listed(class_name, there, named, partial(_absent, class_name, folder))
+            else:
+                found.objects += there.values()
+        layout = "ModelNet, with split lists" if lists else "ModelNet, without splits"
+    if not found.objects:
         raise BadInput(
             f"{root}: no ModelNet here; expected <class>/train/<class>_0001.off or "
             "<class>/<class>_0001.off"
         )
-    return Dataset(
-        spec,
-        tuple(sorted({obj.class_name for obj in objects})),
-        tuple(objects),
-        splits={split: tuple(found) for split, found in splits.items()},
-        layout=layout,
-        orientation=MODELNET.told,
-        irregular=tuple(irregular),
-    )
+    return found.dataset(spec, layout, MODELNET.told)
+
+
+def _add_folders(found: Found, class_name: str, folder: Path) -> None:
+    """The objects in the folders train and test of a class."""
+    ids = []
+    for split in SPLITS:
+        there = [_object(class_name, path) for path in _off_files(folder / split)]
+        found.objects += there
+        found.splits.setdefault(split, []).extend(there)
+        ids.append({obj.object_id for obj in there})
+    if both := ids[0] & ids[1]:
+        found.irregular.append(f"{class_name}: {len(both)} ids are in train and in test")
+    if beside := len(files_in(folder, OFF)):
+        found.irregular.append(f"{class_name}: {beside} files beside train and test are left out")
 
 
 def _off_files(folder: Path) -> tuple[Path, ...]:
-    """Those directly in a folder; none where it is not there."""
-    if not folder.is_dir():
-        return ()
-    return tuple(path for path in files_below(folder, (".off",)) if path.parent == folder)
+    """None where there is no such folder."""
+    return files_in(folder, OFF) if folder.is_dir() else ()
 
 
 def _object(class_name: str, path: Path) -> PlacedMesh:
     return PlacedMesh(class_name, path.stem, path, path.parent, MODELNET)
+
+
+def _absent(class_name: str, folder: Path, object_id: str) -> PlacedMesh:
+    return _object(class_name, folder / f"{object_id}.off")
 
 
 def _of_class(class_name: str, lists: Mapping[Split, Sequence[str]]) -> dict[Split, list[str]]:
@@ -139,12 +126,10 @@ def _read_lists(root: Path, irregular: list[str]) -> dict[Split, list[str]]:
     lists: dict[Split, list[str]] = {}
     seen: set[str] = set()
     for split, path in sorted(files[name].items(), reverse=True):  # train before test
+        lines = read_text(path, MOST_LIST_BYTES).splitlines()
         try:
-            text = read_file(path, MOST_LIST_BYTES).decode("utf-8-sig")
-            ids = [plain_name(line.strip()) for line in text.splitlines() if line.strip()]
+            ids = [plain_name(line.strip()) for line in lines if line.strip()]
         except ValueError as error:
-            if isinstance(error, BadInput):
-                raise
             raise BadInput(f"{path}: {error}; expected an id a line") from None
         lists[split] = []
         for object_id in ids:

@@ -16,31 +16,42 @@ above: x = cos a cos e, y = sin a cos e, z = sin e, as in the rendering scripts 
 al. 2015), whose view files have the same columns. Ours grows clockwise, so the sign is changed. The
 data was not at hand to confirm this; `bench data inspect` counts the points of the clouds that fall
 on the objects in the pictures, for this reading of the angles and for the others.
+
+Ids from these files become parts of paths, so nothing that could lead out of the folder of the
+dataset is taken for an id.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.cloud_files import MOST_BYTES, load_points
-from data_prep.dataset import Dataset
+from data_prep.conditions import RandomSubset
+from data_prep.dataset import Dataset, differences, listed
 from data_prep.failures import BadInput
 from data_prep.fingerprints import fingerprint_of
-from data_prep.folders import folders_in
+from data_prep.images import read_picture
 from data_prep.orientations import PAPER
-from data_prep.paper_files import PaperClass, read_split, read_views
-from data_prep.picture_file import read_picture
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 from data_prep.scene_objects import SceneObject, Split
-from data_prep.split_lists import differences, listed
 from data_prep.synsets import class_names
-from data_prep.untrusted import is_regular_file
+from data_prep.untrusted import (
+    MIB,
+    folders_in,
+    is_regular_file,
+    plain_name,
+    plain_text,
+    read_text,
+    shown,
+)
 
 CLOUDS = Path("shape_net_core_uniform_samples_2048")
 RENDERS = Path("shapenet_release/renders")
@@ -49,6 +60,9 @@ ALL_CLASSES = f"all{SPLIT_SUFFIX}"
 PICTURES = 20
 VIEWS = "view.txt"
 RADIUS = 0.5  # of the sphere that pictures show, in the units of the clouds
+MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
+MOST_SPLIT_BYTES = 64 * MIB  # the original's largest, of 43,783 objects, has 2
+MOST_COLUMNS = 16  # of a line of view.txt
 _SPLITS: Sequence[Split] = ("train", "test")
 
 
@@ -94,9 +108,7 @@ class PaperObject:
             raise BadInput(f"{self.cloud_file}: points that are not finite; fetch it again")
         with np.errstate(over="ignore"):
             ours = (PAPER.to_ours(points) / RADIUS).astype(np.float32)
-        if count < CLOUD_SIZE:
-            ours = ours[np.sort(rng.choice(CLOUD_SIZE, size=count, replace=False))]
-        return PointCloud(ours)
+        return RandomSubset(count).apply(PointCloud(ours), rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
         """The cameras of the first `count` pictures; views of the front where they cannot be read.
@@ -226,3 +238,104 @@ def _not_there(
         *(f"{class_name}, clouds: {line}" for line in differences(named, there)),
         *(f"{class_name}, pictures: {line}" for line in differences(named, pictured)),
     ]
+
+
+# --- cameras and splits, as roatienza/pc2pix@46795a46 (loader.py, shapenet.py) reads them ---------
+
+
+@dataclass(frozen=True)
+class PaperClass:
+    """The objects of one class: its name, and the ids of its training and test split."""
+
+    name: str
+    train: tuple[str, ...]
+    test: tuple[str, ...]
+
+
+def read_views(path: Path) -> tuple[View, ...]:
+    """The cameras of `view.txt`: line k holds azimuth and elevation of picture k in degrees.
+
+    Further numbers of a line are passed over, as in the original. The angles are those of the file:
+    whether zero and sense are ours is up to who reads a dataset. Raises BadInput, naming file, line
+    and value, for whatever is no angle, for gaps, and for an empty file.
+    """
+    text = read_text(path, MOST_VIEW_BYTES)
+    views = []
+    for number, line in enumerate(text.rstrip().splitlines(), 1):
+        fields = line.split()
+        if not 2 <= len(fields) <= MOST_COLUMNS:
+            raise BadInput(
+                f"{path}: line {number} has {len(fields)} numbers, expected azimuth and elevation; "
+                "a line per picture"
+            )
+        try:
+            azimuth, elevation, *_ = [_number(field) for field in fields]
+            views.append(View(azimuth, elevation))
+        except ValueError as error:
+            raise BadInput(f"{path}: line {number}: {error}; give degrees") from None
+    if not views:
+        raise BadInput(f"{path}: no views; give azimuth and elevation, a line per picture")
+    return tuple(views)
+
+
+def read_split(path: Path) -> dict[str, PaperClass]:
+    """The classes of a split file such as `chair_exp.json`, by their synset ("03001627").
+
+    {synset: {"name": ..., "train": [id, ...], "test": [id, ...]}}. An id is the name of a file or
+    folder, and nothing else: no path, no ".", no control characters. Raises BadInput, naming file,
+    value and remedy, for any other form, for an object that is listed twice, and for a file without
+    classes.
+    """
+    text = read_text(path, MOST_SPLIT_BYTES)
+    try:
+        tree = json.loads(text, object_pairs_hook=_without_doubles)
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"{path}: not JSON that can be read ({error}); fetch it again") from None
+    try:
+        if not isinstance(tree, dict) or not tree:
+            raise ValueError("no classes")
+        return {plain_name(synset): _paper_class(synset, entry) for synset, entry in tree.items()}
+    except ValueError as error:
+        raise BadInput(
+            f"{path}: {error}; expected {{synset: {{name, train: [ids], test: [ids]}}}}"
+        ) from None
+
+
+def _number(field: str) -> float:
+    try:
+        if "_" in field or not field.isascii():  # Python's own, 1_000
+            raise ValueError
+        return float(field)
+    except ValueError:
+        raise ValueError(f"{shown(field)} is not a number") from None
+
+
+def _paper_class(synset: str, entry: Any) -> PaperClass:
+    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
+        raise ValueError(f"class {shown(synset)} has no name")
+    splits = {}
+    for split in ("train", "test"):
+        ids = entry.get(split)
+        if not isinstance(ids, list):
+            raise ValueError(f"class {shown(synset)} has no list {split!r}")
+        splits[split] = tuple(plain_name(value) for value in ids)
+    twice = _first_double(splits["train"] + splits["test"])
+    if twice is not None:
+        raise ValueError(f"class {shown(synset)} lists {shown(twice)} twice")
+    return PaperClass(plain_text(entry["name"]), **splits)
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    twice = _first_double([name for name, _ in pairs])
+    if twice is not None:
+        raise ValueError(f"{shown(twice)} is there twice")
+    return dict(pairs)
+
+
+def _first_double(names: Sequence[str]) -> str | None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None

@@ -15,18 +15,26 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from data_prep.dataset import Dataset
+from data_prep.dataset import Dataset, Found, listed
 from data_prep.failures import BadInput
-from data_prep.folders import folders_in
 from data_prep.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
-from data_prep.scene_objects import SceneObject, Split
-from data_prep.split_lists import differences, listed
+from data_prep.scene_objects import Split
 from data_prep.stored_meshes import PlacedMesh
 from data_prep.synsets import class_names
-from data_prep.untrusted import MIB, is_regular_file, plain_name, plain_text, read_file, shown
+from data_prep.untrusted import (
+    MIB,
+    folders_in,
+    is_regular_file,
+    plain_name,
+    plain_text,
+    read_file,
+    read_text,
+    shown,
+)
 
 SYNSET = re.compile("[0-9]{8}")
 SPLIT_FILE = "all.csv"  # id,synsetId,subSynsetId,modelId,split
@@ -51,7 +59,7 @@ V2 = _Version("v2", ("models", "model_normalized.obj"), SHAPENET_V2)
 
 
 @dataclass
-class _Found:
+class _Synset:
     """What there is of a synset: objects by id, and folders without a model."""
 
     versions: dict[str, _Version] = field(default_factory=dict)
@@ -76,54 +84,51 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
 
     Raises BadInput where no synset holds a model, and for lists that cannot be read.
     """
-    irregular: list[str] = []
-    found = {s.name: _find(s) for s in folders_in(root) if SYNSET.fullmatch(s.name)}
-    found = {synset: there for synset, there in found.items() if there.versions}
-    if not found:
+    synsets = {s.name: _find(s) for s in folders_in(root) if SYNSET.fullmatch(s.name)}
+    synsets = {synset: there for synset, there in synsets.items() if there.versions}
+    if not synsets:
         raise BadInput(
             f"{root}: no ShapeNetCore here; expected <synset>/<id>/{'/'.join(V1.path)} (v1) or "
             f"<synset>/<id>/{'/'.join(V2.path)} (v2)"
         )
-    versions = sorted({v.name for there in found.values() for v in there.versions.values()})
+    found = Found()
+    versions = sorted({v.name for there in synsets.values() for v in there.versions.values()})
     if len(versions) > 1:
-        irregular.append("objects of v1 and v2 side by side; each is turned as its own path says")
+        found.irregular.append(
+            "objects of v1 and v2 side by side; each is turned as its own path says"
+        )
     usual = V1 if versions == ["v1"] else V2
-    names = class_names(_taxonomy(root, tuple(found)))
-    listed_ids = _split_lists(root, irregular)
-    objects: dict[str, dict[str, SceneObject]] = {}
-    splits: dict[Split, list[SceneObject]] = {}
-    for synset, there in sorted(found.items(), key=lambda item: names[item[0]]):
-        place, folder = names[synset], root / synset
+    names = class_names(_taxonomy(root, tuple(synsets)))
+    lists = _split_lists(root, found.irregular)
+    for synset, there in sorted(synsets.items(), key=lambda item: names[item[0]]):
+        name, folder = names[synset], root / synset
         if there.empty:
-            irregular.append(
-                f"{place}: {len(there.empty)} folders without a model: {listed(there.empty)}"
+            found.irregular.append(
+                f"{name}: {len(there.empty)} folders without a model: {listed(there.empty)}"
             )
-        objects[synset] = {i: v.place(place, folder / i) for i, v in sorted(there.versions.items())}
-        if listed_ids is None:
-            continue
-        named = listed_ids.get(synset, {})
-        irregular += [f"{place}: {line}" for line in differences(named, list(there.versions))]
-        for split, ids in named.items():
-            own = objects[synset]
-            splits.setdefault(split, []).extend(
-                own[i] if i in own else usual.place(place, folder / i) for i in ids
-            )
-    return Dataset(
+        objects = {i: v.place(name, folder / i) for i, v in sorted(there.versions.items())}
+        if lists is None:
+            found.objects += objects.values()
+        else:
+            absent = partial(_absent, usual, name, folder)
+            found.add_listed(name, objects, lists.get(synset, {}), absent)
+    found.irregular += _shared_ids(synsets, names)
+    found.splits = {s: found.splits[s] for s in _SPLITS.values() if s in found.splits}
+    layout = f"ShapeNetCore {' and '.join(versions)}"
+    orientations = (f"{v.name}: {v.orientation.told}" for v in (V1, V2) if v.name in versions)
+    return found.dataset(
         spec,
-        tuple(sorted(names[synset] for synset in found)),
-        tuple(obj for own in objects.values() for obj in own.values()),
-        splits={split: tuple(splits[split]) for split in _SPLITS.values() if split in splits},
-        layout=f"ShapeNetCore {' and '.join(versions)}"
-        + ("" if listed_ids is not None else f", without {SPLIT_FILE}: one split"),
-        orientation="; ".join(
-            f"{v.name}: {v.orientation.told}" for v in (V1, V2) if v.name in versions
-        ),
-        irregular=(*irregular, *_shared_ids(found, names)),
+        layout if lists is not None else f"{layout}, without {SPLIT_FILE}: one split",
+        "; ".join(orientations),
     )
 
 
-def _find(synset: Path) -> _Found:
-    found = _Found()
+def _absent(version: _Version, class_name: str, folder: Path, object_id: str) -> PlacedMesh:
+    return version.place(class_name, folder / object_id)
+
+
+def _find(synset: Path) -> _Synset:
+    found = _Synset()
     for folder in folders_in(synset):
         version = _version_of(folder)
         if version is None:
@@ -137,7 +142,7 @@ def _version_of(folder: Path) -> _Version | None:
     return next((v for v in (V2, V1) if is_regular_file(folder.joinpath(*v.path))), None)
 
 
-def _shared_ids(found: Mapping[str, _Found], names: Mapping[str, str]) -> list[str]:
+def _shared_ids(found: Mapping[str, _Synset], names: Mapping[str, str]) -> list[str]:
     """One model under two synsets, as ShapeNet has some: two objects, of different class."""
     classes: dict[str, list[str]] = {}
     for synset, there in found.items():
@@ -153,14 +158,13 @@ def _taxonomy(root: Path, synsets: Sequence[str]) -> dict[str, str]:
     path = root / TAXONOMY
     if not is_regular_file(path):
         return names
+    data = read_file(path, MOST_LIST_BYTES)
     try:
-        tree: Any = json.loads(read_file(path, MOST_LIST_BYTES))
+        tree: Any = json.loads(data)
         for entry in tree:
             if entry["synsetId"] in names:
                 names[entry["synsetId"]] = plain_text(entry["name"])
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        if isinstance(error, BadInput):
-            raise
         raise BadInput(
             f"{path}: not the taxonomy of ShapeNet ({error}); fetch it again, or remove it"
         ) from None
@@ -180,9 +184,9 @@ def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list
     lists: dict[str, dict[Split, list[str]]] = {}
     seen: dict[tuple[str, str], str] = {}
     again = []
+    lines = read_text(path, MOST_LIST_BYTES).splitlines()
     try:
-        text = read_file(path, MOST_LIST_BYTES).decode("utf-8-sig")
-        for row in csv.DictReader(text.splitlines(), strict=True):
+        for row in csv.DictReader(lines, strict=True):
             synset, model, split = (row[name] for name in ("synsetId", "modelId", "split"))
             key = plain_name(synset.zfill(8)), plain_name(model)
             if split not in _SPLITS:
@@ -193,8 +197,6 @@ def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list
             seen[key] = split
             lists.setdefault(key[0], {}).setdefault(_SPLITS[split], []).append(model)
     except (ValueError, KeyError, AttributeError, TypeError, csv.Error) as error:
-        if isinstance(error, BadInput):
-            raise
         raise BadInput(
             f"{path}: not the split list of ShapeNet ({error}); expected the columns "
             "id,synsetId,subSynsetId,modelId,split with train, val or test"

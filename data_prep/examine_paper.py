@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.camera import project
-from data_prep.dataset_paper import PICTURES, VIEWS, PaperObject
+from data_prep.dataset_paper import PICTURES, VIEWS, PaperObject, read_views
 from data_prep.failures import BadInput
-from data_prep.paper_files import read_views
-from data_prep.picture_file import read_picture
+from data_prep.images import read_picture
 from data_prep.randomness import generator
 from data_prep.sampling import AZIMUTH_RANGE_DEG, ELEVATION_RANGE_DEG
 from data_prep.scene import IMAGE_SIZE, PointCloud, View

@@ -6,15 +6,31 @@ they do to the points, `source` stays the mesh of the cloud they were given, unl
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.normalise import normalise, normalise_points
 from data_prep.sampling import sample_surface
-from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, Points
 from data_prep.shapes.solids import box, join
+
+
+class _ChangesPoints(ABC):
+    """A perturbation of the points alone, without randomness."""
+
+    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """The cloud with other points. No randomness."""
+        del rng
+        return replace(cloud, points=self._changed(cloud.points))
+
+    @abstractmethod
+    def _changed(self, points: Points) -> NDArray[Any]:
+        """What becomes of points [N, 3]: real numbers [M, 3]."""
 
 
 @dataclass(frozen=True)
@@ -33,108 +49,92 @@ class Count:
 
 
 @dataclass(frozen=True)
-class Equal:
+class Equal(_ChangesPoints):
     """As many points as before, all equal to the first."""
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        return replace(cloud, points=np.repeat(cloud.points[:1], len(cloud), axis=0))
+    def _changed(self, points: Points) -> NDArray[Any]:
+        return np.repeat(points[:1], len(points), axis=0)
 
 
 @dataclass(frozen=True)
-class Flattened:
+class Flattened(_ChangesPoints):
     """The first `axes` coordinates are kept, the others become 0: 2 a plane, 1 a line."""
 
     axes: int
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        points = cloud.points.copy()
-        points[:, self.axes :] = 0.0
-        return replace(cloud, points=points)
+    def _changed(self, points: Points) -> NDArray[Any]:
+        changed = points.copy()
+        changed[:, self.axes :] = 0.0
+        return changed
 
 
 @dataclass(frozen=True)
-class TwoClusters:
+class TwoClusters(_ChangesPoints):
     """The cloud shrunk to a tenth, half of its rows at -0.9, half at +0.9 on X."""
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        points = cloud.points * np.float32(0.1)
+    def _changed(self, points: Points) -> NDArray[Any]:
+        points = points * np.float32(0.1)
         points[: len(points) // 2, 0] -= np.float32(0.9)
         points[len(points) // 2 :, 0] += np.float32(0.9)
-        return replace(cloud, points=points)
+        return points
 
 
 @dataclass(frozen=True)
-class FirstPoint:
+class FirstPoint(_ChangesPoints):
     """The first coordinate of the first point becomes `value`: an outlier, NaN or infinity."""
 
     value: float
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        points = cloud.points.copy()
-        points[0, 0] = self.value
-        return replace(cloud, points=points)
+    def _changed(self, points: Points) -> NDArray[Any]:
+        changed = points.copy()
+        changed[0, 0] = self.value
+        return changed
 
 
 @dataclass(frozen=True)
-class Scaled:
+class Scaled(_ChangesPoints):
     """All coordinates times `factor`, in float32."""
 
     factor: float
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        return replace(cloud, points=cloud.points * np.float32(self.factor))
+    def _changed(self, points: Points) -> NDArray[Any]:
+        return points * np.float32(self.factor)
 
 
 @dataclass(frozen=True)
-class Shifted:
+class Shifted(_ChangesPoints):
     """All points moved by `distance` along X; float32 rounds them to its grid out there."""
 
     distance: float
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        points = cloud.points.copy()
-        points[:, 0] += np.float32(self.distance)
-        return replace(cloud, points=points)
+    def _changed(self, points: Points) -> NDArray[Any]:
+        changed = points.copy()
+        changed[:, 0] += np.float32(self.distance)
+        return changed
 
 
 @dataclass(frozen=True)
-class Cast:
+class Cast(_ChangesPoints):
     """The points handed over as another dtype, `PointCloud` casts them back to float32."""
 
     dtype: str
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        return replace(cloud, points=cloud.points.astype(self.dtype))
+    def _changed(self, points: Points) -> NDArray[Any]:
+        return points.astype(self.dtype)
 
 
 @dataclass(frozen=True)
-class Strided:
+class Strided(_ChangesPoints):
     """The points handed over as every second column of a larger array in Fortran order."""
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        larger = np.full((len(cloud), 6), np.nan, np.float32, order="F")
-        larger[:, ::2] = cloud.points
-        return replace(cloud, points=larger[:, ::2])
+    def _changed(self, points: Points) -> NDArray[Any]:
+        larger = np.full((len(points), 6), np.nan, np.float32, order="F")
+        larger[:, ::2] = points
+        return larger[:, ::2]
 
 
 @dataclass(frozen=True)
-class Repeated:
+class Repeated(_ChangesPoints):
     """Every `times`-th row, repeated `times` times in succession.
 
     How the original fills a network that takes 2,048 points (roatienza/pc2pix@23b7b46d,
@@ -143,10 +143,8 @@ class Repeated:
 
     times: int
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        return replace(cloud, points=np.repeat(cloud.points[:: self.times], self.times, axis=0))
+    def _changed(self, points: Points) -> NDArray[Any]:
+        return np.repeat(points[:: self.times], self.times, axis=0)
 
 
 @dataclass(frozen=True)
@@ -172,13 +170,11 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Half:
+class Half(_ChangesPoints):
     """The points with a negative X: half of the object is cut away."""
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        return replace(cloud, points=cloud.points[cloud.points[:, 0] < 0])
+    def _changed(self, points: Points) -> NDArray[Any]:
+        return points[points[:, 0] < 0]
 
 
 @dataclass(frozen=True)
@@ -212,7 +208,7 @@ class Turned:
 
 
 @dataclass(frozen=True)
-class Normalised:
+class Normalised(_ChangesPoints):
     """In float64: the cloud times `factor`, then moved by `distance`, then to the unit sphere.
 
     With `whole`, it is rounded to integers before it is normalised.
@@ -222,9 +218,7 @@ class Normalised:
     distance: float = 0.0
     whole: bool = False
 
-    def apply(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        """No randomness."""
-        del rng
-        points = cloud.points.astype(np.float64) * self.factor + self.distance
-        raw = np.rint(points).astype(np.int64) if self.whole else points
-        return replace(cloud, points=normalise_points(raw).points)
+    def _changed(self, points: Points) -> NDArray[Any]:
+        moved = points.astype(np.float64) * self.factor + self.distance
+        raw = np.rint(moved).astype(np.int64) if self.whole else moved
+        return normalise_points(raw).points

@@ -1,4 +1,4 @@
-"""Checksums of the files behind an object: they change whenever one of these does."""
+"""Checksums of files, and of all the files behind an object."""
 
 from __future__ import annotations
 
@@ -11,6 +11,14 @@ from typing import Any
 from data_prep.failures import BadInput
 from data_prep.untrusted import MIB, open_file
 
+MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
+
+
+def file_sha256(path: Path, most_bytes: int = MOST_BYTES) -> str:
+    """The checksum of a file, read piece by piece. Raises BadInput as `untrusted.open_file`."""
+    with open_file(path, most_bytes) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
 
 def fingerprint_of(
     version: str,
@@ -18,7 +26,8 @@ def fingerprint_of(
     companions: Callable[[], Iterable[Path]],
     most_bytes: int,
 ) -> str:
-    """sha256 of a version, a file and its companions, these with their names.
+    """sha256 of a version, a file and its companions, these with their names: it changes whenever
+    one of these does.
 
     Where one cannot be read, a text that says so ("unreadable: no such file").
     """

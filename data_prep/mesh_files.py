@@ -22,12 +22,11 @@ from data_prep.normalise import normalise
 from data_prep.orientations import OURS, Orientation
 from data_prep.sampling import face_areas
 from data_prep.scene import Mesh
-from data_prep.untrusted import open_file
+from data_prep.untrusted import open_file, reason_of
 
 LOADER_VERSION = 1  # raise when a change here changes a mesh: finished work is then done again
 SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 NEUTRAL_GREY = (180, 180, 180)  # for files without colours, and for reconstructions
-MOST_REASON = 120  # characters of a parser's complaint
 
 MOST_BYTES = 2**30  # of a file, of its companions together, and of what a glTF spreads them out to
 MOST_FACES = 50_000_000  # all instances counted
@@ -58,10 +57,9 @@ def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None =
         except BadInput:
             raise
         except Exception as error:  # trimesh raises whatever its parsers raise
-            lines = str(error).splitlines()
-            reason = lines[0][:MOST_REASON] if lines else type(error).__name__
             raise BadInput(
-                f"{path}: not a readable mesh ({reason}); use one of {', '.join(SUFFIXES)}"
+                f"{path}: not a readable mesh ({reason_of(error)}); use one of "
+                + ", ".join(SUFFIXES)
             ) from error
         if not parts:
             raise BadInput(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")

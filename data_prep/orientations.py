@@ -1,7 +1,7 @@
 """How clouds and meshes of other conventions are placed, and the way to +Y up, front towards -Z.
 
 All are rotations by quarter turns: a permutation of the axes with signs. They round nothing, so an
-object that is written in two layouts comes out bit for bit the same.
+object that is stored in two layouts comes out bit for bit the same.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from data_prep.failures import BadInput
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,6 @@ class Orientation:
         """
         # Not a matrix product, where an infinite x would make NaN of y and z.
         return points[..., list(self.columns)] * np.array(self.signs, points.dtype)
-
-    def from_ours(self, points: NDArray[Any]) -> NDArray[Any]:
-        """Coordinates [..., 3] of ours in the file's axes. Exact, and the inverse of `to_ours`."""
-        there = np.empty_like(points)
-        there[..., list(self.columns)] = points * np.array(self.signs, points.dtype)
-        return there
 
     @property
     def told(self) -> str:
@@ -98,3 +94,24 @@ PAPER = Orientation(
     "ShapeNetCore.v1 as Blender imports it; the rotations of roatienza/pc2pix@23b7b46d "
     "(ball-pivoting-close-holes-mc-rotate.mlx, render_reconstruction.py) undo each other in it",
 )
+AXES = {"x": "+X", "-x": "-X", "y": "+Y", "-y": "-Y", "z": "+Z", "-z": "-Z"}  # as options say them
+
+
+def upright(
+    points: NDArray[np.float64], up: str = "y", front: str | None = None
+) -> NDArray[np.float64]:
+    """Points [N, 3] turned so that their axis `up` becomes +Y and their axis `front` -Z.
+
+    For clouds whose user says which way they stand: scanners and maps mostly have +Z up. Both are
+    one of AXES. The front is -z where it is not given, or -y where z is up or down (the
+    convention of Blender: its front view looks along +Y). Exact, and values that are not finite
+    stay what and where they are. Raises BadInput for what is no axis, and for a front along up.
+    """
+    front = front or ("-y" if up.endswith("z") else "-z")
+    for name, axis in (("up", up), ("front", front)):
+        if axis not in AXES:
+            raise BadInput(f"{name} '{axis}': no axis; give one of {', '.join(AXES)}")
+    if front[-1] == up[-1]:
+        beside = ", ".join(axis for axis in AXES if axis[-1] != up[-1])
+        raise BadInput(f"front '{front}': along up, which is '{up}'; give one of {beside}")
+    return Orientation(AXES[up], AXES[front], "its user").to_ours(points)

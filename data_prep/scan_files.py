@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.untrusted import MIB, open_file
+from data_prep.untrusted import MIB, open_file, reason_of
 
 MOST_POINTS = 2**21  # kept; splats, the fastest, take seconds for as many
 MOST_BYTES = 2048 * MIB  # of LAS and LAZ, which are read piece by piece
 MOST_BYTES_AT_ONCE = 512 * MIB  # of E57 and PCD
 MOST_CLAIMED = 2**26  # points that an E57 or PCD may claim: 1.5 GiB of coordinates
 PIECE = 2**20  # points
-MOST_REASON = 120
 RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
 
 ScanPoints = NDArray[np.float64]  # [N, 3]
@@ -53,10 +52,9 @@ def load_scan(path: Path) -> ScanPoints:
     except BadInput:
         raise
     except Exception as error:  # libraries raise whatever their parsers raise
-        lines = str(error).splitlines()
-        reason = lines[0][:MOST_REASON] if lines else type(error).__name__
+        kind = path.suffix[1:].upper()
         raise BadInput(
-            f"{path}: not a readable {path.suffix[1:].upper()} file ({reason}); fetch it again"
+            f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
         ) from error
 
 

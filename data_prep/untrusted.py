@@ -1,4 +1,4 @@
-"""Files that nobody vouches for: opened without waiting, read within a stated bound, never trusted.
+"""Files and folders that nobody vouches for: opened without waiting, read within a stated bound.
 
 What stands under a path may be a FIFO (whose reader waits for ever), a device (which never ends), a
 folder, or a file of any size; its name may hold whatever the file system allows.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import stat
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -19,6 +19,7 @@ from data_prep.failures import BadInput
 
 MIB = 2**20
 MOST_NAME_LENGTH = 200
+MOST_REASON_LENGTH = 120  # of a parser's complaint
 
 
 def is_regular_file(path: Path) -> bool:
@@ -73,6 +74,21 @@ def read_file(path: Path, most_bytes: int) -> bytes:
     return data
 
 
+def read_text(path: Path, most_bytes: int) -> str:
+    """The UTF-8 text of a file, with or without a byte order mark. Raises BadInput as `read_file`,
+    and for other encodings."""
+    try:
+        return read_file(path, most_bytes).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: not UTF-8 at byte {error.start}; fetch it again") from None
+
+
+def reason_of(error: Exception) -> str:
+    """What a parser complains of, in one line that is not too long."""
+    lines = str(error).splitlines()
+    return lines[0][:MOST_REASON_LENGTH] if lines else type(error).__name__
+
+
 def shown(value: str | bytes, most: int = 40) -> str:
     """A value from a file as it is quoted in a message: in quotes, escaped, not too long."""
     cut = value if len(value) <= most else value[:most]
@@ -106,8 +122,73 @@ def plain_text(value: Any) -> str:
     return value
 
 
+def files_below(root: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
+    """All regular files with one of these suffixes, sorted.
+
+    Links to folders are not followed, so that no circle matters. Raises BadInput for a folder that
+    cannot be read, and for a name that is no text: records are.
+    """
+    found, waiting = [], [root]
+    while waiting:
+        for path, is_folder in _entries(waiting.pop()):
+            if is_folder:
+                waiting.append(path)
+            elif path.suffix.lower() in suffixes and is_regular_file(path):
+                check_name(path, root)
+                found.append(path)
+    return tuple(sorted(found))
+
+
+def files_in(folder: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
+    """The regular files directly in a folder with one of these suffixes, sorted.
+
+    Raises BadInput as `files_below`.
+    """
+    found = []
+    for path, is_folder in _entries(folder):
+        if not is_folder and path.suffix.lower() in suffixes and is_regular_file(path):
+            check_name(path, folder)
+            found.append(path)
+    return tuple(sorted(found))
+
+
+def folders_in(folder: Path) -> tuple[Path, ...]:
+    """The folders directly in a folder, sorted; links to folders count.
+
+    Raises BadInput as `files_below`.
+    """
+    found = []
+    for path, is_folder in _entries(folder):
+        if is_folder or path.is_dir():
+            check_name(path, folder)
+            found.append(path)
+    return tuple(sorted(found))
+
+
+def check_name(path: Path, root: Path) -> None:
+    """Raises BadInput where the name of `path` below `root` is no text."""
+    try:
+        str(path.relative_to(root)).encode()
+    except UnicodeEncodeError:
+        raise BadInput(
+            f"{root}: the name {shown(os.fsencode(path.relative_to(root)))} is not UTF-8; rename it"
+        ) from None
+
+
 def _why(error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
         return "no such file"
     reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return f"cannot be read ({reason})"
+
+
+def _entries(folder: Path) -> Iterator[tuple[Path, bool]]:
+    """Paths, and whether each is a folder and no link to one."""
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                yield folder / entry.name, entry.is_dir(follow_symlinks=False)
+    except OSError as error:
+        raise BadInput(
+            f"{folder}: cannot be read ({error.strerror}); mend it, or give another folder"
+        ) from error

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from data_prep.images import to_uint8
 from data_prep.normalise import normalise_points
+from data_prep.orientations import upright
 from data_prep.scene import View
-from data_prep.upright import upright
 
 if TYPE_CHECKING:
     from pc2pix.renderer import Pc2pixRenderer

@@ -153,7 +153,7 @@ METHODS = (
     ),
     Method(
         "surface-bpa",
-        load=partial(loaders.renderer, "baselines.surface_bpa:SurfaceBpa"),
+        load=partial(loaders.renderer, "baselines.surface:SurfaceBpa"),
         identity=loaders.pymeshlab_identity,
         version=1,
         source="the paper's SR without its last step: ball pivoting and holes closed",

@@ -58,7 +58,7 @@ KNOBS = (
     Knob(
         "surface-bpa",
         "radius",
-        "baselines.surface_bpa:SurfaceBpa",
+        "baselines.surface:SurfaceBpa",
         "radius_percent",
         0.1,
         20,

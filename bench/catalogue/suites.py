@@ -228,7 +228,7 @@ LATENT = LatentSuite(
 
 @dataclass(frozen=True)
 class StabilitySuite:
-    """Extremes, and what is expected of methods, metrics, number formats and libraries there.
+    """Extremes, and what is expected of methods, metrics and number formats there.
 
     methods     what is put through `bench.suites.stability.cases.CASES`
     class_name  of the one procedural test object

@@ -29,8 +29,8 @@ from bench.running.progress import progress
 from bench.running.work import Pictures
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
+from data_prep.orientations import upright
 from data_prep.scene import View
-from data_prep.upright import upright
 
 FRAMES = 36
 MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB

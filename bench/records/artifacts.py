@@ -7,7 +7,6 @@ uint8 [V, S, S, 3], and one array [V, d] for each feature extractor.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.records.record import GROUND_TRUTH
+from data_prep.failures import BadInput
+from data_prep.fingerprints import file_sha256
 
 
 class Item(NamedTuple):
@@ -61,8 +62,8 @@ def artifact_path(directory: Path, key: str) -> Path:
 def artifact_sha256(path: Path) -> str | None:
     """The checksum of an artifact; None where it cannot be read."""
     try:
-        return sha256(path.read_bytes()).hexdigest()
-    except OSError:
+        return file_sha256(path)
+    except (BadInput, OSError):
         return None
 
 

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.cloud_dots import draw_dots
 from bench.records.artifacts import Item
 from bench.records.record import GROUND_TRUTH
 from bench.report.page import Case, CaseGroup, Grid, GridCell, Picture, Tags
 from bench.report.stored import Sources
 from bench.report.styles import rivals
+from data_prep.dots import draw_dots
 from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each

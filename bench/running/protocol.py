@@ -12,7 +12,6 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +27,7 @@ from bench.running.progress import say
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
 from data_prep.datasets import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
+from data_prep.fingerprints import file_sha256
 from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.scene_objects import SceneObject
@@ -336,7 +336,7 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
             skipped[metric] = f"skipped: weights; {error}"
             continue
         features.append((metric, str(weights)))
-        identity[metric] = f"{extractor.version} {sha256(weights.read_bytes()).hexdigest()}"
+        identity[metric] = f"{extractor.version} {file_sha256(weights)}"
     protocol = Protocol(
         suite=suite,
         dataset=dataset.id,

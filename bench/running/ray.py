@@ -25,7 +25,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,7 @@ from bench.running.environment import code_sha256, environment, versions
 from bench.running.executors import JobPool
 from bench.running.protocol import Protocol, method_identity
 from data_prep.failures import BadInput, CannotWrite, MissingDependency
+from data_prep.fingerprints import file_sha256
 from data_prep.scene_objects import SceneObject
 from data_prep.whole_files import write_whole
 
@@ -174,9 +174,9 @@ def _identities(methods: Iterable[str], device: str) -> dict[str, str]:
 
 def _sum(path: str) -> str:
     try:
-        return sha256(Path(path).read_bytes()).hexdigest()
-    except OSError as error:
-        return str(error.strerror)
+        return file_sha256(Path(path))
+    except (BadInput, OSError) as error:
+        return str(error).removeprefix(f"{path}: ")
 
 
 LOCAL = "local"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -41,6 +40,7 @@ from bench.tables.quality import (
     with_objectives,
 )
 from data_prep.failures import BadInput
+from data_prep.fingerprints import file_sha256
 from data_prep.whole_files import write_whole
 
 TABLES = "tables"
@@ -335,7 +335,7 @@ def _why_unrecognised(
     """Why the bundled classifier cannot be asked about the features of a run; empty if it can."""
     if VIEWS not in features:
         return f"no features of {VIEWS} in this run"
-    bundled = f"{find_extractor(VIEWS).version} {sha256(VIEWS_WEIGHTS.read_bytes()).hexdigest()}"
+    bundled = f"{find_extractor(VIEWS).version} {file_sha256(VIEWS_WEIGHTS)}"
     if manifest.get("feature_identity", {}).get(VIEWS) != bundled:
         return f"the features are not of the bundled weights of {VIEWS}; start the run again"
     known = read_class_head(VIEWS_WEIGHTS).classes

@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.surface import closed_surface
-from baselines.surface_bpa import SurfaceBpa
+from baselines.surface import SurfaceBpa, closed_surface
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY

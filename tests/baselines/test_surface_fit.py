@@ -149,7 +149,7 @@ print(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
 
 @pytest.mark.parametrize("fill", ["255", "1", "170"])
 def test_same_mesh_whatever_memory_held_before(fill: str) -> None:
-    """Unlike that of `surface-apss`: see `apss-reads-unwritten-memory` in library_defects."""
+    """Unlike that of `surface-apss`: see `apss_reads_unwritten_memory` in test_library_defects."""
     tunables = f"glibc.malloc.perturb={fill}:glibc.malloc.tcache_count=0"
     done = subprocess.run(
         [sys.executable, "-c", CHAIR],

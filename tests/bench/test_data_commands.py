@@ -1,22 +1,19 @@
-"""`bench data inspect` and `bench data export`; a run on what was exported."""
+"""`bench data inspect`, and runs on trees in the paper's layout."""
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
 import trimesh
 
 from bench.commands.data import inspect
-from bench.commands.export_paper import export
-from data_prep.datasets import ProceduralObject, open_dataset
-from data_prep.failures import BadInput
+from data_prep.datasets import ProceduralObject
 
+from ..data_prep.dataset_trees import write_paper_tree
 from .conftest import BENCH
 
 CHAIR = "03001627"
@@ -33,9 +30,8 @@ def write_meshes(folder: Path, count: int) -> None:
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("exported") / "tree"
-    done = export("procedural", ["chair"], 2, 0, out, workers=1)
-    assert (done.written, done.split_file, done.failures) == (2, out / "chair_exp.json", ())
+    out = tmp_path_factory.mktemp("paper") / "tree"
+    write_paper_tree(out, [ProceduralObject("chair", "test", i) for i in range(2)])
     return out
 
 
@@ -44,7 +40,7 @@ def copied(tree, tmp_path) -> Path:
     return Path(shutil.copytree(tree, tmp_path / "tree"))
 
 
-# --- export ---------------------------------------------------------------------------------------
+# --- runs -----------------------------------------------------------------------------------------
 
 
 def run(dataset: str, out: Path, methods: str) -> dict[str, bytes]:
@@ -73,57 +69,6 @@ def test_a_run_on_the_tree_is_the_run_on_its_source(tree, tmp_path):
     here = run(f"paper:{tree}", tmp_path / "here", methods)
     assert "table3_ssim.csv" in there
     assert there == here
-
-
-def test_a_run_on_the_tree_of_a_folder(tmp_path):
-    write_meshes(tmp_path / "meshes" / "chair", 2)
-    spec = f"folder:{tmp_path / 'meshes'}"
-    export(spec, ["chair"], None, 0, tmp_path / "tree", workers=1)
-    there = run(spec, tmp_path / "there", "splat")
-    assert there == run(f"paper:{tmp_path / 'tree'}", tmp_path / "here", "splat")
-
-
-def test_what_cannot_be_written_stays_in_the_split(tmp_path, command):
-    write_meshes(tmp_path / "meshes" / "chair", 1)
-    (tmp_path / "meshes" / "chair" / "bad.ply").write_text("nonsense")
-    out = tmp_path / "tree"
-    status, printed, err = command(
-        *("data", "export", "--dataset", f"folder:{tmp_path / 'meshes'}", "--class", "chair"),
-        *("--out", out, "--workers", "1"),
-    )
-    assert status == 1
-    assert printed == (f"1 objects, split {out / 'chair_exp.json'}; use --dataset paper:{out}\n")
-    assert "bench: chair/bad.ply: " in err
-    split = json.loads((out / "chair_exp.json").read_text())
-    assert split[CHAIR]["test"] == ["bad.ply", "test-0000.ply"]
-    bad, good = open_dataset(f"paper:{out}").objects("chair", None, 0)
-    assert len(good.cloud(np.random.default_rng(0))) == 2048
-    with pytest.raises(BadInput, match="no such file"):
-        bad.cloud(np.random.default_rng(0))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "problem"),
-    [
-        (("procedural", ["unicorn"], 1), "no class 'unicorn'"),
-        (("procedural", ["chair"], 0), "--limit 0: must be at least 1"),
-        (("folder:{}/nested", ["chair"], 1), "x/a.ply: 'x/a.ply' is a path"),
-        (("folder:{}/clouds", ["chair"], 1), "a.xyz is a bare cloud"),
-    ],
-)
-def test_what_is_not_exported(tmp_path, arguments, problem):
-    for name in ("nested/chair/x/a.ply", "clouds/chair/a.xyz"):
-        (tmp_path / name).parent.mkdir(parents=True)
-        (tmp_path / name).touch()
-    dataset, classes, limit = arguments
-    with pytest.raises(BadInput, match=problem):
-        export(dataset.format(tmp_path), classes, limit, 0, tmp_path / "out", 1)
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_with_something_in_it(tree):
-    with pytest.raises(BadInput, match="tree: not empty; give a new --out"):
-        export("procedural", ["chair"], 1, 0, tree, 1)
 
 
 # --- inspect --------------------------------------------------------------------------------------

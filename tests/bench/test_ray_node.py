@@ -69,7 +69,7 @@ def test_a_machine_meets_its_own_demands(asked):
         ({"code": {"bench": "abc"}}, r"code: bench is [0-9a-f]{16}, not abc"),
         ({"identities": {"splat-net": "x"}}, "methods: splat-net is .*, not x"),
         ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
-        ({"weights": {"/none": "x"}}, "weights: /none is No such file or directory"),
+        ({"weights": {"/none": "x"}}, "weights: /none is no such file"),
     ],
 )
 def test_what_differs_is_named(asked, change, told):

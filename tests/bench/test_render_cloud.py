@@ -12,11 +12,11 @@ from PIL import Image
 
 import bench.rendering.cloud
 from bench.catalogue.suites import SUITES, Limits
-from bench.cloud_dots import draw_dots
 from bench.commands.render import Wish, remedied, views_of
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from data_prep.cloud_files import save_ply
+from data_prep.dots import draw_dots
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
 

@@ -19,7 +19,7 @@ from bench.tables.build import tables
 from data_prep.failures import BadInput
 
 HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")
-NAMES = ("stability_methods", "stability_metrics", "stability_formats", "stability_libraries")
+NAMES = ("stability_methods", "stability_metrics", "stability_formats")
 
 
 @pytest.fixture
@@ -28,11 +28,6 @@ def quick(monkeypatch):
     monkeypatch.setattr(bench.suites.stability.run, "measure_formats", list)
     monkeypatch.setattr(bench.suites.stability.run, "format_outcomes", lambda rows: [HOLDS])
     monkeypatch.setattr(bench.suites.stability.run, "metric_outcomes", lambda: [HOLDS])
-    monkeypatch.setattr(
-        bench.suites.stability.run,
-        "library_outcomes",
-        lambda workers: [replace(HOLDS, kind="contained")],
-    )
 
 
 @pytest.fixture
@@ -72,7 +67,7 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path, quick):
     assert {p.name: p.read_bytes() for p in (out / "tables").iterdir()} == tables_before
 
     verdict = check(out)
-    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 3, ())
+    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 2, ())
     path = out / "tables" / "stability_methods.csv"
     path.write_text(path.read_text().replace(",holds", ",unexpected", 1))
     (regression,) = check(out).regressions

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.cloud_dots import draw_dots
 from bench.rendering.cloud import CloudFile, Drawing, draw_cloud
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from benchmarks import real_clouds
 from benchmarks.real_clouds import cloud_files, drawers, parse_view
+from data_prep.dots import draw_dots
 from data_prep.failures import BadInput
 from data_prep.scene import View
 

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
+from PIL import Image
 
-from data_prep.orientations import OURS, Orientation
+from data_prep.cloud_files import save_ply
+from data_prep.dataset_paper import CLOUDS, RADIUS, RENDERS, VIEWS, picture_name
+from data_prep.orientations import OURS, PAPER, Orientation
+from data_prep.randomness import generator
+from data_prep.scene import PointCloud, View
+from data_prep.scene_objects import SceneObject
+from data_prep.synsets import SYNSETS
 
 # A low box with a post at the front right corner and a slab along the back, in our axes.
 PARTS = (
@@ -34,7 +44,7 @@ def write_obj(path: Path, orientation: Orientation = OURS, **changes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     points, faces, _ = shape(**changes)
     lines = [f"mtllib {path.stem}.mtl"]
-    lines += ["v " + " ".join(map(repr, map(float, p))) for p in orientation.from_ours(points)]
+    lines += ["v " + " ".join(map(repr, map(float, p))) for p in from_ours(orientation, points)]
     for i, part in enumerate(np.split(faces + 1, len(PARTS))):
         lines += [f"usemtl m{i}", *("f " + " ".join(map(str, face)) for face in part)]
     path.write_text("\n".join(lines) + "\n")
@@ -55,7 +65,7 @@ def write_ply(path: Path, orientation: Orientation = OURS) -> None:
         "property list uchar int vertex_indices\nproperty uchar red\nproperty uchar green\n"
         "property uchar blue\nend_header\n"
     )
-    rows = [" ".join(map(repr, map(float, p))) for p in orientation.from_ours(points)]
+    rows = [" ".join(map(repr, map(float, p))) for p in from_ours(orientation, points)]
     rows += [
         "3 " + " ".join(map(str, [*face, *color]))
         for face, color in zip(faces, colors, strict=True)
@@ -67,7 +77,52 @@ def write_off(path: Path, orientation: Orientation = OURS, *, glued: bool = Fals
     """The shape as OFF; `glued`: without the line break after OFF, as hundreds of ModelNet are."""
     path.parent.mkdir(parents=True, exist_ok=True)
     points, faces, _ = shape()
-    rows = [" ".join(map(repr, map(float, p))) for p in orientation.from_ours(points)]
+    rows = [" ".join(map(repr, map(float, p))) for p in from_ours(orientation, points)]
     rows += ["3 " + " ".join(map(str, face)) for face in faces]
     head = "OFF" + ("" if glued else "\n") + f"{len(points)} {len(faces)} 0\n"
     path.write_text(head + "\n".join(rows) + "\n")
+
+
+def from_ours(orientation: Orientation, points: NDArray) -> NDArray:
+    """Coordinates [..., 3] of ours in the axes of a file: the inverse of `Orientation.to_ours`."""
+    there = np.empty_like(points)
+    there[..., list(orientation.columns)] = points * np.array(orientation.signs, points.dtype)
+    return there
+
+
+def write_paper_object(
+    root: Path,
+    class_name: str,
+    object_id: str,
+    cloud: PointCloud,
+    views: Sequence[View],
+    pictures: NDArray[np.uint8],
+) -> None:
+    """Cloud, cameras and pictures [V, H, W, 3] as `dataset_paper` reads them, bit for bit."""
+    synset = SYNSETS[class_name]
+    points = from_ours(PAPER, cloud.points) * np.float32(RADIUS)
+    save_ply(points, root / CLOUDS / synset / f"{object_id}.ply")
+    renders = root / RENDERS / synset / object_id
+    renders.mkdir(parents=True, exist_ok=True)
+    lines = [f"{-view.azimuth_deg!r} {view.elevation_deg!r}\n" for view in views]
+    (renders / VIEWS).write_text("".join(lines))
+    for k, picture in enumerate(pictures):
+        Image.fromarray(picture).convert("RGBA").save(renders / picture_name(k))
+
+
+def write_paper_split(
+    root: Path, class_name: str, test: Sequence[str], train: Sequence[str] = ()
+) -> None:
+    """The split file of a class."""
+    split = {SYNSETS[class_name]: {"name": class_name, "train": [*train], "test": [*test]}}
+    (root / f"{class_name}_exp.json").write_text(json.dumps(split))
+
+
+def write_paper_tree(root: Path, objects: Sequence[SceneObject], seed: int = 0) -> None:
+    """Objects of a class with the clouds and the 20 views that a run with this seed takes."""
+    for obj in objects:
+        names = (obj.class_name, obj.object_id)
+        views = obj.views(20, generator(seed, "views", *names))
+        cloud, truth = obj.cloud_and_truth(generator(seed, "cloud", *names), views)
+        write_paper_object(root, *names, cloud, views, truth)
+    write_paper_split(root, objects[0].class_name, [obj.object_id for obj in objects])

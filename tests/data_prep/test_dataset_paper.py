@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from data_prep.cloud_files import load_points, save_ply
+from data_prep.cloud_files import save_ply
 from data_prep.dataset_paper import PaperObject
 from data_prep.datasets import ProceduralObject, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
 from data_prep.failures import BadInput
-from data_prep.picture_file import read_picture
+from data_prep.images import read_picture
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
-from data_prep.write_paper_tree import check_names, write_object, write_split
+
+from .dataset_trees import write_paper_object, write_paper_split
 
 CHAIR = "03001627"
 RNG = np.random.default_rng(0)
@@ -37,9 +38,8 @@ def renders(root: Path, name: str = "a") -> Path:
 def tree(root: Path, *ids: str, train: tuple[str, ...] = ()) -> PaperObject:
     """A tree of these objects, all alike; the first of its test split."""
     for name in (*ids, *train):
-        write_object(root, "chair", name, CLOUD, VIEWS, PICTURES)
-    split = {CHAIR: {"name": "chair", "train": list(train), "test": list(ids)}}
-    (root / "chair_exp.json").write_text(json.dumps(split))
+        write_paper_object(root, "chair", name, CLOUD, VIEWS, PICTURES)
+    write_paper_split(root, "chair", ids, train)
     return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
 
 
@@ -182,8 +182,6 @@ def test_ids_that_are_no_names(tmp_path: Path, name: str) -> None:
     (tmp_path / "chair_exp.json").write_text(json.dumps(split))
     with pytest.raises(BadInput, match=r"chair_exp\.json: "):
         open_dataset(f"paper:{tmp_path}")
-    with pytest.raises(BadInput, match="put its file directly into the folder of its class"):
-        check_names("chair", name)
 
 
 def test_ids_beyond_ascii(tmp_path: Path) -> None:
@@ -287,33 +285,14 @@ def test_the_fingerprint_is_that_of_all_files(tmp_path: Path) -> None:
     assert obj.fingerprint() == "unreadable: no such file"
 
 
-# --- what is written ------------------------------------------------------------------------------
-
-
-def test_the_tree_is_the_originals(tmp_path: Path) -> None:
-    write_object(tmp_path, "chair", "a", CLOUD, VIEWS, PICTURES)
-    write_split(tmp_path, "chair", {"chair": ["a"], "pouffe": ["b"]})
-    assert json.loads((tmp_path / "chair_exp.json").read_text()) == {
-        CHAIR: {"name": "chair", "train": [], "test": ["a"]},
-        "pouffe": {"name": "pouffe", "train": [], "test": ["b"]},
-    }
-    names = sorted(p.name for p in renders(tmp_path).iterdir())
-    assert names == sorted(["view.txt", *(f"render_{k}_128.png" for k in range(20))])
-    with Image.open(renders(tmp_path) / "render_4_128.png") as picture:
-        assert (picture.mode, picture.size) == ("RGBA", (128, 128))
-    points = load_points(clouds(tmp_path) / "a.ply")
-    x, y, z = CLOUD.points.astype(np.float64).T
-    assert np.array_equal(points, np.stack([-z, -x, y], axis=1) / 2)
-
-
 # --- what is examined -----------------------------------------------------------------------------
 
 
 def chair(root: Path) -> PaperObject:
     obj = ProceduralObject("chair", "test", 0)
     views = obj.views(20, generator("views"))
-    write_object(root, "chair", "a", obj.cloud(generator("c")), views, obj.truth(views))
-    write_split(root, "chair", {"chair": ["a"]})
+    write_paper_object(root, "chair", "a", obj.cloud(generator("c")), views, obj.truth(views))
+    write_paper_split(root, "chair", ["a"])
     return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
 
 

@@ -5,6 +5,8 @@ import pytest
 
 from data_prep.orientations import MODELNET, OURS, PAPER, SHAPENET_V1, SHAPENET_V2, Orientation
 
+from .dataset_trees import from_ours
+
 UNIT = {
     f"{sign}{axis}": (1 if sign == "+" else -1) * np.eye(3)["XYZ".index(axis)]
     for sign in "+-"
@@ -43,7 +45,7 @@ def test_a_rotation_and_no_mirror(orientation: Orientation) -> None:
 @pytest.mark.parametrize("orientation", ALL)
 def test_there_and_back_is_exact(orientation: Orientation) -> None:
     points = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
-    back = orientation.from_ours(orientation.to_ours(points))
+    back = from_ours(orientation, orientation.to_ours(points))
     assert back.tobytes() == points.tobytes()
     assert back.dtype == np.float32
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from data_prep import paper_files
+from data_prep import dataset_paper
+from data_prep.dataset_paper import PaperClass, read_split, read_views
 from data_prep.failures import BadInput
-from data_prep.paper_files import PaperClass, read_split, read_views
 from data_prep.scene import View
 
 # --- views ----------------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ def test_many_ids_take_no_long(tmp_path: Path) -> None:
 
 
 def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paper_files, "MOST_SPLIT_BYTES", 10)
+    monkeypatch.setattr(dataset_paper, "MOST_SPLIT_BYTES", 10)
     with pytest.raises(BadInput, match="at most 10 are read"):
         split(tmp_path, {"1": CHAIR})
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data_prep.failures import BadInput
-from data_prep.upright import AXES, upright
+from data_prep.orientations import AXES, upright
 
 UNIT = {
     "x": [1, 0, 0], "-x": [-1, 0, 0],

@@ -7,7 +7,7 @@ exception of Python, a crash, a time or memory limit.
 
 What a method made of a case is an observation: small values, taken from records and pictures. One
 `Outcome` is one cell of a matrix cases x subjects, whatever the subject is: a method, a metric, a
-number format, a library.
+number format.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class Outcome:
 
     case      kebab-case id, unique within a matrix
     group     what kind of case it is, "outlier" say; cases of a group stand together
-    subject   the method, metric, format or library
+    subject   the method, metric or format
     expected  in words: a value with its tolerance, an invariant, or a named failure
     observed  in words; what `expected` is compared with
     kind      the verdict, see `KINDS`

@@ -1,7 +1,7 @@
 """The suite `stability`: extremes, and whether what happens there is what is stated.
 
-Four matrices: methods on extreme clouds and views (killable workers, resumable), metrics on extreme
-pictures and features, pc2pix in other number formats, and defects of the libraries underneath.
+Three matrices: methods on extreme clouds and views (killable workers, resumable), metrics on
+extreme pictures and features, and pc2pix in other number formats.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import Any
 
 from bench.catalogue.methods import FLOORS, find_method, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
-from bench.library_defects import library_outcomes
 from bench.records.artifacts import artifact_path
 from bench.records.job import Job
 from bench.records.journal import Settled, check_directory, open_journal, set_aside, write_manifest
@@ -146,8 +145,8 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
         rows = [JobRow(job.key, job.item, settled[job.key].artifact_sha256) for job in jobs]
         write_records(directory, rows, lambda row: results(row.key).records)
         observations = observe(jobs, results)
-        say("libraries, metrics and number formats")
-        matrices = _matrices(methods, observations, workers, directory)
+        say("metrics and number formats")
+        matrices = _matrices(methods, observations, directory)
         _write(directory, matrices, observations)
         _draw(directory, matrices, jobs, settled, methods)
         write_manifest(directory, manifest | {"finished": manifests.now()})
@@ -198,7 +197,7 @@ def _describe(
 
 
 def _matrices(
-    methods: Sequence[str], observations: Sequence[Observation], workers: int, directory: Path
+    methods: Sequence[str], observations: Sequence[Observation], directory: Path
 ) -> tuple[Matrix, ...]:
     with one_thread():
         formats = measure_formats()
@@ -222,12 +221,6 @@ def _matrices(
             "pc2pix in other number formats",
             "Against float64 on the same cloud; the figures are in number_formats.",
             tuple(format_outcomes(formats)),
-        ),
-        Matrix(
-            "stability_libraries",
-            "Defects of the libraries underneath",
-            "Shown on the bare library, in a worker that can be killed; each is contained.",
-            tuple(library_outcomes(workers)),
         ),
     )
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.cloud_dots import FAR_GREY, MOST_DOTS, NEAR_GREY, draw_dots
+from data_prep.dots import FAR_GREY, MOST_DOTS, NEAR_GREY, draw_dots
 from data_prep.randomness import generator
 from data_prep.scene import View
 
