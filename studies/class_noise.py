@@ -19,7 +19,6 @@ objects. About five minutes on one thread.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,17 +33,17 @@ from bench.metric_table import VIEWS_WEIGHTS, column
 from bench.scores import scores
 from bench.views_network import load_views_network, view_features
 from data_prep.datasets import ProceduralObject
-from data_prep.images import to_uint8
 from data_prep.randomness import generator
-from data_prep.render import render
 from data_prep.sampling import random_views, sample_surface
-from data_prep.scene import PointCloud, Renderer, View
+from data_prep.scene import PointCloud
 from data_prep.shapes.catalogue import CLASSES
+from studies.pictures import draw_all, render_all, turned
+from studies.tables import markdown
 
 TURNED = ("pc2pix@all", "pc2pix", "splat", "blank")
 ROUNDED = ("surface-apss", "surface-fit")
 MEANS = ("ssim", "luminance", "contrast", "structure", "silhouette-iou", "class-confidence")
-TURN_DEG = 0.1
+CELL = ["change", "method", "metric"]
 ONE_IN = 50
 
 
@@ -93,11 +92,6 @@ def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     return replace(cloud, points=points)
 
 
-def turned(views: Sequence[View]) -> list[View]:
-    """The views a little farther round."""
-    return [replace(view, azimuth_deg=view.azimuth_deg + TURN_DEG) for view in views]
-
-
 def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], list[Sample]]:
     """By change and method: the sample as it is, and changed."""
     seen = [random_views(views, generator("class noise", class_name, i)) for i in range(objects)]
@@ -106,11 +100,8 @@ def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], li
         sample_surface(mesh, generator("class noise", "cloud", class_name, i))
         for i, mesh in enumerate(meshes)
     ]
-    farther = [turned(views_of) for views_of in seen]
-    truth, truth_turned = (
-        np.stack([render(mesh, of) for mesh, of in zip(meshes, views_of, strict=True)])
-        for views_of in (seen, farther)
-    )
+    farther = [turned(of_object) for of_object in seen]
+    truth, truth_turned = render_all(meshes, seen), render_all(meshes, farther)
     made: dict[tuple[str, str], list[Sample]] = {}
     for method in TURNED + ROUNDED:
         renderer = find_method(method).load("cpu")
@@ -124,19 +115,6 @@ def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], li
             again = Sample(class_name, truth, draw_all(renderer, others, seen))
             made["rounding", method] = [plain, again]
     return made
-
-
-def draw_all(
-    renderer: Renderer, clouds: Sequence[PointCloud], views: Sequence[Sequence[View]]
-) -> NDArray[np.uint8]:
-    """Pictures [N, V, H, W, 3] of clouds, each from its views."""
-    unused = np.random.default_rng(0)  # no method here draws random numbers
-    return np.stack(
-        [
-            to_uint8(renderer.draw(renderer.prepare(cloud, unused), of, unused))
-            for cloud, of in zip(clouds, views, strict=True)
-        ]
-    )
 
 
 def moves(class_name: str, objects: int, views: int, measure: Measure) -> list[dict[str, object]]:
@@ -158,7 +136,7 @@ def moves(class_name: str, objects: int, views: int, measure: Measure) -> list[d
 def summary(rows: pd.DataFrame) -> str:
     """The largest move of a class, of the mean over classes, and relative to the cell."""
     table = rows.assign(size=rows["by"].abs(), share=(rows["by"] / rows["value"]).abs())
-    by = table.groupby(["change", "method", "metric"], sort=False)
+    by = table.groupby(CELL, sort=False)
     found = pd.DataFrame(
         {
             "largest class": by["size"].max(),
@@ -167,11 +145,11 @@ def summary(rows: pd.DataFrame) -> str:
             "deviation of an object": by["deviation"].max(),
         }
     )
-    lines = [f"| {' | '.join([*by.keys, *found.columns])} |", "|---" * 7 + "|"]  # type: ignore[list-item]
-    for names, values in zip(found.index, found.to_numpy(), strict=True):
-        told = ["-" if np.isnan(v) else f"{v:.2g}" for v in values]
-        lines.append(f"| {' | '.join([*names, *told])} |")
-    return "\n".join(lines) + "\n"
+    rows_of_table = [
+        [*names, *("-" if np.isnan(value) else f"{value:.2g}" for value in values)]
+        for names, values in zip(found.index, found.to_numpy(), strict=True)
+    ]
+    return markdown([*CELL, *found.columns], rows_of_table, left=len(CELL))
 
 
 def main() -> None:

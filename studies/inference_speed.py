@@ -22,8 +22,6 @@ against the true picture, which is what a table shows.
 from __future__ import annotations
 
 import argparse
-import os
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -48,11 +46,12 @@ from pc2pix.model import GENERATOR_CHANNELS, NOISE_DIM, Generator
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import Weights, load_weights
 from pc2pix.widen import widen
+from studies.arguments import numbers
 from studies.plain_loop import PlainGenerator, Target
+from studies.turns import Work, in_turns, load, ratio
 
 RATE_SHAPE = (20, 512, 16, 16)  # 3x3, to as many channels
 PLAIN = "plain float32"
-Draw = Callable[[], torch.Tensor]
 
 
 def main() -> None:
@@ -60,13 +59,12 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--threads", type=int, default=2)
     options.add_argument("--rounds", type=int, default=9)
-    options.add_argument("--batches", default="1,20", help="comma-separated")
+    options.add_argument("--batches", type=numbers, default=(1, 20), help="comma-separated")
     options.add_argument("--chairs", type=int, default=24, help="0 leaves exactness out")
     options.add_argument("--views", type=int, default=5, help="of each chair")
     given = options.parse_args()
     torch.set_num_threads(given.threads)
-    loads = ", ".join(f"{load:.2f}" for load in os.getloadavg())
-    print(f"torch {torch.__version__}, {given.threads} thread(s), load of the machine {loads}")
+    print(f"torch {torch.__version__}, {given.threads} thread(s), {load()}")
     weights = load_weights(BUNDLED)
     wide = replace(weights, generator=widen(weights.generator, TO_PAPER_WIDTH))
     sets = {"paper": wide, "lite": weights}
@@ -77,7 +75,7 @@ def main() -> None:
             print(f"{name} convolution: {rate / 1e9:.0f} GFLOP/s")
         print(f"\n{'ms an image':<34}{'median':>9}{'ratio':>8}  {'of a round':<13}{'share':>7}")
         for name, of_width in sets.items():
-            for batch in map(int, given.batches.split(",")):
+            for batch in given.batches:
                 report_speed(name, of_width.generator, batch, given.rounds, rates)
     if given.chairs:
         for name, of_width in sets.items():
@@ -100,26 +98,24 @@ def report_speed(
     for precision in DTYPES:
         folded = fold(network, precision)
         draws[f"folded {precision}"] = lambda folded=folded: folded(code, elevation01, azimuth01)
-    seconds = dict(zip(draws, in_turns(list(draws.values()), rounds), strict=True))
+    seconds = dict(zip(draws, in_turns(list(draws.values()), rounds, idle=2), strict=True))
     expected = plain()
     products = products_an_image([config.scaled(c) for c in GENERATOR_CHANNELS])
     for title, taken in seconds.items():
-        ratios = [a / b for a, b in zip(seconds[PLAIN], taken, strict=True)]
         rate = 2 * products * batch / median(taken)
         line = f"{name}, batch {batch}, {title}"
         line = f"{line:<34}{1e3 * median(taken) / batch:9.2f}"
         if title != PLAIN:
             apart = float((draws[title]() - expected).abs().max())
-            ratio = median(seconds[PLAIN]) / median(taken)
             share = rate / rates[title.split()[1]]
-            line += f"{ratio:8.2f}  {min(ratios):5.2f}-{max(ratios):<7.2f}{share:7.0%}"
+            line += f"{ratio(seconds[PLAIN], taken)}{share:7.0%}"
             line += f"  largest difference {apart:.1e}"
         print(line, flush=True)
 
 
 def plain_draw(
     network: Generator, code: torch.Tensor, elevation01: torch.Tensor, azimuth01: torch.Tensor
-) -> Draw:
+) -> Callable[[], torch.Tensor]:
     """Pictures [V, 128, 128, 3] in [0, 1] by the plain network with the same weights."""
     config = network.config
     # the plain network takes one number for the azimuth; a second one passes as part of the code
@@ -136,28 +132,17 @@ def plain_draw(
     return lambda: ((plain(noise, wanted) + 1) / 2).permute(0, 2, 3, 1).contiguous()
 
 
-def in_turns(draws: list[Draw], rounds: int) -> list[list[float]]:
-    """Seconds of each, by round; two rounds before them are not counted."""
-    seconds: list[list[float]] = [[] for _ in draws]
-    for _ in range(rounds + 2):
-        for draw, kept in zip(draws, seconds, strict=True):
-            start = time.perf_counter()
-            draw()
-            kept.append(time.perf_counter() - start)
-    return [kept[2:] for kept in seconds]
-
-
 def measure_rates(rounds: int) -> list[float]:
     """Operations a second of a well-shaped convolution, by the formats in DTYPES."""
     batch, channels, height, width = RATE_SHAPE
     kernel = torch.randn(channels, channels, 3, 3, dtype=torch.float64) / 100
-    draws: list[Draw] = []
+    draws: list[Work] = []
     for dtype in DTYPES.values():
         x = torch.randn(RATE_SHAPE).to(dtype, memory_format=torch.channels_last)
         convolution = Convolution(kernel, None, RATE_SHAPE, dtype, padding=1)
         draws.append(lambda x=x, convolution=convolution: convolution(x))
     operations = 2 * 9 * batch * channels**2 * height * width
-    return [operations / median(taken) for taken in in_turns(draws, rounds)]
+    return [operations / median(taken) for taken in in_turns(draws, rounds, idle=2)]
 
 
 def products_an_image(channels: list[int]) -> int:

@@ -20,15 +20,15 @@ takes some ten minutes on two cores.
 from __future__ import annotations
 
 import argparse
-import csv
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.frechet import (
@@ -39,17 +39,22 @@ from bench.frechet import (
 )
 from bench.options import Options
 from bench.run import run
+from bench.speed_measure import peak_mib
+from bench.tidy_csv import csv_text
+from studies.arguments import names, numbers
+from studies.tables import markdown
 
 OBJECTS = (25, 500)
 METHODS = ("splat", "blank")
 VIEWS = 20
 ROWS, WIDTH, BLOCK = 1_000_000, 64, 1000
+HEAD = ("run", "objects", "images", "seconds", "at the start, MiB", "peak, MiB")
 ALLOWED = 0.10  # growth of the peak from the smallest to the largest run
 
 
 @dataclass(frozen=True)
 class Peak:
-    """What one process has come to, in MiB; `end` is the peak of all.
+    """The most memory of one process, in MiB: `start` before the run, `end` after it.
 
     what  "drawn" or "resumed"
     """
@@ -73,18 +78,12 @@ class Merging:
     whole_mib: float
 
 
-def peak_mib(status: str) -> float:
-    """VmHWM from the text of /proc/PID/status, in MiB. Raises ValueError where there is none."""
-    for line in status.splitlines():
-        name, _, value = line.partition(":")
-        if name == "VmHWM":
-            return int(value.split()[0]) / 1024
-    raise ValueError("no VmHWM: this needs Linux")
-
-
 def own_peak() -> float:
-    """Of this process, in MiB."""
-    return peak_mib(Path("/proc/self/status").read_text())
+    """The most memory that this process has had, in MiB. Raises ValueError where Linux is not."""
+    peak = peak_mib()
+    if peak is None:
+        raise ValueError("no peak in /proc/self/status: this needs Linux")
+    return peak
 
 
 def measure_run(out: Path, objects: int, methods: Sequence[str], workers: int | None) -> Peak:
@@ -143,62 +142,43 @@ def growth(peaks: Sequence[Peak]) -> float:
 
 def to_markdown(peaks: Sequence[Peak]) -> str:
     """A line for each run, and the growth of drawn and of resumed ones."""
-    lines = [
-        "| run | objects | images | seconds | at the start, MiB | peak, MiB |",
-        "|---|---|---|---|---|---|",
-        *(
-            f"| {p.what} | {p.objects} | {p.images} | {p.seconds:.0f} | {p.start:.0f} "
-            f"| {p.end:.0f} |"
-            for p in peaks
-        ),
-        "",
-    ]
+    rows = [[peak.what, *(f"{value:.0f}" for value in astuple(peak)[1:])] for peak in peaks]
+    lines = []
     for what in dict.fromkeys(peak.what for peak in peaks):
         grown = growth([peak for peak in peaks if peak.what == what])
         verdict = "flat" if abs(grown) <= ALLOWED else "not flat"
-        lines.append(f"{what}: {grown:+.1%} from the fewest images to the most, {verdict}")
-    return "\n".join(lines) + "\n"
+        lines.append(f"{what}: {grown:+.1%} from the fewest images to the most, {verdict}\n")
+    return f"{markdown(HEAD, rows)}\n{''.join(lines)}"
 
 
 def write_csv(path: Path, peaks: Sequence[Peak]) -> None:
     """All runs, a line each."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Peak)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(peak) for peak in peaks)
+    text = csv_text([field.name for field in fields(Peak)], map(astuple, peaks))
+    path.write_text(text, encoding="utf-8")
 
 
 def read_csv(path: Path) -> list[Peak]:
     """What `write_csv` has written; nothing where there is no file."""
     if not path.is_file():
         return []
-    with path.open(encoding="utf-8") as file:
-        return [
-            Peak(
-                row["what"],
-                int(row["objects"]),
-                int(row["images"]),
-                *(float(row[name]) for name in ("seconds", "start", "end")),
-            )
-            for row in csv.DictReader(file)
-        ]
+    table = pd.read_csv(path, float_precision="round_trip")
+    return [Peak(*row) for row in table.itertuples(index=False, name=None)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Carry out the runs, each in a process of its own; 1 if memory grows with the images."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--objects", default=",".join(map(str, OBJECTS)))
-    parser.add_argument("--methods", default=",".join(METHODS))
+    parser.add_argument("--objects", type=numbers, default=OBJECTS)
+    parser.add_argument("--methods", type=names, default=METHODS)
     parser.add_argument("--workers", type=int, default=None)
     parser.add_argument("--rows", type=int, default=ROWS, help="merged; 0: none")
     parser.add_argument("--alone", type=int, help=argparse.SUPPRESS)
     chosen = parser.parse_args(arguments)
     table = chosen.out / "memory.csv"
     if chosen.alone is not None:
-        methods = chosen.methods.split(",")
         out = chosen.out / f"run-{chosen.alone}"
-        peak = measure_run(out, chosen.alone, methods, chosen.workers)
+        peak = measure_run(out, chosen.alone, chosen.methods, chosen.workers)
         write_csv(table, [*read_csv(table), peak])
         return 0
     chosen.out.mkdir(parents=True, exist_ok=True)
@@ -210,11 +190,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"at once +{found.whole_mib:.0f} MiB",
             flush=True,
         )
-    common = ["--out", str(chosen.out), "--methods", chosen.methods]
+    common = ["--out", str(chosen.out), "--methods", ",".join(chosen.methods)]
     if chosen.workers is not None:
         common += ["--workers", str(chosen.workers)]
-    for objects in chosen.objects.split(","):
-        command = [sys.executable, "-m", "studies.memory", *common, "--alone", objects]
+    for objects in chosen.objects:
+        command = [sys.executable, "-m", "studies.memory", *common, "--alone", str(objects)]
         for _ in ("drawn", "resumed"):
             subprocess.run(command, check=True)
     peaks = read_csv(table)

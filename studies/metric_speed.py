@@ -22,9 +22,9 @@ left alone. SciPy 1.17 takes 11-17 s for a root: some three minutes, of them two
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -45,38 +45,24 @@ from bench.silhouette import silhouette_iou
 from bench.ssim import ssim_per_image, ssim_per_image_and_box
 from bench.thin_parts import thin_scores
 from data_prep.datasets import ProceduralObject
-from data_prep.images import to_uint8
 from data_prep.randomness import generator
-from data_prep.render import render
 from data_prep.sampling import random_views, sample_surface
+from studies.arguments import numbers
+from studies.pictures import draw_all, render_all
+from studies.turns import Work, in_turns, load, ratio
 
 Floats = NDArray[np.float64]
 Pictures = NDArray[np.uint8]
-Work = Callable[[], Any]
 
 PAIRS = 20
 CHAIRS, VIEWS = 4, 5  # make as many
 METHODS = ("splat", "pc2pix", "pc2pix@acgan", "blank")
 FEATURES = 2048
+SIZES = (100, 250, 500, 1000, 2000, 3000, 10000)
 INTERVALS = ((480, 64, 24), (2000, 64, 100), (480, 2048, 24))  # pictures, features, objects
 
 
-class Stopwatch:
-    """CPU time where one thread computes, wall time where there are more."""
-
-    def __init__(self, threads: int) -> None:
-        self.name = "CPU time" if threads == 1 else "wall time"
-        self._now = time.process_time if threads == 1 else time.perf_counter
-
-    def in_turns(self, works: Sequence[Work], rounds: int, idle: int = 1) -> list[list[float]]:
-        """Seconds of each piece of work by round; `idle` rounds before them do not count."""
-        seconds: list[list[float]] = [[] for _ in works]
-        for _ in range(rounds + idle):
-            for work, kept in zip(works, seconds, strict=True):
-                start = self._now()
-                work()
-                kept.append(self._now() - start)
-        return [kept[idle:] for kept in seconds]
+Watch = Callable[..., list[list[float]]]  # `in_turns` on one clock
 
 
 def main() -> None:
@@ -85,20 +71,22 @@ def main() -> None:
     options.add_argument("--threads", type=int, default=1)
     options.add_argument("--rounds", type=int, default=9)
     options.add_argument("--frechet-rounds", type=int, default=1)
-    options.add_argument("--sizes", default="100,250,500,1000,2000,3000,10000")
+    options.add_argument("--sizes", type=numbers, default=SIZES)
     given = options.parse_args()
     torch.set_num_threads(given.threads)
-    watch = Stopwatch(given.threads)
-    loads = ", ".join(f"{load:.2f}" for load in os.getloadavg())
+    clock, now = "CPU time", time.process_time
+    if given.threads > 1:
+        clock, now = "wall time", time.perf_counter
+    watch = partial(in_turns, now=now)
     print(
         f"NumPy {np.__version__}, SciPy {scipy.__version__}, {given.threads} thread(s), "
-        f"{watch.name}, load of the machine {loads}"
+        f"{clock}, {load()}"
     )
     with threadpool_limits(given.threads):
         pairs = picture_pairs()
         report_ssim(watch, pairs, given.rounds)
         report_scores(watch, pairs["chairs, pc2pix"], given.rounds)
-        report_frechet(watch, [int(n) for n in given.sizes.split(",")], given.frechet_rounds)
+        report_frechet(watch, given.sizes, given.frechet_rounds)
         report_intervals(watch)
 
 
@@ -109,14 +97,13 @@ def picture_pairs() -> dict[str, tuple[Pictures, Pictures]]:
     pairs = {"noise, other noise": (noise[0], noise[1])}
     chairs = [ProceduralObject("chair", "validation", i).load() for i in range(CHAIRS)]
     views = [random_views(VIEWS, generator("metric speed", "views", i)) for i in range(CHAIRS)]
-    truth = np.concatenate([render(*pair) for pair in zip(chairs, views, strict=True)])
+    clouds = [
+        sample_surface(chair, generator("metric speed", "cloud", i))
+        for i, chair in enumerate(chairs)
+    ]
+    truth = np.concatenate(render_all(chairs, views))
     for method in METHODS:
-        renderer = find_method(method).load("cpu")
-        drawn = []
-        for i, (mesh, of_chair) in enumerate(zip(chairs, views, strict=True)):
-            cloud = sample_surface(mesh, generator("metric speed", "cloud", i))
-            state = renderer.prepare(cloud, rng)
-            drawn.append(to_uint8(renderer.draw(state, of_chair, rng)))
+        drawn = draw_all(find_method(method).load("cpu"), clouds, views)
         pairs[f"chairs, {method}"] = (truth, np.concatenate(drawn))
     return pairs
 
@@ -138,32 +125,26 @@ def by_scikit_image(a: Pictures, b: Pictures) -> Floats:
     )
 
 
-def report_ssim(watch: Stopwatch, pairs: dict[str, tuple[Pictures, Pictures]], rounds: int) -> None:
+def report_ssim(watch: Watch, pairs: dict[str, tuple[Pictures, Pictures]], rounds: int) -> None:
     """Milliseconds a pair of both, and their ratio."""
     print(
         f"\n{'ssim, ms a pair':<26}{'scikit-image':>13}{'ours':>8}{'ratio':>8}  of a round", end=""
     )
     print("     largest difference")
     for name, (a, b) in pairs.items():
-        ours, theirs = watch.in_turns(
+        ours, theirs = watch(
             [lambda a=a, b=b: ssim_per_image(a, b), lambda a=a, b=b: by_scikit_image(a, b)], rounds
         )
         apart = np.abs(ssim_per_image(a, b).ssim - by_scikit_image(a, b)).max()
         scale = 1e3 / len(a)
         print(
             f"{name:<26}{scale * median(theirs):13.2f}{scale * median(ours):8.2f}"
-            f"{told_ratio(theirs, ours)}  {apart:.1e}",
+            f"{ratio(theirs, ours)}  {apart:.1e}",
             flush=True,
         )
 
 
-def told_ratio(theirs: Sequence[float], ours: Sequence[float]) -> str:
-    """The ratio of medians, and the least and largest of a round."""
-    ratios = [a / b for a, b in zip(theirs, ours, strict=True)]
-    return f"{median(theirs) / median(ours):8.2f}  {min(ratios):6.2f}-{max(ratios):<8.2f}"
-
-
-def report_scores(watch: Stopwatch, pair: tuple[Pictures, Pictures], rounds: int) -> None:
+def report_scores(watch: Watch, pair: tuple[Pictures, Pictures], rounds: int) -> None:
     """What a picture costs, by score and network."""
     truth, drawn = pair
     boxes = object_boxes(truth)
@@ -181,7 +162,7 @@ def report_scores(watch: Stopwatch, pair: tuple[Pictures, Pictures], rounds: int
             continue
         works[f"features of {source.id}"] = lambda extract=extract: extract(drawn)
     print("\nscores, ms a picture")
-    taken = watch.in_turns(list(works.values()), rounds)
+    taken = watch(list(works.values()), rounds)
     for name, seconds in zip(works, taken, strict=True):
         print(f"{name:<26}{1e3 * median(seconds) / len(truth):8.3f}", flush=True)
 
@@ -206,7 +187,7 @@ def by_matrix_root(x: NDArray[Any], y: NDArray[Any]) -> float:
     return float(shift @ shift + np.trace(s1) + np.trace(s2) - 2 * np.trace(root).real)
 
 
-def report_frechet(watch: Stopwatch, sizes: Sequence[int], rounds: int) -> None:
+def report_frechet(watch: Watch, sizes: Sequence[int], rounds: int) -> None:
     """Seconds of both routes by the number of samples, and how far the results are apart."""
     frechet_distance(features(1, 100, FEATURES), features(2, 100, FEATURES))  # BLAS starts up
     print(
@@ -223,9 +204,9 @@ def report_frechet(watch: Stopwatch, sizes: Sequence[int], rounds: int) -> None:
         def usual(x=x, y=y, found=found) -> None:
             found["usual"] = by_matrix_root(x, y)
 
-        taken, theirs = watch.in_turns([ours, usual], rounds, idle=0)
+        taken, theirs = watch([ours, usual], rounds, idle=0)
         print(
-            f"{f'n = {n}':<26}{median(theirs):13.2f}{median(taken):8.3f}{told_ratio(theirs, taken)}"
+            f"{f'n = {n}':<26}{median(theirs):13.2f}{median(taken):8.3f}{ratio(theirs, taken)}"
             f"  {found['ours']:.6f} {found['usual'] - found['ours']:+.1e}",
             flush=True,
         )
@@ -239,7 +220,7 @@ def one_by_one(x: NDArray[Any], y: NDArray[Any], groups: NDArray[np.intp]) -> tu
     return max(theta - error, 0.0), theta + error
 
 
-def report_intervals(watch: Stopwatch) -> None:
+def report_intervals(watch: Watch) -> None:
     """Seconds of an interval: one by one, and shared."""
     print(f"\n{'interval, s':<26}{'one by one':>13}{'shared':>8}  largest difference")
     for n, d, objects in INTERVALS:
@@ -251,7 +232,7 @@ def report_intervals(watch: Stopwatch) -> None:
         ]
         expected, found = (np.array(work()) for work in works)
         apart = float(np.abs(found - expected).max())
-        taken = watch.in_turns(works, 3, idle=0)
+        taken = watch(works, 3, idle=0)
         times = "".join(
             f"{median(seconds):{width}.3f}" for seconds, width in zip(taken, (13, 8), strict=True)
         )

@@ -55,13 +55,14 @@ from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
-from data_prep.render import render
 from data_prep.sampling import random_views, sample_surface
 from data_prep.scene import Mesh, PointCloud, View
 from pc2pix.number_formats import Format, infer
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
+from studies.pictures import TURN_DEG, Pictures, draw_all, render_all, turned
 from studies.ray_caster import MIRRORED, OPENGL, cast, grid
+from studies.tables import markdown
 
 METHODS = ("pc2pix", "pc2pix@acgan", "splat", "constant", "blank")
 NETWORK, WEIGHTS = "pc2pix", "chair"
@@ -75,7 +76,6 @@ SAMPLES = {  # by source
     "renderer, 16 samples": grid(4),
 }
 SEED, BATCHES, THREADS, TURN = "seed", "batch", "threads", "turn"
-TURN_DEG = 0.1
 DRIVERS = (TURN, *list(SAMPLES)[:2])  # what another driver, asked for 4 samples, may amount to
 IN_FEATURES, IN_DRAWING = "precision of features", "precision of pc2pix"
 HEADINGS = {
@@ -89,7 +89,6 @@ HEADINGS = {
     **{source: f"R{source[1:]}: true pictures by rays instead of by OpenGL" for source in SAMPLES},
 }
 
-Pictures = NDArray[np.uint8]  # [chairs, views, H, W, 3]
 Cells = dict[str, float]  # the value of each metric, for one method
 
 
@@ -128,7 +127,7 @@ class Study:
         self.network = Pc2pixRenderer(load_weights(WEIGHTS))
         self.take = Features(torch.float32)
         self.scene = make_scene(chairs, views, 0, condition)
-        self.truth = draw_truth(self.scene)
+        self.truth = render_all(self.scene.meshes, self.scene.views)
         self.truth_taken = self.take(self.truth)
         self.pictures = {method: self.draw(method, self.scene) for method in METHODS}
         self.taken = {method: self.take(drawn) for method, drawn in self.pictures.items()}
@@ -144,12 +143,7 @@ class Study:
     def draw(self, method: str, scene: Scene) -> Pictures:
         """The pictures of a method, all views of a chair in one batch."""
         renderer = self.network if method == NETWORK else find_method(method).load("cpu")
-        unused = np.random.default_rng(0)  # none of METHODS draws random numbers
-        drawn = [
-            to_uint8(renderer.draw(renderer.prepare(cloud, unused), views, unused))
-            for cloud, views in zip(scene.clouds, scene.views, strict=True)
-        ]
-        return np.stack(drawn)
+        return draw_all(renderer, scene.clouds, scene.views)
 
     def moved(
         self, source: str, changed: Mapping[str, Cells], since: Mapping[str, Cells] | None = None
@@ -169,7 +163,7 @@ class Study:
         found = {method: [self.cells[method]] for method in METHODS}
         for seed in range(1, seeds):
             scene = make_scene(self.chairs, self.views, seed, self.condition)
-            truth = draw_truth(scene)
+            truth = render_all(scene.meshes, scene.views)
             truth_taken = self.take(truth)
             for method in METHODS:
                 drawn = self.draw(method, scene)
@@ -238,14 +232,11 @@ class Study:
 
     def by_turn(self) -> list[Floor]:
         """Every view a little farther round."""
-        views = tuple(
-            tuple(replace(view, azimuth_deg=view.azimuth_deg + TURN_DEG) for view in of_chair)
-            for of_chair in self.scene.views
-        )
-        turned = replace(self.scene, views=views)
-        truth = draw_truth(turned)
+        views = tuple(turned(of_chair) for of_chair in self.scene.views)
+        scene = replace(self.scene, views=views)
+        truth = render_all(scene.meshes, scene.views)
         taken = self.take(truth)
-        pictures = {method: self.draw(method, turned) for method in METHODS} | {CEILING: truth}
+        pictures = {method: self.draw(method, scene) for method in METHODS} | {CEILING: truth}
         again = {
             method: cells(truth, taken, drawn, self.take(drawn), views)
             for method, drawn in pictures.items()
@@ -351,11 +342,6 @@ def make_scene(chairs: int, views: int, seed: int, condition: str) -> Scene:
     )
 
 
-def draw_truth(scene: Scene) -> Pictures:
-    """The true pictures by OpenGL."""
-    return np.stack([render(m, v) for m, v in zip(scene.meshes, scene.views, strict=True)])
-
-
 def cells(
     truth: Pictures,
     truth_taken: Taken,
@@ -429,32 +415,32 @@ def to_markdown(
 ) -> str:
     """The whole page."""
     lines = [PAGE.format(chairs=chairs, views=views, seeds=seeds, condition=condition)]
-    lines += ["## The cells", "", *_table([f._replace(moved=f.value) for f in floors], METRICS, 4)]
+    lines += ["## The cells", "", _table([f._replace(moved=f.value) for f in floors], 4)]
     for source, heading in HEADINGS.items():
-        lines += ["", f"## {heading}", "", *_table([f for f in floors if f.source == source])]
-    lines += ["", "## Golden tolerances", "", BUDGET, "", *_budget(floors), ""]
+        lines += [f"## {heading}", "", _table([f for f in floors if f.source == source])]
+    lines += ["## Golden tolerances", "", BUDGET, "", _budget(floors)]
     return "\n".join(lines)
 
 
-def _table(floors: Sequence[Floor], metrics: Sequence[str] = METRICS, digits: int = 2) -> list[str]:
+def _table(floors: Sequence[Floor], digits: int = 2) -> str:
     """A line for each method, a column for each metric."""
     by_method: dict[str, dict[str, float]] = {}
     for floor in floors:
         by_method.setdefault(floor.method, {})[floor.metric] = floor.moved
-    lines = [f"| method | {' | '.join(metrics)} |", f"|---|{'---:|' * len(metrics)}"]
-    for method, moved in by_method.items():
-        lines.append(f"| {method} | {' | '.join(_number(moved[m], digits) for m in metrics)} |")
-    return lines
+    return markdown(
+        ["method", *METRICS],
+        [
+            [method, *(_number(moved[metric], digits) for metric in METRICS)]
+            for method, moved in by_method.items()
+        ],
+    )
 
 
-def _budget(floors: Sequence[Floor]) -> list[str]:
+def _budget(floors: Sequence[Floor]) -> str:
     """A line for each cell that has a golden tolerance and could move: by how much, and how much
     is allowed."""
     moved = {(f.source, f.method, f.metric): f for f in floors}
-    lines = [
-        f"| method | metric | cell | {' | '.join(DRIVERS)} | allowed | largest / allowed |",
-        f"|---|---|{'---:|' * (3 + len(DRIVERS))}",
-    ]
+    rows = []
     for (source, method, metric), floor in moved.items():
         allowed = tolerance(method, metric)
         if source != TURN or allowed is None or not np.isfinite(floor.value):
@@ -464,9 +450,9 @@ def _budget(floors: Sequence[Floor]) -> list[str]:
         limit = allowed.absolute + allowed.relative * abs(floor.value)
         by_source = [moved[other, method, metric].moved for other in DRIVERS]
         numbers = [_number(floor.value, 4), *(_number(m, 2) for m in by_source), _number(limit, 2)]
-        share = max(by_source) / limit
-        lines.append(f"| {method} | {metric} | {' | '.join(numbers)} | {share:.2f} |")
-    return lines
+        rows.append([method, metric, *numbers, f"{max(by_source) / limit:.2f}"])
+    head = ["method", "metric", "cell", *DRIVERS, "allowed", "largest / allowed"]
+    return markdown(head, rows, left=2)
 
 
 def _number(value: float, digits: int) -> str:

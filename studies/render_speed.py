@@ -42,6 +42,7 @@ from data_prep.sampling import random_views
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 from studies.plain_pyrender import render_plainly
 from studies.ray_caster import OPENGL, cast
+from studies.turns import load
 
 CHAIRS = 24
 SUBDIVISIONS = range(1, 8)  # of an icosahedron: 20 x 4^n faces
@@ -69,8 +70,7 @@ def main() -> None:
     options.add_argument("--processes", type=int, default=2)
     given = options.parse_args()
     os.environ.update(WORKER_ENVIRONMENT)  # Mesa reads it when the context is made
-    loads = ", ".join(f"{load:.2f}" for load in os.getloadavg())
-    print(f"{gl_renderer()}; load of the machine {loads}")
+    print(f"{gl_renderer()}; {load()}")
     spheres = [n for n in SUBDIVISIONS if 20 * 4**n <= given.faces]
     print(f"{CHAIRS} procedural chairs: {describe(meshes_of(0))}\n")
     print(HEADER)

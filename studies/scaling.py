@@ -15,14 +15,13 @@ import argparse
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
 
 from bench.job_results import do_jobs
 from bench.lookup import find
-from bench.markdown import row
 from bench.options import Options, protocol_of
 from bench.plan import plan
 from bench.pool import JobPool
@@ -30,9 +29,11 @@ from bench.ray_cluster import LOCAL
 from bench.store import open_journal
 from bench.suites import SUITES
 from bench.workforce import workforce
+from studies.arguments import names, numbers
+from studies.tables import markdown
 
 SUITE = "chair-robustness"
-Crew = tuple[int, str | None]  # workers, and where: None for processes of this machine
+Workers = tuple[int, str | None]  # how many, and where: None for processes of this machine
 
 
 @dataclass(frozen=True)
@@ -55,32 +56,29 @@ class Measured:
         return 1 - self.jobs_s / (self.workers * self.wall_s)
 
 
-def measure(crew: Crew, options: Options) -> Measured:
+def measure(of: Workers, options: Options) -> Measured:
     """Do all items in a folder of their own."""
-    workers, ray = crew
-    wished = Options(
-        SUITE, options.dataset, options.methods, options.conditions, options.limit, options.views,
-        workers=workers, ray=ray,
-    )  # fmt: skip
+    workers, ray = of
+    options = replace(options, workers=workers, ray=ray)
     suite = find(SUITE, SUITES, "suite")
-    protocol, _ = protocol_of(suite, wished)
+    protocol, _ = protocol_of(suite, options)
     with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder, "run")) as journal:
         todo = plan(protocol, journal.directory)
         truths = partial(JobPool, workers=workers, limits=suite.limits)
         do_jobs(todo.references, journal, "ground truth", truths)
-        with workforce(wished, protocol) as hands:
+        with workforce(options, protocol) as executor:
             start = time.perf_counter()
-            settled = do_jobs(todo.items, journal, f"{workers} workers", hands.start)
+            done = do_jobs(todo.items, journal, f"{workers} workers", executor.start)
             wall_s = time.perf_counter() - start
-    jobs_s = sum(sum(astuple(of.spent)) for of in settled.values())
-    return Measured(workers, len(settled), wall_s, jobs_s)
+    jobs_s = sum(sum(astuple(job.spent)) for job in done.values())
+    return Measured(workers, len(done), wall_s, jobs_s)
 
 
-def report(crews: Sequence[Crew], rounds: Sequence[Sequence[Measured]]) -> str:
+def report(kinds: Sequence[Workers], rounds: Sequence[Sequence[Measured]]) -> str:
     """A Markdown table; medians over rounds."""
     first = [taken[0].rate for taken in rounds]
     rows = []
-    for i, (workers, ray) in enumerate(crews):
+    for i, (workers, ray) in enumerate(kinds):
         taken = [of[i] for of in rounds]
         faster = median(m.rate / base for m, base in zip(taken, first, strict=True))
         rows.append(
@@ -94,32 +92,31 @@ def report(crews: Sequence[Crew], rounds: Sequence[Sequence[Measured]]) -> str:
             ]
         )
     head = ["workers", "items", "seconds", "items/s", "times the first", "overhead"]
-    return "\n".join(row(cells) for cells in (head, ["---"] * len(head), *rows))
+    return markdown(head, rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command line."""
     parser = argparse.ArgumentParser(prog="studies.scaling", description=__doc__)
-    parser.add_argument("--workers", default="1,2", help="numbers of workers, comma-separated")
+    parser.add_argument("--workers", type=numbers, default=(1, 2), help="comma-separated")
     parser.add_argument("--ray", action="store_true", help="also on a Ray cluster of this machine")
     parser.add_argument("--limit", type=int, default=8, help="chairs")
-    parser.add_argument("--methods", help="comma-separated; default: those of the suite")
-    parser.add_argument("--conditions", help="comma-separated; default: those of the suite")
-    parser.add_argument("--views", type=int, help="default: those of the suite")
+    parser.add_argument("--methods", type=names, help="comma-separated; default: the suite's")
+    parser.add_argument("--conditions", type=names, help="comma-separated; default: the suite's")
+    parser.add_argument("--views", type=int, help="default: the suite's")
     parser.add_argument("--rounds", type=int, default=1)
     args = parser.parse_args(arguments)
-    counts = [int(count) for count in args.workers.split(",")]
     places = (None, LOCAL) if args.ray else (None,)
-    crews: list[Crew] = [(count, place) for place in places for count in counts]
-    chosen = Options(
+    kinds: list[Workers] = [(count, place) for place in places for count in args.workers]
+    options = Options(
         SUITE,
-        methods=tuple(args.methods.split(",")) if args.methods else None,
-        conditions=tuple(args.conditions.split(",")) if args.conditions else None,
+        methods=args.methods,
+        conditions=args.conditions,
         limit=args.limit,
         views=args.views,
     )
-    rounds = [[measure(crew, chosen) for crew in crews] for _ in range(args.rounds)]
-    print(report(crews, rounds))
+    rounds = [[measure(of, options) for of in kinds] for _ in range(args.rounds)]
+    print(report(kinds, rounds), end="")
 
 
 if __name__ == "__main__":

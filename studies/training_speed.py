@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import time
-from collections.abc import Callable
 from statistics import median
 
 import numpy as np
@@ -25,18 +23,19 @@ from learning.training_loop import Precision, seeded
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, PAPER, ModelConfig, build_encoder
 from pc2pix.train_gan import GanConfig, GanData, _GanTrainer
+from studies.arguments import numbers
 from studies.plain_loop import NOISE, PlainLoop, Target
+from studies.turns import Work, in_turns, ratio
 
 OBJECTS, VIEWS = 32, 2
 POINTS = 2048
 CPU = torch.device("cpu")
-Step = Callable[[], object]
 
 
 def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--threads", default="1,2", help="comma-separated")
+    options.add_argument("--threads", type=numbers, default=(1, 2), help="comma-separated")
     options.add_argument("--rounds", type=int, default=9)
     options.add_argument("--batch", type=int, default=32)
     options.add_argument("--width", choices=["lite", "paper"], default="lite")
@@ -45,7 +44,7 @@ def main() -> None:
     # before the pool of threads is made: its threads inherit this and keep it
     torch.set_flush_denormal(True)
     print(f"torch {torch.__version__}, width {given.width}, batch {given.batch}")
-    for threads in map(int, given.threads.split(",")):
+    for threads in given.threads:
         torch.set_num_threads(threads)
         print(f"\n{threads} thread(s)", flush=True)
         measure(model, given.batch, given.rounds)
@@ -57,36 +56,22 @@ def measure(model: ModelConfig, batch: int, rounds: int) -> None:
     data = make_data()
     for precision in ("bfloat16", "float32"):
         ours = our_step(data, model, "acgan-code", batch, precision)
-        plain, us = in_turns(plain_step(data, model, batch), ours, rounds)
-        ratios = [a / b for a, b in zip(plain, us, strict=True)]
+        plain, us = in_turns([plain_step(data, model, batch), ours], rounds)
         print(
             f"{f'adversarial (acgan-code), {precision}':<42}{batch / median(plain):12.1f}"
-            f"{batch / median(us):10.1f}{median(plain) / median(us):8.2f}  "
-            f"{min(ratios):.2f}-{max(ratios):.2f}",
+            f"{batch / median(us):10.1f}{ratio(plain, us)}",
             flush=True,
         )
     paired = dataclasses.replace(model, encoder="pointnet", azimuth="sine-cosine")
     for name, warm_up in (("reconstruction only", 10**9), ("adversarial", 0)):
         step = our_step(data, paired, "paired", batch, "bfloat16", warm_up)
-        _, seconds = in_turns(lambda: None, step, rounds)
+        (seconds,) = in_turns([step], rounds)
         print(
             f"{f'paired, {name}, bfloat16':<42}{'':12}{batch / median(seconds):10.1f}", flush=True
         )
-    _, seconds = in_turns(lambda: None, chamfer_step(batch), rounds)
+    (seconds,) = in_turns([chamfer_step(batch)], rounds)
     title = f"Chamfer distance, 2 x {POINTS} points, clouds/s"
     print(f"{title:<42}{'':12}{batch / median(seconds):10.1f}", flush=True)
-
-
-def in_turns(plain: Step, ours: Step, rounds: int) -> tuple[list[float], list[float]]:
-    """Seconds of each step, by round; a round before them is not counted."""
-    seconds: tuple[list[float], list[float]] = ([], [])
-    for _ in range(rounds + 1):
-        for step, flush, kept in ((plain, False, seconds[0]), (ours, True, seconds[1])):
-            torch.set_flush_denormal(flush)
-            start = time.perf_counter()
-            step()
-            kept.append(time.perf_counter() - start)
-    return seconds[0][1:], seconds[1][1:]
 
 
 def make_data() -> GanData:
@@ -107,15 +92,21 @@ def our_step(
     batch: int,
     precision: Precision,
     warm_up: int = 0,
-) -> Step:
+) -> Work:
     """The step of `bench train gan`, batches included."""
     config = GanConfig(
         model=model, objective=objective, batch=batch, precision=precision, warm_up=warm_up
     )
-    return _GanTrainer(data, seeded(0, lambda: build_encoder(model)), config, CPU).take_step
+    trainer = _GanTrainer(data, seeded(0, lambda: build_encoder(model)), config, CPU)
+
+    def step() -> None:
+        torch.set_flush_denormal(True)
+        trainer.take_step()
+
+    return step
 
 
-def plain_step(data: GanData, model: ModelConfig, batch: int) -> Step:
+def plain_step(data: GanData, model: ModelConfig, batch: int) -> Work:
     """The plain step, batches included, from the weights that ours starts with."""
     start = _GanTrainer(
         data, seeded(0, lambda: build_encoder(model)), GanConfig(model=model, batch=batch), CPU
@@ -134,6 +125,7 @@ def plain_step(data: GanData, model: ModelConfig, batch: int) -> Step:
         )
 
     def step() -> None:
+        torch.set_flush_denormal(False)
         i, j = torch.randint(OBJECTS, (batch,)), torch.randint(VIEWS, (batch,))
         shown = Target(codes[i], elevation[i, j, None], azimuth[i, j, None])
         noises = torch.rand(batch, NOISE) * 2 - 1, torch.rand(batch, NOISE) * 2 - 1
@@ -142,12 +134,17 @@ def plain_step(data: GanData, model: ModelConfig, batch: int) -> Step:
     return step
 
 
-def chamfer_step(batch: int) -> Step:
+def chamfer_step(batch: int) -> Work:
     """The autoencoder's loss and its gradient."""
     drawn = torch.rand(batch, POINTS, 3) * 2 - 1
     true = torch.rand(batch, POINTS, 3) * 2 - 1
     drawn.requires_grad_(True)
-    return lambda: chamfer(drawn, true).backward()
+
+    def step() -> None:
+        torch.set_flush_denormal(True)
+        chamfer(drawn, true).backward()
+
+    return step
 
 
 if __name__ == "__main__":

@@ -27,10 +27,9 @@ do not exceed. Intervals are 95 % percentile bootstraps over objects. Where one 
 and the other not, values are infinite. An object that a method fails on is left out of its
 percentiles, counted in n_ok/n, and named with the reason.
 
-Written to DIR: `view-consistency.csv` (tidy) and `.md`, `view-consistency.png` (95th percentiles),
-and for each condition a chair with a slatted back: `strip-CONDITION.png`, neighbouring views with
-what is drawn beyond the true silhouette in red and what is missing in blue, and
-`turntable-CONDITION.gif`.
+Written to DIR: `view-consistency.csv` (tidy) and `.md`, and for each condition a chair with a
+slatted back: `strip-CONDITION.png`, neighbouring views with what is drawn beyond the true
+silhouette in red and what is missing in blue, and `turntable-CONDITION.gif`.
 
 A chair takes about half a minute of processor time, most of it `surface-apss`.
 """
@@ -40,10 +39,11 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from itertools import count, product
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ from numpy.typing import NDArray
 from bench.foreground import Masks, drawn, foreground
 from bench.isolation import Limits, Lost, run_tasks
 from bench.lookup import find
-from bench.markdown import cell, row, visible
+from bench.markdown import cell, visible
 from bench.methods import find_method
 from bench.picture_files import write_pictures
 from bench.progress import progress
@@ -67,9 +67,11 @@ from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.shapes.chair_spec import draw_chair_spec
 from data_prep.whole_files import write_whole
+from studies.arguments import names, positive
+from studies.tables import markdown
 
 CLASS, SPLIT, RUN_SEED = "chair", "test", 0
-METHODS = "splat-net,pc2pix,surface-apss,splat"
+METHODS = ("splat-net", "pc2pix", "surface-apss", "splat")
 SHOWN_CONDITIONS = ("2048", "512", "noise-0.05")
 STEP_DEG, ELEVATION_DEG = 5, 20.0
 VIEWS = tuple(View((a + 180) % 360 - 180.0, ELEVATION_DEG) for a in range(0, 360, STEP_DEG))
@@ -131,40 +133,30 @@ def main() -> None:
     """Measure, print and write."""
     options = argparse.ArgumentParser(description="Do drawn silhouettes move as the true ones do?")
     options.add_argument("--out", type=Path, required=True)
-    options.add_argument("--methods", default=METHODS, help="comma-separated")
+    options.add_argument("--methods", type=names, default=METHODS, help="comma-separated")
     options.add_argument("--chairs", type=positive, default=100)
     options.add_argument("--threads", type=positive, default=1, help="workers of one thread each")
     given = options.parse_args()
-    methods = tuple(dict.fromkeys(given.methods.split(",")))
     try:
-        for method in methods:
+        for method in given.methods:
             find_method(method)
-        found = measure_all(methods, given.chairs, given.threads)
+        found = measure_all(given.methods, given.chairs, given.threads)
         rows = [r for cell_, results in found.items() for r in rows_of(*cell_, results)]
         text = to_markdown(rows) + failures(found)
         print(text, end="")
         given.out.mkdir(parents=True, exist_ok=True)
         write_whole(given.out / "view-consistency.csv", to_csv(rows).encode())
         write_whole(given.out / "view-consistency.md", text.encode())
-        write_figure(given.out / "view-consistency.png", rows)
-        show(given.out, methods, given.threads)
+        show(given.out, given.methods, given.threads)
     except BadInput as error:
         sys.exit(f"view_consistency: {error}")
-
-
-def positive(text: str) -> int:
-    """A whole number from 1 on. Raises ValueError for anything else."""
-    value = int(text)
-    if value < 1:
-        raise ValueError(text)
-    return value
 
 
 # --- one object -----------------------------------------------------------------------------------
 
 
-def draw(task: Task) -> tuple[Pictures, Pictures | Failed]:
-    """The true pictures of all views, and the method's."""
+def draw(task: Task) -> Pictures | Failed:
+    """The method's pictures of all views."""
     chair = ProceduralObject(CLASS, SPLIT, task.chair)
     identity = (CLASS, chair.object_id)
     perturbation = find(task.condition, CONDITIONS, "condition").perturbation
@@ -173,14 +165,15 @@ def draw(task: Task) -> tuple[Pictures, Pictures | Failed]:
         generator(RUN_SEED, task.condition, *identity),
     )
     rng = generator(RUN_SEED, "method", task.method, task.condition, *identity)
-    return chair.truth(VIEWS), draw_cloud(cloud, Drawing(task.method, VIEWS, "cpu", rng=rng))
+    return draw_cloud(cloud, Drawing(task.method, VIEWS, "cpu", rng=rng))
 
 
 def measure(task: Task) -> Measured | Failed:
     """Both measures of a method on one chair."""
-    truth, pictures = draw(task)
+    pictures = draw(task)
     if isinstance(pictures, Failed):
         return pictures
+    truth = ProceduralObject(CLASS, SPLIT, task.chair).truth(VIEWS)
     true, seen = silhouettes(truth, pictures)
     return {
         "distance": Tally.of(distances(true, seen)),
@@ -282,8 +275,21 @@ def change(
 
 # --- all objects ----------------------------------------------------------------------------------
 
+Result = TypeVar("Result")
 Cell = tuple[str, str]  # method, condition
 Found = Mapping[Cell, Sequence[Measured | Failed]]  # chairs in their order
+
+
+def run_all(
+    title: str, tasks: Sequence[Task], work: Callable[[Task], Result | Failed], workers: int
+) -> dict[Task, Result | Failed]:
+    """The results of all tasks, with progress. Raises BadInput for bad weights."""
+    done: dict[Task, Result | Failed] = {}
+    with progress(title, len(tasks)) as advance:
+        for task, result in run_tasks(tasks, work, workers, LIMITS):
+            done[task] = Failed(result.reason) if isinstance(result, Lost) else result
+            advance(sum(isinstance(one, Failed) for one in done.values()))
+    return done
 
 
 def measure_all(methods: Sequence[str], chairs: int, workers: int) -> Found:
@@ -291,11 +297,7 @@ def measure_all(methods: Sequence[str], chairs: int, workers: int) -> Found:
     cells = list(product(methods, SHOWN_CONDITIONS))
     # Chair by chair, so that a look at the progress tells how long all of it takes.
     tasks = [Task(*cell_, chair) for chair in range(chairs) for cell_ in cells]
-    done: dict[Task, Measured | Failed] = {}
-    with progress("measuring", len(tasks)) as advance:
-        for task, result in run_tasks(tasks, measure, workers, LIMITS):
-            done[task] = Failed(result.reason) if isinstance(result, Lost) else result
-            advance(sum(isinstance(one, Failed) for one in done.values()))
+    done = run_all("measuring", tasks, measure, workers)
     return {cell_: [done[Task(*cell_, chair)] for chair in range(chairs)] for cell_ in cells}
 
 
@@ -362,27 +364,23 @@ def _number(value: float) -> str:
 def to_markdown(rows: Sequence[Row]) -> str:
     """A table for each measure: a line for each method and condition."""
     heads = ["median", "95th percentile", "99th percentile", f"within {ASKED_PX:g} px"]
-    lines = []
+    parts = []
     for measure_ in MEASURES:
-        lines += [
-            f"**{measure_.capitalize()}**, px [95 % interval over objects]",
-            "",
-            row(["method", "condition", *heads, "n_ok/n"]),
-            "|---" * 2 + "|---:" * (len(heads) + 1) + "|",
-        ]
+        lines = []
         of_measure = [r for r in rows if r.measure == measure_]
         for method, condition in dict.fromkeys((r.method, r.condition) for r in of_measure):
             of_cell = {
                 r.statistic: r for r in of_measure if (r.method, r.condition) == (method, condition)
             }
             (n_ok, n), *_ = [(r.n_ok, r.n) for r in of_cell.values()]
-            told = [_told(of_cell[statistic]) for statistic in STATISTICS]
-            lines.append(row([cell(method), cell(condition), *told, f"{n_ok}/{n}"]))
-        lines.append("")
-    return "\n".join(lines)
+            values = [_with_interval(of_cell[statistic]) for statistic in STATISTICS]
+            lines.append([cell(method), cell(condition), *values, f"{n_ok}/{n}"])
+        table = markdown(["method", "condition", *heads, "n_ok/n"], lines, left=2)
+        parts.append(f"**{measure_.capitalize()}**, px [95 % interval over objects]\n\n{table}")
+    return "\n".join(parts)
 
 
-def _told(one: Row) -> str:
+def _with_interval(one: Row) -> str:
     form = "{:.1%}" if one.statistic == WITHIN else "{:.2f}"
     value, low, high = (form.format(v) for v in (one.value, one.ci_low, one.ci_high))
     return value if math.isnan(one.ci_low) else f"{value} [{low}, {high}]"
@@ -398,52 +396,14 @@ def failures(found: Found) -> str:
     )
 
 
-def write_figure(path: Path, rows: Sequence[Row]) -> None:
-    """The 95th percentile by method and condition, a panel for each measure."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(
-        1, len(MEASURES), figsize=(9.0, 3.8), sharey=True, layout="constrained"
-    )
-    methods = list(dict.fromkeys(r.method for r in rows))
-    for axis, measure_ in zip(axes, MEASURES, strict=True):
-        for k, method in enumerate(methods):
-            shown = [
-                r for r in rows if (r.method, r.measure, r.statistic) == (method, measure_, "p95")
-            ]
-            places = [SHOWN_CONDITIONS.index(r.condition) + 0.08 * k for r in shown]
-            values = np.array([r.value for r in shown])
-            ends = np.array([(r.ci_low, r.ci_high) for r in shown]).reshape(-1, 2).T
-            reach = np.nan_to_num(np.abs(ends - values))
-            axis.errorbar(places, values, yerr=reach, label=visible(method), capsize=3, marker="o")
-        axis.axhline(ASKED_PX, color="0.45", linestyle="--", linewidth=0.9)
-        axis.set_xticks(range(len(SHOWN_CONDITIONS)), SHOWN_CONDITIONS)
-        axis.set_title(f"{measure_}: 95th percentile (lower is better)", fontsize=10)
-        axis.set_xlabel("condition")
-        axis.set_ylim(bottom=0)
-        axis.grid(alpha=0.3)
-    axes[0].set_ylabel("px")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
 def show(folder: Path, methods: Sequence[str], workers: int) -> None:
     """A strip and a turntable of a chair with slats, for each condition."""
     chair = slatted_chair()
     tasks = [Task(*cell_, chair) for cell_ in product(methods, SHOWN_CONDITIONS)]
-    made: dict[Cell, Pictures | Failed] = {}
+    made = run_all("drawing", tasks, draw, workers)
     truth = ProceduralObject(CLASS, SPLIT, chair).truth(VIEWS)
-    with progress("drawing", len(tasks)) as advance:
-        for task, result in run_tasks(tasks, draw, workers, LIMITS):
-            pictures = Failed(result.reason) if isinstance(result, Lost) else result[1]
-            made[task.method, task.condition] = pictures
-            advance(sum(isinstance(one, Failed) for one in made.values()))
     for condition in SHOWN_CONDITIONS:
-        pictures = {method: made[method, condition] for method in methods}
+        pictures = {method: made[Task(method, condition, chair)] for method in methods}
         strip = [
             *strip_row("truth", truth, truth),
             *(t for method, of in pictures.items() for t in strip_row(method, truth, of)),

@@ -3,13 +3,13 @@
     python -m tests.robustness.faults
 
 Three times the same run of surface reconstruction, of 40 chairs under 5 conditions: in the second,
-two items misbehave for each fault, chosen by the checksum of their clouds; in the first and the last
-all are healthy, so that a machine that gets slower or faster on the way does not count. The method
-is one, announced as another package announces its own. The run has to end, exactly the faulty items
-have to be failed, and each for the reason that its fault deserves: else the exit status is 1.
-Prints what was found, and how many healthy items got done in a second, with faults and without
-(the floor, which every run measures, is drawn for all items each time). A hang costs a worker the
-time limit, and a worker that died or was killed is replaced, which takes some seconds.
+two items misbehave for each fault, chosen by the checksum of their clouds; in the first and the
+last all are healthy, so that a machine that gets slower or faster on the way does not count. The
+method is one, announced as another package announces its own. The run has to end, exactly the
+faulty items have to be failed, and each for the reason that its fault deserves: else the exit
+status is 1. Prints what was found, and how many healthy items were done in a second, with faults
+and without (the floor, which every run measures, is drawn for all items each time). A hang costs a
+worker the time limit, and a worker that died or was killed is replaced, which takes some seconds.
 """
 
 from __future__ import annotations

@@ -14,7 +14,6 @@ from studies.memory import (
     growth,
     measure_merging,
     own_peak,
-    peak_mib,
     read_csv,
     to_markdown,
     write_csv,
@@ -23,12 +22,6 @@ from studies.memory import (
 
 def peak(what: str = "drawn", images: int = 1000, end: float = 300.0) -> Peak:
     return Peak(what, images // 40, images, 12.5, 200.0, end)
-
-
-def test_the_peak_is_that_of_the_kernel() -> None:
-    assert peak_mib("Name:\tpython\nVmPeak:\t  9 kB\nVmHWM:\t  2048 kB\nVmRSS:\t 1 kB\n") == 2.0
-    with pytest.raises(ValueError, match="no VmHWM"):
-        peak_mib("Name:\tpython\n")
 
 
 def test_memory_that_was_taken_is_in_the_peak() -> None:

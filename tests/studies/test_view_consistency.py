@@ -42,7 +42,6 @@ from studies.view_consistency import (
     tint,
     to_csv,
     to_markdown,
-    write_figure,
 )
 
 SIZE = 128
@@ -291,17 +290,6 @@ def test_the_tables():
     )
 
 
-def test_a_figure_with_and_without_intervals_and_infinities(tmp_path):
-    rows = [
-        *rows_of("splat", "2048", RESULTS),
-        *rows_of("splat", "512", [measured(np.inf)]),
-        *rows_of("blank", "512", [measured(2.0)]),
-    ]
-    write_figure(tmp_path / "figure.png", rows)
-    with Image.open(tmp_path / "figure.png") as picture:
-        assert picture.size == (990, 418)
-
-
 def test_the_chair_that_is_shown_is_the_first_with_slats():
     chosen = slatted_chair()
     backs = [draw_chair_spec(generator("procedural", "chair", "test", i)).back for i in range(50)]
@@ -342,7 +330,7 @@ def few_views(monkeypatch):
 def test_clouds_and_random_numbers_are_those_of_a_run(condition, few_views, monkeypatch):
     given = []
     monkeypatch.setattr(view_consistency, "draw_cloud", lambda *args: given.extend(args))
-    truth, _ = draw(Task("splat", condition, 3))
+    draw(Task("splat", condition, 3))
     cloud, drawing = given
     chair = ProceduralObject("chair", "test", 3)
     (found,) = (c for c in CONDITIONS if c.id == condition)
@@ -356,7 +344,6 @@ def test_clouds_and_random_numbers_are_those_of_a_run(condition, few_views, monk
     assert drawing.rng is not None
     assert drawing.rng.random() == rng_of(job).random()
     assert (drawing.method, drawing.views) == ("splat", few_views)
-    assert np.array_equal(truth, chair.truth(few_views))
 
 
 def test_a_method_that_fails_says_why(few_views, monkeypatch):
@@ -382,7 +369,6 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
         "turntable-512.gif",
         "view-consistency.csv",
         "view-consistency.md",
-        "view-consistency.png",
     ]
     assert names["view-consistency.md"].read_text() == told
     table = names["view-consistency.csv"].read_text().splitlines()
