@@ -20,6 +20,7 @@ takes some ten minutes on two cores.
 from __future__ import annotations
 
 import argparse
+import csv
 import subprocess
 import sys
 import time
@@ -28,7 +29,6 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from bench.frechet import (
@@ -161,8 +161,12 @@ def read_csv(path: Path) -> list[Peak]:
     """What `write_csv` has written; nothing where there is no file."""
     if not path.is_file():
         return []
-    table = pd.read_csv(path, float_precision="round_trip")
-    return [Peak(*row) for row in table.itertuples(index=False, name=None)]
+    with path.open(encoding="utf-8") as file:
+        _, *rows = csv.reader(file)
+    return [
+        Peak(what, int(objects), int(images), *map(float, rest))
+        for what, objects, images, *rest in rows
+    ]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -51,7 +51,7 @@ class Result:
     def failures(self) -> list[str]:
         """What must not happen, in words."""
         if isinstance(self.reading, Lost):
-            return []  # contained, and told apart in the table
+            return []  # contained, and a column of its own in the table
         found = [f"{self.reading.outcome}: {self.reading.detail}"] * (
             self.reading.outcome == "defect"
         )

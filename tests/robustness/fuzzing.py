@@ -401,7 +401,7 @@ def _tricky_tree(rng: random.Random, root: str) -> dict[str, Any]:
         tree["buffers"] = [{"byteLength": len(blob), "uri": outside}]
     elif trick == 2:
         tree["accessors"][rng.randrange(2)]["count"] = huge
-    elif trick == 3:  # filled with noughts, says the standard
+    elif trick == 3:  # filled with zeros, as the standard says
         tree["accessors"][0] = {"componentType": 5126, "count": huge, "type": "VEC3"}
     elif trick == 4:
         tree["bufferViews"] *= rng.choice((10, 1000))

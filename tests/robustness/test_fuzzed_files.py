@@ -135,7 +135,7 @@ REFUSED: dict[str, tuple[str, Files, str]] = {
     "stl-count": ("mesh-stl", {"a.stl": mesh_stl(True)[:80] + b"\xff" * 4}, "no faces|not a r"),
     "ply-count": ("mesh-ply", {"a.ply": mesh_ply(True).replace(b"x 4", b"x 999999999")}, "not a"),
     "off-count": ("mesh-off", {"a.off": b"OFF\n9999999999 1 0\n0 0 0\n3 0 0 0\n"}, "not a"),
-    "noughts": (
+    "zeros": (
         "mesh-glb",
         tree(accessors=[{"componentType": 5126, "count": 4 * 10**7, "type": "VEC3"}, ACCESSORS[1]]),
         "120000000 numbers without one",

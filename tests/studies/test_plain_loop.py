@@ -10,7 +10,8 @@ from learning.training_loop import seeded
 from pc2pix.model import Encoder, ModelConfig
 from pc2pix.train_gan import GanConfig, _GanTrainer
 from studies.plain_loop import PlainLoop, Target
-from studies.training_speed import CPU, in_turns, make_data, our_step, plain_step
+from studies.training_speed import CPU, make_data, our_step, plain_step
+from studies.turns import in_turns
 
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 
@@ -62,8 +63,7 @@ def test_the_gradients_are_the_same(both, network):
 
 def test_the_benchmark_runs():
     data = make_data()
-    plain, ours = in_turns(
-        plain_step(data, TINY, 2), our_step(data, TINY, "acgan-code", 2, "bfloat16"), 2
-    )
+    steps = [plain_step(data, TINY, 2), our_step(data, TINY, "acgan-code", 2, "bfloat16")]
+    plain, ours = in_turns(steps, 2)
     assert len(plain) == len(ours) == 2
     assert min(plain + ours) > 0
