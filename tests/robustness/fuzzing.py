@@ -713,7 +713,9 @@ FORBIDDEN = (
     "tempfile.",
 )  # fmt: skip
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-_OWN = (sys.prefix, sys.base_prefix, str(Path(__file__).resolve().parents[2]), "/proc/self/")
+_LIBRARIES = str(Path(np.__file__).parents[1])  # outside of sys.prefix where a path file adds them
+_ROOT = str(Path(__file__).resolve().parents[2])
+_OWN = (sys.prefix, sys.base_prefix, _LIBRARIES, _ROOT, "/proc/self/")
 
 
 @dataclass
