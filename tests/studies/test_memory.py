@@ -26,7 +26,7 @@ def peak(what: str = "drawn", images: int = 1000, end: float = 300.0) -> Peak:
 
 def test_memory_that_was_taken_is_in_the_peak() -> None:
     before = own_peak()
-    taken = np.ones(int((before + 64) * 2**20))  # 8 bytes each: more than ever was
+    taken = np.ones(int((before + 64) * 2**20) // 8)  # 8 bytes each: more than ever was
     assert own_peak() - before > 64
     assert taken[0] == 1
 
