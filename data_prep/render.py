@@ -3,7 +3,7 @@
 pyrender 0.1.45, the last release, makes the context; drawing goes past it. Its renderer reads back
 a depth buffer that nobody wants, looks programs and uniforms up anew for every view, multiplies
 every vertex by two identity matrices, and does not shade the back of a face;
-`benchmarks/render_speed.py` has both side by side. Here a mesh is uploaded once, its views are
+`studies/render_speed.py` has both side by side. Here a mesh is uploaded once, its views are
 drawn one after another into one small multisampled buffer, which stays in the processor's cache,
 and resolved into one sheet, which is read back once.
 

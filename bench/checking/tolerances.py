@@ -21,7 +21,7 @@ drivers and processors. How they were measured, at 128 px:
   0.004 and 0.001; less is never allowed than for a driver.
 * The judge, asked the same: its medians moved by up to 2 % of themselves (azimuth: and by the 0.1
   degree of the turn), and one picture in 40 to another object; by APSS no more than by the turn.
-* All of it again by `benchmarks.noise_floor` on as many pictures as a golden cell has (24 chairs x
+* All of it again by `studies.noise_floor` on as many pictures as a golden cell has (24 chairs x
   20 views; 2048, 512 and noise-0.10; both networks, `splat`, `constant`, `blank`): the largest move
   of a cell by the turn of 0.1 degree, by an independent ray-caster that samples where OpenGL does,
   and by one with the mirrored pattern of samples, was
@@ -40,7 +40,7 @@ drivers and processors. How they were measured, at 128 px:
   0.00016, 0.00014 and 0.00028 (`splat`, `constant`). For APSS, one point in fifty moved by one
   rounding error on 12 chairs moved it per chair by 1.5 times as much as ssim on clean clouds and
   0.24 times on noisy ones. With the larger, 3 standard errors over 24 chairs are 0.0143.
-* The thirteen classes by `benchmarks.class_noise` (8 objects x 10 views of each; golden cells have
+* The thirteen classes by `studies.class_noise` (8 objects x 10 views of each; golden cells have
   30): the turn moved cells of `splat`, `blank` and both networks by at most 0.0004 (ssim and its
   components), 0.0006 (silhouette-iou) and 2 % (fd-views), half of it to be expected of 30 objects:
   the tolerances of chairs hold. Rounding moved an object by a standard deviation of 0.0059 (ssim)

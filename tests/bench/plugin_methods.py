@@ -12,9 +12,9 @@ import numpy as np
 
 from bench.catalogue import methods
 from bench.catalogue.methods import Method
-from benchmarks.faulty_methods import FAULTS, Faulty, announce
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
+from tests.robustness.faulty_methods import FAULTS, Faulty, announce
 
 
 class Telling:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 from pathlib import Path
@@ -155,6 +156,34 @@ def test_shift_of_every_feature(n, d):
     assert frechet_distance(x, x - 0.3) == pytest.approx(
         0.09 * d, abs=ROUNDING * (traces(x, x) + d)
     )
+
+
+@pytest.mark.parametrize("n", [65, 200, 1000])
+def test_two_samples_of_one_distribution_are_apart_by_the_expected_bias(n):
+    # Standard normal vectors of d numbers, m = n - 1 >= d: 2 d / n for the means, d (d + 1) / 2m
+    # for the covariances (two Wishart matrices, their product in the limit of large d).
+    d, repeats = 64, 20
+    rng = np.random.default_rng(n)
+    found = [
+        frechet_distance(rng.normal(size=(n, d)), rng.normal(size=(n, d))) for _ in range(repeats)
+    ]
+    expected = 2 * d / n + d * (d + 1) / (2 * (n - 1))
+    # what the limit leaves out (1 / d), and four standard errors of the mean
+    tolerance = expected / d + 4 * np.std(found, ddof=1) / math.sqrt(repeats)
+    assert np.mean(found) == pytest.approx(expected, abs=tolerance)
+
+
+def test_the_bias_where_samples_are_few():
+    # n far below d: rows of a sample are orthogonal, their product follows the quarter-circle law:
+    # 2 d (1 + 1/n) - 16 / (3 pi) sqrt(m d); the next order is m / d of the root's term, 230.
+    n, d, repeats = 10, 2048, 5
+    rng = np.random.default_rng(0)
+    found = [
+        frechet_distance(rng.normal(size=(n, d)), rng.normal(size=(n, d))) for _ in range(repeats)
+    ]
+    expected = 2 * d * (1 + 1 / n) - 16 / (3 * math.pi) * math.sqrt((n - 1) * d)
+    tolerance = 230 * (n - 1) / d + 4 * np.std(found, ddof=1) / math.sqrt(repeats)
+    assert np.mean(found) == pytest.approx(expected, abs=tolerance)
 
 
 def test_sets_that_vary_in_different_features():

@@ -64,6 +64,18 @@ def test_a_network_without_an_input_draws_as_one_that_does_not_heed_it(part) -> 
     torch.testing.assert_close(drawn, expected, rtol=0, atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("part", "channels"),
+    # of 22: normals and variation at three scales, three densities, depth and density twice, ...
+    [("normals", 10), ("density", 19), ("flattened", 18), ("far", 21), ("discs", 21)],
+)
+def test_what_is_left_out(part, channels) -> None:
+    assert DEFAULT.inputs.channels == 22
+    assert do_without(DEFAULT, (part,)).inputs.channels == channels
+    with pytest.raises(BadInput, match="--without shadows"):
+        do_without(DEFAULT, ("shadows",))
+
+
 @pytest.mark.parametrize("part", ["normals", "density", "flattened", "far"])
 def test_channels_are_named_in_their_order(part) -> None:
     # discs change what other channels are of: they are not among these

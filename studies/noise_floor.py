@@ -1,0 +1,485 @@
+"""How far every metric moves by what should not matter: the noise floor of the benchmark.
+
+    python -m studies.noise_floor [--chairs 24] [--views 10] [--seeds 6] [--condition 2048]
+                                     [--out docs/noise-floor.md]
+
+A cell is the value of one metric for one method, over chairs x views of the validation split, as in
+the tables of a run. It is measured again with one thing changed at a time:
+
+seed       other random views of the same chairs, and other points on them: standard deviation of
+           the cell over the seeds. Two runs with different seeds differ by about 1.4 times that; a
+           comparison of methods on the same views and clouds (as in every run) by less.
+batch      pc2pix draws every view by itself, and 20 in one batch.
+threads    pc2pix and the feature networks on 1 and on 2 threads.
+precision  the feature networks in float64 instead of float32, with pictures as they are; and pc2pix
+           in float64 and in bfloat16, with float32 features.
+turn       every view by 0.1 degree more of azimuth, true and drawn pictures alike: 0.1 px at the
+           rim of the unit sphere.
+renderer   the true pictures by a ray-caster of the same camera and shading (`ray_caster`), not by
+           OpenGL: with the same 4 samples a pixel, with 4 elsewhere, and with 16. The pictures of
+           methods stay as they are; for `true-mesh`, which draws by the renderer, they are those of
+           the ray-caster and the truth is OpenGL's.
+
+Needs embreex. About six minutes on one thread; not the place to measure time.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from bench.analysis import recognition as control
+from bench.analysis.recognition import Picture
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, column
+from bench.checking.tolerances import tolerance
+from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
+from bench.judges.judge import greyscale, judge, load_judge_network
+from bench.judges.views import load_views_network, view_features
+from bench.metrics.frechet import frechet_distance
+from bench.metrics.image_scores import scores
+from data_prep.conditions import CONDITIONS
+from data_prep.datasets import ProceduralObject
+from data_prep.images import to_uint8
+from data_prep.randomness import generator
+from data_prep.sampling import random_views, sample_surface
+from data_prep.scene import Mesh, PointCloud, View
+from pc2pix.number_formats import Format, infer
+from pc2pix.renderer import Pc2pixRenderer
+from pc2pix.weights import load_weights
+from studies.pictures import TURN_DEG, Pictures, draw_all, render_all, turned
+from studies.ray_caster import MIRRORED, OPENGL, cast, grid
+from studies.tables import markdown
+
+METHODS = ("pc2pix", "pc2pix@acgan", "splat", "constant", "blank")
+NETWORK, WEIGHTS = "pc2pix", "chair"
+CEILING = "true-mesh"
+DISTANCES = ("fd-views", "fd-views-grey")
+METRICS = (*IMAGE_METRICS, *DISTANCES, *CONTROL_METRICS)
+BATCH = 20
+SAMPLES = {  # by source
+    "renderer, same samples": OPENGL,
+    "renderer, mirrored samples": MIRRORED,
+    "renderer, 16 samples": grid(4),
+}
+SEED, BATCHES, THREADS, TURN = "seed", "batch", "threads", "turn"
+DRIVERS = (TURN, *list(SAMPLES)[:2])  # what another driver, asked for 4 samples, may amount to
+IN_FEATURES, IN_DRAWING = "precision of features", "precision of pc2pix"
+HEADINGS = {
+    SEED: "Seed of views and clouds: standard deviation over seeds",
+    BATCHES: f"Batch: pc2pix one view at a time, against {BATCH} in a batch",
+    THREADS: "Threads: pc2pix and the feature networks on 2, against 1",
+    IN_FEATURES: "Precision: the feature networks in float64, against float32",
+    f"{IN_DRAWING}, float64": "Precision: pc2pix in float64, against float32",
+    f"{IN_DRAWING}, bfloat16": "Precision: pc2pix in bfloat16, against float32",
+    TURN: f"Turn: every view by {TURN_DEG} degree, true and drawn pictures alike",
+    **{source: f"R{source[1:]}: true pictures by rays instead of by OpenGL" for source in SAMPLES},
+}
+
+Cells = dict[str, float]  # the value of each metric, for one method
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a seed makes of the chairs: one cloud and the same number of views each."""
+
+    meshes: tuple[Mesh, ...]
+    clouds: tuple[PointCloud, ...]
+    views: tuple[tuple[View, ...], ...]
+
+
+class Taken(NamedTuple):
+    """What the feature networks make of pictures: [chairs, views, d] each."""
+
+    colour: NDArray[np.floating]
+    grey: NDArray[np.floating]
+    answers: NDArray[np.floating]
+
+
+class Floor(NamedTuple):
+    """How far a cell moved; `value` is the cell before anything was changed."""
+
+    source: str
+    method: str
+    metric: str
+    value: float
+    moved: float
+
+
+class Study:
+    """One run of the study: the chairs, what was measured of them first, and the networks."""
+
+    def __init__(self, chairs: int, views: int, condition: str = "2048") -> None:
+        self.chairs, self.views, self.condition = chairs, views, condition
+        self.network = Pc2pixRenderer(load_weights(WEIGHTS))
+        self.take = Features(torch.float32)
+        self.scene = make_scene(chairs, views, 0, condition)
+        self.truth = render_all(self.scene.meshes, self.scene.views)
+        self.truth_taken = self.take(self.truth)
+        self.pictures = {method: self.draw(method, self.scene) for method in METHODS}
+        self.taken = {method: self.take(drawn) for method, drawn in self.pictures.items()}
+        self.cells = {
+            method: self.measure(drawn, self.taken[method])
+            for method, drawn in self.pictures.items()
+        }
+
+    def measure(self, drawn: Pictures, taken: Taken) -> Cells:
+        """The cells of pictures against the first scene's truth."""
+        return cells(self.truth, self.truth_taken, drawn, taken, self.scene.views)
+
+    def draw(self, method: str, scene: Scene) -> Pictures:
+        """The pictures of a method, all views of a chair in one batch."""
+        renderer = self.network if method == NETWORK else find_method(method).load("cpu")
+        return draw_all(renderer, scene.clouds, scene.views)
+
+    def moved(
+        self, source: str, changed: Mapping[str, Cells], since: Mapping[str, Cells] | None = None
+    ) -> list[Floor]:
+        """How far the cells of some methods moved from the first ones, or from those given."""
+        before = since or self.cells
+        return [
+            Floor(
+                source, method, metric, before[method][metric], abs(value - before[method][metric])
+            )
+            for method, values in changed.items()
+            for metric, value in values.items()
+        ]
+
+    def by_seed(self, seeds: int) -> list[Floor]:
+        """Other views and points; the first seed is the scene that is there."""
+        found = {method: [self.cells[method]] for method in METHODS}
+        for seed in range(1, seeds):
+            scene = make_scene(self.chairs, self.views, seed, self.condition)
+            truth = render_all(scene.meshes, scene.views)
+            truth_taken = self.take(truth)
+            for method in METHODS:
+                drawn = self.draw(method, scene)
+                again = cells(truth, truth_taken, drawn, self.take(drawn), scene.views)
+                found[method].append(again)
+        return [
+            Floor(SEED, method, metric, self.cells[method][metric], _deviation(runs, metric))
+            for method, runs in found.items()
+            for metric in METRICS
+        ]
+
+    def by_batch(self) -> list[Floor]:
+        """pc2pix one view at a time against 20 at a time, the scene's views among them."""
+        alone, together = [], []
+        for chair, (cloud, views) in enumerate(
+            zip(self.scene.clouds, self.scene.views, strict=True)
+        ):
+            state = self.network.prepare(cloud)
+            more = random_views(BATCH - len(views), generator("noise floor", "more views", chair))
+            together.append(to_uint8(self.network.draw(state, [*views, *more])[: len(views)]))
+            alone.append(to_uint8(np.concatenate([self.network.draw(state, [v]) for v in views])))
+        one, many = (
+            {NETWORK: self.measure(p, self.take(p))} for p in map(np.stack, (alone, together))
+        )
+        return self.moved(BATCHES, one, since=many)
+
+    def by_threads(self) -> list[Floor]:
+        """The networks on two threads."""
+        torch.set_num_threads(2)
+        try:
+            pictures = self.pictures | {NETWORK: self.draw(NETWORK, self.scene)}
+            truth = self.take(self.truth)
+            taken = {method: self.take(drawn) for method, drawn in pictures.items()}
+        finally:
+            torch.set_num_threads(1)
+        again = {
+            method: cells(self.truth, truth, drawn, taken[method], self.scene.views)
+            for method, drawn in pictures.items()
+        }
+        return self.moved(THREADS, again)
+
+    def by_precision(self) -> list[Floor]:
+        """The feature networks in float64; pc2pix in float64 and in bfloat16."""
+        exact = Features(torch.float64)
+        truth = exact(self.truth)
+        again = {
+            method: cells(self.truth, truth, drawn, exact(drawn), self.scene.views)
+            for method, drawn in self.pictures.items()
+        }
+        found = self.moved(IN_FEATURES, again)
+        formats: tuple[Format, ...] = ("float64", "bfloat16")
+        for fmt in formats:
+            drawn = np.stack(
+                [
+                    to_uint8(
+                        infer(self.network.weights, cloud.points, views, fmt).pictures.astype(
+                            np.float32
+                        )
+                    )
+                    for cloud, views in zip(self.scene.clouds, self.scene.views, strict=True)
+                ]
+            )
+            again = {NETWORK: self.measure(drawn, self.take(drawn))}
+            found += self.moved(f"{IN_DRAWING}, {fmt}", again)
+        return found
+
+    def by_turn(self) -> list[Floor]:
+        """Every view a little farther round."""
+        views = tuple(turned(of_chair) for of_chair in self.scene.views)
+        scene = replace(self.scene, views=views)
+        truth = render_all(scene.meshes, scene.views)
+        taken = self.take(truth)
+        pictures = {method: self.draw(method, scene) for method in METHODS} | {CEILING: truth}
+        again = {
+            method: cells(truth, taken, drawn, self.take(drawn), views)
+            for method, drawn in pictures.items()
+        }
+        ceiling = {CEILING: self.measure(self.truth, self.truth_taken)}
+        return self.moved(TURN, again, since=self.cells | ceiling)
+
+    def by_renderer(self) -> list[Floor]:
+        """True pictures by rays; the ceiling's pictures by rays against OpenGL's."""
+        found = []
+        ceiling = {CEILING: self.measure(self.truth, self.truth_taken)}
+        for source, samples in SAMPLES.items():
+            truth = np.stack(
+                [
+                    cast(mesh, views, samples)
+                    for mesh, views in zip(self.scene.meshes, self.scene.views, strict=True)
+                ]
+            )
+            taken = self.take(truth)
+            again = {
+                method: cells(truth, taken, drawn, self.taken[method], self.scene.views)
+                for method, drawn in self.pictures.items()
+            }
+            found += self.moved(source, again)
+            found += self.moved(source, {CEILING: self.measure(truth, taken)}, since=ceiling)
+        return found
+
+
+class Features:
+    """Pictures to what the bundled networks make of them, in float32 as in a run, or in float64."""
+
+    def __init__(self, dtype: torch.dtype) -> None:
+        self.dtype = dtype
+        self.views = load_views_network(VIEWS_WEIGHTS).to(dtype)
+        self.judge = load_judge_network(JUDGE_WEIGHTS).to(dtype)
+
+    def __call__(self, pictures: Pictures) -> Taken:
+        """Features of [chairs, views, H, W, 3]."""
+        flat = pictures.reshape(-1, *pictures.shape[2:])
+        grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
+        if self.dtype == torch.float32:  # the very functions that a run uses
+            taken = (
+                view_features(self.views, flat),
+                view_features(self.views, grey),
+                judge(self.judge, flat),
+            )
+        else:
+            taken = (self._views(flat), self._views(grey), self._judge(flat))
+        return Taken(*(values.reshape(*pictures.shape[:2], -1) for values in taken))
+
+    @torch.inference_mode()
+    def _views(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
+        parts = torch.from_numpy(images).permute(0, 3, 1, 2).split(BATCH)
+        found = [self.views.body(1 - part.to(self.dtype) / 255).mean(dim=(2, 3)) for part in parts]
+        return torch.cat(found).numpy()
+
+    @torch.inference_mode()
+    def _judge(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
+        parts = torch.from_numpy(greyscale(images)).split(BATCH)
+        return torch.cat([self.judge(1 - p[:, None].to(self.dtype) / 255) for p in parts]).numpy()
+
+
+class _Truth:
+    """The judge's answers to the true pictures, as `gallery` asks for them."""
+
+    def __init__(self, answers: NDArray[np.floating]) -> None:
+        self.answers = answers
+
+    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
+        del method, condition, class_name
+        return _pictures(*self.answers.shape[:2])
+
+    def of(
+        self, method: str, condition: str, class_name: str, pictures: Sequence[Picture]
+    ) -> NDArray[np.floating]:
+        del method, condition, class_name
+        return np.stack([self.answers[int(chair), view] for chair, view in pictures])
+
+
+def _pictures(chairs: int, views: int) -> list[Picture]:
+    return [(f"{chair:04d}", view) for chair in range(chairs) for view in range(views)]
+
+
+def make_scene(chairs: int, views: int, seed: int, condition: str) -> Scene:
+    """The first validation chairs; `seed` chooses views, points and what a condition does to them.
+
+    Raises BadInput for an unknown condition.
+    """
+    perturbation = find(condition, CONDITIONS, "condition").perturbation
+    meshes = tuple(ProceduralObject("chair", "validation", i).load() for i in range(chairs))
+    return Scene(
+        meshes,
+        tuple(
+            perturbation.apply(
+                sample_surface(mesh, generator("noise floor", "cloud", seed, i)),
+                generator("noise floor", condition, seed, i),
+            )
+            for i, mesh in enumerate(meshes)
+        ),
+        tuple(
+            random_views(views, generator("noise floor", "views", seed, i)) for i in range(chairs)
+        ),
+    )
+
+
+def cells(
+    truth: Pictures,
+    truth_taken: Taken,
+    drawn: Pictures,
+    taken: Taken,
+    views: Sequence[Sequence[View]],
+) -> Cells:
+    """Every metric over all pictures, as the tables of a run take it: means (of the pictures that
+    have a value), distances, medians of the judge's errors, the share of objects found."""
+    found = [scores(t, d) for t, d in zip(truth, drawn, strict=True)]
+    values = {
+        metric: _mean(np.concatenate([one[column(metric)] for one in found]))
+        for metric in IMAGE_METRICS
+    }
+    for metric, x, y in zip(
+        DISTANCES, (truth_taken.colour, truth_taken.grey), (taken.colour, taken.grey), strict=True
+    ):
+        values[metric] = frechet_distance(_flat(x), _flat(y))
+    answers = _flat(taken.answers)
+    azimuth = np.array([view.azimuth_deg for of_chair in views for view in of_chair])
+    elevation = np.array([view.elevation_deg for of_chair in views for view in of_chair])
+    among = control.gallery(_Truth(truth_taken.answers), "chair")
+    hits = control.found(among, answers, _pictures(*drawn.shape[:2]))
+    values["azimuth-error-deg"] = float(np.median(control.azimuth_error_deg(answers, azimuth)))
+    values["elevation-error-deg"] = float(
+        np.median(control.elevation_error_deg(answers, elevation))
+    )
+    values["retrieval"] = float(hits.mean())
+    return values
+
+
+def _mean(per_picture: NDArray[np.float64]) -> float:
+    there = per_picture[np.isfinite(per_picture)]
+    return float(there.mean()) if len(there) else float("nan")
+
+
+def _flat(features: NDArray[np.floating]) -> NDArray[np.floating]:
+    return features.reshape(-1, features.shape[-1])
+
+
+def _deviation(runs: Sequence[Cells], metric: str) -> float:
+    return float(np.std([run[metric] for run in runs], ddof=1))
+
+
+def main() -> None:
+    """Run the study from the command line."""
+    parser = argparse.ArgumentParser(description="How far metrics move by what should not matter.")
+    parser.add_argument("--chairs", type=int, default=24)
+    parser.add_argument("--views", type=int, default=10, help=f"per chair, at most {BATCH}")
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--condition", default="2048")
+    parser.add_argument("--out", type=Path, default=Path("docs/noise-floor.md"))
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    study = Study(options.chairs, options.views, options.condition)
+    floors = [
+        *study.by_turn(),
+        *study.by_renderer(),
+        *study.by_batch(),
+        *study.by_threads(),
+        *study.by_precision(),
+        *study.by_seed(options.seeds),
+    ]
+    text = to_markdown(floors, options.chairs, options.views, options.seeds, options.condition)
+    print(text, end="")
+    options.out.write_text(text, encoding="utf-8")
+
+
+def to_markdown(
+    floors: Sequence[Floor], chairs: int, views: int, seeds: int, condition: str
+) -> str:
+    """The whole page."""
+    lines = [PAGE.format(chairs=chairs, views=views, seeds=seeds, condition=condition)]
+    lines += ["## The cells", "", _table([f._replace(moved=f.value) for f in floors], 4)]
+    for source, heading in HEADINGS.items():
+        lines += [f"## {heading}", "", _table([f for f in floors if f.source == source])]
+    lines += ["## Golden tolerances", "", BUDGET, "", _budget(floors)]
+    return "\n".join(lines)
+
+
+def _table(floors: Sequence[Floor], digits: int = 2) -> str:
+    """A line for each method, a column for each metric."""
+    by_method: dict[str, dict[str, float]] = {}
+    for floor in floors:
+        by_method.setdefault(floor.method, {})[floor.metric] = floor.moved
+    return markdown(
+        ["method", *METRICS],
+        [
+            [method, *(_number(moved[metric], digits) for metric in METRICS)]
+            for method, moved in by_method.items()
+        ],
+    )
+
+
+def _budget(floors: Sequence[Floor]) -> str:
+    """A line for each cell that has a golden tolerance and could move: by how much, and how much
+    is allowed."""
+    moved = {(f.source, f.method, f.metric): f for f in floors}
+    rows = []
+    for (source, method, metric), floor in moved.items():
+        allowed = tolerance(method, metric)
+        if source != TURN or allowed is None or not np.isfinite(floor.value):
+            continue
+        if method == CEILING and metric not in CONTROL_METRICS:  # one driver draws both pictures
+            continue
+        limit = allowed.absolute + allowed.relative * abs(floor.value)
+        by_source = [moved[other, method, metric].moved for other in DRIVERS]
+        numbers = [_number(floor.value, 4), *(_number(m, 2) for m in by_source), _number(limit, 2)]
+        rows.append([method, metric, *numbers, f"{max(by_source) / limit:.2f}"])
+    head = ["method", "metric", "cell", *DRIVERS, "allowed", "largest / allowed"]
+    return markdown(head, rows, left=2)
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}g}" if np.isfinite(value) else ""
+
+
+PAGE = """\
+# Noise floor
+
+How far the metrics of the benchmark move by what should not matter. Made by
+
+    pip install 'pc2pix-bench[ray-caster]'
+    python -m studies.noise_floor --chairs {chairs} --views {views} --seeds {seeds} \
+--condition {condition}
+
+whose head says what was changed and how: {chairs} chairs of the validation split x {views} views,
+condition `{condition}`, {seeds} seeds. Each table tells the absolute change of a cell; an empty
+field is a metric without a value (`blank` draws nothing that could be precise).
+"""
+BUDGET = """\
+A golden value was drawn by one GL driver and has to hold for others; on one machine a run repeats
+to the last digit. What another driver may do is measured in three ways: by a turn of all views, by
+the ray-caster with the samples of OpenGL, and with their mirror image, which no driver at hand
+uses, but which OpenGL allows. 16 samples are another matter: no driver that follows our request for
+4 draws so. They show what a metric owes to that number.
+
+A tolerance is three times the largest effect, rounded up, hence the last column should be 0.33 or
+less. It is for cells of 24 chairs x 20 views; with fewer pictures the thin parts and the medians of
+the judge move more than that. Batch, threads and precision are far below all of them. The seed is
+part of a golden value; its table tells what a difference between two runs with different seeds
+means. `bench/checking/tolerances.py` has the tolerances, and why some are wider than that."""
+
+
+if __name__ == "__main__":
+    main()

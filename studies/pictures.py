@@ -1,0 +1,39 @@
+"""Pictures of many objects at once, and views that are turned a little."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.images import to_uint8
+from data_prep.render import render
+from data_prep.scene import Mesh, PointCloud, Renderer, View
+
+Pictures = NDArray[np.uint8]  # [N, V, H, W, 3]: of N objects from V views each
+TURN_DEG = 0.1  # 0.1 px at the rim of the unit sphere: what another driver may amount to
+
+
+def draw_all(
+    renderer: Renderer, clouds: Sequence[PointCloud], views: Sequence[Sequence[View]]
+) -> Pictures:
+    """Pictures of clouds, each from its views, by a method that draws no random numbers."""
+    unused = np.random.default_rng(0)
+    return np.stack(
+        [
+            to_uint8(renderer.draw(renderer.prepare(cloud, unused), of_cloud, unused))
+            for cloud, of_cloud in zip(clouds, views, strict=True)
+        ]
+    )
+
+
+def render_all(meshes: Sequence[Mesh], views: Sequence[Sequence[View]]) -> Pictures:
+    """The true pictures of meshes, each from its views."""
+    return np.stack([render(*pair) for pair in zip(meshes, views, strict=True)])
+
+
+def turned(views: Sequence[View]) -> tuple[View, ...]:
+    """The views with TURN_DEG more of azimuth."""
+    return tuple(replace(view, azimuth_deg=view.azimuth_deg + TURN_DEG) for view in views)

@@ -1,0 +1,219 @@
+"""Speed of the mesh renderer, and of what it could be replaced by.
+
+    python -m studies.render_speed [--views 20] [--rounds 7] [--faces 400000] [--processes 2]
+
+For procedural chairs (validation split) and for spheres of more and more faces, in ms of processor
+time: what a call of `data_prep.render.render` costs once (set-up: vertices, upload), and for each
+view (drawing, which ends with the resolved picture; and reading it back); whole calls, as views/s;
+and how many times their time the same pictures take by pyrender itself
+(`studies.plain_pyrender`), and, where embreex is installed, by the ray-caster
+(`studies.ray_caster`, 4 samples a pixel, building its tree included). Each of the three has a
+process of its own (two GL contexts in one process slow each other down); they take turns (A, B, C,
+A, B, C ...), and numbers are medians over the rounds, with the smallest and largest ratio of a
+round.
+
+Then whole calls in one process and in as many as asked for at once, each with one thread: all
+views/s on the clock. Leave the machine alone meanwhile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import multiprocessing
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from importlib.util import find_spec
+from multiprocessing.pool import Pool
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+import trimesh
+
+from bench.running.isolation import WORKER_ENVIRONMENT
+from data_prep import render as renderer
+from data_prep.datasets import ProceduralObject
+from data_prep.randomness import generator
+from data_prep.render import gl_renderer, render
+from data_prep.sampling import random_views
+from data_prep.scene import IMAGE_SIZE, Mesh, View
+from studies.plain_pyrender import render_plainly
+from studies.ray_caster import OPENGL, cast
+from studies.turns import load
+
+CHAIRS = 24
+SUBDIVISIONS = range(1, 8)  # of an icosahedron: 20 x 4^n faces
+ON_THE_CLOCK = 4  # subdivisions: 5,120 faces, about the most that a true mesh has
+SECONDS = 5.0  # that processes draw at once
+
+
+Draw = Callable[[Mesh, Sequence[View]], object]
+
+
+class Parts(NamedTuple):
+    """Seconds of one call of `render`."""
+
+    set_up: float
+    drawing: float
+    reading: float
+
+
+def main() -> None:
+    """Measure and print."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--views", type=int, default=20, help="a mesh and call")
+    options.add_argument("--rounds", type=int, default=7)
+    options.add_argument("--faces", type=int, default=400_000, help="of the largest sphere")
+    options.add_argument("--processes", type=int, default=2)
+    given = options.parse_args()
+    os.environ.update(WORKER_ENVIRONMENT)  # Mesa reads it when the context is made
+    print(f"{gl_renderer()}; {load()}")
+    spheres = [n for n in SUBDIVISIONS if 20 * 4**n <= given.faces]
+    print(f"{CHAIRS} procedural chairs: {describe(meshes_of(0))}\n")
+    print(HEADER)
+    with ExitStack() as stack:
+        spawn = multiprocessing.get_context("spawn")
+        pools = [stack.enter_context(spawn.Pool(1)) for _ in renderers()]
+        for what in (0, *spheres):
+            print(line(what, pools, given.views, given.rounds), flush=True)
+    print()
+    for what in (0, ON_THE_CLOCK):
+        for processes in sorted({1, given.processes}):
+            rate = at_once(processes, what, given.views)
+            print(f"{name_of(what)}: {processes} process(es) {rate:.0f} views/s on the clock")
+
+
+def renderers() -> list[Draw]:
+    """Ours, pyrender's, and the ray-caster where it is installed."""
+    found: list[Draw] = [render, render_plainly]
+    if find_spec("embreex"):
+        found.append(lambda mesh, views: cast(mesh, views, OPENGL))
+    return found
+
+
+@functools.cache
+def meshes_of(what: int) -> list[Mesh]:
+    """The chairs for 0, else the sphere of so many subdivisions."""
+    return [sphere(what)] if what else procedural_chairs()
+
+
+def name_of(what: int) -> str:
+    """For a line of the table."""
+    return f"sphere, {20 * 4**what:,} faces" if what else "chairs"
+
+
+def procedural_chairs() -> list[Mesh]:
+    """The first chairs of the validation split."""
+    return [ProceduralObject("chair", "validation", i).load() for i in range(CHAIRS)]
+
+
+def sphere(subdivisions: int) -> Mesh:
+    """20 x 4^subdivisions faces of one colour on the unit sphere."""
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return Mesh(ball.vertices, ball.faces, np.full((len(ball.faces), 3), 150, np.uint8))
+
+
+def describe(meshes: Sequence[Mesh]) -> str:
+    """How many faces there are."""
+    counts = sorted(len(mesh.faces) for mesh in meshes)
+    return f"{counts[0]:,} to {counts[-1]:,} faces, median {median(counts):,.0f}"
+
+
+HEADER = (
+    f"{'':<24}{'set-up':>8}{'drawing':>9}{'reading':>9}{'views/s':>9}"
+    f"{'pyrender':>11}  {'of a round':<13}{'ray-caster':>11}  of a round\n"
+    f"{'':<24}{'ms':>8}{'ms/view':>9}{'ms/view':>9}{'':>9}{'x time':>11}  {'':<13}{'x time':>11}"
+)
+
+
+def line(what: int, pools: Sequence[Pool], views: int, rounds: int) -> str:
+    """One line of the table; the first pool is ours."""
+    own, plain, *rays = in_turns(pools, what, views, rounds)
+    parts = pools[0].apply(_parts, (what, views, rounds))
+    set_up, drawing, reading = (1e3 * median(taken) for taken in zip(*parts, strict=True))
+    count = min(views, renderer.SHEET_VIEWS)
+    text = f"{name_of(what):<24}{set_up:8.2f}{drawing / count:9.3f}{reading / count:9.3f}"
+    text += f"{len(meshes_of(what)) * views / median(own):9.0f}"
+    for others in (plain, *rays):
+        ratios = [b / a for a, b in zip(own, others, strict=True)]
+        text += f"{median(ratios):11.2f}  {f'{min(ratios):.2f}-{max(ratios):.2f}':<13}"
+    return text.rstrip()
+
+
+def in_turns(pools: Sequence[Pool], what: int, views: int, rounds: int) -> list[list[float]]:
+    """Seconds of processor time by renderer and round, for all meshes; one more round is first."""
+    taken = [
+        [pool.apply(_seconds, (i, what, views)) for i, pool in enumerate(pools)]
+        for _ in range(rounds + 1)
+    ]
+    return [list(seconds) for seconds in zip(*taken[1:], strict=True)]
+
+
+def _seconds(index: int, what: int, views: int) -> float:
+    draw, shown, meshes = renderers()[index], _views(views), meshes_of(what)
+    start = time.process_time()
+    for mesh in meshes:
+        draw(mesh, shown)
+    return time.process_time() - start
+
+
+def _parts(what: int, views: int, rounds: int) -> list[Parts]:
+    sheet = _views(views)[: renderer.SHEET_VIEWS]
+    return [parts_of(mesh, sheet) for _ in range(rounds) for mesh in meshes_of(what)]
+
+
+def _views(count: int) -> tuple[View, ...]:
+    return random_views(count, generator("render-speed"))
+
+
+def parts_of(mesh: Mesh, views: Sequence[View]) -> Parts:
+    """What `render` does, step by step, each waited for; at most a sheet of views."""
+    context = renderer._context()
+    context.make_current()
+    gl, buffers = context.gl, context.buffers(IMAGE_SIZE)
+    clock = [time.process_time()]
+    context.upload(*renderer._vertices_of_one_colour(mesh))
+    gl.glFinish()
+    clock.append(time.process_time())
+    context.draw(renderer._world_to_camera(views), mesh.faces.size, buffers)
+    gl.glFinish()
+    clock.append(time.process_time())
+    np.array(context.read(len(views), buffers))
+    clock.append(time.process_time())
+    return Parts(*np.diff(clock).tolist())
+
+
+def at_once(processes: int, what: int, views: int) -> float:
+    """Views a second that so many processes draw together."""
+    context = multiprocessing.get_context("spawn")
+    start = context.Barrier(processes)
+    with context.Pool(processes, _share_barrier, (start,)) as pool:
+        return sum(pool.starmap(_draw_for_a_while, [(what, views)] * processes, chunksize=1))
+
+
+_barrier: Any = None  # of the processes of a pool, which have no other way to get one
+
+
+def _share_barrier(barrier: Any) -> None:
+    global _barrier
+    _barrier = barrier
+
+
+def _draw_for_a_while(what: int, count: int) -> float:
+    """Views a second on the clock, of one process beside the others."""
+    meshes, views = meshes_of(what), _views(count)
+    render(meshes[0], views)
+    drawn = 0
+    _barrier.wait()
+    start = time.perf_counter()
+    while time.perf_counter() - start < SECONDS:
+        for mesh in meshes:
+            drawn += len(render(mesh, views))
+    return drawn / (time.perf_counter() - start)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""Thousands of damaged and malicious files, each given to its reader as the product would.
+
+    python -m tests.robustness.fuzz_files [--files 2000] [--seed 0] [--keep DIR]
+
+Makes files of all formats in a temporary folder (see `tests.robustness.fuzzing`), reads meshes and
+clouds in workers with limits and everything else in this process, and prints, per format: files
+read, refused (BadInput), lost (time limit, memory limit, death of the worker) and defects (any
+other exception), the longest time, the most memory, and what a reader did that no reader may do:
+write, execute, connect, read outside the file's folder. Canaries and a listing of the folder before
+and after show what hooks cannot see.
+
+A row `FAIL` is a defect; exit status 1. `--keep` keeps the files behind them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, run_tasks
+from tests.robustness.fuzzing import (
+    CANARY,
+    FORMATS,
+    Reading,
+    Task,
+    case_rng,
+    listing,
+    make_case,
+    playground,
+    read,
+    write_case,
+)
+
+LIMITS = Limits(time_s=10.0, memory_gib=2.0)
+MAIN_LIMITS = LIMITS  # nobody kills this process, so what exceeds them here is a failure
+
+
+@dataclass(frozen=True)
+class Result:
+    """A file and what became of it."""
+
+    task: Task
+    number: int
+    reading: Reading | Lost
+
+    @property
+    def failures(self) -> list[str]:
+        """What must not happen, in words."""
+        if isinstance(self.reading, Lost):
+            return []  # contained, and a column of its own in the table
+        found = [f"{self.reading.outcome}: {self.reading.detail}"] * (
+            self.reading.outcome == "defect"
+        )
+        if not FORMATS[self.task.format].in_worker:
+            if self.reading.seconds > MAIN_LIMITS.time_s:
+                found.append(f"took {self.reading.seconds:.1f} s in the main process")
+            if self.reading.peak_mib > 1024 * MAIN_LIMITS.memory_gib:
+                found.append(f"took {self.reading.peak_mib:.0f} MiB in the main process")
+        return found + [f"event: {event}" for event in self.reading.events]
+
+
+def main() -> int:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description="Damaged files, and what readers make of them.")
+    parser.add_argument("--files", type=int, default=2000, help="in all, shared among the formats")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=list(FORMATS))
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--keep", type=Path, help="folder for the files that failed")
+    options = parser.parse_args()
+    counts = shares(options.files, len(options.formats))
+    failed = 0
+    print(HEADER)
+    for name, count in zip(options.formats, counts, strict=True):
+        with playground() as root:
+            results, changes = fuzz(root, name, range(count), options.seed, options.workers)
+            print(table_row(name, results, changes), flush=True)
+            for result in results:
+                for failure in result.failures:
+                    print(f"FAIL {name} {result.number} (seed {options.seed}): {failure}")
+                    failed += 1
+                if isinstance(result.reading, Lost):
+                    print(f"lost {name} {result.number}: {result.reading.reason}")
+                if options.keep and (result.failures or isinstance(result.reading, Lost)):
+                    keep(result, options.keep / f"{name}-{options.seed}-{result.number}")
+            for change in changes:
+                print(f"FAIL {name}: {change}")
+            failed += len(changes)
+    print(f"{sum(counts)} files, {failed} failures, 0 crashes of the main process")
+    return 1 if failed else 0
+
+
+def keep(result: Result, target: Path) -> None:
+    """Copy the folder of a case."""
+    leave = shutil.ignore_patterns("pipe", "link")
+    shutil.copytree(result.task.path.parent, target, ignore=leave)
+
+
+def shares(total: int, parts: int) -> list[int]:
+    """`total` in `parts` as equal as can be."""
+    return [total // parts + (i < total % parts) for i in range(parts)]
+
+
+def fuzz(
+    root: Path, name: str, numbers: Sequence[int], seed: int, workers: int
+) -> tuple[list[Result], list[str]]:
+    """The results of one format's files, and what has changed in `root` though nothing may."""
+    tasks = {}
+    for number in numbers:
+        files = make_case(name, case_rng(seed, name, number), str(root))
+        tasks[Task(name, write_case(root / "cases" / str(number), files))] = number
+    before = listing(root)
+    if FORMATS[name].in_worker:
+        done = run_tasks(tasks, read, workers, LIMITS)
+    else:
+        done = ((task, read(task)) for task in tasks)
+    results = [Result(task, tasks[task], reading) for task, reading in done]
+    after = listing(root)
+    changes = [f"{path} was made" for path in after.keys() - before.keys()]
+    changes += [f"{path} is gone" for path in before.keys() - after.keys()]
+    changes += [
+        f"{path} was changed" for path in after if before.get(path, 0) not in (0, after[path])
+    ]
+    return sorted(results, key=lambda result: result.number), changes
+
+
+COLUMNS = ("format", "files", "read", "refused", "lost", "defects", "longest s", "most MiB")
+COLUMNS += ("events", "canaries")
+HEADER = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|"
+
+
+def table_row(name: str, results: Sequence[Result], changes: Sequence[str]) -> str:
+    """One line of the table."""
+    readings = [r.reading for r in results if isinstance(r.reading, Reading)]
+    outcomes = [reading.outcome for reading in readings]
+    cells = [
+        name,
+        len(results),
+        outcomes.count("read"),
+        outcomes.count("refused"),
+        len(results) - len(readings),
+        outcomes.count("defect"),
+        f"{max((r.seconds for r in readings), default=0):.2f}",
+        f"{max((r.peak_mib for r in readings), default=0):.0f}",
+        sum(len(r.events) for r in readings),
+        sum(CANARY in change for change in changes),
+    ]
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,413 @@
+"""Damaged and malicious files of every format: read or refused, and nothing else happens."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import random
+import re
+import socket
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, run_tasks
+from data_prep.failures import BadInput
+from tests.robustness import fuzz_files, fuzzing
+from tests.robustness.fuzzing import (
+    FORMATS,
+    SECRET,
+    Executed,
+    Files,
+    Format,
+    Reading,
+    Task,
+    case_rng,
+    glb,
+    gltf_blob,
+    gltf_tree,
+    listing,
+    make_case,
+    mesh_gltf,
+    mesh_obj,
+    mesh_ply,
+    mesh_stl,
+    npy,
+    playground,
+    postscript,
+    read,
+    safetensors,
+    torch_file,
+    weights,
+    write_case,
+)
+
+EXAMPLES = 14  # a format; about 300 files with the cases by hand
+LIMITS = Limits(time_s=10.0, memory_gib=2.0)
+
+
+def check(name: str, files: Files, root: Path, outcome: str | None = None) -> str:
+    """Read a case in this process: nothing may happen but reading. The message of a refusal."""
+    number = len(list((root / "cases").iterdir()))
+    path = write_case(root / "cases" / str(number), files)
+    before = listing(root)
+    reading = read(Task(name, path))
+    assert reading.outcome != "defect", reading.detail
+    assert outcome in (None, reading.outcome), reading.detail
+    assert reading.events == ()
+    assert listing(root) == before
+    assert reading.seconds < LIMITS.time_s
+    assert "\n" not in reading.detail
+    assert len(reading.detail) < 2 * len(str(path)) + 500
+    return reading.detail
+
+
+@pytest.fixture
+def root():
+    with playground() as folder:
+        yield folder
+
+
+# --- the corpus -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@settings(derandomize=True, max_examples=EXAMPLES, deadline=None, database=None)
+@given(rng=st.randoms(use_true_random=False))
+def test_mutated_files(name: str, rng: random.Random) -> None:
+    with playground() as root:
+        check(name, make_case(name, rng, str(root)), root)
+
+
+@pytest.mark.parametrize("name", [n for n in FORMATS if n != "inception"])
+def test_valid_files_are_read(root: Path, name: str) -> None:
+    for files in FORMATS[name].valid():
+        check(name, files, root, "read")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_case_can_be_made_again(name: str) -> None:
+    for number in range(5):
+        once, again = (make_case(name, case_rng(3, name, number), "/x") for _ in range(2))
+        assert once == again
+    some, other = (
+        [make_case(name, case_rng(seed, name, number), "/x") for number in range(5)]
+        for seed in (3, 4)
+    )
+    assert some != other
+
+
+# --- cases by hand: each was a way in before there was a lock -------------------------------------
+
+
+def tree(**changes: object) -> Files:
+    return {"a.glb": glb(gltf_tree(gltf_blob()) | changes, gltf_blob())}
+
+
+ACCESSORS = gltf_tree(gltf_blob())["accessors"]
+ENTRY = {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}
+
+
+def model(**changes: object) -> Files:
+    """Weights that are nothing but a header, of a model too large for any memory."""
+    config = {"width": 0.0625, "latent_dim": 4} | changes
+    header = {"format": "pc2pix-weights-1", "encoder": "dilated-conv-k5", "training": "{}"}
+    return {"w.safetensors": safetensors({"__metadata__": header | {"model": json.dumps(config)}})}
+
+
+def half_float_weights() -> Files:
+    """Whole weights, but code_mean claims to be of another type."""
+    data = weights()
+    length = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + length])
+    header["code_mean"]["dtype"] = "I32"
+    return {"w.safetensors": safetensors(header, data[8 + length :])}
+
+
+REFUSED: dict[str, tuple[str, Files, str]] = {
+    "stl-count": ("mesh-stl", {"a.stl": mesh_stl(True)[:80] + b"\xff" * 4}, "no faces|not a r"),
+    "ply-count": ("mesh-ply", {"a.ply": mesh_ply(True).replace(b"x 4", b"x 999999999")}, "not a"),
+    "off-count": ("mesh-off", {"a.off": b"OFF\n9999999999 1 0\n0 0 0\n3 0 0 0\n"}, "not a"),
+    "zeros": (
+        "mesh-glb",
+        tree(accessors=[{"componentType": 5126, "count": 4 * 10**7, "type": "VEC3"}, ACCESSORS[1]]),
+        "120000000 numbers without one",
+    ),
+    "views": (
+        "mesh-glb",
+        tree(bufferViews=[{"buffer": 0, "byteLength": 2**29}] * 3),
+        "buffer views of 1610612736 bytes",
+    ),
+    "glb-json-length": (
+        "mesh-glb",
+        {"a.glb": struct.pack("<4sIII4s", b"glTF", 2, 20, 2**32 - 1, b"JSON")},
+        "a chunk of 4294967295 bytes reaches beyond the end",
+    ),
+    "glb-chunk-length": (
+        "mesh-glb",
+        {"a.glb": glb(gltf_tree(gltf_blob()), b"") + struct.pack("<I4s", 2**31, b"BIN\0")},
+        "a chunk of 2147483648 bytes reaches beyond the end",
+    ),
+    "glb-deep": (
+        "mesh-glb",
+        {"a.glb": struct.pack("<4sIII4s", b"glTF", 2, 20, 90000, b"JSON") + b"[" * 90000},
+        "recursion",
+    ),
+    "other-gltf": (
+        "mesh-gltf",
+        {"a.gltf": b"{", "model.gltf": mesh_gltf(True)["a.gltf"]},
+        "not a readable mesh",
+    ),
+    "gltf-outside": (
+        "mesh-gltf",
+        {"a.gltf": json.dumps(gltf_tree(gltf_blob(), uri=f"../../{SECRET}")).encode()},
+        "not a readable mesh",
+    ),
+    "gltf-pipe": (
+        "mesh-gltf",
+        {"a.gltf": json.dumps(gltf_tree(gltf_blob(), uri="pipe")).encode()},
+        "not a readable mesh",
+    ),
+    "gltf-link": (
+        "mesh-gltf",
+        {"a.gltf": json.dumps(gltf_tree(gltf_blob(), uri="link")).encode()},
+        "not a readable mesh",
+    ),
+    "npy-objects": ("cloud-npy", {"a.npy": npy(np.array([[{}] * 3], object))}, "an array of"),
+    "safetensors-length": ("weights", {"w.safetensors": b"\xff" * 8}, "not a whole"),
+    "safetensors-no-object": ("weights", {"w.safetensors": safetensors([])}, "not a whole"),
+    "safetensors-deep": ("weights", {"w.safetensors": safetensors(b"[" * 90000)}, "not a whole"),
+    "overlap": (
+        "weights",
+        {"w.safetensors": safetensors({"a": ENTRY, "b": ENTRY}, bytes(8))},
+        "not a whole safetensors file",
+    ),
+    "wide": ("weights", model(width=1e6), "width 1000000.0, expected up to 4.0"),
+    "endless": ("weights", model(width=1e999), "width inf, expected"),
+    "long": ("weights", model(latent_dim=10**9), "latent_dim 1000000000, expected up to 4096"),
+    "fraction": ("weights", model(latent_dim=1.5), "latent_dim 1.5, expected"),
+    "card": (
+        "weights",
+        {"w.safetensors": model()["w.safetensors"].replace(b'"{}"', b'"[]"')},
+        "header cannot be read",
+    ),
+    "integers": ("weights", half_float_weights(), r"code_mean is of torch\.int32"),
+    "inception-link": ("inception", {"w.pth": b""}, "expected 6726825d"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_at_once(root: Path, case: str) -> None:
+    name, files, problem = REFUSED[case]
+    before = fuzzing._peak_mib()
+    message = check(name, files, root, "refused")
+    assert re.search(problem, message), message
+    assert fuzzing._peak_mib() < before + 200  # no memory for what is only claimed
+
+
+@pytest.mark.parametrize("outside", fuzzing.OUTSIDE)
+@pytest.mark.parametrize("place", ["a.obj", "a.mtl"])
+def test_an_obj_reads_nothing_outside_its_folder(root: Path, outside: str, place: str) -> None:
+    files = mesh_obj()
+    name = b"a.mtl" if place == "a.obj" else b"paint.png"
+    files[place] = files[place].replace(name, outside.format(root=root).encode())
+    check("mesh-obj", files, root, "read")  # without its colours, at worst
+
+
+def test_a_name_that_leads_out_stands_for_the_file_of_that_name(root: Path) -> None:
+    from data_prep.companions import Companions
+
+    path = write_case(root / "cases" / "0", {"a.obj": b"", "a.mtl": b"x", SECRET: b"own"})
+    companions = Companions(path.parent, 100)
+    assert companions.get(f"../../{SECRET}") == companions.get(f"{root}/{SECRET}") == b"own"
+    assert companions.get("a.mtl ") == companions.get("/a.mtl") == b"x"
+    for name in ("link", "pipe", "folder", "..", "gone", "/dev/zero", "a\0b"):
+        with pytest.raises(FileNotFoundError):
+            companions.get(name)
+    (path.parent / "large").write_bytes(bytes(101))
+    with pytest.raises(BadInput, match="101 bytes, and at most"):
+        companions.get("large")
+    (path.parent / "rest").write_bytes(bytes(92))
+    companions.get("rest")  # 8 bytes had been read before: that makes 100
+    with pytest.raises(BadInput, match="1 bytes, and at most 0"):
+        companions.get("a.mtl")
+    with pytest.raises(PermissionError):
+        companions.write("a.mtl", b"")
+
+
+def test_postscript_is_not_run(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A Ghostscript of our own, which only leaves a trace.
+    binary = root / "bin" / "gs"
+    binary.parent.mkdir()
+    trace = root / "gs-was-here"
+    binary.write_text(f"#!/bin/sh\ntouch {trace}\n")
+    binary.chmod(0o755)
+    monkeypatch.setenv("PATH", str(binary.parent), prepend=os.pathsep)
+    subprocess.run(["gs"], check=True)
+    assert trace.exists()
+    trace.unlink()
+    files = mesh_obj() | {"paint.png": postscript(str(root / "x"))}
+    check("mesh-obj", files, root)
+    assert not trace.exists()
+
+
+@pytest.mark.parametrize("name", ["mesh-obj", "mesh-glb"])
+def test_a_small_file_of_many_pixels(
+    root: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    from data_prep import mesh_files
+
+    files = mesh_obj() if name == "mesh-obj" else tree()
+    monkeypatch.setattr(mesh_files, "MOST_PIXELS", 16)  # the picture has 16
+    check(name, files, root, "read")
+    monkeypatch.setattr(mesh_files, "MOST_PIXELS", 15)
+    assert "a texture of 4 x 4 pixels, at most 15 are" in check(name, files, root, "refused")
+
+
+def test_a_circle_and_a_thicket_of_nodes(root: Path) -> None:
+    circle = [{"mesh": 0, "children": [1]}, {"mesh": 0, "children": [0, 1]}]
+    thicket = [{"mesh": 0, "children": [i + 1, i + 1]} for i in range(40)] + [{"mesh": 0}]
+    for nodes in (circle, thicket):
+        check("mesh-glb", tree(nodes=nodes), root)
+
+
+def test_too_many_faces_by_instances(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from data_prep import mesh_files
+
+    monkeypatch.setattr(mesh_files, "MOST_FACES", 39)
+    many = tree(nodes=[{"mesh": 0}] * 10, scenes=[{"nodes": list(range(10))}])
+    assert "more than 39 faces; give a coarser mesh" in check("mesh-glb", many, root, "refused")
+    few = tree(nodes=[{"mesh": 0}] * 9, scenes=[{"nodes": list(range(9))}])
+    check("mesh-glb", few, root, "read")
+
+
+@pytest.mark.parametrize("name", ["mesh-obj", "cloud-ply", "weights", "inception", "view-txt"])
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "gone", "large"])
+def test_what_is_no_file_is_refused_at_once(root: Path, name: str, kind: str) -> None:
+    path = root / next(iter(FORMATS[name].valid()[0]))
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "large":
+        with path.open("wb") as file:
+            file.truncate(2**43)
+    reading = read(Task(name, path))
+    assert reading.outcome == "refused", reading.detail
+    assert reading.seconds < 1
+    assert reading.peak_mib < fuzzing._peak_mib() + 100
+
+
+# --- the watch itself -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("act", "event"),
+    [
+        (lambda folder: (folder / "new").write_text("x"), "for writing"),
+        (lambda folder: (folder.parent / "other").read_bytes(), "open "),
+        (lambda folder: subprocess.run(["true"], check=True), "subprocess.Popen"),
+        (lambda folder: os.system("true"), "os.system"),
+        (lambda folder: socket.socket().close(), "socket."),
+        (lambda folder: (folder / "a").unlink(), "os.remove"),
+        (lambda folder: (folder / "d").mkdir(), "os.mkdir"),
+        (lambda folder: torch.load(folder / "torch.pth", weights_only=False), "pickle.find_class"),
+        (lambda folder: np.load(folder / "o.npy", allow_pickle=True), "pickle.find_class"),
+        (lambda folder: exec(compile("1", str(folder / "a"), "exec")), "exec "),
+    ],
+    ids=["write", "read", "run", "shell", "connect", "remove", "mkdir", "torch", "npy", "exec"],
+)
+def test_the_watch_sees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act, event: str) -> None:
+    folder = tmp_path / "case"
+    folder.mkdir()
+    (tmp_path / "other").write_text("x")
+    (folder / "a").write_text("x")
+    (folder / "torch.pth").write_bytes(torch_file(str(folder / "made")))
+    (folder / "o.npy").write_bytes(npy(np.array([Executed(str(folder / "made"))], object)))
+    careless = Format(lambda: (), lambda rng, root: {}, lambda path: act(path.parent), False)
+    monkeypatch.setattr(fuzzing, "FORMATS", {"careless": careless})
+    reading = read(Task("careless", folder / "a"))
+    assert any(event in seen for seen in reading.events), reading
+    read(Task("careless", folder / "gone" / "a"))  # and only while it reads
+    assert fuzzing._watch.folder is None
+
+
+def test_pickles_in_the_corpus_do_harm_to_the_careless(tmp_path: Path) -> None:
+    # Else the canaries of the other tests would mean nothing.
+    for name, load in (
+        ("made-by-torch", lambda file: torch.load(file, weights_only=False)),
+        ("made-by-numpy", lambda file: np.load(file, allow_pickle=True)),
+    ):
+        made = tmp_path / name
+        data = (
+            torch_file(str(made))
+            if "torch" in name
+            else npy(np.array([Executed(str(made))], object))
+        )
+        load(io.BytesIO(data))
+        assert made.is_dir()
+
+
+# --- workers and the script -----------------------------------------------------------------------
+
+
+def test_meshes_and_clouds_in_workers(root: Path) -> None:
+    tasks = []
+    for name, fmt in FORMATS.items():
+        for number in range(6 * fmt.in_worker):
+            files = make_case(name, case_rng(1, name, number), str(root))
+            tasks.append(Task(name, write_case(root / "cases" / f"{name}-{number}", files)))
+    before = listing(root)
+    results = dict(run_tasks(tasks, read, 1, LIMITS))
+    assert listing(root) == before
+    assert len(results) == len(tasks) == 54
+    lost = {task: reading for task, reading in results.items() if isinstance(reading, Lost)}
+    assert lost == {}
+    readings = [reading for reading in results.values() if isinstance(reading, Reading)]
+    assert {reading.outcome for reading in readings} == {"read", "refused"}
+    assert [reading.events for reading in readings if reading.events] == []
+
+
+def test_the_script(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    formats = ("view-txt", "split-json", "inception")
+    monkeypatch.setattr("sys.argv", ["fuzz_files", "--files", "10", "--formats", *formats])
+    assert fuzz_files.main() == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(" | ")[:2] for line in lines[2:5]] == [
+        ["| view-txt", "4"],
+        ["| split-json", "3"],
+        ["| inception", "3"],
+    ]
+    assert lines[-1] == "10 files, 0 failures, 0 crashes of the main process"
+
+
+def test_the_script_tells_defects(
+    capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fail(path: Path) -> None:
+        (path.parent / "made").mkdir()
+        raise KeyError("x")
+
+    broken = Format(lambda: (), lambda rng, root: {"a": b"x"}, fail, False)
+    monkeypatch.setattr(fuzzing, "FORMATS", {"broken": broken})
+    monkeypatch.setattr(fuzz_files, "FORMATS", {"broken": broken})
+    monkeypatch.setattr(fuzzing, "TRICKS", 1.0)
+    keep = tmp_path / "kept"
+    monkeypatch.setattr("sys.argv", ["fuzz_files", "--files", "1", "--keep", str(keep)])
+    assert fuzz_files.main() == 1
+    out = capsys.readouterr().out
+    assert "FAIL broken 0 (seed 0): defect: Traceback" in out
+    assert "KeyError: 'x'" in out
+    assert "FAIL broken 0 (seed 0): event: os.mkdir" in out
+    assert "made was made" in out
+    assert (keep / "broken-0-0" / "a").exists()

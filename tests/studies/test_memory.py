@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.metrics.frechet import frechet_distance
+from studies.memory import (
+    BLOCK,
+    WIDTH,
+    Peak,
+    blocks,
+    growth,
+    measure_merging,
+    own_peak,
+    read_csv,
+    to_markdown,
+    write_csv,
+)
+
+
+def peak(what: str = "drawn", images: int = 1000, end: float = 300.0) -> Peak:
+    return Peak(what, images // 40, images, 12.5, 200.0, end)
+
+
+def test_memory_that_was_taken_is_in_the_peak() -> None:
+    before = own_peak()
+    taken = np.ones(int((before + 64) * 2**20) // 8)  # 8 bytes each: more than ever was
+    assert own_peak() - before > 64
+    assert taken[0] == 1
+
+
+def test_growth_is_from_the_fewest_images_to_the_most() -> None:
+    peaks = [peak(images=20_000, end=330.0), peak(), peak(images=5000, end=900.0)]
+    assert growth(peaks) == pytest.approx(0.1)
+
+
+def test_blocks_are_rows_whatever_their_number() -> None:
+    found = np.concatenate(list(blocks(1, BLOCK + 7, 1.0)))
+    assert found.shape == (BLOCK + 7, WIDTH)
+    assert found.dtype == np.float32
+    assert np.array_equal(found, np.concatenate(list(blocks(1, 2 * BLOCK, 1.0)))[: BLOCK + 7])
+
+
+def test_merged_rows_give_the_distance_of_all_at_once() -> None:
+    found = measure_merging(2500)
+    x, y = (np.concatenate(list(blocks(s, 2500, f))) for s, f in ((1, 1.0), (2, 1.2)))
+    assert found.distance == pytest.approx(frechet_distance(x, y), rel=1e-9)
+    assert found.difference < 1e-9
+
+
+def test_the_table_says_what_is_flat(tmp_path: Path) -> None:
+    peaks = [peak(), peak("resumed"), peak(images=20_000, end=345.0)]
+    peaks.append(peak("resumed", 20_000, 303.0))
+    write_csv(tmp_path / "memory.csv", peaks)
+    assert read_csv(tmp_path / "memory.csv") == peaks
+    assert read_csv(tmp_path / "none.csv") == []
+    lines = to_markdown(peaks).splitlines()
+    assert lines[2] == "| drawn | 25 | 1000 | 12 | 200 | 300 |"
+    assert lines[-2:] == [
+        "drawn: +15.0% from the fewest images to the most, not flat",
+        "resumed: +1.0% from the fewest images to the most, flat",
+    ]

@@ -1,0 +1,116 @@
+"""The study on two chairs: what must not move does not, what moves moves by what it should."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from bench.checking.tolerances import Tolerance
+from data_prep.failures import BadInput
+from studies import noise_floor
+from studies.noise_floor import (
+    BATCHES,
+    CEILING,
+    DRIVERS,
+    METHODS,
+    METRICS,
+    THREADS,
+    TURN,
+    Floor,
+    Study,
+    cells,
+    make_scene,
+    to_markdown,
+)
+
+
+@pytest.fixture(scope="module")
+def study():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield Study(chairs=2, views=3)
+    torch.set_num_threads(before)
+
+
+def test_the_truth_scores_full_marks(study):
+    found = study.measure(study.truth, study.truth_taken)
+    assert set(found) == set(METRICS)
+    for metric in ("ssim", "luminance", "contrast", "structure", "ssim-object", "thin-recall"):
+        assert found[metric] == 1.0
+    for metric in ("fd-views", "fd-views-grey"):
+        # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
+        assert 0.0 <= found[metric] < 1e-9
+
+
+def test_blank_pictures_show_no_thin_part(study):
+    assert study.cells["blank"]["thin-recall"] == 0.0
+    assert np.isnan(study.cells["blank"]["thin-precision"])
+    assert study.cells["blank"]["structure"] == 1.0
+
+
+def test_cells_are_those_of_a_hand_made_case(study):
+    # Pictures of the other chair, under the same views: what is found is the other chair.
+    swapped, taken = study.truth[::-1], study.truth_taken
+    other = type(taken)(*(values[::-1] for values in taken))
+    found = cells(study.truth, taken, swapped, other, study.scene.views)
+    assert found["fd-views"] < 1e-9  # the same set of pictures
+    # each picture is compared with the other chair's views but its own: with 3 views of 2 chairs
+    # that differ enough, none is taken for the chair that was asked for
+    assert found["retrieval"] == 0.0
+    assert found["ssim"] < 0.9
+
+
+def test_batch_and_threads_move_nothing_that_is_kept(study):
+    floors = [*study.by_batch(), *study.by_threads()]
+    assert {f.source for f in floors} == {BATCHES, THREADS}
+    # float32 sums in another order change a picture by some 1e-6, now and then a grey level at a
+    # half; one level in one pixel of 6 x 49,152 moves a mean by 1e-8 or so
+    image = [f for f in floors if f.metric in METRICS[:5] and np.isfinite(f.moved)]
+    assert max(f.moved for f in image) < 1e-6
+    assert torch.get_num_threads() == 1
+
+
+def test_float64_features_are_those_of_float32(study):
+    exact = noise_floor.Features(torch.float64)(study.truth)
+    for narrow, wide in zip(study.truth_taken, exact, strict=True):
+        assert narrow.dtype == np.float32
+        assert wide.dtype == np.float64
+        # rounding of 6 to 12 layers, 6e-8 each, of values up to 4
+        np.testing.assert_allclose(narrow, wide, rtol=0, atol=2e-5)
+
+
+def test_a_turn_moves_the_truth_as_well(study):
+    floors = study.by_turn()
+    of = {(f.method, f.metric): f for f in floors}
+    assert set(of) == {(method, metric) for method in (*METHODS, CEILING) for metric in METRICS}
+    assert of[CEILING, "ssim"].moved == 0.0
+    assert of[CEILING, "elevation-error-deg"].moved > 0  # other pictures are judged
+    assert 0 < of["splat", "ssim"].moved < 0.01
+    assert {f.source for f in floors} == {TURN}
+
+
+def test_scenes():
+    one, same, other = (make_scene(2, 3, seed, "2048") for seed in (0, 0, 1))
+    assert one.views == same.views != other.views
+    assert np.array_equal(one.clouds[0].points, same.clouds[0].points)
+    assert not np.array_equal(one.clouds[0].points, other.clouds[0].points)
+    assert np.array_equal(one.meshes[1].vertices, other.meshes[1].vertices)
+    half = make_scene(2, 3, 0, "1024")
+    assert np.array_equal(half.clouds[0].points, one.clouds[0].points[::2])
+    with pytest.raises(BadInput, match="condition"):
+        make_scene(1, 1, 0, "204")
+
+
+def test_the_page(monkeypatch):
+    allowed = Tolerance(0.001, 0.01, "for the test")
+    monkeypatch.setattr(noise_floor, "tolerance", lambda method, metric: allowed)
+    floors = [
+        Floor(source, "splat", metric, 2.0, moved)
+        for source, moved in zip(DRIVERS, (0.014, 0.007, 0.0001), strict=True)
+        for metric in METRICS
+    ]
+    page = to_markdown(floors, 24, 10, 6, "2048")
+    assert "--chairs 24 --views 10 --seeds 6 --condition 2048" in page
+    # 0.001 + 1 % of 2 is 0.021; the largest move is two thirds of that
+    assert "| splat | ssim | 2 | 0.014 | 0.007 | 0.0001 | 0.021 | 0.67 |" in page
