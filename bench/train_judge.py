@@ -35,6 +35,7 @@ from data_prep.failures import BadInput
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.scene import Mesh
 from data_prep.whole_files import write_whole
+from learning.training_loop import denormals_flushed
 
 OBJECTS = 48  # a batch is two pictures of each
 LEARNING_RATE = 2e-3
@@ -81,6 +82,7 @@ class Pictures:
     clouds: NDArray[np.float32]
 
 
+@denormals_flushed()
 def train_judge(
     objects: int, views: int, steps: int, seed: int, out: Path = JUDGE_WEIGHTS
 ) -> dict[str, Scores]:
@@ -97,7 +99,6 @@ def train_judge(
             f"give at least {OBJECTS} objects, 2 views and 1 step"
         )
     torch.manual_seed(seed)
-    torch.set_flush_denormal(True)  # late in the training they make steps several times slower
     data, validation = pictures("train", objects, views), pictures("validation", *VALIDATION)
     training = _Training(data, steps, seed)
     best, start, total = -math.inf, time.monotonic(), 0.0

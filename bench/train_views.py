@@ -22,6 +22,7 @@ from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.chair_spec import BACKS, draw_chair_spec
 from data_prep.training_set import TrainingSet
 from data_prep.whole_files import write_whole
+from learning.training_loop import denormals_flushed
 
 BATCH = 64
 LEARNING_RATE = 2e-3
@@ -69,6 +70,7 @@ class Scores:
         return "\n".join(lines)
 
 
+@denormals_flushed()
 def train_views(
     objects: int,
     views: int,
@@ -87,7 +89,6 @@ def train_views(
         if value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
     torch.manual_seed(seed)
-    torch.set_flush_denormal(True)
     network = ViewsNetwork(labels())
     data, answers = _labelled(network.labels, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)

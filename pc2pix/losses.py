@@ -52,8 +52,8 @@ def _nearest(a: Tensor, b: Tensor) -> Tensor:
     threads = torch.get_num_threads()
     pairs = zip(a.numpy(), b.numpy(), strict=True)
     # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
-    # plane), SciPy 1.17 steps to the next number, which is denormal; trainings flush it to 0, and
-    # so on without end.
+    # plane), SciPy 1.17 steps to the next number, which is denormal. Inside a training
+    # (`learning.training_loop.denormals_flushed`) that is 0 again, and so on without end.
     trees = ((of, KDTree(to, balanced_tree=False)) for of, to in pairs)
     found = [tree.query(of, workers=threads)[1] for of, tree in trees]
     return torch.from_numpy(np.stack(found))

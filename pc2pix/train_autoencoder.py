@@ -78,6 +78,7 @@ def check_clouds(clouds: NDArray[np.float32]) -> None:
         raise BadInput(f"clouds: cloud {bad} is not finite; remove it from the training set")
 
 
+@training_loop.denormals_flushed()
 def train_autoencoder(
     data: AutoencoderData,
     config: AutoencoderConfig,

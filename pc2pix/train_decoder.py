@@ -50,6 +50,7 @@ class DecoderConfig:
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
 
 
+@training_loop.denormals_flushed()
 def train_decoder(
     data: AutoencoderData,
     weights: Weights,

@@ -142,6 +142,7 @@ class GanData:
                 )
 
 
+@training_loop.denormals_flushed()
 def train_gan(
     data: GanData,
     encoder: Encoder | PointNet,

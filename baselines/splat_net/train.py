@@ -100,6 +100,7 @@ class SplatNetConfig:
             )
 
 
+@training_loop.denormals_flushed()
 def train_splat_net(
     data: SurfaceSet,
     config: SplatNetConfig,
