@@ -75,8 +75,12 @@ class Trainer(Protocol):
     kind: str
     batch: int
 
-    def take_step(self) -> dict[str, float]:
-        """One step of optimisation; the losses by name."""
+    def take_step(self) -> dict[str, Tensor]:
+        """One step of optimisation; the losses by name, detached scalars of one device.
+
+        The same names in every step. To read a value would wait for the device: the loop does, and
+        only for what is logged.
+        """
         ...
 
     def state(self) -> dict[str, Tensor]:
@@ -125,14 +129,21 @@ def run(
             f"step {step}: {what}; {good if last_saved is not None else 'no checkpoint yet'}"
         )
 
+    unread: list[dict[str, Tensor]] = []
     for step in range(first + 1, config.steps + 1):
-        losses = processes.average(trainer.take_step())
-        for name, value in losses.items():
-            if not math.isfinite(value):
-                raise diverged(step, f"{name} is {value}")
+        unread.append(trainer.take_step())
         rate.add(step)
         last = step == config.steps
-        if step % cadence.log == 0 or last:
+        logs = step % cadence.log == 0 or last
+        saves = step % cadence.checkpoint == 0 or last
+        losses: dict[str, float] = {}
+        if logs or saves:
+            for number, losses in enumerate(_read(unread, processes), step - len(unread) + 1):
+                for name, value in losses.items():
+                    if not math.isfinite(value):
+                        raise diverged(number, f"{name} is {value}")
+            unread.clear()
+        if logs:
             # before the checkpoint of the same step: then every step of a checkpoint is logged
             if log:
                 log.add(step, losses)
@@ -140,7 +151,7 @@ def run(
                 on_progress(_report(step, config.steps, losses, rate.steps_per_s(), images))
             if problem := watch.add(losses):
                 raise diverged(step, problem)
-        if step % cadence.checkpoint == 0 or last:
+        if saves:
             state = _whole_state(trainer, processes)
             bad = not checkpoint.all_finite(state.values())
             if processes.average({"bad": float(bad)})["bad"] > 0:
@@ -153,6 +164,14 @@ def run(
             loss_curves.write_loss_curves(losses_csv, out_dir / "losses.png", step)
     processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
     return path
+
+
+def _read(unread: list[dict[str, Tensor]], processes: Processes) -> list[dict[str, float]]:
+    """The losses of each step, as means over the processes; all in one transfer."""
+    table = torch.stack([torch.stack([*losses.values()]) for losses in unread])
+    means = processes.average(dict(enumerate(table.flatten().tolist())))
+    rows = np.reshape(list(means.values()), table.shape).tolist()
+    return [dict(zip(unread[0], row, strict=True)) for row in rows]
 
 
 def _report(

@@ -147,7 +147,7 @@ class _AutoencoderTrainer:
             fed = take_evenly(fed, size)
         return fed.to(self.device), whole.to(self.device)
 
-    def take_step(self) -> dict[str, float]:
+    def take_step(self) -> dict[str, Tensor]:
         fed, whole = self._draw_batch()
         self.encoder.train()
         self.decoder.train()
@@ -159,7 +159,7 @@ class _AutoencoderTrainer:
         loss.backward()
         self.team.average_gradients([*self.encoder.parameters(), *self.decoder.parameters()])
         self.optimizer.step()
-        return {"chamfer": loss.item()}
+        return {"chamfer": loss.detach()}
 
     def state(self) -> dict[str, Tensor]:
         return checkpoint.pack(

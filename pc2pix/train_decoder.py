@@ -90,7 +90,7 @@ class _DecoderTrainer:
         """Whitened codes [B, d] of clouds [B, 2048, 3], in float32."""
         return (self.encoder(clouds.to(self.device)) - self.mean) / self.std
 
-    def take_step(self) -> dict[str, float]:
+    def take_step(self) -> dict[str, Tensor]:
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
         # another half of the points in another order each time: the code of a shape varies a little
         clouds = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
@@ -99,14 +99,14 @@ class _DecoderTrainer:
         with torch.autocast(self.device.type, torch.bfloat16, enabled=enabled):
             decoded = self.decoder(codes)
         loss = chamfer(decoded.float(), clouds.to(self.device))
-        rate = self.config.learning_rate / math.sqrt(1 + self.steps_done.item() / DECAY_STEPS)
+        rate = self.config.learning_rate / math.sqrt(1 + int(self.steps_done) / DECAY_STEPS)
         for group in self.adam.param_groups:
             group["lr"] = rate
         self.adam.zero_grad()
         loss.backward()
         self.adam.step()
         self.steps_done += 1
-        return {"chamfer": loss.item()}
+        return {"chamfer": loss.detach()}
 
     def state(self) -> dict[str, Tensor]:
         packed = checkpoint.pack(decoder=self.decoder, adam=self.adam, random=self.random)

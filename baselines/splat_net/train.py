@@ -183,7 +183,7 @@ class _Trainer:
         checkpoint.unpack(state, **self._parts())
         self.steps_done = state["steps_done"].clone()
 
-    def take_step(self) -> dict[str, float]:
+    def take_step(self) -> dict[str, Tensor]:
         self.network.train()
         self.judge.train()
         if self._left() <= self.config.cool_down:
@@ -213,7 +213,7 @@ class _Trainer:
         self.adam.step()
         self.steps_done += 1
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
-        return {name: value.item() for name, value in terms.items()}
+        return {name: value.detach() for name, value in terms.items()}
 
     def _left(self) -> int:
         return self.config.steps - int(self.steps_done)

@@ -13,6 +13,7 @@ import torch
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
 from data_prep.training_set import SurfaceSet, TrainingSet
+from learning import training_loop
 from learning.training_loop import Cadence, seeded
 from pc2pix.model import ModelConfig, build_encoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
@@ -117,6 +118,24 @@ TRAININGS = {
 @pytest.fixture(params=TRAININGS)
 def train(request):
     return TRAININGS[request.param]
+
+
+def test_losses_are_not_read_by_a_step(train, tmp_path, monkeypatch):
+    """To read a number means to wait for the device; the loop does, and only for what it logs."""
+    steps = []
+
+    def run(trainer, *rest):
+        steps.extend(trainer.take_step() for _ in range(2))
+
+    train(tmp_path / "x", 1)  # a decoder needs a whole training before it
+    monkeypatch.setattr(training_loop, "run", run)
+    train(tmp_path / "y", 2)
+    for losses in steps:
+        assert list(losses) == list(steps[0])
+        for loss in losses.values():
+            assert isinstance(loss, torch.Tensor)
+            assert loss.shape == ()
+            assert not loss.requires_grad
 
 
 @pytest.mark.parametrize("flushed", [False, True])

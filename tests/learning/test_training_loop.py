@@ -42,7 +42,7 @@ class Counter:
 
     def take_step(self):
         self.count += 1
-        return {"loss": self.losses.get(int(self.count), 1.0)}
+        return {"loss": torch.tensor(self.losses.get(int(self.count), 1.0))}
 
     def state(self):
         return {"count": self.count.clone(), training_loop.RANDOM: torch.Generator().get_state()}
@@ -95,6 +95,27 @@ def test_a_loss_that_is_no_number_stops_the_run(tmp_path):
     with pytest.raises(TrainingDiverged, match=r"step 4: loss is nan; last good .*: step 2, "):
         start(tmp_path, Config(steps=9), trainer)
     assert checkpoint.load(tmp_path / checkpoint.FILE_NAME, "counter")[1] == 2
+
+
+@pytest.mark.parametrize(
+    ("cadence", "stopped", "good"),
+    [
+        (Cadence(log=3, sheet=100, checkpoint=100), 6, "no checkpoint yet"),
+        (Cadence(log=100, sheet=100, checkpoint=5), 5, "no checkpoint yet"),
+        (Cadence(log=100, sheet=100, checkpoint=3), 6, "last good checkpoint: step 3, "),
+        (Cadence(log=100, sheet=100, checkpoint=100), 9, "no checkpoint yet"),
+    ],
+)
+def test_losses_are_read_when_they_are_logged_or_a_checkpoint_is_written(
+    tmp_path, cadence, stopped, good
+):
+    """The step that is named is the one that was wrong, and nothing after it is saved."""
+    trainer = Counter({4: math.inf})
+    with pytest.raises(TrainingDiverged, match=f"^step 4: loss is inf; {good}"):
+        start(tmp_path, Config(steps=9, cadence=cadence), trainer)
+    assert trainer.count == stopped
+    path = tmp_path / checkpoint.FILE_NAME
+    assert not path.exists() or checkpoint.load(path, "counter")[1] == 3
 
 
 def test_seeding_leaves_the_global_generator_alone():

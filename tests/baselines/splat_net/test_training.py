@@ -137,7 +137,7 @@ def test_bfloat16_trains_on_what_float32_sees(data, tmp_path):
     assert one != other
     for name, value in one.items():
         # 8 digits, of logits around 1: some 1e-2 of a pixel, and as much of their mean
-        assert other[name] == pytest.approx(value, rel=0.05)
+        assert float(other[name]) == pytest.approx(float(value), rel=0.05)
 
 
 def test_losses_have_the_same_columns_before_and_after_the_judge_takes_part(data):
