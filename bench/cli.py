@@ -892,7 +892,7 @@ def train_decoder(
     options = DecoderOptions(
         weights, objects, steps, batch, precision.value, device.value, seed, threads, out
     )
-    print(train(options))
+    _print_once(train(options))
 
 
 def _print_once(path: Path) -> None:

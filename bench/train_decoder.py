@@ -38,6 +38,7 @@ def train_decoder(options: DecoderOptions) -> Path:
             raise BadInput(f"--{name} {value}: must be at least 1")
     import torch
 
+    from learning.processes import is_first
     from learning.progress import ConsoleProgress
     from pc2pix.decoder_weights import export_decoder
     from pc2pix.train_autoencoder import AutoencoderData
@@ -59,7 +60,7 @@ def train_decoder(options: DecoderOptions) -> Path:
         precision=options.precision,
         seed=options.seed,
     )
-    with ConsoleProgress("decoder") as show:
+    with ConsoleProgress("decoder", quiet=not is_first()) as show:
         checkpoint = train(
             AutoencoderData(clouds),
             weights,
@@ -69,5 +70,6 @@ def train_decoder(options: DecoderOptions) -> Path:
             on_progress=show,
         )
     path = decoder_path(options.weights)
-    export_decoder(checkpoint, path)
+    if is_first():
+        export_decoder(checkpoint, path)
     return path

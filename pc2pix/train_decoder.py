@@ -21,6 +21,7 @@ from torch import Tensor
 from data_prep.scene import CLOUD_SIZE
 from learning import checkpoint, training_loop
 from learning.clouds import draw_points
+from learning.processes import ONE, Processes, connect
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
 from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots
@@ -62,27 +63,35 @@ def train_decoder(
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
 
-    Raises BadInput where `out_dir` holds a run of another configuration, other weights or other
-    data, and TrainingDiverged where a loss stops being finite.
+    Under `torchrun` all processes train together, each with `config.batch` clouds a step. Raises
+    BadInput where `out_dir` holds a run of another configuration, other weights or other data, and
+    TrainingDiverged where a loss stops being finite.
     """
-    trainer = _DecoderTrainer(data, weights, config, training_loop.prepare_device(device))
+    found = training_loop.prepare_device(device)
+    team = connect(found)
+    trainer = _DecoderTrainer(data, weights, config, found, team)
     data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
 class _DecoderTrainer:
     kind = KIND
 
     def __init__(
-        self, data: AutoencoderData, weights: Weights, config: DecoderConfig, device: torch.device
+        self,
+        data: AutoencoderData,
+        weights: Weights,
+        config: DecoderConfig,
+        device: torch.device,
+        team: Processes = ONE,
     ) -> None:
-        self.config, self.device, self.batch = config, device, config.batch
+        self.config, self.device, self.batch, self.team = config, device, config.batch, team
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder = weights.encoder.to(device)
         self.mean, self.std = weights.code_mean.to(device), weights.code_std.to(device)
         self.decoder = training_loop.seeded(config.seed, lambda: Decoder(config.model)).to(device)
         self.adam = torch.optim.Adam(self.decoder.parameters(), lr=config.learning_rate)
-        self.random = torch.Generator().manual_seed(config.seed)
+        self.random = team.random(config.seed)
         self.steps_done = torch.zeros((), dtype=torch.int64)
 
     @torch.no_grad()
@@ -104,6 +113,7 @@ class _DecoderTrainer:
             group["lr"] = rate
         self.adam.zero_grad()
         loss.backward()
+        self.team.average_gradients(self.decoder.parameters())
         self.adam.step()
         self.steps_done += 1
         return {"chamfer": loss.detach()}

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import bench.train
+import bench.train_decoder
 from baselines.splat_net.weights import load_weights
 from bench.methods import find_method
 from data_prep.datasets import ProceduralObject
@@ -28,9 +29,10 @@ def test_a_training_that_diverged_is_one_line(command, monkeypatch):
     )
 
 
-@pytest.mark.parametrize("trained", ["autoencoder", "gan"])
+@pytest.mark.parametrize("trained", ["autoencoder", "gan", "decoder"])
 def test_only_the_first_process_says_what_was_made(command, monkeypatch, trained):
-    monkeypatch.setattr(bench.train, f"train_{trained}", lambda *options: options[0].out)
+    module = bench.train_decoder if trained == "decoder" else bench.train
+    monkeypatch.setattr(module, f"train_{trained}", lambda *options: options[0].out)
     assert command("train", trained, "--out", "here") == (0, "here\n", "")
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "x")
     monkeypatch.setenv("RANK", "1")
