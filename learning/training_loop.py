@@ -35,6 +35,7 @@ Precision = Literal["float32", "bfloat16"]
 Built = TypeVar("Built")
 RATE_WINDOW_S = 60.0
 MAY_CHANGE_ON_RESUME = ("steps", "cadence")
+FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
 RANDOM = "random"  # where a trainer's state holds the state of its random generator
 
 
@@ -91,6 +92,17 @@ class Trainer(Protocol):
         """The inverse of `state`."""
         ...
 
+    def independent_steps(self, steps: int) -> int | None:
+        """How many of `steps` steps are the same in a training of any other length; None: all.
+
+        A learning rate that falls at the end depends on where the end is.
+        """
+        ...
+
+    def learning_rates(self, steps: int) -> str:
+        """Those of the first `steps` steps, in words for the card of the weights."""
+        ...
+
     def sheet(self) -> NDArray[np.uint8]:
         """A picture [H, W, 3] of how far training has come. Must not change the state."""
         ...
@@ -106,9 +118,14 @@ def run(
 ) -> Path:
     """Train to `config.steps` and return the path of the checkpoint.
 
-    Continues from a checkpoint in `out_dir`. Raises BadInput where that belongs to another
-    configuration, other data or another number of processes, TrainingDiverged on NaN, infinity or
-    a loss that explodes. Of several processes all call this, and the first one writes and reports.
+    Continues from a checkpoint in `out_dir`. Where `config.steps` has changed, the result is that
+    of a training of that length from the beginning: a checkpoint whose last steps depend on the old
+    length is replaced by the one that was kept from before them (FULL_RATE).
+
+    Raises BadInput where the checkpoint belongs to another configuration, other data or another
+    number of processes, or is past the steps that both lengths have in common and no earlier one
+    was kept; TrainingDiverged on NaN, infinity or a loss that explodes. Of several processes all
+    call this, and the first one writes and reports.
     """
     path = out_dir / checkpoint.FILE_NAME
     # as a checkpoint gives it back: in JSON tuples are lists
@@ -117,6 +134,7 @@ def run(
     _require_same_start(first, path, processes)
     cadence: Cadence = config.cadence
     writes = processes.rank == 0
+    independent = trainer.independent_steps(config.steps)
     losses_csv = out_dir / loss_log.FILE_NAME
     watch = Watch(loss_log.read_losses(losses_csv, first)[1])
     log = loss_log.LossLog(losses_csv, first) if writes else None
@@ -135,7 +153,8 @@ def run(
         rate.add(step)
         last = step == config.steps
         logs = step % cadence.log == 0 or last
-        saves = step % cadence.checkpoint == 0 or last
+        falls_next = step == independent and not last
+        saves = step % cadence.checkpoint == 0 or last or falls_next
         losses: dict[str, float] = {}
         if logs or saves:
             for number, losses in enumerate(_read(unread, processes), step - len(unread) + 1):
@@ -157,7 +176,11 @@ def run(
             if processes.average({"bad": float(bad)})["bad"] > 0:
                 raise diverged(step, "a weight is NaN or infinite")
             if writes:
-                checkpoint.save(path, trainer.kind, step, identity, state)
+                described = {**identity, "learning_rates": trainer.learning_rates(step)}
+                if falls_next:
+                    kept = out_dir / FULL_RATE
+                    checkpoint.save(kept, trainer.kind, step, described, state)
+                checkpoint.save(path, trainer.kind, step, described, state)
             last_saved = step
         if writes and (step % cadence.sheet == 0 or last):
             _write_png(out_dir / "sheets" / f"step-{step:06d}.png", trainer.sheet())
@@ -189,6 +212,30 @@ def _report(
 
 
 def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes) -> int:
+    """Restore the trainer from `path`, or from what was kept beside it; the steps it has taken."""
+    state, step, planned = _load(trainer, identity, path, processes)
+    steps = identity["steps"]
+    independent = [trainer.independent_steps(length) for length in (planned, steps)]
+    common = min((count for count in independent if count is not None), default=step)
+    if steps != planned and step > common:
+        problem = (
+            f"{path}: step {step} of a training of {planned} steps; one of {steps} has another "
+            f"learning rate from step {common + 1} on, and no checkpoint from before that is "
+            f"there; use {planned} steps or another output directory"
+        )
+        kept = path.with_name(FULL_RATE)
+        if kept.is_file():
+            state, step, _ = _load(trainer, identity, kept, processes)
+        if step > common:
+            raise BadInput(problem)
+    trainer.restore(state)
+    return step
+
+
+def _load(
+    trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes
+) -> tuple[dict[str, Tensor], int, int]:
+    """State of this process, steps taken, and steps planned, of a checkpoint of this training."""
     state, step, found = checkpoint.load(path, trainer.kind)
     for key in identity.keys() - set(MAY_CHANGE_ON_RESUME):
         if found.get(key) != identity[key]:
@@ -204,8 +251,12 @@ def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes
         )
     if processes.rank > 0:
         state[RANDOM] = state[_random_of(processes.rank)]
-    trainer.restore(state)
-    return step
+    return state, step, _planned_steps(found, path)
+
+
+def _planned_steps(found: Mapping[str, Any], path: Path) -> int:
+    with checkpoint.understanding_header(path, "choose another output directory"):
+        return int(found["steps"])
 
 
 def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:

@@ -178,6 +178,12 @@ class _AutoencoderTrainer:
             random=self.random,
         )
 
+    def independent_steps(self, steps: int) -> None:
+        """All: the learning rate does not depend on where the training ends."""
+
+    def learning_rates(self, steps: int) -> str:
+        return f"{self.config.learning_rate:g}"
+
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
         """Two rows: clouds, and the same clouds decoded from their codes."""

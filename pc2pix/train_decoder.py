@@ -126,6 +126,12 @@ class _DecoderTrainer:
         checkpoint.unpack(state, decoder=self.decoder, adam=self.adam, random=self.random)
         self.steps_done = state["steps_done"].clone()
 
+    def independent_steps(self, steps: int) -> None:
+        """All: the learning rate does not depend on where the training ends."""
+
+    def learning_rates(self, steps: int) -> str:
+        return f"{self.config.learning_rate:g} / sqrt(1 + t / {DECAY_STEPS}) after t steps"
+
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
         """Two rows: clouds, and the same clouds decoded from their codes."""

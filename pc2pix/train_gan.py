@@ -401,6 +401,18 @@ class _GanTrainer:
         self.steps_done += 1
         update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
 
+    def independent_steps(self, steps: int) -> None:
+        """All: the learning rate does not depend on where the training ends."""
+
+    def learning_rates(self, steps: int) -> str:
+        config = self.config
+        rate, warm = config.generator_lr, min(config.warm_up, steps)
+        generator = [f"generator {WARM_UP_RATE * rate:g} up to step {warm}"] if warm else []
+        if steps > warm:
+            generator.append(f"{'then' if warm else 'generator'} {rate:g}")
+            generator.append(f"discriminator {config.discriminator_lr:g}")
+        return ", ".join(generator)
+
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
         """Two rows: real pictures, and what the averaged generator draws for the same (z = 0)."""

@@ -209,7 +209,7 @@ class _Trainer:
         total.backward()
         self.team.average_gradients(self.network.parameters())
         for group in self.adam.param_groups:
-            group["lr"] = self.config.learning_rate * self._warmth()
+            group["lr"] = self._rate(int(self.steps_done))
         self.adam.step()
         self.steps_done += 1
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
@@ -218,8 +218,24 @@ class _Trainer:
     def _left(self) -> int:
         return self.config.steps - int(self.steps_done)
 
-    def _warmth(self) -> float:
-        return min(1.0, self._left() / max(1, self.config.cool_down))
+    def _rate(self, done: int) -> float:
+        """The learning rate of the step after `done` steps."""
+        left = self.config.steps - done
+        return self.config.learning_rate * min(1.0, left / max(1, self.config.cool_down))
+
+    def independent_steps(self, steps: int) -> int:
+        """All before the last `cool_down`."""
+        return max(0, steps - self.config.cool_down)
+
+    def learning_rates(self, steps: int) -> str:
+        last = f"{self._rate(steps - 1):g} at step {steps}"
+        constant = min(steps, self.config.steps - max(1, self.config.cool_down) + 1)
+        if constant < 1:
+            return f"falling linearly from {self._rate(0):g} at step 1 to {last}"
+        rate = f"{self.config.learning_rate:g}"
+        if constant == steps:
+            return rate
+        return f"{rate} up to step {constant}, then falling linearly to {last}"
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
         """A step of the judge: its error, and how false [B] it finds the drawn pictures. Zeros

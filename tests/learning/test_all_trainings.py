@@ -13,7 +13,7 @@ import torch
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
 from data_prep.training_set import SurfaceSet, TrainingSet
-from learning import training_loop
+from learning import checkpoint, training_loop
 from learning.training_loop import Cadence, seeded
 from pc2pix.model import ModelConfig, build_encoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
@@ -136,6 +136,24 @@ def test_losses_are_not_read_by_a_step(train, tmp_path, monkeypatch):
             assert isinstance(loss, torch.Tensor)
             assert loss.shape == ()
             assert not loss.requires_grad
+
+
+def states_are_equal(one, other, kind):
+    (state, step, _), (found, found_step, _) = (checkpoint.load(p, kind) for p in (one, other))
+    assert step == found_step
+    assert state.keys() == found.keys()
+    return all(torch.equal(state[key], found[key]) for key in state)
+
+
+def test_a_lengthened_run_is_one_of_that_length_from_the_beginning(train, tmp_path):
+    """Bit for bit, though it had ended, and its learning rate with it."""
+    whole = train(tmp_path / "whole", 6)
+    train(tmp_path / "cut", 4)
+    cut = train(tmp_path / "cut", 6)
+    assert states_are_equal(whole, cut, train.kind)
+    logs = [(tmp_path / name / "losses.csv").read_text() for name in ("whole", "cut")]
+    assert logs[0] == logs[1]
+    assert [row.split(",")[0] for row in logs[0].splitlines()] == ["step", *"123456"]
 
 
 @pytest.mark.parametrize("flushed", [False, True])

@@ -258,6 +258,12 @@ def test_paired_trains_the_encoder_and_exports_its_average(paired_checkpoint, tm
     assert not torch.equal(average, trained["points.0.bias"])
 
 
+def test_the_card_says_the_learning_rates_that_there_were(paired_checkpoint, tmp_path):
+    export(paired_checkpoint, tmp_path / "w.safetensors")
+    expected = "generator 0.0004 up to step 2, then 0.0001, discriminator 0.0002"
+    assert load_weights(tmp_path / "w.safetensors").card["learning_rates"] == expected
+
+
 def test_paired_starts_without_a_word_from_the_noise(gan_data):
     encoder = seeded(0, lambda: build_encoder(PAIRED))
     config = GanConfig(model=PAIRED, objective="paired")

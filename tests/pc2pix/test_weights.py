@@ -27,6 +27,7 @@ def test_round_trip(gan_checkpoint, tmp_path):
     assert loaded.sha256 == sha256 == file_sha256(path)
     assert loaded.card["steps"] == 2
     assert loaded.card["objective"] == "acgan-code"
+    assert loaded.card["learning_rates"] == "generator 0.0001, discriminator 0.0002"
     assert loaded.card["model"] == {
         "width": 0.0625,
         "latent_dim": 4,

@@ -93,6 +93,8 @@ def test_a_run_can_be_lengthened_but_not_changed(data, trained):
         ({"seed": 1}, "seed = 0, asked for 1; use"),
         ({"network": other}, r"network = .*12\].*, asked for .*14\]"),
         ({"cool_down": 3}, "cool_down = 2000, asked for 3"),
+        # all its steps were part of the cool-down
+        ({}, "step 2 of a training of 2 steps; one of 3 has another learning rate from step 1 on"),
     ):
         with pytest.raises(BadInput, match=told):
             train_splat_net(data, dataclasses.replace(config, steps=3, **changes), out_dir)
@@ -199,8 +201,17 @@ def test_the_learning_rate_falls_to_nothing(data):
         trainer.take_step()
         rates.append(trainer.adam.param_groups[0]["lr"])
     assert rates == pytest.approx([0.5, 0.5, 0.5, 0.5, 0.5 * 2 / 3, 0.5 / 3])
-    assert trainer._warmth() == 0
-    assert build(data, steps=6, cool_down=0)._warmth() == 1
+    said = [trainer.learning_rates(steps) for steps in (1, 4, 5, 6)]
+    assert said == [
+        "0.5",
+        "0.5",
+        "0.5 up to step 4, then falling linearly to 0.333333 at step 5",
+        "0.5 up to step 4, then falling linearly to 0.166667 at step 6",
+    ]
+    short = build(data, steps=2, cool_down=4, learning_rate=0.5)
+    assert short.learning_rates(2) == "falling linearly from 0.25 at step 1 to 0.125 at step 2"
+    assert trainer._rate(6) == 0
+    assert build(data, steps=6, cool_down=0, learning_rate=0.5)._rate(5) == 0.5
 
 
 def statistics(network):

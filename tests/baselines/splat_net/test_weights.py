@@ -50,6 +50,8 @@ def test_round_trip(trained, tmp_path):
     assert loaded.sha256 == sha256 == file_sha256(path)
     assert loaded.card["steps"] == 2
     assert loaded.card["objective"] == objective_of(path) == "l1"
+    rates = "falling linearly from 2e-06 at step 1 to 1e-06 at step 2"  # of 2e-3, over 2,000 steps
+    assert loaded.card["learning_rates"] == rates
     assert loaded.card["network"]["heads"] == ("grey",)
     assert loaded.network.config.heads == ("grey",)
     assert loaded.network.config.widths == SMALL.widths
