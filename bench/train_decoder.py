@@ -40,12 +40,10 @@ def train_decoder(options: DecoderOptions) -> Path:
 
     from learning.processes import is_first
     from learning.progress import ConsoleProgress
-    from pc2pix.decoder_weights import export_decoder
     from pc2pix.train_autoencoder import AutoencoderData
     from pc2pix.train_decoder import DecoderConfig
     from pc2pix.train_decoder import train_decoder as train
-    from pc2pix.weight_files import decoder_path
-    from pc2pix.weights import load_weights
+    from pc2pix.weights import decoder_path, export_decoder, load_weights
 
     if options.threads is not None:
         torch.set_num_threads(options.threads)

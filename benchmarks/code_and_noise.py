@@ -30,7 +30,7 @@ from data_prep.randomness import generator
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
-from pc2pix.weight_files import BUNDLED
+from pc2pix.weights import BUNDLED
 
 CLOUDS = 40
 DRAWS = 6

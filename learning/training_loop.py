@@ -30,6 +30,7 @@ from data_prep.failures import BadInput
 from learning import checkpoint, loss_curves, loss_log
 from learning.divergence import TrainingDiverged, Watch
 from learning.processes import ONE, Processes, local_rank
+from learning.weights import understanding_header
 
 Precision = Literal["float32", "bfloat16"]
 Built = TypeVar("Built")
@@ -255,7 +256,7 @@ def _load(
 
 
 def _planned_steps(found: Mapping[str, Any], path: Path) -> int:
-    with checkpoint.understanding_header(path, "choose another output directory"):
+    with understanding_header(path, "choose another output directory"):
         return int(found["steps"])
 
 

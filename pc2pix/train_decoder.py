@@ -25,9 +25,9 @@ from learning.processes import ONE, Processes, connect
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
 from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots
-from pc2pix.weights import Weights
+from pc2pix.weights import DECODER, Weights
 
-KIND = "decoder"
+KIND = DECODER
 DECAY_STEPS = 500
 
 

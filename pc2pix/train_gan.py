@@ -56,8 +56,9 @@ from pc2pix.model import (
     channels_last,
 )
 from pc2pix.train_autoencoder import check_clouds
+from pc2pix.weights import GAN
 
-KIND = "gan"
+KIND = GAN
 SHEET_PICTURES = 8
 ENCODE_BATCH = 32
 WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two

@@ -39,6 +39,7 @@ from baselines.splat_net.network import (
 )
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.weights import KIND
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from data_prep.training_set import SurfaceSet
@@ -47,7 +48,6 @@ from learning.averaging import take_statistics, update
 from learning.clouds import add_noise, draw_points
 from learning.processes import ONE, Processes, connect
 
-KIND = "splat-net"
 HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 2  # of a cloud, in a step
 POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # one of these for all clouds of a step

@@ -13,7 +13,7 @@ from bench.methods import find_method
 from data_prep.datasets import ProceduralObject
 from data_prep.scene import View
 from learning.divergence import TrainingDiverged
-from learning.weight_files import file_sha256
+from learning.weights import file_sha256
 
 
 def test_a_training_that_diverged_is_one_line(command, monkeypatch):

@@ -12,15 +12,13 @@ from safetensors.torch import save_file
 from data_prep.failures import BadInput
 from learning import checkpoint
 from learning.training_loop import Cadence
-from learning.weight_files import file_sha256
-from pc2pix import weight_files
-from pc2pix.decoder_weights import export_decoder, load_decoder
+from learning.weights import file_sha256
+from pc2pix import weights as weight_files
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder
 from pc2pix.train_autoencoder import AutoencoderData
 from pc2pix.train_decoder import DecoderConfig, train_decoder
-from pc2pix.weight_files import decoder_path
-from pc2pix.weights import load_weights
+from pc2pix.weights import decoder_path, export_decoder, load_decoder, load_weights
 
 from .conftest import make_clouds
 

@@ -156,7 +156,7 @@ def test_a_failed_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
         name.write_bytes(b"half")
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(checkpoint, "save_file", half_written)
+    monkeypatch.setattr("safetensors.torch.save_file", half_written)
     with pytest.raises(OSError, match="no space"):
         checkpoint.save(path, "gan", 2, {}, {"x": torch.ones(3)})
     assert checkpoint.load(path, "gan")[1] == 1

@@ -10,13 +10,12 @@ from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import KIND, SplatNetConfig, _Trainer, train_splat_net
-from baselines.splat_net.weight_files import BUNDLED
-from baselines.splat_net.weights import export
+from baselines.splat_net.weights import BUNDLED, export
 from bench.train import do_without
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint
-from learning.weight_files import file_sha256
+from learning.weights import file_sha256
 
 from .conftest import SMALL, make_cloud, make_data
 

@@ -9,14 +9,21 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from baselines.splat_net import weight_files
+from baselines.splat_net import weights as weight_files
 from baselines.splat_net.network import composite
 from baselines.splat_net.train import KIND
-from baselines.splat_net.weight_files import BUNDLED, FOLDER, find_weights
-from baselines.splat_net.weights import FORMAT, Weights, export, load_weights
+from baselines.splat_net.weights import (
+    BUNDLED,
+    FOLDER,
+    FORMAT,
+    Weights,
+    export,
+    find_weights,
+    load_weights,
+)
 from data_prep.failures import BadInput
 from learning import checkpoint
-from learning.weight_files import file_sha256, objective_of
+from learning.weights import file_sha256, objective_of
 
 from .conftest import SMALL
 
@@ -127,7 +134,7 @@ def test_a_failed_write_leaves_the_old_file(trained, weights_file, tmp_path, mon
         name.write_bytes(b"half")
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(checkpoint, "save_file", half_written)
+    monkeypatch.setattr("safetensors.torch.save_file", half_written)
     with pytest.raises(OSError, match="no space"):
         export(trained, path, "grey")
     assert path.read_bytes() == weights_file.read_bytes()
