@@ -208,7 +208,5 @@ def check_tensors(
 def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
     """Put checked tensors into `network`, in float32 and evaluation mode."""
     state = {key: value.float() for key, value in tensors.items()}
-    network.load_state_dict(
-        state, strict=False
-    )  # no counters; `check_tensors` is strict
+    network.load_state_dict(state, strict=False)  # no counters; `check_tensors` is strict
     network.eval().requires_grad_(False)
