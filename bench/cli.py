@@ -837,11 +837,12 @@ def train_views(
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
     epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
     seed: SeedOption = 0,
+    out: OutOption = Path("training/views"),
 ) -> None:
     """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
     from bench.train_views import train_views as train
 
-    print(train(objects, views, epochs, seed).to_text())
+    print(train(objects, views, epochs, seed, folder=out).to_text())
 
 
 @train_app.command("constant")
@@ -863,11 +864,12 @@ def train_judge(
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 16,
     steps: Annotated[int, typer.Option(help="Steps of 96 pictures.")] = 3000,
     seed: SeedOption = 0,
+    out: OutOption = Path("training/judge"),
 ) -> None:
     """The judge of view and shape: replaces the bundled weights, hence what it measures."""
     from bench.train_judge import train_judge as train
 
-    for name, scores in train(objects, views, steps, seed).items():
+    for name, scores in train(objects, views, steps, seed, folder=out).items():
         print(f"{name}: {scores}")
 
 

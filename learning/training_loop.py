@@ -1,4 +1,4 @@
-"""What both trainings share: resuming, logging, sample sheets, checkpoints, stopping on NaN.
+"""What all trainings share: resuming, logging, sample sheets, checkpoints, stopping on NaN.
 
 A run lives in one directory: `checkpoint.safetensors`, `losses.csv` and its picture `losses.png`,
 `sheets/step-*.png`. It continues from its checkpoint whenever it is started again; on a CPU in
@@ -104,8 +104,11 @@ class Trainer(Protocol):
         """Those of the first `steps` steps, in words for the card of the weights."""
         ...
 
-    def sheet(self) -> NDArray[np.uint8]:
-        """A picture [H, W, 3] of how far training has come. Must not change the state."""
+    def sheet(self) -> NDArray[np.uint8] | None:
+        """A picture [H, W, 3] of how far training has come; None where there is nothing to see.
+
+        Must not change the state.
+        """
         ...
 
 
@@ -184,7 +187,9 @@ def run(
                 checkpoint.save(path, trainer.kind, step, described, state)
             last_saved = step
         if writes and (step % cadence.sheet == 0 or last):
-            _write_png(out_dir / "sheets" / f"step-{step:06d}.png", trainer.sheet())
+            picture = trainer.sheet()
+            if picture is not None:
+                _write_png(out_dir / "sheets" / f"step-{step:06d}.png", picture)
             loss_curves.write_loss_curves(losses_csv, out_dir / "losses.png", step)
     processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
     return path
