@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -9,9 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
+from bench import train_judge, train_views
+from bench.views_network import Labels
+from data_prep.failures import BadInput
 from data_prep.training_set import SurfaceSet, TrainingSet
 from learning import checkpoint, training_loop
 from learning.training_loop import Cadence, seeded
@@ -84,17 +89,47 @@ def start_splat_net(out_dir, on_progress, **changes):
     return train_splat_net(data, config, out_dir, on_progress=on_progress)
 
 
+def start_judge(out_dir, on_progress, **changes):
+    config = train_judge.JudgeConfig(**{"seed": 0, "cadence": CADENCE} | changes)
+    rng = np.random.default_rng(3)
+    painted, neutral = rng.integers(0, 256, (2, 4, 2, 128, 128), dtype=np.uint8)
+    angles = rng.uniform(-40, 40, (2, 4, 2))
+    data = train_judge.Pictures(painted, neutral, *angles, make_clouds(4))
+    with pytest.MonkeyPatch.context() as patch, training_loop.denormals_flushed():
+        patch.setattr(train_judge, "OBJECTS", 3)
+        trainer = train_judge._Trainer(data, data, config)
+        return training_loop.run(trainer, config, "data", out_dir, on_progress)
+
+
+def start_views(out_dir, on_progress, **changes):
+    config = train_views.ViewsConfig(**{"seed": 0, "cadence": CADENCE} | changes)
+    told = Labels(("lamp", "car"), ("lamp/desk", "car/van"), ("ladder",))
+    images = torch.from_numpy(make_set(objects=5).images).flatten(0, 1)
+    answers = {name: torch.arange(10) % 2 for name in ("class", "family")}
+    answers |= {"back": torch.full((10,), train_views.NO_LABEL), "view": torch.zeros(10, 3)}
+    with pytest.MonkeyPatch.context() as patch, training_loop.denormals_flushed():
+        patch.setattr(train_views, "BATCH", 4)  # an epoch is of two batches and a half
+        trainer = train_views._Trainer(told, images, answers, config)
+        return training_loop.run(trainer, config, "data", out_dir, on_progress)
+
+
 def ignore(report):
     pass
 
 
 @dataclass(frozen=True)
 class Training:
-    """A small training: `start` goes on where one has been in the folder."""
+    """A small training: `start` goes on where one has been in the folder.
+
+    sheet    size of its picture in pixels; None where it has none
+    lengthens  whether one of more steps begins in the same way
+    """
 
     start: Any
     kind: str
     changes: dict[str, Any]
+    sheet: tuple[int, int] | None = (3 * 128, 2 * 128)
+    lengthens: bool = True
 
     def __call__(self, out_dir, steps, on_progress=ignore, **changes):
         return self.start(out_dir, on_progress, steps=steps, **self.changes | changes)
@@ -108,10 +143,12 @@ TRAININGS = {
         start_gan, "gan", {"model": PAIRED, "objective": "paired", "warm_up": 1}
     ),
     "decoder": Training(start_decoder, "decoder", {}),
-    "splat-net": Training(start_splat_net, "splat-net", {}),
+    "splat-net": Training(start_splat_net, "splat-net", {}, (3 * 128, 3 * 128)),
     "splat-net-patch": Training(
-        start_splat_net, "splat-net", {"objective": "l1-patch", "warm_up": 1}
+        start_splat_net, "splat-net", {"objective": "l1-patch", "warm_up": 1}, (3 * 128, 3 * 128)
     ),
+    "judge": Training(start_judge, "judge", {}, sheet=None, lengthens=False),
+    "views": Training(start_views, "views", {}, sheet=None, lengthens=False),
 }
 
 
@@ -138,22 +175,78 @@ def test_losses_are_not_read_by_a_step(train, tmp_path, monkeypatch):
             assert not loss.requires_grad
 
 
-def states_are_equal(one, other, kind):
+class Killed(Exception):
+    pass
+
+
+def kill_at(step):
+    def on_progress(report):
+        if report.step == step:
+            raise Killed
+
+    return on_progress
+
+
+def require_equal(one, other, kind, steps):
+    """Checkpoints and logs of two runs, bit for bit."""
     (state, step, _), (found, found_step, _) = (checkpoint.load(p, kind) for p in (one, other))
-    assert step == found_step
+    assert step == found_step == steps
     assert state.keys() == found.keys()
-    return all(torch.equal(state[key], found[key]) for key in state)
+    assert all(torch.equal(state[key], found[key]) for key in state)
+    logs = [(path.parent / "losses.csv").read_text() for path in (one, other)]
+    assert logs[0] == logs[1]
+    rows = [row.split(",")[0] for row in logs[0].splitlines()]
+    assert rows == ["step", *map(str, range(1, steps + 1))]
+
+
+def test_a_killed_run_resumes_bit_for_bit(train, tmp_path):
+    reports = []
+    whole = train(tmp_path / "whole", 5, reports.append)
+    # killed after step 3 is logged: the checkpoint is that of step 2, the row of step 3 must go
+    with pytest.raises(Killed):
+        train(tmp_path / "cut", 5, kill_at(3))
+    path = tmp_path / "cut" / checkpoint.FILE_NAME
+    # splat-net writes one more before its rate falls, after step 3; it is killed before that
+    assert checkpoint.load(path, train.kind)[1] == 2
+    cut = train(tmp_path / "cut", 5)
+    require_equal(whole, cut, train.kind, 5)
+
+    assert [report.step for report in reports] == [1, 2, 3, 4, 5]
+    assert reports[0].images_per_s is None
+    assert reports[-1].images_per_s > 0
+    assert reports[-1].seconds_left == 0
+    sheets = sorted((tmp_path / "whole" / "sheets").glob("*"))
+    assert [sheet.name for sheet in sheets] == (
+        ["step-000004.png", "step-000005.png"] if train.sheet else []
+    )
+    for sheet in sheets:
+        with Image.open(sheet) as picture:
+            assert picture.size == train.sheet
 
 
 def test_a_lengthened_run_is_one_of_that_length_from_the_beginning(train, tmp_path):
-    """Bit for bit, though it had ended, and its learning rate with it."""
-    whole = train(tmp_path / "whole", 6)
-    train(tmp_path / "cut", 4)
-    cut = train(tmp_path / "cut", 6)
-    assert states_are_equal(whole, cut, train.kind)
-    logs = [(tmp_path / name / "losses.csv").read_text() for name in ("whole", "cut")]
-    assert logs[0] == logs[1]
-    assert [row.split(",")[0] for row in logs[0].splitlines()] == ["step", *"123456"]
+    """Bit for bit, though it had ended, and its learning rate with it. Nothing else may change."""
+    short = train(tmp_path / "cut", 4)
+    before = short.read_bytes()
+    assert train(tmp_path / "cut", 4, kill_at(1)) == short
+    assert short.read_bytes() == before, "a finished run is not trained again"
+    with pytest.raises(BadInput, match=r"seed = 0, asked for 1; use"):
+        train(tmp_path / "cut", 6, seed=1)
+    if not train.lengthens:
+        with pytest.raises(BadInput, match="4 steps; one of 6 has another learning rate from step"):
+            train(tmp_path / "cut", 6)
+        assert short.read_bytes() == before
+        return
+    whole, cut = train(tmp_path / "whole", 6), train(tmp_path / "cut", 6)
+    require_equal(whole, cut, train.kind, 6)
+
+
+def test_bfloat16_trains(train, tmp_path):
+    if not train.sheet:
+        pytest.skip("the networks that judge have no other precision")
+    train(tmp_path / "x", 2, precision="bfloat16")
+    last = (tmp_path / "x" / "losses.csv").read_text().splitlines()[-1]
+    assert all(math.isfinite(float(value)) for value in last.split(","))
 
 
 @pytest.mark.parametrize("flushed", [False, True])
