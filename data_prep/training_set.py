@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from data_prep.scene_objects import SceneObject
 
 BLACK = (0, 0, 0)
+CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
+DATA_SEED = 0  # of all trainings
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,3 +98,23 @@ def make_training_set(
         angles[:, i] = np.transpose([(v.azimuth_deg, v.elevation_deg) for v in cameras])
         on_progress()
     return TrainingSet(images, angles[0], angles[1], clouds)
+
+
+def training_set(objects: Sequence[SceneObject], views: int, *, quiet: bool = False) -> TrainingSet:
+    """`make_training_set` with progress on standard error and the seed of all trainings."""
+    with progress("rendering", len(objects), quiet=quiet) as advance:
+        return make_training_set(objects, views, DATA_SEED, lambda: advance(0))
+
+
+def training_clouds(objects: Sequence[SceneObject], *, quiet: bool = False) -> NDArray[np.float32]:
+    """Clouds float32 [N, M, 3], with progress. The same objects give the same clouds.
+
+    M is CLOUD_POINTS, or what the objects have where they are clouds themselves.
+    """
+    clouds = []
+    with progress("sampling", len(objects), quiet=quiet) as advance:
+        for obj in objects:
+            rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
+            clouds.append(obj.cloud(rng, CLOUD_POINTS).points)
+            advance(0)
+    return np.stack(clouds)

@@ -7,78 +7,23 @@ JSON in the file's header. A process killed at any moment leaves the previous ch
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Iterable, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
-from data_prep.untrusted import is_regular_file, open_file
-from data_prep.whole_files import whole_file
-from learning.weight_files import MOST_BYTES
+from learning.weights import (
+    read_safetensors,
+    sub_state,
+    understanding_header,
+    write_atomically,
+)
 
 FORMAT = "pc2pix-checkpoint-1"
 FILE_NAME = "checkpoint.safetensors"
-MOST_REASON = 120  # characters of a library's complaint
-
-
-def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, str]) -> None:
-    """Write a safetensors file, whole or not at all."""
-    plain = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
-    with whole_file(path) as new:
-        save_file(plain, new, metadata=dict(header))
-
-
-def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors (on the CPU) and header of a safetensors file.
-
-    Raises BadInput where the file is missing, cut short, of another kind, or larger than
-    `MOST_BYTES`. Nothing in it is executed, and no more memory taken than the file has bytes.
-    """
-    if not is_regular_file(path):
-        raise BadInput(f"{path}: no such file; give the path of a safetensors file")
-    with open_file(path, MOST_BYTES):
-        pass
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = dict(file.metadata() or {})
-            return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
-    except Exception as error:  # whatever safetensors and torch raise for a type or shape
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:MOST_REASON]
-        raise BadInput(
-            f"{path}: not a whole safetensors file ({reason}); fetch or write it again"
-        ) from None
-
-
-def read_weights(
-    path: Path, expected: str, remedy: str
-) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """As `read_safetensors`, of exported weights: their header names the format `expected`.
-
-    Raises BadInput, with the `remedy`, also where it names another.
-    """
-    tensors, header = read_safetensors(path)
-    if header.get("format") != expected:
-        raise BadInput(
-            f"{path}: expected format {expected!r} in the header, found {header.get('format')!r}; "
-            f"{remedy}"
-        )
-    return tensors, header
-
-
-@contextmanager
-def understanding_header(path: Path, remedy: str) -> Generator[None]:
-    """What is raised inside by a header that lacks something, or says something else than it
-    should, becomes BadInput with the `remedy`."""
-    try:
-        yield
-    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BadInput(f"{path}: its header cannot be read ({error!r}); {remedy}") from None
 
 
 def save(
@@ -132,12 +77,6 @@ def unpack(
             _unpack_optimizer(sub_state(state, name), part)
 
 
-def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
-    """The entries below `name.`, without that prefix."""
-    prefix = f"{name}."
-    return {key.removeprefix(prefix): v for key, v in state.items() if key.startswith(prefix)}
-
-
 def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimizer) -> None:
     parameters = [p for group in optimizer.param_groups for p in group["params"]]
     entries: dict[int, dict[str, Tensor]] = {}
@@ -150,29 +89,6 @@ def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimi
         entries.setdefault(int(index), {})[field] = value
     whole = {"state": entries, "param_groups": optimizer.state_dict()["param_groups"]}
     optimizer.load_state_dict(whole)
-
-
-def training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
-    """How weights were trained, as JSON for their file's header: the configuration, and the steps
-    that were taken. Left out are the keys `apart`, which the header has of their own, and what
-    says only how often something was written."""
-    left_out = {*apart, "cadence"}
-    kept = {key: value for key, value in config.items() if key not in left_out}
-    return json.dumps(kept | {"steps": step})
-
-
-def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str, Tensor]:
-    """Kernels in float16, everything of one dimension as it is: how weights are exported.
-
-    Raises BadInput, naming the checkpoint `source` and the `remedy`, where a value does not fit.
-    """
-    stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
-    for key, value in stored.items():
-        if not value.isfinite().all():
-            raise BadInput(
-                f"{source}: {key} reaches {tensors[key].abs().max():g}, beyond float16; {remedy}"
-            )
-    return stored
 
 
 def all_finite(tensors: Iterable[Tensor]) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 
@@ -57,6 +57,14 @@ class Convolution:
             x, self.weight, self.bias, [self.padding] * 2, [self.stride] * 2, [1, 1], 1,
             "relu" if self.relu else "none", [], "",
         )  # fmt: skip
+
+
+def normalisation(bn: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
+    """Scale and shift [c], float64, that BatchNorm in evaluation mode is."""
+    assert bn.running_mean is not None
+    assert bn.running_var is not None
+    scale = bn.weight.double() / torch.sqrt(bn.running_var.double() + bn.eps)
+    return scale, bn.bias.double() - bn.running_mean.double() * scale
 
 
 def _prepacks(weight: Tensor) -> bool:

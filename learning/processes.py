@@ -16,7 +16,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -26,6 +26,8 @@ from data_prep.randomness import generator
 
 if TYPE_CHECKING:
     from lightning_fabric import Fabric
+
+Name = TypeVar("Name")
 
 
 class Processes(Protocol):
@@ -42,7 +44,7 @@ class Processes(Protocol):
         """Replace each gradient by its mean over the processes, in place."""
         ...
 
-    def average(self, values: Mapping[str, float]) -> dict[str, float]:
+    def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
         """The mean of each value over the processes; NaN where one is."""
         ...
 
@@ -64,7 +66,7 @@ class OneProcess:
     def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
         """Nothing to do."""
 
-    def average(self, values: Mapping[str, float]) -> dict[str, float]:
+    def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
         """The values."""
         return dict(values)
 
@@ -100,7 +102,7 @@ class FabricProcesses:
         for gradient, mean in zip(gradients, flat.split(sizes), strict=True):
             gradient.copy_(mean.view(gradient.shape))
 
-    def average(self, values: Mapping[str, float]) -> dict[str, float]:
+    def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
         """In float64. The same names in the same order in all processes."""
         numbers = torch.tensor(list(values.values()), dtype=torch.float64)
         numbers = numbers.to(self.fabric.device)

@@ -1,4 +1,4 @@
-"""What both trainings share: resuming, logging, sample sheets, checkpoints, stopping on NaN.
+"""What all trainings share: resuming, logging, sample sheets, checkpoints, stopping on NaN.
 
 A run lives in one directory: `checkpoint.safetensors`, `losses.csv` and its picture `losses.png`,
 `sheets/step-*.png`. It continues from its checkpoint whenever it is started again; on a CPU in
@@ -12,9 +12,11 @@ import dataclasses
 import hashlib
 import json
 import math
+import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
@@ -28,11 +30,13 @@ from data_prep.failures import BadInput
 from learning import checkpoint, loss_curves, loss_log
 from learning.divergence import TrainingDiverged, Watch
 from learning.processes import ONE, Processes, local_rank
+from learning.weights import understanding_header
 
 Precision = Literal["float32", "bfloat16"]
 Built = TypeVar("Built")
 RATE_WINDOW_S = 60.0
 MAY_CHANGE_ON_RESUME = ("steps", "cadence")
+FULL_RATE = "checkpoint-full-rate.safetensors"  # of the last step before the learning rate falls
 RANDOM = "random"  # where a trainer's state holds the state of its random generator
 
 
@@ -73,8 +77,12 @@ class Trainer(Protocol):
     kind: str
     batch: int
 
-    def take_step(self) -> dict[str, float]:
-        """One step of optimisation; the losses by name."""
+    def take_step(self) -> dict[str, Tensor]:
+        """One step of optimisation; the losses by name, detached scalars of one device.
+
+        The same names in every step. To read a value would wait for the device: the loop does, and
+        only for what is logged.
+        """
         ...
 
     def state(self) -> dict[str, Tensor]:
@@ -85,8 +93,22 @@ class Trainer(Protocol):
         """The inverse of `state`."""
         ...
 
-    def sheet(self) -> NDArray[np.uint8]:
-        """A picture [H, W, 3] of how far training has come. Must not change the state."""
+    def independent_steps(self, steps: int) -> int | None:
+        """How many of `steps` steps are the same in a training of any other length; None: all.
+
+        A learning rate that falls at the end depends on where the end is.
+        """
+        ...
+
+    def learning_rates(self, steps: int) -> str:
+        """Those of the first `steps` steps, in words for the card of the weights."""
+        ...
+
+    def sheet(self) -> NDArray[np.uint8] | None:
+        """A picture [H, W, 3] of how far training has come; None where there is nothing to see.
+
+        Must not change the state.
+        """
         ...
 
 
@@ -100,9 +122,14 @@ def run(
 ) -> Path:
     """Train to `config.steps` and return the path of the checkpoint.
 
-    Continues from a checkpoint in `out_dir`. Raises BadInput where that belongs to another
-    configuration, other data or another number of processes, TrainingDiverged on NaN, infinity or
-    a loss that explodes. Of several processes all call this, and the first one writes and reports.
+    Continues from a checkpoint in `out_dir`. Where `config.steps` has changed, the result is that
+    of a training of that length from the beginning: a checkpoint whose last steps depend on the old
+    length is replaced by the one that was kept from before them (FULL_RATE).
+
+    Raises BadInput where the checkpoint belongs to another configuration, other data or another
+    number of processes, or is past the steps that both lengths have in common and no earlier one
+    was kept; TrainingDiverged on NaN, infinity or a loss that explodes. Of several processes all
+    call this, and the first one writes and reports.
     """
     path = out_dir / checkpoint.FILE_NAME
     # as a checkpoint gives it back: in JSON tuples are lists
@@ -111,6 +138,7 @@ def run(
     _require_same_start(first, path, processes)
     cadence: Cadence = config.cadence
     writes = processes.rank == 0
+    independent = trainer.independent_steps(config.steps)
     losses_csv = out_dir / loss_log.FILE_NAME
     watch = Watch(loss_log.read_losses(losses_csv, first)[1])
     log = loss_log.LossLog(losses_csv, first) if writes else None
@@ -123,14 +151,22 @@ def run(
             f"step {step}: {what}; {good if last_saved is not None else 'no checkpoint yet'}"
         )
 
+    unread: list[dict[str, Tensor]] = []
     for step in range(first + 1, config.steps + 1):
-        losses = processes.average(trainer.take_step())
-        for name, value in losses.items():
-            if not math.isfinite(value):
-                raise diverged(step, f"{name} is {value}")
+        unread.append(trainer.take_step())
         rate.add(step)
         last = step == config.steps
-        if step % cadence.log == 0 or last:
+        logs = step % cadence.log == 0 or last
+        falls_next = step == independent and not last
+        saves = step % cadence.checkpoint == 0 or last or falls_next
+        losses: dict[str, float] = {}
+        if logs or saves:
+            for number, losses in enumerate(_read(unread, processes), step - len(unread) + 1):
+                for name, value in losses.items():
+                    if not math.isfinite(value):
+                        raise diverged(number, f"{name} is {value}")
+            unread.clear()
+        if logs:
             # before the checkpoint of the same step: then every step of a checkpoint is logged
             if log:
                 log.add(step, losses)
@@ -138,19 +174,33 @@ def run(
                 on_progress(_report(step, config.steps, losses, rate.steps_per_s(), images))
             if problem := watch.add(losses):
                 raise diverged(step, problem)
-        if step % cadence.checkpoint == 0 or last:
+        if saves:
             state = _whole_state(trainer, processes)
             bad = not checkpoint.all_finite(state.values())
             if processes.average({"bad": float(bad)})["bad"] > 0:
                 raise diverged(step, "a weight is NaN or infinite")
             if writes:
-                checkpoint.save(path, trainer.kind, step, identity, state)
+                described = {**identity, "learning_rates": trainer.learning_rates(step)}
+                if falls_next:
+                    kept = out_dir / FULL_RATE
+                    checkpoint.save(kept, trainer.kind, step, described, state)
+                checkpoint.save(path, trainer.kind, step, described, state)
             last_saved = step
         if writes and (step % cadence.sheet == 0 or last):
-            _write_png(out_dir / "sheets" / f"step-{step:06d}.png", trainer.sheet())
+            picture = trainer.sheet()
+            if picture is not None:
+                _write_png(out_dir / "sheets" / f"step-{step:06d}.png", picture)
             loss_curves.write_loss_curves(losses_csv, out_dir / "losses.png", step)
     processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
     return path
+
+
+def _read(unread: list[dict[str, Tensor]], processes: Processes) -> list[dict[str, float]]:
+    """The losses of each step, as means over the processes; all in one transfer."""
+    table = torch.stack([torch.stack([*losses.values()]) for losses in unread])
+    means = processes.average(dict(enumerate(table.flatten().tolist())))
+    rows = np.reshape(list(means.values()), table.shape).tolist()
+    return [dict(zip(unread[0], row, strict=True)) for row in rows]
 
 
 def _report(
@@ -168,6 +218,30 @@ def _report(
 
 
 def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes) -> int:
+    """Restore the trainer from `path`, or from what was kept beside it; the steps it has taken."""
+    state, step, planned = _load(trainer, identity, path, processes)
+    steps = identity["steps"]
+    independent = [trainer.independent_steps(length) for length in (planned, steps)]
+    common = min((count for count in independent if count is not None), default=step)
+    if steps != planned and step > common:
+        problem = (
+            f"{path}: step {step} of a training of {planned} steps; one of {steps} has another "
+            f"learning rate from step {common + 1} on, and no checkpoint from before that is "
+            f"there; use {planned} steps or another output directory"
+        )
+        kept = path.with_name(FULL_RATE)
+        if kept.is_file():
+            state, step, _ = _load(trainer, identity, kept, processes)
+        if step > common:
+            raise BadInput(problem)
+    trainer.restore(state)
+    return step
+
+
+def _load(
+    trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes
+) -> tuple[dict[str, Tensor], int, int]:
+    """State of this process, steps taken, and steps planned, of a checkpoint of this training."""
     state, step, found = checkpoint.load(path, trainer.kind)
     for key in identity.keys() - set(MAY_CHANGE_ON_RESUME):
         if found.get(key) != identity[key]:
@@ -183,8 +257,12 @@ def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes
         )
     if processes.rank > 0:
         state[RANDOM] = state[_random_of(processes.rank)]
-    trainer.restore(state)
-    return step
+    return state, step, _planned_steps(found, path)
+
+
+def _planned_steps(found: Mapping[str, Any], path: Path) -> int:
+    with understanding_header(path, "choose another output directory"):
+        return int(found["steps"])
 
 
 def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
@@ -224,13 +302,25 @@ def seeded(seed: int, build: Callable[[], Built]) -> Built:
         return build()
 
 
+@contextmanager
+def denormals_flushed() -> Generator[None]:
+    """Inside, denormal numbers count as zeros: they slow training on a CPU by up to seven times.
+
+    A setting of the calling thread, restored at the end, and of threads that start meanwhile.
+    """
+    before = sys.float_info.min / 2 == 0.0  # PyTorch sets it, but has no function that returns it
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(before)
+
+
 def prepare_device(device: str) -> torch.device:
     """The device; "auto" is the GPU where there is one, each process its own.
 
-    Flushes denormals: they slow GAN training on a CPU by up to seven times. Raises BadInput for a
-    GPU where there is none.
+    Raises BadInput for a GPU where there is none.
     """
-    torch.set_flush_denormal(True)
     found = torch.cuda.is_available()
     if device == "auto":
         device = "cuda" if found else "cpu"

@@ -35,7 +35,7 @@ def load(
 ) -> Pc2pixRenderer:
     """A renderer with `prepare(cloud)` and `draw(state, views)`, from trained weights.
 
-    name_or_path  a bundled name (`pc2pix.weight_files.BUNDLED`) or the path of an exported file
+    name_or_path  a bundled name (`pc2pix.weights.BUNDLED`) or the path of an exported file
     z             the generator's noise, see `pc2pix.renderer.Pc2pixRenderer`
     precision     the generator's, "float32" or "bfloat16"; likewise
 

@@ -36,7 +36,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from data_prep.scene import IMAGE_SIZE
-from learning.convolution import Convolution
+from learning.convolution import Convolution, normalisation
 from pc2pix.model import NOISE_DIM, Generator, UpBlock, channels_last, sine_cosine
 
 Precision = Literal["float32", "bfloat16"]
@@ -181,7 +181,7 @@ class FoldedBlock:
         batch, _, h, w = like
         self.norm = Norm(block.bn1)
         conv1, conv2, shortcut = block.conv1, block.conv2, block.shortcut
-        scale, shift = _affine(block.bn2)
+        scale, shift = normalisation(block.bn2)
         kernel = conv1.weight.double() * scale[:, None, None, None]
         self.conv1 = Convolution(kernel, _bias(conv1) * scale + shift, like, dtype, padding=1)
         # up-sampling leaves a bias what it is, so that of conv2 may come with the shortcut
@@ -202,7 +202,7 @@ class Norm:
     """BatchNorm in evaluation mode, then ReLU; the statistics stay in float32."""
 
     def __init__(self, bn: nn.BatchNorm2d) -> None:
-        scale, shift = (x.float() for x in _affine(bn))
+        scale, shift = (x.float() for x in normalisation(bn))
         self.arguments = torch.zeros_like(scale), torch.ones_like(scale), scale, shift
 
     def __call__(self, x: Tensor) -> Tensor:
@@ -335,14 +335,6 @@ def fold(generator: Generator, precision: Precision = "float32") -> FoldedGenera
     if precision not in DTYPES:
         raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
     return FoldedGenerator(generator, precision)
-
-
-def _affine(bn: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
-    """Scale and shift [c] of BatchNorm in evaluation mode, float64."""
-    assert bn.running_mean is not None
-    assert bn.running_var is not None
-    scale = bn.weight.double() / torch.sqrt(bn.running_var.double() + bn.eps)
-    return scale, bn.bias.double() - bn.running_mean.double() * scale
 
 
 def _bias(conv: nn.Conv2d) -> Tensor:

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from torch import Tensor
 from torch.nn import functional
 
-from learning.structural_similarity import structural_similarity
+from learning.image_losses import weighted_error
 from pc2pix.model import DiscriminatorOutput, sine_cosine
 
 AZIMUTH_RANGE_RAD = 2 * math.pi  # normalised azimuth 0..1 is -180..180 degrees
@@ -52,8 +52,8 @@ def _nearest(a: Tensor, b: Tensor) -> Tensor:
     threads = torch.get_num_threads()
     pairs = zip(a.numpy(), b.numpy(), strict=True)
     # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
-    # plane), SciPy 1.17 steps to the next number, which is denormal; trainings flush it to 0, and
-    # so on without end.
+    # plane), SciPy 1.17 steps to the next number, which is denormal. Inside a training
+    # (`learning.training_loop.denormals_flushed`) that is 0 again, and so on without end.
     trees = ((of, KDTree(to, balanced_tree=False)) for of, to in pairs)
     found = [tree.query(of, workers=threads)[1] for of, tree in trees]
     return torch.from_numpy(np.stack(found))
@@ -84,23 +84,19 @@ def azimuth_error(judged: Tensor, target01: Tensor) -> Tensor:
     return functional.l1_loss(judged, sine_cosine(target01))
 
 
-FOREGROUND_WEIGHT = 3.0
 STRUCTURE_WEIGHT = 0.25
 
 
 def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
     """How far drawn pictures are from the real ones of the same cloud and view; a scalar.
 
-    Pictures [B, 3, H, W] in [-1, 1], H and W at least 11. The mean absolute error on a scale of
-    0..1, with pixels of the object counting FOREGROUND_WEIGHT times (thin parts are few pixels),
-    plus STRUCTURE_WEIGHT times 1 - SSIM (after Zhao et al. 2017, who mix L1 with MS-SSIM). Works in
-    float32. The score of the benchmark is part of this loss; the model card says so.
+    Pictures [B, 3, H, W] in [-1, 1], H and W at least 11. `learning.image_losses.weighted_error` on
+    a scale of 0..1; whatever is not white is object. Works in float32. The score of the benchmark
+    is part of this loss; the model card says so.
     """
     drawn, real = (drawn.float() + 1) / 2, (real.float() + 1) / 2
     is_object = (real < 1).any(dim=1, keepdim=True)
-    weight = torch.where(is_object, FOREGROUND_WEIGHT, 1.0)
-    absolute = (weight * (drawn - real).abs()).mean()
-    return absolute + STRUCTURE_WEIGHT * (1 - structural_similarity(drawn, real))
+    return weighted_error(drawn, real, is_object, STRUCTURE_WEIGHT)
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,6 @@ format asked for: weights, BatchNorm statistics, the cloud, the angles and every
 cast to it, and PyTorch computes in it on the CPU (sums inside a product may be kept wider; what a
 layer hands on is not). float64 is the reference that the others are compared with.
 
-int8 is simulated: before every convolution and dense layer its kernel is rounded to 255 levels,
-symmetric about 0, one scale for each output channel, and its input likewise, one scale for the
-whole tensor, taken from the tensor itself (so that nothing ever saturates, at the price of levels
-where a single value is large). The products of the levels, the biases, BatchNorm and all else are
-float32. It tells what the rounding of int8 does to pictures; it says nothing about speed.
-
 A layer is recognised by its bias, which PyTorch's functions get as they are even where a kernel is
 derived on the way (`pc2pix.model.upsample_then_conv`). So the networks need not know of this.
 """
@@ -27,7 +21,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn import functional
 from torch.overrides import TorchFunctionMode
 
 from data_prep.scene import Points, View
@@ -35,23 +28,14 @@ from pc2pix.model import NOISE_DIM
 from pc2pix.renderer import parts, pick_points
 from pc2pix.weights import Weights
 
-Format = Literal["float64", "float32", "bfloat16", "float16", "int8"]
-FORMATS: dict[Format, torch.dtype] = {  # and what PyTorch computes in
+Format = Literal["float64", "float32", "bfloat16", "float16"]
+FORMATS: dict[Format, torch.dtype] = {
     "float64": torch.float64,
     "float32": torch.float32,
     "bfloat16": torch.bfloat16,
     "float16": torch.float16,
-    "int8": torch.float32,
 }
-INT8_LEVELS = 127  # on either side of 0
 GREY_LEVELS = 255
-# Functions whose kernel and input int8 rounds, and the dimension of the kernel's output channels.
-_PRODUCTS: dict[Callable[..., Tensor], int] = {
-    functional.linear: 0,
-    functional.conv1d: 0,
-    functional.conv2d: 0,
-    functional.conv_transpose2d: 1,
-}
 
 
 @dataclass(frozen=True)
@@ -123,7 +107,7 @@ def infer(weights: Weights, points: Points, views: Sequence[View], fmt: Format) 
     elevation01, azimuth01 = torch.tensor(angles, dtype=torch.float64).to(dtype).split(1, dim=1)
     noise = torch.zeros(len(views), NOISE_DIM, dtype=dtype)
     names = _names("encoder", encoder) | _names("generator", generator)
-    with _Watch(names, int8=fmt == "int8") as watch:
+    with _Watch(names) as watch:
         code = encoder(torch.tensor(fed, dtype=dtype)).mean(dim=0, keepdim=True)
         code = (code - mean) / std
         images = generator(noise, code.expand(len(views), -1), elevation01, azimuth01)
@@ -139,21 +123,6 @@ def deviation(found: NDArray[np.float64], reference: NDArray[np.float64]) -> Dev
     return Deviation(float(apart.max()), float(apart.mean()))
 
 
-def round_to_int8(x: Tensor, channels: int | None = None) -> Tensor:
-    """x rounded to whole multiples, -127..127, of largest |x| / 127; as float32.
-
-    `channels` is the dimension along which each slice has a scale of its own. What is all 0 stays
-    so. A slice with an infinite or NaN value becomes NaN.
-    """
-    if channels is None:
-        scale = x.abs().amax() / INT8_LEVELS
-    else:
-        others = [i for i in range(x.ndim) if i != channels]
-        scale = x.abs().amax(dim=others, keepdim=True) / INT8_LEVELS
-    scale = torch.where(scale == 0, 1.0, scale)
-    return torch.round(x / scale) * scale
-
-
 def _names(prefix: str, network: nn.Module) -> dict[int, str]:
     """The layer that each bias belongs to, by the identity of the tensor."""
     return {
@@ -164,12 +133,11 @@ def _names(prefix: str, network: nn.Module) -> dict[int, str]:
 
 
 class _Watch(TorchFunctionMode):
-    """Notes the range of every layer that runs while it is active; for int8 it rounds, too."""
+    """Notes the range of every layer that runs while it is active."""
 
-    def __init__(self, names: dict[int, str], *, int8: bool) -> None:
+    def __init__(self, names: dict[int, str]) -> None:
         super().__init__()
         self.names = names
-        self.int8 = int8
         self.layers: list[LayerRange] = []
 
     def __torch_function__(
@@ -187,9 +155,6 @@ class _Watch(TorchFunctionMode):
         fed = _range(f"input of {name}", args[0])
         if fed.non_finite and not any(layer.non_finite for layer in self.layers):
             self.layers.append(fed)
-        if self.int8 and func in _PRODUCTS:
-            x, kernel, *rest = args
-            args = (round_to_int8(x), round_to_int8(kernel, _PRODUCTS[func]), *rest)
         out = func(*args, **kwargs)
         self.layers.append(_range(name, out))
         return out

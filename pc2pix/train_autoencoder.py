@@ -78,6 +78,7 @@ def check_clouds(clouds: NDArray[np.float32]) -> None:
         raise BadInput(f"clouds: cloud {bad} is not finite; remove it from the training set")
 
 
+@training_loop.denormals_flushed()
 def train_autoencoder(
     data: AutoencoderData,
     config: AutoencoderConfig,
@@ -146,7 +147,7 @@ class _AutoencoderTrainer:
             fed = take_evenly(fed, size)
         return fed.to(self.device), whole.to(self.device)
 
-    def take_step(self) -> dict[str, float]:
+    def take_step(self) -> dict[str, Tensor]:
         fed, whole = self._draw_batch()
         self.encoder.train()
         self.decoder.train()
@@ -158,7 +159,7 @@ class _AutoencoderTrainer:
         loss.backward()
         self.team.average_gradients([*self.encoder.parameters(), *self.decoder.parameters()])
         self.optimizer.step()
-        return {"chamfer": loss.item()}
+        return {"chamfer": loss.detach()}
 
     def state(self) -> dict[str, Tensor]:
         return checkpoint.pack(
@@ -176,6 +177,12 @@ class _AutoencoderTrainer:
             optimizer=self.optimizer,
             random=self.random,
         )
+
+    def independent_steps(self, steps: int) -> None:
+        """All: the learning rate does not depend on where the training ends."""
+
+    def learning_rates(self, steps: int) -> str:
+        return f"{self.config.learning_rate:g}"
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:

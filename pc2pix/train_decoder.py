@@ -21,12 +21,13 @@ from torch import Tensor
 from data_prep.scene import CLOUD_SIZE
 from learning import checkpoint, training_loop
 from learning.clouds import draw_points
+from learning.processes import ONE, Processes, connect
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
 from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots
-from pc2pix.weights import Weights
+from pc2pix.weights import DECODER, Weights
 
-KIND = "decoder"
+KIND = DECODER
 DECAY_STEPS = 500
 
 
@@ -50,6 +51,7 @@ class DecoderConfig:
     cadence: training_loop.Cadence = training_loop.DEFAULT_CADENCE
 
 
+@training_loop.denormals_flushed()
 def train_decoder(
     data: AutoencoderData,
     weights: Weights,
@@ -61,27 +63,35 @@ def train_decoder(
 ) -> Path:
     """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
 
-    Raises BadInput where `out_dir` holds a run of another configuration, other weights or other
-    data, and TrainingDiverged where a loss stops being finite.
+    Under `torchrun` all processes train together, each with `config.batch` clouds a step. Raises
+    BadInput where `out_dir` holds a run of another configuration, other weights or other data, and
+    TrainingDiverged where a loss stops being finite.
     """
-    trainer = _DecoderTrainer(data, weights, config, training_loop.prepare_device(device))
+    found = training_loop.prepare_device(device)
+    team = connect(found)
+    trainer = _DecoderTrainer(data, weights, config, found, team)
     data_hash = training_loop.hash_arrays(data.clouds)
-    return training_loop.run(trainer, config, data_hash, out_dir, on_progress)
+    return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
 class _DecoderTrainer:
     kind = KIND
 
     def __init__(
-        self, data: AutoencoderData, weights: Weights, config: DecoderConfig, device: torch.device
+        self,
+        data: AutoencoderData,
+        weights: Weights,
+        config: DecoderConfig,
+        device: torch.device,
+        team: Processes = ONE,
     ) -> None:
-        self.config, self.device, self.batch = config, device, config.batch
+        self.config, self.device, self.batch, self.team = config, device, config.batch, team
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder = weights.encoder.to(device)
         self.mean, self.std = weights.code_mean.to(device), weights.code_std.to(device)
         self.decoder = training_loop.seeded(config.seed, lambda: Decoder(config.model)).to(device)
         self.adam = torch.optim.Adam(self.decoder.parameters(), lr=config.learning_rate)
-        self.random = torch.Generator().manual_seed(config.seed)
+        self.random = team.random(config.seed)
         self.steps_done = torch.zeros((), dtype=torch.int64)
 
     @torch.no_grad()
@@ -89,7 +99,7 @@ class _DecoderTrainer:
         """Whitened codes [B, d] of clouds [B, 2048, 3], in float32."""
         return (self.encoder(clouds.to(self.device)) - self.mean) / self.std
 
-    def take_step(self) -> dict[str, float]:
+    def take_step(self) -> dict[str, Tensor]:
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
         # another half of the points in another order each time: the code of a shape varies a little
         clouds = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
@@ -98,14 +108,15 @@ class _DecoderTrainer:
         with torch.autocast(self.device.type, torch.bfloat16, enabled=enabled):
             decoded = self.decoder(codes)
         loss = chamfer(decoded.float(), clouds.to(self.device))
-        rate = self.config.learning_rate / math.sqrt(1 + self.steps_done.item() / DECAY_STEPS)
+        rate = self.config.learning_rate / math.sqrt(1 + int(self.steps_done) / DECAY_STEPS)
         for group in self.adam.param_groups:
             group["lr"] = rate
         self.adam.zero_grad()
         loss.backward()
+        self.team.average_gradients(self.decoder.parameters())
         self.adam.step()
         self.steps_done += 1
-        return {"chamfer": loss.item()}
+        return {"chamfer": loss.detach()}
 
     def state(self) -> dict[str, Tensor]:
         packed = checkpoint.pack(decoder=self.decoder, adam=self.adam, random=self.random)
@@ -114,6 +125,12 @@ class _DecoderTrainer:
     def restore(self, state: Mapping[str, Tensor]) -> None:
         checkpoint.unpack(state, decoder=self.decoder, adam=self.adam, random=self.random)
         self.steps_done = state["steps_done"].clone()
+
+    def independent_steps(self, steps: int) -> None:
+        """All: the learning rate does not depend on where the training ends."""
+
+    def learning_rates(self, steps: int) -> str:
+        return f"{self.config.learning_rate:g} / sqrt(1 + t / {DECAY_STEPS}) after t steps"
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:

@@ -56,8 +56,9 @@ from pc2pix.model import (
     channels_last,
 )
 from pc2pix.train_autoencoder import check_clouds
+from pc2pix.weights import GAN
 
-KIND = "gan"
+KIND = GAN
 SHEET_PICTURES = 8
 ENCODE_BATCH = 32
 WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
@@ -142,6 +143,7 @@ class GanData:
                 )
 
 
+@training_loop.denormals_flushed()
 def train_gan(
     data: GanData,
     encoder: Encoder | PointNet,
@@ -293,14 +295,14 @@ class _GanTrainer:
         enabled = self.config.precision == "bfloat16"
         return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
 
-    def take_step(self) -> dict[str, float]:
+    def take_step(self) -> dict[str, Tensor]:
         self.generator.train()
         self.discriminator.train()
         losses = self._take_paired_step() if self.paired else self._take_papers_step()
         self._update_average()
         return losses
 
-    def _take_papers_step(self) -> dict[str, float]:
+    def _take_papers_step(self) -> dict[str, Tensor]:
         real_images, real = self._draw_real()
         noise, fake = self._draw_fake()
         with self._autocast(), torch.no_grad():
@@ -311,9 +313,9 @@ class _GanTrainer:
             fake_images = self.generator(noise, *fake)
         terms = self._judge_drawn(fake_images, fake)
         self._train_generator(terms["g_total"])
-        return on_discriminator | {name: value.item() for name, value in terms.items()}
+        return on_discriminator | _detached(terms)
 
-    def _take_paired_step(self) -> dict[str, float]:
+    def _take_paired_step(self) -> dict[str, Tensor]:
         scene = self._draw_scene()
         self.encoder.train()
         noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
@@ -327,15 +329,14 @@ class _GanTrainer:
             self._train_generator(total)
             # the same columns in losses.csv from the first step to the last
             absent = [f"{who}_{term}" for who in "dg" for term in LossTerms._fields]
-            return {"reconstruction": error.item(), **dict.fromkeys(absent, 0.0)}
+            return {"reconstruction": error.detach(), **dict.fromkeys(absent, error.new_zeros(()))}
         condition = Condition(code.detach(), *angles)
         on_discriminator = self._train_discriminator(
             scene.images, condition, drawn.detach(), condition
         )
         terms = self._judge_drawn(drawn, condition)
         self._train_generator(total + terms["g_total"])
-        on_generator = {name: value.item() for name, value in terms.items()}
-        return {"reconstruction": error.item()} | on_discriminator | on_generator
+        return {"reconstruction": error.detach()} | on_discriminator | _detached(terms)
 
     def _draw_scene(self) -> Scene:
         n, v = self.azimuth01.shape
@@ -364,7 +365,7 @@ class _GanTrainer:
 
     def _train_discriminator(
         self, real_images: Tensor, real: Condition, fake_images: Tensor, fake: Condition
-    ) -> dict[str, float]:
+    ) -> dict[str, Tensor]:
         with self._autocast():
             # one batch of both halves, as in the original: u moves once
             judged = self.discriminator(torch.cat([real_images, fake_images.float()]))
@@ -375,7 +376,7 @@ class _GanTrainer:
         terms.total.backward()
         self.team.average_gradients(self.discriminator.parameters())
         self.discriminator_adam.step()
-        return {f"d_{name}": value.item() for name, value in terms._asdict().items()}
+        return _detached({f"d_{name}": value for name, value in terms._asdict().items()})
 
     def _judge_drawn(self, drawn: Tensor, condition: Condition) -> dict[str, Tensor]:
         """Eq. 7 for drawn pictures."""
@@ -401,6 +402,18 @@ class _GanTrainer:
         self.steps_done += 1
         update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
 
+    def independent_steps(self, steps: int) -> None:
+        """All: the learning rate does not depend on where the training ends."""
+
+    def learning_rates(self, steps: int) -> str:
+        config = self.config
+        rate, warm = config.generator_lr, min(config.warm_up, steps)
+        generator = [f"generator {WARM_UP_RATE * rate:g} up to step {warm}"] if warm else []
+        if steps > warm:
+            generator.append(f"{'then' if warm else 'generator'} {rate:g}")
+            generator.append(f"discriminator {config.discriminator_lr:g}")
+        return ", ".join(generator)
+
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
         """Two rows: real pictures, and what the averaged generator draws for the same (z = 0)."""
@@ -416,3 +429,7 @@ class _GanTrainer:
         rows = torch.stack([self._pictures(objects, views), fake])  # [2, B, 3, H, W]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)  # [2 H, B W, 3]
         return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()
+
+
+def _detached(terms: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {name: value.detach() for name, value in terms.items()}

@@ -3,6 +3,11 @@
 A file holds what drawing needs and nothing else: the encoder, the averaged generator, and mean and
 standard deviation of the code. Kernels are float16, everything of one dimension (biases, BatchNorm,
 code statistics) is float32. The safetensors header says how it was made.
+
+A decoder has a file of its own beside the weights it belongs to, because drawing never needs it.
+Its header names the weights by their sha256, for codes of other weights mean nothing to a decoder.
+
+PyTorch is imported by what handles tensors only.
 """
 
 from __future__ import annotations
@@ -11,19 +16,44 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
-from learning import checkpoint, weight_tensors
-from learning.weight_files import file_sha256
-from pc2pix.model import Encoder, Generator, ModelConfig, PointNet, build_encoder
-from pc2pix.train_gan import KIND as GAN
-from pc2pix.weight_files import find_weights
+from data_prep.untrusted import is_regular_file
+from learning.weights import (
+    check_tensors,
+    expected_shapes,
+    file_sha256,
+    fill_network,
+    find_file,
+    halved,
+    read_weights,
+    sub_state,
+    training_header,
+    understanding_header,
+    without_counters,
+    write_atomically,
+)
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pc2pix.model import Decoder, Encoder, Generator, ModelConfig, PointNet
+
+FOLDER = Path(__file__).parent / "weights"
+
+BUNDLED = {  # name -> sha256 of weights/<name>.safetensors
+    "chair": "594e13a882832836421086630690853a4ba0c714867c5eaf772fdf4eec8be0d4",
+    "chair-acgan": "bdcfbdc7b65b7b34fad0e78522caa1f3938a99d6a756b70cad4342d0cecad6a1",
+    "all": "e874f6a798e4c66100ef83304d0829e61336ebbbcd69590d2e27092656ae54f3",
+}
+BUNDLED_DECODERS = {  # name -> sha256 of weights/<name>-decoder.safetensors
+    "chair": "f5b7f4233c03c155535049dd17928a1b4cdc89fe10cce72b9ce2ec83dd9d68a6",
+}
+GAN = "gan"  # the kinds of the checkpoints of the two trainings
+DECODER = "decoder"
 FORMAT = "pc2pix-weights-1"
+DECODER_FORMAT = "pc2pix-decoder-1"
 # `pc2pix.model.Encoder` and `PointNet`; a renamed or changed encoder gets a new name
 ENCODER_NAMES = {"paper": "dilated-conv-k5", "pointnet": "pointnet-max-mean"}
 REMEDY = "write the file again with pc2pix.weights.export"
@@ -36,7 +66,7 @@ class Weights:
     """Networks in float32 and evaluation mode, on the CPU.
 
     code_mean, code_std  float32 [latent_dim]: the generator's input is (code - mean) / std
-    card                 how they were trained: objective, steps, seed, ...
+    card                 how they were trained: objective, steps, learning rates, seed, ...
     sha256               of the file
     """
 
@@ -48,24 +78,35 @@ class Weights:
     sha256: str
 
 
+def find_weights(name_or_path: str | Path) -> Path:
+    """The file of a bundled name, its checksum verified, or the path itself.
+
+    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
+    bundled file differs from its checksum.
+    """
+    return find_file(name_or_path, FOLDER, BUNDLED)
+
+
 def export(checkpoint_path: Path, path: Path) -> str:
     """Write the weights of a GAN checkpoint to `path`, atomically; the file's sha256.
 
     Raises BadInput where the checkpoint is not one of a GAN, or a weight does not fit float16.
     """
+    from learning import checkpoint
+
     state, step, config = checkpoint.load(checkpoint_path, GAN)
     tensors = {"code_mean": state["code_mean"], "code_std": state["code_std"]}
     for name in ("encoder", "generator"):
-        part = checkpoint.sub_state(state, f"average.{name}")
-        tensors |= {f"{name}.{k}": v for k, v in weight_tensors.without_counters(part).items()}
-    stored = checkpoint.halved(tensors, checkpoint_path, "export an earlier checkpoint")
+        part = sub_state(state, f"average.{name}")
+        tensors |= {f"{name}.{k}": v for k, v in without_counters(part).items()}
+    stored = halved(tensors, checkpoint_path, "export an earlier checkpoint")
     header = {
         "format": FORMAT,
         "encoder": ENCODER_NAMES[config["model"]["encoder"]],
         "model": json.dumps(config["model"]),
-        "training": checkpoint.training_header(config, step, ["model"]),
+        "training": training_header(config, step, ["model"]),
     }
-    checkpoint.write_atomically(path, stored, header)
+    write_atomically(path, stored, header)
     return file_sha256(path)
 
 
@@ -76,9 +117,13 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     from its checksum, the file is no safetensors file or of another format, or tensors are missing,
     superfluous, of the wrong shape or not finite.
     """
+    import torch
+
+    from pc2pix.model import Generator, ModelConfig, build_encoder
+
     path = find_weights(name_or_path)
-    tensors, header = checkpoint.read_weights(path, FORMAT, REMEDY)
-    with checkpoint.understanding_header(path, REMEDY):
+    tensors, header = read_weights(path, FORMAT, REMEDY)
+    with understanding_header(path, REMEDY):
         model, training = json.loads(header["model"]), json.loads(header["training"])
         config = _sane(ModelConfig(**model))
         card = {"model": model, **training}
@@ -91,11 +136,11 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
         outlines = {"encoder": build_encoder(config), "generator": Generator(config)}
     for prefix, network in outlines.items():
-        expected |= weight_tensors.shapes(network, f"{prefix}.")
-    weight_tensors.check(path, tensors, expected, REMEDY)
+        expected |= expected_shapes(network, f"{prefix}.")
+    check_tensors(path, tensors, expected, REMEDY)
     encoder, generator = build_encoder(config), Generator(config)
-    weight_tensors.fill(encoder, checkpoint.sub_state(tensors, "encoder"))
-    weight_tensors.fill(generator, checkpoint.sub_state(tensors, "generator"))
+    fill_network(encoder, sub_state(tensors, "encoder"))
+    fill_network(generator, sub_state(tensors, "generator"))
     return Weights(
         encoder=encoder,
         generator=generator,
@@ -113,3 +158,87 @@ def _sane(config: ModelConfig) -> ModelConfig:
     if config.width > MOST_WIDTH:
         raise ValueError(f"width {config.width}, expected up to {MOST_WIDTH}")
     return config
+
+
+def decoder_path(name_or_path: str | Path) -> Path:
+    """Where the decoder of these weights has its place: beside them, there or not."""
+    name = str(name_or_path)
+    weights = FOLDER / f"{name}.safetensors" if name in BUNDLED else Path(name_or_path)
+    return weights.with_name(f"{weights.stem}-decoder.safetensors")
+
+
+def training_command(name_or_path: str | Path) -> str:
+    """What makes the decoder of these weights."""
+    return f"bench train decoder --weights {name_or_path}"
+
+
+def find_decoder(name_or_path: str | Path) -> Path:
+    """The file of the decoder of these weights; that of a bundled one has its checksum verified.
+
+    Raises BadInput, with the command that makes it, where it is missing.
+    """
+    path = decoder_path(name_or_path)
+    if not is_regular_file(path):
+        raise BadInput(
+            f"{path}: there is no decoder for these weights; "
+            f"make it with '{training_command(name_or_path)}'"
+        )
+    expected = BUNDLED_DECODERS.get(str(name_or_path))
+    found = file_sha256(path)
+    if expected not in (None, found):
+        raise BadInput(
+            f"{path}: sha256 {found} is not the expected {expected}; reinstall the package, or "
+            f"name the new one in {Path(__file__).name}"
+        )
+    return path
+
+
+def export_decoder(checkpoint_path: Path, path: Path) -> str:
+    """Write the decoder of a checkpoint to `path`, atomically; the file's sha256.
+
+    Raises BadInput where the checkpoint is not one of a decoder, or a weight does not fit float16.
+    """
+    from learning import checkpoint
+
+    state, step, config = checkpoint.load(checkpoint_path, DECODER)
+    tensors = sub_state(state, "decoder")
+    stored = halved(tensors, checkpoint_path, "train again with other settings")
+    header = {
+        "format": DECODER_FORMAT,
+        "weights": config["weights"],
+        "model": json.dumps(config["model"]),
+        "training": training_header(config, step, ["model", "weights"]),
+    }
+    write_atomically(path, stored, header)
+    return file_sha256(path)
+
+
+def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, str]:
+    """The decoder of `weights`, which were loaded from `name_or_path`, and its file's sha256.
+
+    In float32 and evaluation mode, on the CPU. Raises BadInput, naming file, value and the command
+    that makes the right one, where there is none, where it is damaged or of another format, and
+    where it belongs to other weights.
+    """
+    from pc2pix.model import Decoder, ModelConfig
+
+    path = find_decoder(name_or_path)
+    command = training_command(name_or_path)
+    tensors, header = read_weights(path, DECODER_FORMAT, f"make it with '{command}'")
+    if header.get("weights") != weights.sha256:
+        raise BadInput(
+            f"{path}: belongs to weights of sha256 {header.get('weights')}, not to these of sha256 "
+            f"{weights.sha256}; make the right one with '{command}'"
+        )
+    with understanding_header(path, f"make it again with '{command}'"):
+        config = ModelConfig(**json.loads(header["model"]))
+    if config != weights.encoder.config:
+        raise BadInput(
+            f"{path}: its model does not fit ({config}, the encoder's is "
+            f"{weights.encoder.config}); make it again with '{command}'"
+        )
+    decoder = Decoder(config)
+    expected = expected_shapes(decoder)
+    check_tensors(path, tensors, expected, f"make it again with '{command}'")
+    fill_network(decoder, tensors)
+    return decoder, file_sha256(path)

@@ -57,13 +57,13 @@ from bench.rendering.cloud import Drawing, Failed, draw_cloud
 from bench.rendering.files import write_pictures
 from bench.rendering.sheet import Tile, draw_sheet
 from bench.running.isolation import Lost, run_tasks
-from bench.running.progress import progress
 from bench.running.work import Pictures
 from bench.tables.markdown import cell, visible
 from bench.tables.table import csv_text
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
+from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.shapes.chair.spec import draw_chair_spec

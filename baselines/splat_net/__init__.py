@@ -25,7 +25,7 @@ def load(
 ) -> SplatNetRenderer:
     """A renderer with `prepare` and `draw`; see `SplatNetRenderer`.
 
-    Bundled names are the keys of `baselines.splat_net.weight_files.BUNDLED`. Raises BadInput for an
+    Bundled names are the keys of `baselines.splat_net.weights.BUNDLED`. Raises BadInput for an
     unknown name and a damaged file, ValueError for another precision or size.
     """
     from baselines.splat_net.renderer import SplatNetRenderer

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from baselines.splat_net.network import Block, SplatNet, composite
-from learning.convolution import Convolution
+from learning.convolution import Convolution, normalisation
 
 Precision = Literal["float32", "bfloat16"]
 DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
@@ -98,11 +98,7 @@ def _add_doubled(y: Tensor, x: Tensor) -> None:
 
 def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolution:
     assert isinstance(block, Block)
-    norm = block.norm
-    assert norm.running_mean is not None
-    assert norm.running_var is not None
-    scale = norm.weight.double() / torch.sqrt(norm.running_var.double() + norm.eps)
-    shift = norm.bias.double() - norm.running_mean.double() * scale
+    scale, shift = normalisation(block.norm)
     kernel = block.conv.weight.double() * scale[:, None, None, None]
     stride = block.conv.stride[0]
     return Convolution(kernel, shift, like, dtype, stride=stride, padding=1, relu=True)

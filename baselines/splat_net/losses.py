@@ -9,9 +9,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.parametrizations import spectral_norm
 
-from learning.structural_similarity import structural_similarity
+from learning.image_losses import FOREGROUND_WEIGHT, weighted_error
 
-FOREGROUND_WEIGHT = 3.0  # thin parts are few pixels
 STRUCTURE_WEIGHT = 0.5
 COVERAGE_WEIGHT = 0.1
 GREY_WEIGHT = 0.5
@@ -52,14 +51,12 @@ class Truth:
 
 
 def picture_error(drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
-    """Mean absolute error, the object counting `FOREGROUND_WEIGHT` times, and 1 - SSIM; a scalar.
+    """`learning.image_losses.weighted_error`; a scalar.
 
     Pictures [B, C, S, S] and coverage [B, 1, S, S] in 0..1. The score of the benchmark is part of
     this loss; the model card says so.
     """
-    weight = torch.where(coverage > 0, FOREGROUND_WEIGHT, 1.0)
-    absolute = (weight * (drawn - real).abs()).mean()
-    return absolute + STRUCTURE_WEIGHT * (1 - structural_similarity(drawn, real))
+    return weighted_error(drawn, real, coverage > 0, STRUCTURE_WEIGHT)
 
 
 def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:

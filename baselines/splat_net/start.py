@@ -16,8 +16,7 @@ from torch import Tensor
 
 from baselines.splat_net.network import NetworkConfig, SplatNet
 from baselines.splat_net.projection import Inputs
-from baselines.splat_net.weight_files import BUNDLED
-from baselines.splat_net.weights import load_weights
+from baselines.splat_net.weights import BUNDLED, load_weights
 from data_prep.failures import BadInput
 from learning import training_loop
 

@@ -88,8 +88,8 @@ def find_surfels(
 def _average(place: Floats, workers: int) -> csr_array:
     """The matrix [N, N] that averages over each point's neighbours."""
     # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
-    # plane), SciPy 1.17 steps to the next number, which is denormal; trainings flush it to 0, and
-    # so on without end.
+    # plane), SciPy 1.17 steps to the next number, which is denormal. Inside a training
+    # (`learning.training_loop.denormals_flushed`) that is 0 again, and so on without end.
     tree = KDTree(place, balanced_tree=False)
     count = min(NEIGHBOURS, len(place))
     _, found = tree.query(place, k=count, workers=workers)

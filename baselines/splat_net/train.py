@@ -39,6 +39,7 @@ from baselines.splat_net.network import (
 )
 from baselines.splat_net.projection import cameras, project
 from baselines.splat_net.surfels import find_surfels, stack
+from baselines.splat_net.weights import KIND
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from data_prep.training_set import SurfaceSet
@@ -47,7 +48,6 @@ from learning.averaging import take_statistics, update
 from learning.clouds import add_noise, draw_points
 from learning.processes import ONE, Processes, connect
 
-KIND = "splat-net"
 HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 2  # of a cloud, in a step
 POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # one of these for all clouds of a step
@@ -100,6 +100,7 @@ class SplatNetConfig:
             )
 
 
+@training_loop.denormals_flushed()
 def train_splat_net(
     data: SurfaceSet,
     config: SplatNetConfig,
@@ -182,7 +183,7 @@ class _Trainer:
         checkpoint.unpack(state, **self._parts())
         self.steps_done = state["steps_done"].clone()
 
-    def take_step(self) -> dict[str, float]:
+    def take_step(self) -> dict[str, Tensor]:
         self.network.train()
         self.judge.train()
         if self._left() <= self.config.cool_down:
@@ -208,17 +209,33 @@ class _Trainer:
         total.backward()
         self.team.average_gradients(self.network.parameters())
         for group in self.adam.param_groups:
-            group["lr"] = self.config.learning_rate * self._warmth()
+            group["lr"] = self._rate(int(self.steps_done))
         self.adam.step()
         self.steps_done += 1
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
-        return {name: value.item() for name, value in terms.items()}
+        return {name: value.detach() for name, value in terms.items()}
 
     def _left(self) -> int:
         return self.config.steps - int(self.steps_done)
 
-    def _warmth(self) -> float:
-        return min(1.0, self._left() / max(1, self.config.cool_down))
+    def _rate(self, done: int) -> float:
+        """The learning rate of the step after `done` steps."""
+        left = self.config.steps - done
+        return self.config.learning_rate * min(1.0, left / max(1, self.config.cool_down))
+
+    def independent_steps(self, steps: int) -> int:
+        """All before the last `cool_down`."""
+        return max(0, steps - self.config.cool_down)
+
+    def learning_rates(self, steps: int) -> str:
+        last = f"{self._rate(steps - 1):g} at step {steps}"
+        constant = min(steps, self.config.steps - max(1, self.config.cool_down) + 1)
+        if constant < 1:
+            return f"falling linearly from {self._rate(0):g} at step 1 to {last}"
+        rate = f"{self.config.learning_rate:g}"
+        if constant == steps:
+            return rate
+        return f"{rate} up to step {constant}, then falling linearly to {last}"
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
         """A step of the judge: its error, and how false [B] it finds the drawn pictures. Zeros

@@ -1,7 +1,8 @@
-"""Trained weights as files: how a file is written, and how it is checked.
+"""Trained weights as files: what is bundled, how a file is written, and how it is checked.
 
 A file holds the averaged network with one head and nothing else; kernels are float16, everything of
-one dimension float32. The safetensors header says how it was made.
+one dimension float32. The safetensors header says how it was made. PyTorch is imported by what
+handles tensors only.
 """
 
 from __future__ import annotations
@@ -10,18 +11,36 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import torch
-
-from baselines.splat_net.network import PLANES, Material, NetworkConfig, SplatNet
-from baselines.splat_net.projection import Inputs
-from baselines.splat_net.train import KIND
-from baselines.splat_net.weight_files import find_weights
 from data_prep.failures import BadInput
-from learning import checkpoint, weight_tensors
-from learning.weight_files import file_sha256
+from learning.weights import (
+    check_tensors,
+    expected_shapes,
+    file_sha256,
+    fill_network,
+    find_file,
+    halved,
+    read_weights,
+    sub_state,
+    training_header,
+    understanding_header,
+    without_counters,
+    write_atomically,
+)
 
+if TYPE_CHECKING:
+    from baselines.splat_net.network import Material, NetworkConfig, SplatNet
+
+FOLDER = Path(__file__).parent / "weights"
+BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
+    "chair": "4fd59c7c06567f4c19360be9c1954f8c2b0a16c017614dd8dfb93f59131a677c",
+    "chair-grey": "2ddba23294142dc7c54f3d6a4fe2c14afceb4d6f58f9c25983367aec3dc2d601",
+    "chair-large": "c5b99f8e38e87efc8e67e82b7cd8d700fa35c524c3933e67eac9fdb99a512f7a",
+    "chair-no-normals": "b411d622ce88468a6ae2a1403657c5e994608d22a47a23eecebe6927f70d7250",
+    "chair-tiny": "d862563619856ee2392310c2d0a885bcd1bb7575515b5d4db642d56e99c3647a",
+}
+KIND = "splat-net"  # of the checkpoints of its training
 FORMAT = "splat-net-weights-2"  # of the first, networks had a code of the whole cloud
 REMEDY = "write the file again with baselines.splat_net.weights.export"
 MOST_WIDTH = 4096
@@ -32,7 +51,7 @@ MOST_WINDOW = 63
 class Weights:
     """A network in float32 and evaluation mode, on the CPU.
 
-    card    how it was trained: objective, steps, seed, ...
+    card    how it was trained: objective, steps, learning rates, seed, ...
     sha256  of the file
     """
 
@@ -41,27 +60,39 @@ class Weights:
     sha256: str
 
 
+def find_weights(name_or_path: str | Path) -> Path:
+    """The file of a bundled name, its checksum verified, or the path itself.
+
+    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
+    bundled file differs from its checksum.
+    """
+    return find_file(name_or_path, FOLDER, BUNDLED)
+
+
 def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     """Write the weights of a checkpoint with one of its heads, atomically; the file's sha256.
 
     Raises BadInput where the checkpoint is of something else or has no such head, or a weight does
     not fit float16.
     """
+    from baselines.splat_net.network import PLANES
+    from learning import checkpoint
+
     state, step, config = checkpoint.load(checkpoint_path, KIND)
     network = network_config(config["network"])
     if head not in network.heads:
         raise BadInput(f"{checkpoint_path}: has heads {network.heads}, not {head!r}")
-    tensors = weight_tensors.without_counters(checkpoint.sub_state(state, "average"))
+    tensors = without_counters(sub_state(state, "average"))
     first = 1 + sum(PLANES[h] for h in network.heads[: network.heads.index(head)])
     rows = [0, *range(first, first + PLANES[head])]
     tensors |= {key: tensors[key][rows] for key in ("last.weight", "last.bias")}
-    stored = checkpoint.halved(tensors, checkpoint_path, "export an earlier checkpoint")
+    stored = halved(tensors, checkpoint_path, "export an earlier checkpoint")
     header = {
         "format": FORMAT,
         "network": json.dumps(asdict(replace(network, heads=(head,)))),
-        "training": checkpoint.training_header(config, step, ["network"]),
+        "training": training_header(config, step, ["network"]),
     }
-    checkpoint.write_atomically(path, stored, header)
+    write_atomically(path, stored, header)
     return file_sha256(path)
 
 
@@ -71,23 +102,30 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
     format, or tensors are missing, superfluous, of the wrong shape or not finite.
     """
+    import torch
+
+    from baselines.splat_net.network import SplatNet
+
     path = find_weights(name_or_path)
-    tensors, header = checkpoint.read_weights(path, FORMAT, REMEDY)
-    with checkpoint.understanding_header(path, REMEDY):
+    tensors, header = read_weights(path, FORMAT, REMEDY)
+    with understanding_header(path, REMEDY):
         config = network_config(json.loads(header["network"]))
         card = {**json.loads(header["training"])}
         if len(config.heads) != 1:
             raise ValueError(f"heads {config.heads}, expected one")
     with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
-        expected = weight_tensors.shapes(SplatNet(config))
-    weight_tensors.check(path, tensors, expected, REMEDY)
+        expected = expected_shapes(SplatNet(config))
+    check_tensors(path, tensors, expected, REMEDY)
     network = SplatNet(config)
-    weight_tensors.fill(network, tensors)
+    fill_network(network, tensors)
     return Weights(network, {"network": asdict(config), **card}, file_sha256(path))
 
 
 def network_config(found: Mapping[str, Any]) -> NetworkConfig:
     """From JSON. Raises TypeError or ValueError where a number is none that anybody has trained."""
+    from baselines.splat_net.network import PLANES, NetworkConfig
+    from baselines.splat_net.projection import Inputs
+
     inputs = Inputs(**{**found["inputs"], "windows": tuple(found["inputs"]["windows"])})
     config = NetworkConfig(
         **{

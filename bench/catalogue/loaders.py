@@ -60,8 +60,8 @@ def splat_net(weights: str, device: str, precision: Precision = "float32") -> Re
 
 def splat_net_identity(weights: str) -> str:
     """The versions of torch and scipy, and the checksum of the weights."""
-    from baselines.splat_net.weight_files import find_weights
-    from learning.weight_files import file_sha256
+    from baselines.splat_net.weights import find_weights
+    from learning.weights import file_sha256
 
     return f"{_splat_net_libraries()}, weights {file_sha256(find_weights(weights))}"
 
@@ -87,8 +87,8 @@ def _chosen(device: str) -> str:
 
 def pc2pix_identity(weights: str) -> str:
     """The version of torch and the checksum of the weights."""
-    from learning.weight_files import file_sha256
-    from pc2pix.weight_files import find_weights
+    from learning.weights import file_sha256
+    from pc2pix.weights import find_weights
 
     return f"torch {installed('torch')}, weights {file_sha256(find_weights(weights))}"
 

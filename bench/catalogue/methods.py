@@ -62,7 +62,7 @@ def _network(
 
 
 def _pc2pix_file(weights: str) -> Path:
-    from pc2pix.weight_files import find_weights
+    from pc2pix.weights import find_weights
 
     return find_weights(weights)
 
@@ -85,7 +85,7 @@ def _splat_net(
 
 
 def _splat_net_file(weights: str) -> Path:
-    from baselines.splat_net.weight_files import find_weights
+    from baselines.splat_net.weights import find_weights
 
     return find_weights(weights)
 
@@ -322,7 +322,7 @@ def _plugin(method_id: str) -> Method:
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:
     """By method, what the weights of networks were trained with; other methods are left out."""
-    from learning.weight_files import objective_of
+    from learning.weights import objective_of
 
     networks = ((id_, find_method(id_).weights_file) for id_ in method_ids)
     return {id_: objective_of(find()) for id_, find in networks if find}

@@ -18,13 +18,13 @@ from bench.catalogue.suites import Limits
 from bench.commands.options import WorkersOption, worker_count
 from bench.running.environment import cores
 from bench.running.isolation import Lost, run_tasks
-from bench.running.progress import progress
 from bench.tables.markdown import visible
 from data_prep.dataset import Dataset, listed
 from data_prep.dataset_paper import VIEWS, PaperObject
 from data_prep.datasets import layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene_objects import SceneObject
 from data_prep.untrusted import is_regular_file

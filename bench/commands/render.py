@@ -25,11 +25,11 @@ from bench.rendering.cloud import (
 from bench.rendering.files import MOVING, moves, write_pictures
 from bench.rendering.sheet import Tile, columns_of, draw_sheet
 from bench.running.environment import cores
-from bench.running.progress import progress
 from bench.running.work import Pictures
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 from data_prep.orientations import upright
+from data_prep.progress import progress
 from data_prep.scene import View
 
 FRAMES = 36

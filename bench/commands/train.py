@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from bench.commands.options import Device, Stated, names, takes
-from bench.running.progress import progress
 from data_prep.datasets import ProceduralObject, SceneObject, open_dataset
 from data_prep.failures import BadInput
-from data_prep.randomness import generator
-from data_prep.training_set import TrainingSet, add_surfaces, make_training_set
+from data_prep.progress import progress
+from data_prep.training_set import add_surfaces, training_clouds, training_set
 
 if TYPE_CHECKING:
     from baselines.splat_net.network import NetworkConfig
 
 DEFAULT_OBJECTS = 1500
-CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
-DATA_SEED = 0
 
 
 class Width(StrEnum):
@@ -145,7 +139,7 @@ def train_autoencoder(options: AutoencoderOptions) -> Path:
     from pc2pix.train_autoencoder import train_autoencoder as train
 
     _set_threads(options.threads)
-    clouds = training_clouds(training_objects(options))
+    clouds = training_clouds(training_objects(options), quiet=not is_first())
     config = AutoencoderConfig(
         model=replace(
             {"lite": LITE, "paper": PAPER}[options.width],
@@ -176,7 +170,7 @@ def train_gan(options: GanOptions) -> Path:
 
     _set_threads(options.threads)
     encoder = load_encoder(options.autoencoder)
-    made = training_set(training_objects(options), options.views)
+    made = training_set(training_objects(options), options.views, quiet=not is_first())
     config = GanConfig(
         model=replace(encoder.config, azimuth=options.azimuth),
         objective=options.objective,
@@ -229,8 +223,8 @@ def train_splat_net(options: SplatNetOptions) -> Path:
         start=start.sha256 if start else None,
     )
     objects = training_objects(options)
-    seen = training_set(objects, options.views)
-    with _progress("silhouettes", len(objects)) as advance:
+    seen = training_set(objects, options.views, quiet=not is_first())
+    with progress("silhouettes", len(objects), quiet=not is_first()) as advance:
         data = add_surfaces(seen, objects, lambda: advance(0))
     with ConsoleProgress("splat-net", quiet=not is_first()) as show:
         checkpoint = train_splat_net(
@@ -260,19 +254,18 @@ def train_decoder(options: DecoderOptions) -> Path:
             raise BadInput(f"--{name} {value}: must be at least 1")
     import torch
 
+    from learning.processes import is_first
     from learning.progress import ConsoleProgress
-    from pc2pix.decoder_weights import export_decoder
     from pc2pix.train_autoencoder import AutoencoderData
     from pc2pix.train_decoder import DecoderConfig
     from pc2pix.train_decoder import train_decoder as train
-    from pc2pix.weight_files import decoder_path
-    from pc2pix.weights import load_weights
+    from pc2pix.weights import decoder_path, export_decoder, load_weights
 
     if options.threads is not None:
         torch.set_num_threads(options.threads)
     weights = load_weights(options.weights)
     objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
-    clouds = training_clouds(objects)
+    clouds = training_clouds(objects, quiet=not is_first())
     config = DecoderConfig(
         weights=weights.sha256,
         model=weights.encoder.config,
@@ -281,7 +274,7 @@ def train_decoder(options: DecoderOptions) -> Path:
         precision=options.precision,
         seed=options.seed,
     )
-    with ConsoleProgress("decoder") as show:
+    with ConsoleProgress("decoder", quiet=not is_first()) as show:
         checkpoint = train(
             AutoencoderData(clouds),
             weights,
@@ -291,7 +284,8 @@ def train_decoder(options: DecoderOptions) -> Path:
             on_progress=show,
         )
     path = decoder_path(options.weights)
-    export_decoder(checkpoint, path)
+    if is_first():
+        export_decoder(checkpoint, path)
     return path
 
 
@@ -309,34 +303,6 @@ def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
                 "the narrowest)"
             )
     return replace(network, inputs=inputs)
-
-
-def training_clouds(objects: tuple[SceneObject, ...]) -> NDArray[np.float32]:
-    """Clouds [N, M, 3], with progress. The same objects give the same clouds.
-
-    M is CLOUD_POINTS, or what the objects have where they are clouds themselves.
-    """
-    clouds = []
-    with _progress("sampling", len(objects)) as advance:
-        for obj in objects:
-            rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
-            clouds.append(obj.cloud(rng, CLOUD_POINTS).points)
-            advance(0)
-    return np.stack(clouds)
-
-
-def training_set(objects: tuple[SceneObject, ...], views: int) -> TrainingSet:
-    """Sample and render, with progress. The same arguments give the same set."""
-    with _progress("rendering", len(objects)) as advance:
-        step: Callable[[], None] = lambda: advance(0)  # noqa: E731
-        return make_training_set(objects, views, DATA_SEED, step)
-
-
-def _progress(title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
-    """On standard error, but for one process only."""
-    from learning.processes import is_first
-
-    return progress(title, total) if is_first() else nullcontext(lambda failed: None)
 
 
 def training_objects(options: TrainingOptions) -> tuple[SceneObject, ...]:
@@ -523,11 +489,14 @@ def train_views(
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
     epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
     seed: Seed = 0,
+    out: Annotated[
+        Path, typer.Option(help="Folder; a training that is there is continued.")
+    ] = Path("training/views"),
 ) -> None:
     """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
     from bench.judges.train_views import train_views as train
 
-    print(train(objects, views, epochs, seed).to_text())
+    print(train(objects, views, epochs, seed, folder=out).to_text())
 
 
 @app.command("constant")
@@ -549,11 +518,14 @@ def train_judge(
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 16,
     steps: Annotated[int, typer.Option(help="Steps of 96 pictures.")] = 3000,
     seed: Seed = 0,
+    out: Annotated[
+        Path, typer.Option(help="Folder; a training that is there is continued.")
+    ] = Path("training/judge"),
 ) -> None:
     """The judge of view and shape: replaces the bundled weights, hence what it measures."""
     from bench.judges.train_judge import train_judge as train
 
-    for name, scores in train(objects, views, steps, seed).items():
+    for name, scores in train(objects, views, steps, seed, folder=out).items():
         print(f"{name}: {scores}")
 
 

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors.torch import load_file
 from torch import Tensor, nn
 from torch.nn import functional
 
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
+from learning.weights import read_safetensors
 
 FEATURES = 192
 CODE = 32
@@ -88,7 +88,7 @@ def load_judge_network(path: Path) -> JudgeNetwork:
     """
     network = JudgeNetwork()
     try:
-        network.load_state_dict(load_file(path))  # kernels are kept in half precision
+        network.load_state_dict(read_safetensors(path)[0])  # kernels are kept in half precision
     except Exception as error:  # safetensors and torch raise types of their own
         reason = " ".join(str(error).split())
         raise BadInput(
@@ -134,6 +134,6 @@ def greyscale(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def darkness(grey: Tensor) -> Tensor:
     """What the network reads, float32 [N, 1, 128, 128], of luma uint8 [N, 128, 128].
 
-    The white background is nought, as is the padding of the convolutions.
+    The white background is zero, as is the padding of the convolutions.
     """
     return 1.0 - grey[:, None].to(torch.float32) / 255.0

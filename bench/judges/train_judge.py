@@ -8,7 +8,8 @@ on its own (`augment`), and the same features have to tell the rough shape of th
 from __future__ import annotations
 
 import math
-import time
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from safetensors.torch import save
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.commands.train import training_set
 from bench.judges import JUDGE_WEIGHTS
 from bench.judges.judge import (
     ELEVATION_UNIT_DEG,
@@ -28,13 +28,24 @@ from bench.judges.judge import (
     darkness,
     greyscale,
     judge,
-    load_judge_network,
 )
 from data_prep.datasets import MeshObject, ProceduralObject, SceneObject, Split
 from data_prep.failures import BadInput
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.scene import Mesh
+from data_prep.training_set import training_set
 from data_prep.whole_files import write_whole
+from learning import checkpoint
+from learning.processes import ONE, Processes, connect, is_first
+from learning.progress import ConsoleProgress
+from learning.training_loop import (
+    DEFAULT_CADENCE,
+    Cadence,
+    denormals_flushed,
+    hash_arrays,
+    run,
+    seeded,
+)
 
 OBJECTS = 48  # a batch is two pictures of each
 LEARNING_RATE = 2e-3
@@ -46,7 +57,8 @@ SHAPE_WEIGHT = 0.5
 SHAPE_CELLS = 8  # a side of the grid that describes a cloud
 SHAPE_NUMBERS = 24
 VALIDATION = (100, 8)  # objects, views
-LINES = 16  # of progress, each with a validation and, where that is the best so far, a file
+VALIDATIONS = 16  # in a training
+WORST_MERIT = -5.0  # of the scores of a validation: below any
 CHUNK = 250  # objects rendered at a time: colours are let go before they fill the memory
 
 
@@ -81,43 +93,48 @@ class Pictures:
     clouds: NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class JudgeConfig:
+    """What a resumed training has to have in common with the one before, beside its data."""
+
+    steps: int
+    seed: int
+    cadence: Cadence = DEFAULT_CADENCE
+
+
+@denormals_flushed()
 def train_judge(
-    objects: int, views: int, steps: int, seed: int, out: Path = JUDGE_WEIGHTS
+    objects: int,
+    views: int,
+    steps: int,
+    seed: int,
+    out: Path = JUDGE_WEIGHTS,
+    folder: Path = Path("training/judge"),
 ) -> dict[str, Scores]:
     """Train on `objects` of the procedural train split; the scores of the weights in `out`.
 
     The scores are for validation pictures as they are ("true"), "blurred" (sigma 1.5 px) and in
-    uniform grey ("neutral"). AdamW with a cosine schedule to nought. The file is written whole,
-    each time the validation is better than before, where 4 degrees of azimuth weigh as much as a
-    tenth of the objects found. Raises BadInput for fewer objects or views than a batch holds.
+    uniform grey ("neutral"). AdamW with a cosine schedule to zero. A training in `folder` is
+    continued. `out` is written whole, at the end: the weights whose validation was best, where 4
+    degrees of azimuth weigh as much as a tenth of the objects found. Raises BadInput for fewer
+    objects or views than a batch holds, and as `learning.training_loop.run`.
     """
     if objects < OBJECTS or views < 2 or steps < 1:
         raise BadInput(
             f"--objects {objects} --views {views} --steps {steps}: "
             f"give at least {OBJECTS} objects, 2 views and 1 step"
         )
-    torch.manual_seed(seed)
-    torch.set_flush_denormal(True)  # late in the training they make steps several times slower
+    team = connect(torch.device("cpu"))
     data, validation = pictures("train", objects, views), pictures("validation", *VALIDATION)
-    training = _Training(data, steps, seed)
-    best, start, total = -math.inf, time.monotonic(), 0.0
-    every = math.ceil(steps / LINES)
-    for step in range(1, steps + 1):
-        total += training.step()
-        if step % every and step < steps:
-            continue
-        if not math.isfinite(total):
-            raise FloatingPointError(f"step {step}: the loss is not finite; {out} is as it was")
-        done = score(training.network.eval(), validation)
-        training.network.train()
-        seconds = time.monotonic() - start
-        loss, total = total / ((step - 1) % every + 1), 0.0
-        print(f"step {step}/{steps}, {seconds:.0f} s: loss {loss:.3f}, {done}", flush=True)
-        merit = done.retrieval - done.azimuth_deg / 40
-        if merit > best:
-            best = merit
-            write_whole(out, save(_compact(training.network)))
-    network = load_judge_network(out)
+    config = JudgeConfig(steps, seed)
+    trainer = _Trainer(data, validation, config, team)
+    with ConsoleProgress("judge", quiet=not is_first()) as show:
+        run(trainer, config, hash_arrays(*vars(data).values()), folder, show, team)
+    if is_first():
+        write_whole(out, save(trainer.best))
+    network = JudgeNetwork()
+    network.load_state_dict(trainer.best)
+    network.eval()
     return {
         name: score(network, validation, queries)
         for name, queries in {
@@ -128,30 +145,104 @@ def train_judge(
     }
 
 
-class _Training:
-    """Everything that a step changes."""
+class _Trainer:
+    """Everything that a step changes, and the weights whose validation was best so far."""
 
-    def __init__(self, data: Pictures, steps: int, seed: int) -> None:
-        self.network = JudgeNetwork()
-        self.shape = nn.Linear(FEATURES, SHAPE_NUMBERS)  # an aid to the training only
+    kind = "judge"
+
+    def __init__(
+        self, data: Pictures, validation: Pictures, config: JudgeConfig, team: Processes = ONE
+    ) -> None:
+        self.validation, self.config, self.team, self.batch = validation, config, team, 2 * OBJECTS
+        # `shape` is an aid to the training only
+        self.network, self.shape = seeded(
+            config.seed, lambda: (JudgeNetwork(), nn.Linear(FEATURES, SHAPE_NUMBERS))
+        )
         self.painted = torch.from_numpy(data.painted)
         self.neutral = torch.from_numpy(data.neutral)
         azimuth = np.radians(data.azimuth_deg)
         view = [np.sin(azimuth), np.cos(azimuth), data.elevation_deg / ELEVATION_UNIT_DEG]
         self.view = torch.from_numpy(np.stack(view, axis=-1).astype(np.float32))
         self.shapes = torch.from_numpy(shape_descriptors(data.clouds))
-        parameters = [*self.network.parameters(), *self.shape.parameters()]
-        self.optimizer = torch.optim.AdamW(parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-        warm_up = max(1, round(WARM_UP * steps))
-        self.schedule = torch.optim.lr_scheduler.LambdaLR(
-            self.optimizer,
-            lambda s: min((s + 1) / warm_up, (1 + math.cos(math.pi * s / steps)) / 2),
+        self.parameters = [*self.network.parameters(), *self.shape.parameters()]
+        self.optimizer = torch.optim.AdamW(
+            self.parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY
         )
-        self.random = torch.Generator().manual_seed(seed)
+        self.random = team.random(config.seed)
         self.order = torch.empty(0, dtype=torch.long)
+        self.steps_done = torch.zeros((), dtype=torch.int64)
+        self.best = _compact(self.network)
+        self.best_merit = torch.tensor(WORST_MERIT, dtype=torch.float64)
 
-    def step(self) -> float:
-        """One step on two pictures of each of OBJECTS objects; the loss."""
+    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer | torch.Generator]:
+        return {
+            "network": self.network,
+            "shape": self.shape,
+            "optimizer": self.optimizer,
+            "random": self.random,
+        }
+
+    def state(self) -> dict[str, Tensor]:
+        best = {f"best.{name}": value for name, value in self.best.items()}
+        return checkpoint.pack(**self._parts()) | best | {
+            "best_merit": self.best_merit,
+            "order": self.order,
+            "steps_done": self.steps_done,
+        }  # fmt: skip
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        checkpoint.unpack(state, **self._parts())
+        self.best = checkpoint.sub_state(state, "best")
+        self.best_merit = state["best_merit"].clone()
+        self.order, self.steps_done = state["order"].clone(), state["steps_done"].clone()
+
+    def independent_steps(self, steps: int) -> int:
+        """None: the cosine spans all."""
+        return 0
+
+    def learning_rates(self, steps: int) -> str:
+        return (
+            f"{LEARNING_RATE:g} by a cosine to zero over {self.config.steps} steps, rising over "
+            f"the first {self._warm_up()}"
+        )
+
+    def sheet(self) -> None:
+        """There is nothing to see: the network draws no pictures."""
+
+    def _warm_up(self) -> int:
+        return max(1, round(WARM_UP * self.config.steps))
+
+    def _rate(self, done: int) -> float:
+        """The learning rate of the step after `done` steps."""
+        cosine = (1 + math.cos(math.pi * done / self.config.steps)) / 2
+        return LEARNING_RATE * min((done + 1) / self._warm_up(), cosine)
+
+    def take_step(self) -> dict[str, Tensor]:
+        """One step on two pictures of each of OBJECTS objects, with a validation now and then."""
+        loss = self._loss()
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self.team.average_gradients(self.parameters)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self._rate(int(self.steps_done))
+        self.optimizer.step()
+        self.steps_done += 1
+        step, steps = int(self.steps_done), self.config.steps
+        if step % math.ceil(steps / VALIDATIONS) == 0 or step == steps:
+            self._validate(f"step {step}/{steps}")
+        return {"loss": loss.detach()}
+
+    def _validate(self, step: str) -> None:
+        found = score(self.network.eval(), self.validation)
+        self.network.train()
+        if self.team.rank == 0:
+            print(f"{step}: {found}", file=sys.stderr, flush=True)
+        merit = found.retrieval - found.azimuth_deg / 40
+        if merit > self.best_merit:
+            self.best_merit.fill_(merit)
+            self.best = _compact(self.network)
+
+    def _loss(self) -> Tensor:
         if len(self.order) < OBJECTS:
             self.order = torch.randperm(len(self.view), generator=self.random)
         objects, self.order = self.order[:OBJECTS], self.order[OBJECTS:]
@@ -171,17 +262,12 @@ class _Training:
             features = self.network.body(images.contiguous(memory_format=torch.channels_last))
         features = features.float()
         answers = self.network.answers(features)
-        loss = (
+        return (
             contrast(answers[:, 3:])
             + VIEW_WEIGHT * functional.smooth_l1_loss(answers[:, :3], view, beta=0.1)
             + SHAPE_WEIGHT
             * functional.smooth_l1_loss(self.shape(features), self.shapes[mirrored.long(), rows])
         )
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        self.optimizer.step()
-        self.schedule.step()
-        return float(loss.detach())
 
 
 def contrast(codes: Tensor) -> Tensor:
@@ -234,7 +320,7 @@ def augment(painted: Tensor, neutral: Tensor, random: torch.Generator) -> Tensor
 def blur(images: Tensor, sigma_px: Tensor) -> Tensor:
     """Gaussian blur of [N, 1, H, W], each by its own sigma [N] in pixels, 0 < sigma <= 2.
 
-    Outside the picture it is dark by nought.
+    Outside the picture the darkness is zero.
     """
     reach = torch.arange(-6.0, 7.0)
     kernel = torch.exp(-0.5 * (reach / sigma_px[:, None]) ** 2)
@@ -259,7 +345,7 @@ def shape_descriptors(clouds: NDArray[np.float32]) -> NDArray[np.float32]:
 
     Row 0 is for the objects, row 1 for their mirror images (x to -x). The square root of the share
     of points in each cell of a grid, on its first principal components over all, each with variance
-    1; where the objects are fewer than the components, the rest is nought.
+    1; where the objects are fewer than the components, the rest is zero.
     """
     count, cells = len(clouds), SHAPE_CELLS
     place = np.clip((clouds + 1) / 2 * cells, 0, cells - 1e-3).astype(int)
@@ -280,11 +366,15 @@ def pictures(split: Split, count: int, views: int) -> Pictures:
     painted, neutral, angles, clouds = [], [], [], []
     for start in range(0, count, CHUNK):
         chunk = objects[start : start + CHUNK]
-        made = training_set(tuple(chunk), views)
+        made = training_set(tuple(chunk), views, quiet=not is_first())
         painted.append(greyscale(made.images))
         angles.append((made.azimuth_deg, made.elevation_deg))
         clouds.append(made.clouds)
-        neutral.append(greyscale(training_set(tuple(map(Unpainted, chunk)), views).images))
+        neutral.append(
+            greyscale(
+                training_set(tuple(map(Unpainted, chunk)), views, quiet=not is_first()).images
+            )
+        )
     azimuth, elevation = (np.concatenate(each) for each in zip(*angles, strict=True))
     return Pictures(
         np.concatenate(painted), np.concatenate(neutral), azimuth, elevation, np.concatenate(clouds)
@@ -356,6 +446,6 @@ def _judge_luma(network: JudgeNetwork, grey: NDArray[np.uint8]) -> NDArray[np.fl
 def _compact(network: JudgeNetwork) -> dict[str, Tensor]:
     """The state with kernels in half precision: 3 MB. Statistics keep their range."""
     return {
-        name: (value.half() if value.ndim > 1 else value).contiguous()
+        name: (value.half() if value.ndim > 1 else value).contiguous().clone()
         for name, value in network.state_dict().items()
     }

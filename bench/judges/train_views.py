@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
-from bench.commands.train import training_set
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from data_prep.datasets import ProceduralObject, Split
@@ -20,8 +20,19 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.chair.spec import BACKS, draw_chair_spec
-from data_prep.training_set import TrainingSet
+from data_prep.training_set import TrainingSet, training_set
 from data_prep.whole_files import write_whole
+from learning import checkpoint
+from learning.processes import ONE, Processes, connect, is_first
+from learning.progress import ConsoleProgress
+from learning.training_loop import (
+    DEFAULT_CADENCE,
+    Cadence,
+    denormals_flushed,
+    hash_arrays,
+    run,
+    seeded,
+)
 
 BATCH = 64
 LEARNING_RATE = 2e-3
@@ -69,6 +80,16 @@ class Scores:
         return "\n".join(lines)
 
 
+@dataclass(frozen=True)
+class ViewsConfig:
+    """What a resumed training has to have in common with the one before, beside its data."""
+
+    steps: int
+    seed: int
+    cadence: Cadence = DEFAULT_CADENCE
+
+
+@denormals_flushed()
 def train_views(
     objects: int,
     views: int,
@@ -76,41 +97,94 @@ def train_views(
     seed: int,
     out: Path = VIEWS_WEIGHTS,
     validation: tuple[int, int] = VALIDATION,
+    folder: Path = Path("training/views"),
 ) -> Scores:
     """Train on `objects` of each class (procedural train split), write the weights, score them.
 
-    Adam with a cosine schedule to nought; cross-entropy for class, family and back, squared error
-    for the direction of view; convolutions in bfloat16. The file is written whole, after the last
-    step. Raises BadInput for fewer than one object, view or epoch.
+    Adam with a cosine schedule to zero; cross-entropy for class, family and back, squared error for
+    the direction of view; convolutions in bfloat16. A training in `folder` is continued. `out` is
+    written whole, after the last step. Raises BadInput for fewer than one object, view or epoch,
+    and as `learning.training_loop.run`.
     """
     for name, value in (("objects", objects), ("views", views), ("epochs", epochs)):
         if value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
-    torch.manual_seed(seed)
-    torch.set_flush_denormal(True)
-    network = ViewsNetwork(labels())
-    data, answers = _labelled(network.labels, "train", objects, views)
+    team = connect(torch.device("cpu"))
+    told = labels()
+    data, answers = _labelled(told, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)
-    steps = epochs * math.ceil(len(images) / BATCH)
-    optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-    order = torch.Generator().manual_seed(seed)
-    for epoch in range(epochs):
-        total = 0.0
-        for rows in torch.randperm(len(images), generator=order).split(BATCH):
-            with torch.autocast("cpu", torch.bfloat16):  # twice as fast; weights stay float32
-                features = network(_varied(images[rows], order))
-            loss = _loss(network, features.float(), {n: t[rows] for n, t in answers.items()})
-            optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-            total += float(loss.detach())
-        print(f"epoch {epoch + 1}/{epochs}: loss {total * epochs / steps:.4f}", flush=True)
-        if not math.isfinite(total):
-            raise FloatingPointError("the loss is not finite; nothing was written")
-    write_whole(out, to_file(network))
-    return _score(network.eval(), *validation)
+    config = ViewsConfig(epochs * math.ceil(len(images) / BATCH), seed)
+    trainer = _Trainer(told, images, answers, config, team)
+    data_hash = hash_arrays(data.images, *(answer.numpy() for answer in answers.values()))
+    with ConsoleProgress("views", quiet=not is_first()) as show:
+        run(trainer, config, data_hash, folder, show, team)
+    if is_first():
+        write_whole(out, to_file(trainer.network))
+    return _score(trainer.network.eval(), *validation)
+
+
+class _Trainer:
+    """Everything that a step changes: BATCH pictures [N, H, W, 3], all once in an epoch."""
+
+    kind = "views"
+    batch = BATCH
+
+    def __init__(
+        self,
+        told: Labels,
+        images: Tensor,
+        answers: dict[str, Tensor],
+        config: ViewsConfig,
+        team: Processes = ONE,
+    ) -> None:
+        self.images, self.answers, self.config, self.team = images, answers, config, team
+        self.network = seeded(config.seed, lambda: ViewsNetwork(told))
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
+        self.random = team.random(config.seed)
+        self.order = torch.empty(0, dtype=torch.long)
+        self.steps_done = torch.zeros((), dtype=torch.int64)
+
+    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer | torch.Generator]:
+        return {"network": self.network, "optimizer": self.optimizer, "random": self.random}
+
+    def state(self) -> dict[str, Tensor]:
+        rest = {"order": self.order, "steps_done": self.steps_done}
+        return checkpoint.pack(**self._parts()) | rest
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        checkpoint.unpack(state, **self._parts())
+        self.order, self.steps_done = state["order"].clone(), state["steps_done"].clone()
+
+    def independent_steps(self, steps: int) -> int:
+        """None: the cosine spans all."""
+        return 0
+
+    def learning_rates(self, steps: int) -> str:
+        return f"{LEARNING_RATE:g} by a cosine to zero over {self.config.steps} steps"
+
+    def sheet(self) -> None:
+        """There is nothing to see: the network draws no pictures."""
+
+    def _rate(self, done: int) -> float:
+        """The learning rate of the step after `done` steps."""
+        return LEARNING_RATE * (1 + math.cos(math.pi * done / self.config.steps)) / 2
+
+    def take_step(self) -> dict[str, Tensor]:
+        if not len(self.order):
+            self.order = torch.randperm(len(self.images), generator=self.random)
+        rows, self.order = self.order[:BATCH], self.order[BATCH:]
+        with torch.autocast("cpu", torch.bfloat16):  # twice as fast; weights stay float32
+            features = self.network(_varied(self.images[rows], self.random))
+        targets = {name: answer[rows] for name, answer in self.answers.items()}
+        loss = _loss(self.network, features.float(), targets)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self.team.average_gradients(self.network.parameters())
+        for group in self.optimizer.param_groups:
+            group["lr"] = self._rate(int(self.steps_done))
+        self.optimizer.step()
+        self.steps_done += 1
+        return {"loss": loss.detach()}
 
 
 def labels() -> Labels:
@@ -136,7 +210,7 @@ def _labelled(
 ) -> tuple[TrainingSet, dict[str, Tensor]]:
     """Pictures of `count` objects of each class, and the right answers about each picture."""
     objects = [ProceduralObject(name, split, i) for name in told.classes for i in range(count)]
-    data = training_set(tuple(objects), views)
+    data = training_set(tuple(objects), views, quiet=not is_first())
     azimuth = np.radians(data.azimuth_deg)
     view = np.stack([np.sin(azimuth), np.cos(azimuth), data.elevation_deg / 40], axis=-1)
     answers = np.repeat([_answers(told, obj) for obj in objects], views, axis=0)
@@ -163,7 +237,7 @@ def _loss(network: ViewsNetwork, features: Tensor, targets: dict[str, Tensor]) -
 
 
 def _cross_entropy(answers: Tensor, targets: Tensor) -> Tensor:
-    """Mean over the pictures that have a label; nought where none has."""
+    """Mean over the pictures that have a label; zero where none has."""
     total = functional.cross_entropy(answers, targets, ignore_index=NO_LABEL, reduction="sum")
     return total / (targets != NO_LABEL).sum().clamp(min=1)
 

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
 from data_prep.failures import BadInput
 from data_prep.scene import IMAGE_SIZE
+from learning.weights import read_safetensors
 
 FEATURES = 64
 BATCH = 20
@@ -74,7 +74,7 @@ class ViewsNetwork(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Features [N, 64] float32, >= 0."""
-        x = 1.0 - images.to(torch.float32) / 255.0  # the white background is nought
+        x = 1.0 - images.to(torch.float32) / 255.0  # the white background is zero
         return self.body(x).mean(dim=(2, 3))
 
 
@@ -90,10 +90,10 @@ def load_views_network(path: Path) -> ViewsNetwork:
     Raises BadInput where the file cannot be read or does not fit the network.
     """
     try:
-        with safe_open(path, framework="pt") as file:
-            labels = json.loads((file.metadata() or {})[_LABELS])
-            network = ViewsNetwork(Labels(**{name: tuple(of) for name, of in labels.items()}))
-            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
+        state, header = read_safetensors(path)
+        labels = json.loads(header[_LABELS])
+        network = ViewsNetwork(Labels(**{name: tuple(of) for name, of in labels.items()}))
+        network.load_state_dict(state)
     except Exception as error:  # safetensors and torch raise types of their own
         reason = " ".join(str(error).split())
         raise BadInput(f"{path}: not the weights of fd-views ({reason}); reinstall") from error

@@ -29,13 +29,13 @@ from bench.records.journal import MANIFEST, read_finished
 from bench.records.parquet import read_records
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file, find_drawer
 from bench.running.isolation import Lost, run_tasks
-from bench.running.progress import PLAIN_EVERY_S
 from bench.running.protocol import Protocol, objects_to_search, plan
 from bench.running.work import cloud_of, reason_of, rng_of
 from bench.suites.stability.run import stability_jobs
 from data_prep.cloud_files import save_ply
 from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput
+from data_prep.progress import PLAIN_EVERY_S
 from data_prep.scene import PointCloud, Points
 from data_prep.untrusted import is_regular_file
 
@@ -416,7 +416,7 @@ class _Search:
         return [found[trial] for trial in trials]
 
     def _say(self) -> None:
-        """A line of progress now and then, as `bench.running.progress` where it is no terminal."""
+        """A line of progress now and then, as `data_prep.progress` where it is no terminal."""
         now = time.monotonic()
         if now - self._said < PLAIN_EVERY_S:
             return

@@ -9,9 +9,9 @@ from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.records.journal import Journal, Settled
 from bench.running.isolation import Executor, Lost, TaskPool, feed
-from bench.running.progress import progress, say
 from bench.running.work import do
 from data_prep.failures import MissingDependency
+from data_prep.progress import progress, say
 
 
 class JobPool:

@@ -32,10 +32,10 @@ from bench.records.journal import (
 from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
 from bench.running import environment as manifests
-from bench.running.progress import progress
 from bench.running.protocol import WHOLE, Shard, deal_back, read_shard
 from bench.running.run import Measured, Outputs, write_parquet
 from data_prep.failures import BadInput, CannotWrite
+from data_prep.progress import progress
 
 # What all shards must have in common, beside what one directory has one value of.
 ALIKE = (

@@ -36,10 +36,10 @@ from bench.records.job import Job, Result
 from bench.records.journal import Journal, open_journal
 from bench.records.record import GROUND_TRUTH
 from bench.running.isolation import TASKS_PER_WORKER, Lost, run_tasks
-from bench.running.progress import progress, say
 from bench.running.protocol import Protocol, plan
 from bench.running.work import do
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.progress import progress, say
 from data_prep.randomness import generator
 from data_prep.scene_objects import SceneObject
 

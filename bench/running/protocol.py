@@ -23,11 +23,11 @@ from bench.records.artifacts import artifact_path
 from bench.records.job import Job
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.environment import circumstances, cores, environment
-from bench.running.progress import say
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
 from data_prep.datasets import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.fingerprints import file_sha256
+from data_prep.progress import say
 from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.scene_objects import SceneObject

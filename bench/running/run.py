@@ -30,10 +30,10 @@ from bench.running import environment as manifests
 from bench.running.executors import JobPool, do_jobs
 from bench.running.isolation import Executor
 from bench.running.pilot import Cell
-from bench.running.progress import say
 from bench.running.protocol import Options, Plan, Protocol, describe, plan, protocol_of, workers_of
 from bench.running.ray import LOCAL, RayPool, connected, demands
 from data_prep.failures import BadInput
+from data_prep.progress import say
 
 Outputs = TypeVar("Outputs")
 

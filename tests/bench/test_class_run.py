@@ -243,7 +243,7 @@ def test_nothing_of_the_suite(folder, tmp_path):
 @pytest.mark.usefixtures("planned_only")
 def test_one_network_for_all_that_is_not_there(monkeypatch, folder, tmp_path):
     """Until its weights are bundled, and where they are lost, the run says so before it begins."""
-    from pc2pix import weight_files
+    from pc2pix import weights as weight_files
 
     monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
     wish = Options(

@@ -25,8 +25,8 @@ from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.records.journal import write_manifest
 from data_prep.conditions import CONDITIONS
 from learning import checkpoint
-from learning.weight_files import file_sha256
-from pc2pix import weight_files
+from learning.weights import file_sha256
+from pc2pix import weights as weight_files
 
 from .builders import SUITE, make_manifest, write_run
 from .conftest import BENCH

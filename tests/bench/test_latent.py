@@ -26,11 +26,9 @@ from bench.suites.latent.paths import walk
 from data_prep.render import render
 from data_prep.scene import View
 from learning import checkpoint
-from learning.weight_files import file_sha256
-from pc2pix.decoder_weights import FORMAT as DECODER_FORMAT
+from learning.weights import file_sha256
 from pc2pix.model import Decoder, Generator, ModelConfig, build_encoder
-from pc2pix.weight_files import decoder_path
-from pc2pix.weights import ENCODER_NAMES, FORMAT, load_weights
+from pc2pix.weights import DECODER_FORMAT, ENCODER_NAMES, FORMAT, decoder_path, load_weights
 
 MODEL = {"width": 0.0625, "latent_dim": 4, "encoder": "pointnet", "azimuth": "sine-cosine"}
 SMALL = replace(LATENT, pairs=3, triples=3, pool=60, neighbours=5, positions=4, shown=2)

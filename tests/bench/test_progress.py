@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from bench.running.progress import PLAIN_EVERY_S, progress
+from data_prep.progress import PLAIN_EVERY_S, progress
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from bench.catalogue.methods import find_method
 from data_prep.datasets import ProceduralObject
 from data_prep.scene import View
 from learning.divergence import TrainingDiverged
-from learning.weight_files import file_sha256
+from learning.weights import file_sha256
 
 
 def test_a_training_that_diverged_is_one_line(command, monkeypatch):
@@ -28,9 +28,9 @@ def test_a_training_that_diverged_is_one_line(command, monkeypatch):
     )
 
 
-@pytest.mark.parametrize("trained", ["autoencoder", "gan"])
+@pytest.mark.parametrize("trained", ["autoencoder", "gan", "decoder"])
 def test_only_the_first_process_says_what_was_made(command, monkeypatch, trained):
-    monkeypatch.setattr(bench.commands.train, f"train_{trained}", lambda *options: options[0].out)
+    monkeypatch.setattr(bench.commands.train, f"train_{trained}", lambda options: options.out)
     assert command("train", trained, "--out", "here") == (0, "here\n", "")
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "x")
     monkeypatch.setenv("RANK", "1")
@@ -55,7 +55,7 @@ def test_classes_to_train_on(command, monkeypatch, wish, classes):
     monkeypatch.setattr(
         bench.commands.train,
         "train_autoencoder",
-        lambda options: asked.append(options) or options.out,
+        lambda options, *_: asked.append(options) or options.out,
     )
     status, _, _ = command("train", "autoencoder", "--class", wish, "--objects", "2")
     assert (status, [o.classes for o in asked]) == (0, [classes])
@@ -81,13 +81,13 @@ def test_objects_of_each_class_are_taken(tmp_path, classes, found):
 
 
 def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
-    """Two steps on two chairs; both files draw as methods, and the same command goes on."""
+    """Two steps on two chairs; both files draw as methods, and a longer command goes on."""
     out = tmp_path / "trained"
     options = ("--objects", "2", "--views", "2", "--size", "tiny", "--batch", "4")
     options = (*options, "--cool-down", "1", "--without", "density,discs", "--out", str(out))
-    status, said, err = command("train", "splat-net", *options, "--steps", "1")
+    status, said, err = command("train", "splat-net", *options, "--steps", "2")
     assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
-    status, _, err = command("train", "splat-net", *options, "--steps", "2")
+    status, _, err = command("train", "splat-net", *options, "--steps", "3")
     assert status == 0, err
     for name, planes in (("weights", 4), ("weights-grey", 2)):
         method = find_method(f"splat-net@{out / name}.safetensors")
@@ -96,7 +96,8 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
         assert network.last.out_channels == planes
         # the nearest and the farthest; tiny has neither normals nor flattened points
         assert network.config.inputs.channels == 2
-        assert renderer.weights.card["steps"] == 2
+        assert renderer.weights.card["steps"] == 3
+        assert renderer.weights.card["learning_rates"] == "0.002"  # the last step is at full rate
         assert method.identity().endswith(renderer.weights.sha256)
         obj = ProceduralObject("chair", "test", 0)
         cloud = obj.cloud(np.random.default_rng(0))

@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 from bench.judges import train_judge as module
 from bench.judges.judge import darkness, greyscale, judge, load_judge_network
 from bench.judges.train_judge import (
+    JudgeConfig,
     Unpainted,
     augment,
     blur,
@@ -37,7 +38,7 @@ def test_a_tiny_training(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(module, "OBJECTS", 4)
     monkeypatch.setattr(module, "VALIDATION", (3, 2))
     out = tmp_path / "judge.safetensors"
-    scores = train_judge(5, 2, 2, seed=1, out=out)
+    scores = train_judge(5, 2, 2, seed=1, out=out, folder=tmp_path / "training")
     assert set(scores) == {"true", "blurred", "neutral"}
     for value in scores.values():
         assert 0 <= value.azimuth_deg <= 180
@@ -45,17 +46,41 @@ def test_a_tiny_training(tmp_path, monkeypatch, capsys):
         assert value.retrieval * 6 == pytest.approx(round(value.retrieval * 6))
     answers = judge(load_judge_network(out), np.full((1, 128, 128, 3), 200, np.uint8))
     assert np.isfinite(answers).all()
-    assert "step 2/2" in capsys.readouterr().out
+    assert "step 2/2: Scores(" in capsys.readouterr().err
+    found = out.read_bytes()
+    out.unlink()
+    assert train_judge(5, 2, 2, seed=1, out=out, folder=tmp_path / "training") == scores
+    assert out.read_bytes() == found, "from the checkpoint"
+    with pytest.raises(BadInput, match="step 2 of a training of 2 steps; one of 3 has another"):
+        train_judge(5, 2, 3, seed=1, out=out, folder=tmp_path / "training")
 
 
 def test_the_loss_falls(data, monkeypatch):
     """On one batch that is all there is."""
     monkeypatch.setattr(module, "OBJECTS", 4)
-    torch.manual_seed(0)
-    training = module._Training(data, 40, 0)
-    losses = [training.step() for _ in range(30)]
+    training = module._Trainer(data, data, JudgeConfig(steps=40, seed=0))
+    losses = [training.take_step()["loss"] for _ in range(30)]
     assert np.isfinite(losses).all()
     assert np.mean(losses[-5:]) < 0.8 * np.mean(losses[:5])
+
+
+def test_the_best_validation_is_what_is_kept(data, monkeypatch):
+    """Of 16, here the third; a network of NaN is not."""
+    scores = iter([(50, 0.1), (20, 0.1), (20, 0.2), (20, 0.1), (math.nan, 0.9), (90, 0.9)])
+    monkeypatch.setattr(module, "OBJECTS", 4)
+    monkeypatch.setattr(
+        module,
+        "score",
+        lambda *_: (lambda azimuth, found: module.Scores(azimuth, 0.0, found))(*next(scores)),
+    )
+    training = module._Trainer(data, data, JudgeConfig(steps=6, seed=0))
+    kept = []
+    for _ in range(6):
+        training.take_step()
+        kept.append(training.best["view.bias"].clone())
+    assert float(training.best_merit) == pytest.approx(0.2 - 20 / 40)
+    assert not torch.equal(kept[1], kept[2])
+    assert all(torch.equal(kept[2], later) for later in kept[3:])
 
 
 def test_too_little_to_train_on(tmp_path):

@@ -88,8 +88,12 @@ def test_cross_entropy_leaves_out_what_has_no_label():
 def test_a_short_training(two_classes, tmp_path, capsys):
     """With blocks and chairs as unlike as can be, some steps are enough to tell them apart."""
     out = tmp_path / "views.safetensors"
-    scores = train_views(objects=16, views=4, epochs=40, seed=0, out=out, validation=(5, 3))
-    assert capsys.readouterr().out.count("loss") == 40
+    folder = tmp_path / "training"
+    options = {"objects": 16, "views": 4, "seed": 0, "validation": (5, 3), "folder": folder}
+    scores = train_views(epochs=40, out=out, **options)
+    assert capsys.readouterr().err.splitlines()[-1].startswith("views: step 80/80, loss ")
+    with pytest.raises(BadInput, match="step 80 of a training of 80 steps; one of 82 has another"):
+        train_views(epochs=41, out=tmp_path / "never", **options)
     assert scores.classes == ("block", "chair")
     assert scores.confusion.sum(axis=1).tolist() == [15, 15]
     assert scores.confusion.diagonal().sum() >= 27  # by chance 15, with a deviation of 2.7
@@ -104,6 +108,19 @@ def test_a_short_training(two_classes, tmp_path, capsys):
     for i, name in enumerate(head.classes):
         # float32 sums of 64 products against float64
         np.testing.assert_allclose(head.confidence(features, name), expected[:, i], rtol=1e-4)
+
+
+def test_the_rates_are_those_of_pytorchs_schedule():
+    """Which computes each from the one before: rounding errors add up to some 1e-13."""
+    optimizer = torch.optim.Adam([torch.zeros(1, requires_grad=True)], lr=training.LEARNING_RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, 500)
+    config = training.ViewsConfig(steps=500, seed=0)
+    trainer = training._Trainer(labels(), torch.zeros(1), {}, config)
+    for done in range(500):
+        rate = optimizer.param_groups[0]["lr"]
+        assert trainer._rate(done) == pytest.approx(rate, rel=1e-8, abs=1e-15)
+        optimizer.step()
+        schedule.step()
 
 
 @pytest.mark.parametrize("wish", [{"objects": 0}, {"views": 0}, {"epochs": -1}])

@@ -42,7 +42,7 @@ class Counter:
 
     def take_step(self):
         self.count += 1
-        return {"loss": self.losses.get(int(self.count), 1.0)}
+        return {"loss": torch.tensor(self.losses.get(int(self.count), 1.0))}
 
     def state(self):
         return {"count": self.count.clone(), training_loop.RANDOM: torch.Generator().get_state()}
@@ -50,8 +50,38 @@ class Counter:
     def restore(self, state):
         self.count = state["count"].clone()
 
+    def independent_steps(self, steps):
+        return None
+
+    def learning_rates(self, steps):
+        return "none"
+
     def sheet(self):
         return np.full((4, 4, 3), 255, np.uint8)
+
+
+class Annealed(Counter):
+    """A training whose state is the sum of its rates, which fall over the last three steps."""
+
+    def __init__(self, config):
+        super().__init__()
+        self.config = config
+        self.total = torch.zeros((), dtype=torch.float64)
+
+    def take_step(self):
+        self.total += min(1.0, (self.config.steps - int(self.count)) / 3)
+        super().take_step()
+        return {"loss": self.total.clone()}
+
+    def state(self):
+        return super().state() | {"total": self.total.clone()}
+
+    def restore(self, state):
+        super().restore(state)
+        self.total = state["total"].clone()
+
+    def independent_steps(self, steps):
+        return max(0, steps - 3)
 
 
 def start(out_dir, config, trainer=None, data="data"):
@@ -71,6 +101,68 @@ def test_a_run_goes_on_where_it_was(tmp_path):
     assert state["count"] == 5
     assert start(tmp_path, Config(steps=5))[0] == []
     assert start(tmp_path, Config(steps=6, cadence=Cadence(1, 9, 9)))[0] == [6]
+
+
+def anneal(out_dir, steps, cadence=CADENCE):
+    config = Config(steps=steps, cadence=cadence)
+    return start(out_dir, config, Annealed(config))
+
+
+@pytest.mark.parametrize("length", [5, 6, 7, 8, 11, 12])
+@pytest.mark.parametrize("stopped", [None, 1, 2, 4, 5, 6, 7])
+def test_a_run_of_another_length_is_one_of_that_length_from_the_beginning(
+    tmp_path, monkeypatch, length, stopped
+):
+    """Planned for 8 steps, where the rate falls after the fifth, and stopped after any of them."""
+    _, (expected, *_) = anneal(tmp_path / "whole", length)
+    cut = tmp_path / "cut"
+    if stopped is None:
+        anneal(cut, 8)
+    else:
+        config = Config(steps=8, cadence=Cadence(log=1, sheet=100, checkpoint=1))
+
+        class Stopped(Exception):
+            pass
+
+        def stop(report):
+            if report.step == stopped + 1:
+                raise Stopped
+
+        with pytest.raises(Stopped):
+            training_loop.run(Annealed(config), config, "data", cut, stop)
+    taken = 8 if stopped is None else stopped
+    if length < 8 and taken > length - 3:
+        before = (cut / checkpoint.FILE_NAME).read_bytes()
+        told = f"step {taken} of a training of 8 steps; one of {length} has another learning rate "
+        told += f"from step {length - 2} on, and no checkpoint .* use 8 steps or another output"
+        with pytest.raises(BadInput, match=told):
+            anneal(cut, length)
+        assert (cut / checkpoint.FILE_NAME).read_bytes() == before
+        return
+    steps, (found, step, _) = anneal(cut, length)
+    assert step == length
+    assert found["total"] == expected["total"]
+    assert steps[:1] == ([min(taken, 5) + 1] if length != 8 else steps[:1])
+    assert (cut / "losses.csv").read_text() == (tmp_path / "whole" / "losses.csv").read_text()
+
+
+def test_a_run_that_kept_nothing_from_before_its_rate_fell_is_not_lengthened(tmp_path):
+    """As by a version that did not know of that; it can still be ended."""
+    anneal(tmp_path, 8)
+    (tmp_path / training_loop.FULL_RATE).unlink()
+    with pytest.raises(BadInput, match="step 8 of a training of 8 steps; one of 9 has another"):
+        anneal(tmp_path, 9)
+    assert anneal(tmp_path, 8)[0] == []
+
+
+def test_the_length_of_a_run_has_to_be_there(tmp_path):
+    path = tmp_path / checkpoint.FILE_NAME
+    start(tmp_path, Config(steps=2))
+    state, step, config = checkpoint.load(path, "counter")
+    del config["steps"]
+    checkpoint.save(path, "counter", step, config, state)
+    with pytest.raises(BadInput, match="its header cannot be read"):
+        start(tmp_path, Config(steps=3))
 
 
 @pytest.mark.parametrize(
@@ -95,6 +187,27 @@ def test_a_loss_that_is_no_number_stops_the_run(tmp_path):
     with pytest.raises(TrainingDiverged, match=r"step 4: loss is nan; last good .*: step 2, "):
         start(tmp_path, Config(steps=9), trainer)
     assert checkpoint.load(tmp_path / checkpoint.FILE_NAME, "counter")[1] == 2
+
+
+@pytest.mark.parametrize(
+    ("cadence", "stopped", "good"),
+    [
+        (Cadence(log=3, sheet=100, checkpoint=100), 6, "no checkpoint yet"),
+        (Cadence(log=100, sheet=100, checkpoint=5), 5, "no checkpoint yet"),
+        (Cadence(log=100, sheet=100, checkpoint=3), 6, "last good checkpoint: step 3, "),
+        (Cadence(log=100, sheet=100, checkpoint=100), 9, "no checkpoint yet"),
+    ],
+)
+def test_losses_are_read_when_they_are_logged_or_a_checkpoint_is_written(
+    tmp_path, cadence, stopped, good
+):
+    """The step that is named is the one that was wrong, and nothing after it is saved."""
+    trainer = Counter({4: math.inf})
+    with pytest.raises(TrainingDiverged, match=f"^step 4: loss is inf; {good}"):
+        start(tmp_path, Config(steps=9, cadence=cadence), trainer)
+    assert trainer.count == stopped
+    path = tmp_path / checkpoint.FILE_NAME
+    assert not path.exists() or checkpoint.load(path, "counter")[1] == 3
 
 
 def test_seeding_leaves_the_global_generator_alone():

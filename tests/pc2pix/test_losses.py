@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from learning.image_losses import FOREGROUND_WEIGHT, structural_similarity
 from pc2pix.losses import (
     AZIMUTH_RANGE_RAD,
     ELEVATION_RANGE_RAD,
-    FOREGROUND_WEIGHT,
     OBJECTIVES,
     STRUCTURE_WEIGHT,
     Condition,
@@ -21,7 +21,6 @@ from pc2pix.losses import (
     discriminator_loss,
     generator_loss,
     reconstruction_error,
-    structural_similarity,
 )
 from pc2pix.model import DiscriminatorOutput, sine_cosine
 

@@ -56,7 +56,7 @@ def test_the_mean_gradient_is_that_of_the_joined_batch(folder):
             torch.testing.assert_close(averaged[name], parameter.grad, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("training", ["whole", "autoencoder"])
+@pytest.mark.parametrize("training", ["whole", "autoencoder", "decoder"])
 def test_all_processes_end_with_the_same_weights(folder, training):
     first, second = (load_file(folder / f"{training}-{rank}.safetensors") for rank in (0, 1))
     own = ("running_", "random")  # BatchNorm's moving statistics, and the random streams
@@ -94,6 +94,14 @@ def test_only_the_first_process_reports(folder):
         {"rank": 0, "first": True, "reports": [1, 2, 3, 4]},
         {"rank": 1, "first": False, "reports": []},
     ]
+
+
+def test_only_the_first_process_writes_a_decoder(folder):
+    """All fit it together; it stands beside the weights once, and its checkpoint, too."""
+    first, second = (json.loads((folder / f"decoder-wrote-{i}.json").read_text()) for i in (0, 1))
+    assert {"weights-decoder.safetensors", checkpoint.FILE_NAME, "losses.csv"} <= set(first)
+    assert second == []
+    assert (folder / "weights-decoder.safetensors").is_file()
 
 
 def test_another_number_of_processes_is_refused(folder):

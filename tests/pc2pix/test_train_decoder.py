@@ -12,23 +12,17 @@ from safetensors.torch import save_file
 from data_prep.failures import BadInput
 from learning import checkpoint
 from learning.training_loop import Cadence
-from learning.weight_files import file_sha256
-from pc2pix import weight_files
-from pc2pix.decoder_weights import export_decoder, load_decoder
+from learning.weights import file_sha256
+from pc2pix import weights as weight_files
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder
 from pc2pix.train_autoencoder import AutoencoderData
 from pc2pix.train_decoder import DecoderConfig, train_decoder
-from pc2pix.weight_files import decoder_path
-from pc2pix.weights import load_weights
+from pc2pix.weights import decoder_path, export_decoder, load_decoder, load_weights
 
 from .conftest import make_clouds
 
 CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
-
-
-class Killed(Exception):
-    pass
 
 
 @pytest.fixture(scope="module")
@@ -65,22 +59,6 @@ def read_losses(out_dir):
         return [float(row["chamfer"]) for row in csv.DictReader(file)]
 
 
-def test_a_killed_run_resumes_bit_for_bit(start, tmp_path):
-    def kill(report):
-        if report.step == 3:
-            raise Killed
-
-    whole = start(tmp_path / "whole", steps=5)
-    with pytest.raises(Killed):
-        start(tmp_path / "cut", steps=5, on_progress=kill)
-    cut = start(tmp_path / "cut", steps=5)
-    (state, step, _), (other, _, _) = (checkpoint.load(path, "decoder") for path in (whole, cut))
-    assert step == 5
-    assert state.keys() == other.keys()
-    assert all(torch.equal(state[key], other[key]) for key in state)
-    assert read_losses(tmp_path / "whole") == read_losses(tmp_path / "cut")
-
-
 def test_the_loss_falls_and_the_encoder_stays(start, weights, tmp_path):
     before = {key: value.clone() for key, value in weights.encoder.state_dict().items()}
     start(tmp_path, steps=40, clouds=make_clouds(1), cadence=Cadence(1, 100, 100))
@@ -110,11 +88,6 @@ def test_other_weights_are_not_continued(start, tmp_path):
     start(tmp_path, steps=1)
     with pytest.raises(BadInput, match=r"trained with weights = .*, asked for '0000"):
         start(tmp_path, steps=2, weights="0" * 64)
-
-
-def test_bfloat16_trains(start, tmp_path):
-    start(tmp_path, steps=2, precision="bfloat16")
-    assert np.isfinite(read_losses(tmp_path)).all()
 
 
 def test_round_trip(own, weights, tmp_path):
@@ -166,13 +139,7 @@ def test_a_bundled_decoder_has_its_checksum(own, weights, monkeypatch, tmp_path)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda t, h: t.pop("layers.0.bias"), "tensor layers.0.bias is missing"),
-        (lambda t, h: t.update(extra=torch.zeros(1)), "tensor extra is unknown"),
-        (lambda t, h: t.update({"layers.0.bias": torch.zeros(5)}), "layers.0.bias has shape [5]"),
-        (lambda t, h: t["layers.0.bias"].fill_(torch.nan), "layers.0.bias is not finite"),
-        (lambda t, h: h.update(format="pc2pix-decoder-9"), "pc2pix-decoder-9"),
         (lambda t, h: h.pop("weights"), "belongs to weights of sha256 None"),
-        (lambda t, h: h.pop("model"), "its header cannot be read (KeyError('model'))"),
         (lambda t, h: h.update(model='{"latent_dim": 5}'), "its model does not fit"),
     ],
 )

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -13,11 +12,10 @@ from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
 from learning import checkpoint
-from learning import weight_files as learned_files
-from learning.weight_files import file_sha256, objective_of
-from pc2pix import weight_files
-from pc2pix.weight_files import BUNDLED, FOLDER
-from pc2pix.weights import export, load_weights
+from learning import weights as learned_files
+from learning.weights import file_sha256, objective_of
+from pc2pix import weights as weight_files
+from pc2pix.weights import BUNDLED, FOLDER, export, load_weights
 
 
 def test_round_trip(gan_checkpoint, tmp_path):
@@ -27,6 +25,7 @@ def test_round_trip(gan_checkpoint, tmp_path):
     assert loaded.sha256 == sha256 == file_sha256(path)
     assert loaded.card["steps"] == 2
     assert loaded.card["objective"] == "acgan-code"
+    assert loaded.card["learning_rates"] == "generator 0.0001, discriminator 0.0002"
     assert loaded.card["model"] == {
         "width": 0.0625,
         "latent_dim": 4,
@@ -75,46 +74,6 @@ def test_missing_bundled_file(tmp_path, monkeypatch):
         load_weights("x")
 
 
-@pytest.mark.parametrize("length", [0, 7, 1000, -1])
-def test_truncated_file(weights_file, tmp_path, length):
-    path = tmp_path / "cut.safetensors"
-    path.write_bytes(weights_file.read_bytes()[:length])
-    with pytest.raises(BadInput) as error:
-        load_weights(path)
-    assert one_line(error).startswith(f"{path}: not a whole safetensors file")
-
-
-def test_not_a_safetensors_file(tmp_path):
-    path = tmp_path / "text.safetensors"
-    path.write_text("these are not the weights you are looking for")
-    with pytest.raises(BadInput, match="not a whole safetensors file"):
-        load_weights(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t, h: t.pop("code_std"), "tensor code_std is missing"),
-        (lambda t, h: t.update(extra=torch.zeros(1)), "tensor extra is unknown"),
-        (lambda t, h: t.update(code_mean=torch.zeros(5)), "code_mean has shape [5], expected [4]"),
-        (lambda t, h: t["code_mean"].fill_(torch.nan), "code_mean is not finite"),
-        (lambda t, h: h.update(format="pc2pix-weights-999"), "pc2pix-weights-999"),
-        (lambda t, h: h.pop("model"), "header cannot be read"),
-        (lambda t, h: h.update(model="{"), "header cannot be read"),
-        (lambda t, h: h.update(model='{"depth": 1}'), "header cannot be read"),
-    ],
-)
-def test_wrong_content(weights_file, tmp_path, change, message):
-    tensors, header = checkpoint.read_safetensors(weights_file)
-    change(tensors, header)
-    path = tmp_path / "changed.safetensors"
-    save_file(tensors, path, metadata=header)
-    with pytest.raises(BadInput) as error:
-        load_weights(path)
-    assert message in one_line(error)
-    assert str(path) in one_line(error)
-
-
 def test_values_beyond_float16_are_not_exported(gan_checkpoint, tmp_path):
     state, step, config = checkpoint.load(gan_checkpoint, "gan")
     state["average.generator.conv.weight"].fill_(1e6)
@@ -132,8 +91,9 @@ def test_bundled_weights_load_and_are_small(name):
     assert (FOLDER / f"{name}.md").is_file()
 
 
-def test_importing_the_package_does_not_import_torch():
-    code = "import sys, pc2pix; sys.exit('torch' in sys.modules)"
+def test_names_and_checksums_do_not_need_torch():
+    packages = "pc2pix, pc2pix.weights, baselines.splat_net.weights, learning.weights"
+    code = f"import sys, {packages}; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
@@ -186,18 +146,6 @@ def test_a_long_header_is_not_read(tmp_path, monkeypatch):
         objective_of(path)
 
 
-@pytest.mark.parametrize("read", [load_weights, objective_of, file_sha256])
-def test_pipes_devices_and_giants_are_refused_at_once(tmp_path, read):
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "device").symlink_to("/dev/zero")
-    (tmp_path / "folder").mkdir()
-    with (tmp_path / "giant").open("wb") as file:
-        file.truncate(2**43)  # sparse
-    for name in ("pipe", "device", "folder", "giant", "gone", "n" * 300):
-        with pytest.raises(BadInput):
-            read(tmp_path / name)
-
-
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
@@ -224,25 +172,6 @@ def test_a_model_larger_than_its_file_is_never_built(
 
     monkeypatch.setattr(torch.nn.init, "uniform_", outline_only)
     with pytest.raises(BadInput, match=told):
-        load_weights(path)
-
-
-@pytest.mark.parametrize("kind", [torch.int32, torch.bool, torch.complex64, torch.float64])
-def test_tensors_of_another_type(weights_file, tmp_path, kind):
-    tensors, header = checkpoint.read_safetensors(weights_file)
-    tensors["code_mean"] = tensors["code_mean"].to(kind)
-    path = tmp_path / "changed.safetensors"
-    save_file(tensors, path, metadata=header)
-    with pytest.raises(BadInput, match=f"code_mean is of {kind}, not"):
-        load_weights(path)
-
-
-@pytest.mark.parametrize("card", ["[]", "3", "null", "[" * 100_000])
-def test_a_card_that_is_none(weights_file, tmp_path, card):
-    tensors, header = checkpoint.read_safetensors(weights_file)
-    path = tmp_path / "changed.safetensors"
-    save_file(tensors, path, metadata=header | {"training": card})
-    with pytest.raises(BadInput, match="its header cannot be read"):
         load_weights(path)
 
 

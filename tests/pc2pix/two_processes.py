@@ -16,6 +16,7 @@ from learning.training_loop import Cadence, seeded
 from pc2pix.model import Encoder, ModelConfig
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
 from pc2pix.train_gan import GanConfig, GanData, train_gan
+from pc2pix.weights import export
 
 TINY = ModelConfig(width=0.0625, latent_dim=4)
 CADENCE = Cadence(log=1, sheet=9, checkpoint=2)
@@ -57,6 +58,21 @@ def start_gan(folder, steps, on_progress=lambda report: None):
     )
 
 
+def start_decoder(folder):
+    """By the command's own function, and the files that this process replaced by new ones."""
+    from bench.commands.train import DecoderOptions, train_decoder
+
+    replaced = []
+    replace = os.replace
+    os.replace = lambda old, new: (replaced.append(Path(new).name), replace(old, new))
+    options = DecoderOptions(
+        str(folder / "weights.safetensors"), 2, 2, 2, "float32", "cpu", 0, 1, folder / "decoder"
+    )
+    train_decoder(options)
+    os.replace = replace
+    (folder / f"decoder-wrote-{os.environ['RANK']}.json").write_text(json.dumps(replaced))
+
+
 def keep_states(folder):
     """Have every process write its trainer's state after each training."""
     run = training_loop.run
@@ -83,6 +99,10 @@ def main(folder):
         AutoencoderConfig(model=TINY, batch=2, steps=2, cadence=CADENCE),
         folder / "autoencoder",
     )
+    if team.rank == 0:
+        export(folder / "whole" / "checkpoint.safetensors", folder / "weights.safetensors")
+    team.average({"exported": 1.0})
+    start_decoder(folder)
     said = {"rank": int(os.environ["RANK"]), "first": processes.is_first(), "reports": reports}
     (folder / f"said-{team.rank}.json").write_text(json.dumps(said))
 

@@ -566,9 +566,8 @@ def _read_cloud(path: Path) -> None:
 
 
 def _read_weights(path: Path) -> None:
-    from learning.weight_files import objective_of
-    from pc2pix.weight_files import find_weights
-    from pc2pix.weights import load_weights
+    from learning.weights import objective_of
+    from pc2pix.weights import find_weights, load_weights
 
     find_weights(path)
     try:

@@ -6,12 +6,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.running.progress import progress
 from bench.suites.latent.chairs import CHANGES, Triple, specified_chairs
 from bench.suites.latent.figures import Strip, Tile
 from bench.suites.latent.measures import chamfer_distances, cosine, ssim_values
 from bench.suites.latent.network import Network, cloud_of, look
 from bench.suites.latent.tables import Value
+from data_prep.progress import progress
 from pc2pix.latent import add_difference
 
 SUM, NOTHING, TRAIN, ANSWER = "a-b+c", "c", "nearest-train", "d"

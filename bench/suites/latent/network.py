@@ -16,10 +16,10 @@ from data_prep.randomness import generator
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import Mesh, PointCloud, View
-from pc2pix.decoder_weights import load_decoder
 from pc2pix.latent import decode
 from pc2pix.model import Decoder
 from pc2pix.renderer import Pc2pixRenderer
+from pc2pix.weights import load_decoder
 
 BUNDLED = "chair"  # the weights of the method `pc2pix`
 

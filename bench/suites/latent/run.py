@@ -21,7 +21,6 @@ from bench.records.record import SCHEMA_VERSION
 from bench.running import environment as manifests
 from bench.running.environment import environment
 from bench.running.isolation import one_thread
-from bench.running.progress import progress
 from bench.running.protocol import Options, refuse
 from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
 from bench.suites.latent.chairs import Pair, Triple, choose_pairs, choose_triples, specified_chairs
@@ -31,6 +30,7 @@ from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
 from bench.suites.latent.tables import LatentTable, Value, means, values_to_csv
 from data_prep.datasets import Split, open_dataset
 from data_prep.failures import BadInput
+from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.whole_files import write_whole

@@ -20,7 +20,6 @@ from bench.records.record import SCHEMA_VERSION
 from bench.running import environment as manifests
 from bench.running.environment import ROOT, code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
-from bench.running.progress import progress, say
 from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.speed.figure import write_amortised
 from bench.suites.speed.measure import Unit, measure
@@ -49,6 +48,7 @@ from bench.tables.published import published
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import BadInput
+from data_prep.progress import progress, say
 from data_prep.whole_files import write_whole
 
 TIMED = (  # what decides how long something takes

@@ -40,11 +40,10 @@ SCALES = {"scaled-1e3": 1e3, "scaled-1.3e3": 1.3e3, "scaled-1e9": 1e9, "scaled-1
 OUTLIER = "outlier-1e6"  # the first point at (1e6, 0, 0)
 CASES = (PLAIN, *SCALES, OUTLIER)
 REFERENCE = "float64"
-ROUNDOFF: dict[Format, float] = {  # relative to a value; for int8 to the largest one of its slice
+ROUNDOFF: dict[Format, float] = {  # relative to a value
     "float32": 2.0**-24,
     "bfloat16": 2.0**-8,
     "float16": 2.0**-11,
-    "int8": 0.5 / 127,
 }
 CODE_ROUNDOFFS = 100.0
 GREY_ROUNDOFFS = 1000.0

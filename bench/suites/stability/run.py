@@ -24,7 +24,6 @@ from bench.running import environment as manifests
 from bench.running.environment import environment
 from bench.running.executors import JobPool, do_jobs
 from bench.running.isolation import one_thread
-from bench.running.progress import say
 from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import KINDS, STATED, Observation, observe, outcome
@@ -39,6 +38,7 @@ from bench.suites.stability.metrics import metric_outcomes
 from bench.suites.stability.tables import Matrix, observations_to_csv
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
+from data_prep.progress import say
 from data_prep.whole_files import write_whole
 
 CASES_VERSION = 1  # raise when a perturbation of `data_prep.extremes` changes a cloud

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from baselines.splat_net.losses import (
-    FOREGROUND_WEIGHT,
     OBJECTIVES,
     STRUCTURE_WEIGHT,
     PatchJudge,
@@ -14,7 +13,7 @@ from baselines.splat_net.losses import (
     judge_error,
     picture_error,
 )
-from learning.structural_similarity import structural_similarity
+from learning.image_losses import FOREGROUND_WEIGHT, structural_similarity
 
 
 def scene(channels=3, size=32):

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 
@@ -9,14 +8,21 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from baselines.splat_net import weight_files
+from baselines.splat_net import weights as weight_files
 from baselines.splat_net.network import composite
 from baselines.splat_net.train import KIND
-from baselines.splat_net.weight_files import BUNDLED, FOLDER, find_weights
-from baselines.splat_net.weights import FORMAT, Weights, export, load_weights
+from baselines.splat_net.weights import (
+    BUNDLED,
+    FOLDER,
+    FORMAT,
+    Weights,
+    export,
+    find_weights,
+    load_weights,
+)
 from data_prep.failures import BadInput
 from learning import checkpoint
-from learning.weight_files import file_sha256, objective_of
+from learning.weights import file_sha256, objective_of
 
 from .conftest import SMALL
 
@@ -50,6 +56,8 @@ def test_round_trip(trained, tmp_path):
     assert loaded.sha256 == sha256 == file_sha256(path)
     assert loaded.card["steps"] == 2
     assert loaded.card["objective"] == objective_of(path) == "l1"
+    rates = "falling linearly from 2e-06 at step 1 to 1e-06 at step 2"  # of 2e-3, over 2,000 steps
+    assert loaded.card["learning_rates"] == rates
     assert loaded.card["network"]["heads"] == ("grey",)
     assert loaded.network.config.heads == ("grey",)
     assert loaded.network.config.widths == SMALL.widths
@@ -125,7 +133,7 @@ def test_a_failed_write_leaves_the_old_file(trained, weights_file, tmp_path, mon
         name.write_bytes(b"half")
         raise OSError("no space left on device")
 
-    monkeypatch.setattr(checkpoint, "save_file", half_written)
+    monkeypatch.setattr("safetensors.torch.save_file", half_written)
     with pytest.raises(OSError, match="no space"):
         export(trained, path, "grey")
     assert path.read_bytes() == weights_file.read_bytes()
@@ -154,61 +162,6 @@ def test_names(weights_file, tmp_path, monkeypatch):
         find_weights("x")
     monkeypatch.setitem(weight_files.BUNDLED, "x", file_sha256(weights_file))
     assert load_weights("x").sha256 == file_sha256(weights_file)
-
-
-@pytest.mark.parametrize("length", [0, 7, 1000, -1])
-def test_truncated_files(weights_file, tmp_path, length):
-    path = tmp_path / "cut.safetensors"
-    path.write_bytes(weights_file.read_bytes()[:length])
-    with pytest.raises(BadInput) as error:
-        load_weights(path)
-    assert one_line(error).startswith(f"{path}: not a whole safetensors file")
-
-
-def test_pipes_devices_and_giants_are_refused_at_once(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "device").symlink_to("/dev/zero")
-    (tmp_path / "folder").mkdir()
-    with (tmp_path / "giant").open("wb") as file:
-        file.truncate(2**43)  # sparse
-    for name in ("pipe", "device", "folder", "giant", "gone", "n" * 300):
-        with pytest.raises(BadInput):
-            load_weights(tmp_path / name)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t, h: t.pop("last.bias"), "tensor last.bias is missing"),
-        (lambda t, h: t.pop("lift.1.weight"), "tensor lift.1.weight is missing"),
-        (lambda t, h: t.update(extra=torch.zeros(1)), "tensor extra is unknown"),
-        (lambda t, h: t.update({"last.bias": torch.zeros(5)}), "last.bias has shape [5]"),
-        (lambda t, h: t["last.weight"].fill_(torch.nan), "last.weight is not finite"),
-        (lambda t, h: t["first.norm.bias"].fill_(torch.inf), "first.norm.bias is not finite"),
-        (lambda t, h: t.update({"last.bias": torch.zeros(4).double()}), "is of torch.float64"),
-        (lambda t, h: t.update({"last.bias": torch.zeros(4).int()}), "is of torch.int32"),
-        (lambda t, h: h.update(format="pc2pix-weights-1"), "expected format 'splat-net-weights-2'"),
-        (lambda t, h: h.pop("format"), "found None"),
-        (lambda t, h: h.pop("network"), "header cannot be read"),
-        (lambda t, h: h.pop("training"), "header cannot be read"),
-        (lambda t, h: h.update(network="{"), "header cannot be read"),
-        (lambda t, h: h.update(network="[]"), "header cannot be read"),
-        (lambda t, h: h.update(network="null"), "header cannot be read"),
-        (lambda t, h: h.update(network='{"depth": 1}'), "header cannot be read"),
-        (lambda t, h: h.update(network="[" * 100_000), "header cannot be read"),
-        (lambda t, h: h.update(training="[" * 100_000), "header cannot be read"),
-        (lambda t, h: h.update(training="[]"), "header cannot be read"),
-        (lambda t, h: h.update(training='[["a", 1]]'), "header cannot be read"),
-        (lambda t, h: h.update(training="3"), "header cannot be read"),
-        (lambda t, h: h.update(training="null"), "header cannot be read"),
-    ],
-)  # fmt: skip
-def test_wrong_content(weights_file, tmp_path, change, message):
-    path = changed(weights_file, tmp_path, change)
-    with pytest.raises(BadInput) as error:
-        load_weights(path)
-    assert message in one_line(error)
-    assert str(path) in one_line(error)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from learning.structural_similarity import structural_similarity
+from learning.image_losses import structural_similarity
 
 
 def pictures(count=2, size=40):

@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from data_prep.failures import BadInput
-from learning import weight_tensors
+from learning import weights
 
 PATH = Path("w.safetensors")
 REMEDY = "write it again"
@@ -19,7 +19,7 @@ def build():
 
 
 def stored():
-    return {k: v.clone() for k, v in weight_tensors.without_counters(build().state_dict()).items()}
+    return {k: v.clone() for k, v in weights.without_counters(build().state_dict()).items()}
 
 
 EXPECTED = {
@@ -35,14 +35,14 @@ EXPECTED = {
 def test_shapes_of_an_outline():
     with torch.device("meta"):
         network = build()
-    assert weight_tensors.shapes(network) == EXPECTED
-    assert weight_tensors.shapes(network, "a.") == {f"a.{k}": v for k, v in EXPECTED.items()}
+    assert weights.expected_shapes(network) == EXPECTED
+    assert weights.expected_shapes(network, "a.") == {f"a.{k}": v for k, v in EXPECTED.items()}
 
 
 def test_what_fits_is_taken():
-    weight_tensors.check(PATH, stored(), EXPECTED, REMEDY)
+    weights.check_tensors(PATH, stored(), EXPECTED, REMEDY)
     halved = {key: value.half() for key, value in stored().items()}
-    weight_tensors.check(PATH, halved, EXPECTED, REMEDY)
+    weights.check_tensors(PATH, halved, EXPECTED, REMEDY)
 
 
 @pytest.mark.parametrize(
@@ -64,14 +64,14 @@ def test_what_does_not_is_refused(change, problem):
     tensors = stored()
     change(tensors)
     with pytest.raises(BadInput) as error:
-        weight_tensors.check(PATH, tensors, EXPECTED, REMEDY)
+        weights.check_tensors(PATH, tensors, EXPECTED, REMEDY)
     assert str(error.value).startswith(f"{PATH}: {problem}")
     assert str(error.value).endswith(f"; {REMEDY}")
 
 
 def test_a_filled_network_has_what_was_stored():
     network, tensors = build(), {key: 2 * value.half() for key, value in stored().items()}
-    weight_tensors.fill(network, tensors)
+    weights.fill_network(network, tensors)
     assert not network.training
     for key, value in network.state_dict().items():
         if key in tensors:

@@ -16,9 +16,14 @@ def say(line: str) -> None:
 
 
 @contextmanager
-def progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Yields a function that takes the number of finished and failed pieces so far."""
-    if sys.stderr.isatty():
+def progress(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[int], None]]:
+    """Yields a function that takes the number of failed pieces so far, after each piece.
+
+    `quiet` shows nothing: of several processes that work together one reports.
+    """
+    if quiet:
+        yield lambda failed: None
+    elif sys.stderr.isatty():
         with _live(title, total) as advance:
             yield advance
     else:

@@ -1,0 +1,212 @@
+"""Weights as files: found, checksummed, written, and checked before they are trusted.
+
+A safetensors file; its header says what it is and how it was trained. PyTorch is imported by what
+handles tensors only: names and checksums are for the command line, which has no time for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from data_prep.failures import BadInput
+from data_prep.untrusted import is_regular_file, open_file
+from data_prep.whole_files import whole_file
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn
+
+MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
+MOST_HEADER_BYTES = 2**24
+MOST_OBJECTIVE_LENGTH = 100
+MOST_REASON = 120  # characters of a library's complaint
+COUNTER = "num_batches_tracked"  # of BatchNorm; drawing does without
+
+
+def find_file(name_or_path: str | Path, folder: Path, bundled: Mapping[str, str]) -> Path:
+    """The file of a bundled name (name -> sha256), its checksum verified, or the path itself.
+
+    Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
+    bundled file differs from its checksum.
+    """
+    name = str(name_or_path)
+    if name not in bundled:
+        path = Path(name_or_path)
+        if not is_regular_file(path):
+            known = ", ".join(bundled) or "none"
+            raise BadInput(
+                f"weights: {name!r} is neither a bundled name ({known}) nor a file; "
+                "give one of these names or the path of exported weights"
+            )
+        return path
+    path = folder / f"{name}.safetensors"
+    if not is_regular_file(path):
+        raise BadInput(f"{path}: the bundled weights are missing; reinstall the package")
+    found = file_sha256(path)
+    if found != bundled[name]:
+        raise BadInput(
+            f"{path}: sha256 {found} is not the expected {bundled[name]}; reinstall the package"
+        )
+    return path
+
+
+def file_sha256(path: Path) -> str:
+    """The checksum of a file. Raises BadInput where it cannot be read, or is too large."""
+    with open_file(path, MOST_BYTES) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def objective_of(path: Path) -> str:
+    """What exported weights were trained with, from the file's header alone; "" if it says nothing.
+
+    A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
+    which is JSON. Raises BadInput where this one does not.
+    """
+    with open_file(path, MOST_BYTES) as file:
+        length = int.from_bytes(file.read(8), "little")
+        text = file.read(min(length, MOST_HEADER_BYTES))
+    try:
+        if len(text) < length:
+            raise ValueError(f"{length} bytes by its own account")
+        training = json.loads(json.loads(text).get("__metadata__", {}).get("training", "{}"))
+        objective = training.get("objective", "")
+        if not isinstance(objective, str) or len(objective) > MOST_OBJECTIVE_LENGTH:
+            raise ValueError("the objective is no short text")
+    except (AttributeError, TypeError, ValueError, RecursionError) as error:
+        raise BadInput(
+            f"{path}: its header cannot be read ({error}); fetch or write the file again"
+        ) from None
+    return objective
+
+
+def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, str]) -> None:
+    """Write a safetensors file, whole or not at all."""
+    from safetensors.torch import save_file
+
+    plain = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
+    with whole_file(path) as new:
+        save_file(plain, new, metadata=dict(header))
+
+
+def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors (on the CPU) and header of a safetensors file.
+
+    Raises BadInput where the file is missing, cut short, of another kind, or larger than
+    `MOST_BYTES`. Nothing in it is executed, and no more memory taken than the file has bytes.
+    """
+    from safetensors import safe_open
+
+    if not is_regular_file(path):
+        raise BadInput(f"{path}: no such file; give the path of a safetensors file")
+    with open_file(path, MOST_BYTES):
+        pass
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = dict(file.metadata() or {})
+            return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
+    except Exception as error:  # whatever safetensors and torch raise for a type or shape
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:MOST_REASON]
+        raise BadInput(
+            f"{path}: not a whole safetensors file ({reason}); fetch or write it again"
+        ) from None
+
+
+def read_weights(
+    path: Path, expected: str, remedy: str
+) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """As `read_safetensors`, of exported weights: their header names the format `expected`.
+
+    Raises BadInput, with the `remedy`, also where it names another.
+    """
+    tensors, header = read_safetensors(path)
+    if header.get("format") != expected:
+        raise BadInput(
+            f"{path}: expected format {expected!r} in the header, found {header.get('format')!r}; "
+            f"{remedy}"
+        )
+    return tensors, header
+
+
+@contextmanager
+def understanding_header(path: Path, remedy: str) -> Generator[None]:
+    """What is raised inside by a header that lacks something, or says something else than it
+    should, becomes BadInput with the `remedy`."""
+    try:
+        yield
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BadInput(f"{path}: its header cannot be read ({error!r}); {remedy}") from None
+
+
+def training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
+    """How weights were trained, as JSON for their file's header: the configuration, the steps that
+    were taken, and their learning rates. Left out are the keys `apart`, which the header has of
+    their own, and what says only how often something was written."""
+    left_out = {*apart, "cadence"}
+    kept = {key: value for key, value in config.items() if key not in left_out}
+    return json.dumps(kept | {"steps": step})
+
+
+def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str, Tensor]:
+    """Kernels in float16, everything of one dimension as it is: how weights are exported.
+
+    Raises BadInput, naming the checkpoint `source` and the `remedy`, where a value does not fit.
+    """
+    stored = {key: value.half() if value.dim() > 1 else value for key, value in tensors.items()}
+    for key, value in stored.items():
+        if not value.isfinite().all():
+            raise BadInput(
+                f"{source}: {key} reaches {tensors[key].abs().max():g}, beyond float16; {remedy}"
+            )
+    return stored
+
+
+def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
+    """The entries below `name.`, without that prefix."""
+    prefix = f"{name}."
+    return {key.removeprefix(prefix): v for key, v in state.items() if key.startswith(prefix)}
+
+
+def without_counters(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The tensors that are stored."""
+    return {key: value for key, value in tensors.items() if not key.endswith(COUNTER)}
+
+
+def expected_shapes(network: nn.Module, prefix: str = "") -> dict[str, tuple[int, ...]]:
+    """What a file has to hold for `network`, which may be on the meta device."""
+    state = without_counters(network.state_dict())
+    return {f"{prefix}{key}": tuple(value.shape) for key, value in state.items()}
+
+
+def check_tensors(
+    path: Path,
+    tensors: Mapping[str, Tensor],
+    expected: Mapping[str, tuple[int, ...]],
+    remedy: str,
+) -> None:
+    """Raises BadInput, naming file, tensor and `remedy`, where a tensor is missing, unknown, of
+    another shape or type, or not finite."""
+    import torch
+
+    types = (torch.float16, torch.float32)
+    for key in sorted(expected.keys() ^ tensors.keys()):
+        problem = "is missing" if key in expected else "is unknown"
+        raise BadInput(f"{path}: tensor {key} {problem}; {remedy}")
+    for key, shape in expected.items():
+        if tuple(tensors[key].shape) != shape:
+            found = list(tensors[key].shape)
+            raise BadInput(f"{path}: {key} has shape {found}, expected {list(shape)}; {remedy}")
+        if tensors[key].dtype not in types:
+            raise BadInput(f"{path}: {key} is of {tensors[key].dtype}, not {types}; {remedy}")
+        if not tensors[key].isfinite().all():
+            raise BadInput(f"{path}: {key} is not finite; {remedy}")
+
+
+def fill_network(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
+    """Put checked tensors into `network`, in float32 and evaluation mode."""
+    state = {key: value.float() for key, value in tensors.items()}
+    network.load_state_dict(state, strict=False)  # no counters; `check_tensors` is strict
+    network.eval().requires_grad_(False)
