@@ -292,17 +292,14 @@ def _run_latent(options: Any) -> None:
 
 
 def _run_stability(options: Any) -> None:
-    from bench.suites.stability.expectations import KINDS
     from bench.suites.stability.run import run as run_stability
+    from bench.suites.stability.tables import counts, unexpected
+    from bench.tables import markdown
 
     finished = run_stability(options)
-    print("| matrix | " + " | ".join(KINDS) + " |")
-    print("|---" * (len(KINDS) + 1) + "|")
+    print(markdown.table(counts(finished.matrices)))
     for matrix in finished.matrices:
-        kinds = [outcome.kind for outcome in matrix.outcomes]
-        print(f"| {matrix.title} | " + " | ".join(str(kinds.count(k)) for k in KINDS) + " |")
-    for matrix in finished.matrices:
-        for outcome in matrix.unexpected:
+        for outcome in unexpected(matrix):
             print(
                 f"UNEXPECTED {outcome.subject}, {outcome.case}: {outcome.observed}; "
                 f"stated was: {outcome.expected}"
@@ -315,7 +312,7 @@ def _run_speed(options: Any) -> None:
 
     finished = run_speed(options)
     for table in finished.tables:
-        print(table)
+        print(table.to_markdown())
     noisy = f", {finished.noisy} while something else ran" if finished.noisy else ""
     print(
         f"{finished.done} measurements taken, {finished.reused} from before, "

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from bench.cloud_dots import draw_dots
 from bench.records.artifacts import Item
 from bench.records.record import GROUND_TRUTH
-from bench.report.page import Case, CaseGroup, Grid, GridCell, Picture, Tags
+from bench.report.page import Case, CaseGroup, Grid, GridCell, Picture
 from bench.report.stored import Sources
 from bench.report.styles import rivals
+from bench.tables.table import Tags
 from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each

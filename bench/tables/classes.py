@@ -6,8 +6,7 @@ Pure functions of records and features, as `bench.tables.quality`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -30,14 +29,16 @@ from bench.tables.quality import (
     Floats,
     Measured,
     Published,
-    Table,
+    Row,
+    all_methods,
     as_published,
+    beside_paper,
     cells,
     image_rows,
     make_row,
     set_rows,
 )
-from bench.tables.table import NAN, Row, by_class, ordered, values_and_papers
+from bench.tables.table import NAN, Block, Table, columns_of, ordered
 
 AVERAGE = "average"
 SURFACE = "surface-apss"  # the paper's SR
@@ -46,19 +47,7 @@ FEW = 10  # objects of a class below which its distances are warned of
 IN_A_ROW = 7  # classes side by side, as the paper has them
 
 
-@dataclass(frozen=True)
-class ClassTable(Table):
-    """Table 5. Several metrics, each with digits of its own."""
-
-    def to_markdown(self) -> str:
-        """The paper's layout, classes across in rows of seven, then all methods class by class."""
-        lines = [f"# {self.title}", "", self.remark, ""]
-        for condition in ordered(row.condition for row in self.rows):
-            rows = [row for row in self.rows if row.condition == condition]
-            if condition != self.rows[0].condition:
-                lines += [f"# At {markdown.cell(condition)}", ""]
-            lines += [*_paper_layout(rows), *by_class(rows, decimals)]
-        return "\n".join(lines)
+CLASSES = "table5_classes"
 
 
 def class_table(
@@ -67,7 +56,7 @@ def class_table(
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> ClassTable:
+) -> Table[Row]:
     """Table 5 from records (with class confidence, where it is known) and features by extractor.
 
     `skipped` gives the reason for each metric and extractor that there is nothing of.
@@ -76,10 +65,23 @@ def class_table(
     for metric in suite.class_metrics:
         made = _measured(metric, records, features, skipped, suite, published)
         rows += _in_order([*(m.row for m in made), *_averages(metric, made, published)])
+    return table_of_classes(rows, remark(records, suite))
+
+
+def table_of_classes(rows: Iterable[Row], remark: str) -> Table[Row]:
+    """Table 5 of its rows. Several metrics, each with digits of its own."""
+
+    def layout(rows: Sequence[Row]) -> Iterator[Block]:
+        yield remark
+        for condition in ordered(row.condition for row in rows):
+            if condition != rows[0].condition:
+                yield f"# At {markdown.cell(condition)}"
+            of_condition = [row for row in rows if row.condition == condition]
+            yield from _paper_layout(of_condition)
+            yield from all_methods(of_condition, decimals)
+
     title = "Table 5: classes, against pictures of the true meshes"
-    return ClassTable(
-        "table5_classes", title, tuple(rows), decimals=3, remark=remark(records, suite)
-    )
+    return Table(CLASSES, title, columns_of(Row), tuple(rows), layout, remark)
 
 
 def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) -> pd.DataFrame:
@@ -234,28 +236,26 @@ def _in_order(rows: Sequence[Row]) -> list[Row]:
     return [row for name in classes for row in rows if row.class_name == name]
 
 
-def _paper_layout(rows: Sequence[Row]) -> list[str]:
+def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
     """Of one condition: SR and PC2PIX side by side, classes in rows of seven."""
     network = network_of([row.method for row in rows])
     if network is None or not any(row.method == SURFACE for row in rows):
-        return []
-    at = {(row.metric, row.class_name, row.method): row for row in rows}
-    lines = [
+        return
+    yield (
         f"In the paper's layout: SR is `{SURFACE}`, PC2PIX is {markdown.code(network)}. Below a "
-        "line of ours stands the paper's, as published: other data (ShapeNet), other weights.",
-        "",
-    ]
+        "line of ours stands the paper's, as published: other data (ShapeNet), other weights."
+    )
+    at = {(row.metric, row.class_name, row.method): row for row in rows}
+    names = {SURFACE: "SR", network: "PC2PIX"}
     classes = ordered(row.class_name for row in rows)
     for start in range(0, len(classes), IN_A_ROW):
-        part = classes[start : start + IN_A_ROW]
-        columns = [(name, method) for name in part for method in (SURFACE, network)]
-        titles = [
-            f"{markdown.cell(name)} {'SR' if method == SURFACE else 'PC2PIX'}"
-            for name, method in columns
-        ]
-        lines += [markdown.row(["", *titles]), "|---" * (len(columns) + 1) + "|"]
-        for metric in ordered(row.metric for row in rows):
-            of_line = [at.get((metric, *column)) for column in columns]
-            lines += values_and_papers(metric, of_line, decimals(metric))
-        lines.append("")
-    return lines
+        across = [(k, method) for k in classes[start : start + IN_A_ROW] for method in names]
+        yield beside_paper(
+            "",
+            [f"{class_name} {names[method]}" for class_name, method in across],
+            {
+                metric: [at.get((metric, *place)) for place in across]
+                for metric in ordered(row.metric for row in rows)
+            },
+            decimals,
+        )
