@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.analysis.recognition import ClassHead
-from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import (
     KERNEL_METRICS,
     RECOGNITION_METRICS,
@@ -23,19 +23,19 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.features import Features
-from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.quality import (
+    FRECHET,
     Floats,
     Measured,
     Published,
     Row,
+    SetDistance,
     all_methods,
     as_published,
     beside_paper,
     cells,
     image_rows,
-    make_row,
     set_rows,
 )
 from bench.tables.table import NAN, Block, Table, columns_of, ordered
@@ -137,60 +137,24 @@ def _measured(
     suite: Suite,
     published: Published,
 ) -> list[Measured]:
-    if metric in skipped and is_similarity(metric):
-        return _nothing(metric, skipped[metric], records, suite, published)
-    if is_similarity(metric):
+    if is_similarity(metric) and metric not in skipped:
         return image_rows([metric], records, suite, published)
-    if metric not in KERNEL_METRICS:
-        reason = skipped.get(metric, "")
-        return set_rows(metric, records, features.get(metric), reason, suite, published)
-    of = KERNEL_METRICS[metric][0]
-    if of not in features:
-        return _nothing(metric, skipped[of], records, suite, published)
-    return _kernel_rows(metric, records, features[of], suite, published)
+    of, distance = metric, FRECHET
+    if metric in KERNEL_METRICS:
+        of, distance = KERNEL_METRICS[metric][0], KERNEL
+    found, reason = features.get(of), skipped.get(of, "")
+    return set_rows(metric, records, found, reason, suite, published, distance)
 
 
-def _nothing(
-    metric: str, reason: str, records: pd.DataFrame, suite: Suite, published: Published
-) -> list[Measured]:
-    return [
-        Measured(
-            make_row(suite, cell, metric, NAN, (NAN, NAN), group, published, NAN, reason),
-            np.empty(0),
-        )
-        for cell, group in cells(records)
-    ]
+def _kernel(x: Any, y: Any, objects: Any) -> tuple[float, Floats]:
+    return kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects)
 
 
-def _kernel_rows(
-    metric: str, records: pd.DataFrame, features: Features, suite: Suite, published: Published
-) -> list[Measured]:
-    made = []
-    for cell, group in cells(records):
-        value, left_out, with_blank, note = _kernel(cell, features)
-        low, high = interval_of_distances(value, [left_out]) if len(left_out) > 2 else (NAN, NAN)
-        row = make_row(suite, cell, metric, value, (low, high), group, published, with_blank, note)
-        made.append(Measured(row, left_out))
-    return made
+def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
+    return interval_of_distances(value, [left_out]) if len(left_out) > 2 else (NAN, NAN)
 
 
-def _kernel(cell: tuple[str, str, str], features: Features) -> tuple[float, Floats, float, str]:
-    """Value, without each object, with the floor's pictures for failed ones, why there is none."""
-    _, condition, class_name = cell
-    drawn, truth = features.pictures(*cell), (GROUND_TRUTH, "", class_name)
-    if len(drawn) < 2:
-        return NAN, np.empty(0), NAN, "fewer than two pictures"
-    objects = np.array([obj for obj, _ in drawn])
-    x, y = features.of(*cell, drawn), features.of(*truth, drawn)
-    value = kernel_distance(x, y)
-    left_out = left_out_kernel_distances(x, y, objects, objects)
-    floor = (FLOOR, condition, class_name)
-    missing = (set(features.pictures(*truth)) - set(drawn)) & set(features.pictures(*floor))
-    if not missing:
-        return value, left_out, value, ""
-    filled = np.concatenate([x, features.of(*floor, sorted(missing))])
-    with_blank = kernel_distance(filled, features.of(*truth, [*drawn, *sorted(missing)]))
-    return value, left_out, with_blank, ""
+KERNEL = SetDistance(kernel_distance, _kernel, _kernel_interval)
 
 
 def _averages(metric: str, made: Sequence[Measured], published: Published) -> list[Row]:

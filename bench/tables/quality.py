@@ -509,6 +509,28 @@ def set_table(
     return quality_table(name, title, (m.row for m in made), 1, paper_layout=_as_paper(suite))
 
 
+class SetDistance(NamedTuple):
+    """A distance of two sets of features of the same views.
+
+    whole     of features [n, d] and [n, d]
+    left_out  of features and the objects [n] that they are of: the distance, and those without each
+              block of objects
+    interval  95 %, from these two
+    """
+
+    whole: Callable[[Any, Any], float]
+    left_out: Callable[[Any, Any, NDArray[np.str_]], tuple[float, Floats]]
+    interval: Callable[[float, Floats], tuple[float, float]]
+
+
+def _frechet(x: Any, y: Any, objects: NDArray[np.str_]) -> tuple[float, Floats]:
+    left_out, true = LeftOut(x, objects), LeftOut(y, objects)
+    return centred_to_frechet(left_out.whole, true.whole), left_out_distances(left_out, true)
+
+
+FRECHET = SetDistance(frechet_distance, _frechet, interval_of_left_out)
+
+
 def set_rows(
     metric: str,
     records: pd.DataFrame,
@@ -516,43 +538,41 @@ def set_rows(
     skipped: str,
     suite: Suite,
     published: Published,
+    distance: SetDistance = FRECHET,
 ) -> list[Measured]:
-    """Fréchet distances of one extractor's features, for all cells; `skipped` says why none."""
+    """Distances of one extractor's features, for all cells; `skipped` says why there are none."""
     made = []
     for cell, group in cells(records):
         value, left_out, with_blank, note = NAN, np.empty(0), NAN, skipped
         if features is not None:
-            value, left_out, with_blank, note = _distances(cell, features)
-        interval = interval_of_left_out(value, left_out)
+            value, left_out, with_blank, note = _distances(cell, features, distance)
+        interval = distance.interval(value, left_out)
         row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
         made.append(Measured(row, left_out))
     return made
 
 
-def _distances(cell: tuple[str, str, str], features: Features) -> tuple[float, Floats, float, str]:
+def _distances(
+    cell: tuple[str, str, str], features: Features, distance: SetDistance
+) -> tuple[float, Floats, float, str]:
     """Value, without each block of objects, with the floor's pictures for failed ones, why none.
 
     In memory are the features of this cell, of the same true pictures and of the floor's.
     """
-    method, condition, class_name = cell
-    drawn = features.pictures(method, condition, class_name)
+    _, condition, class_name = cell
+    drawn, truth = features.pictures(*cell), (GROUND_TRUTH, "", class_name)
     if len(drawn) < 2:
         return NAN, np.empty(0), NAN, "fewer than two pictures"
-    truth = (GROUND_TRUTH, "", class_name)
     x, objects = features.of(*cell, drawn), np.array([obj for obj, _ in drawn])
-    wanted = set(features.pictures(*truth)) - set(drawn)
-    left_out, true = LeftOut(x, objects), LeftOut(features.of(*truth, drawn), objects)
-    value = centred_to_frechet(left_out.whole, true.whole)
-    without = left_out_distances(left_out, true)
+    value, left_out = distance.left_out(x, features.of(*truth, drawn), objects)
     floor = (FLOOR, condition, class_name)
+    wanted = set(features.pictures(*truth)) - set(drawn)
     missing = sorted(wanted & set(features.pictures(*floor)))
     if not missing:
-        return value, without, value, ""
-    with_blank = frechet_distance(
-        np.concatenate([x, features.of(*floor, missing)]),
-        features.of(*truth, [*drawn, *missing]),
-    )
-    return value, without, with_blank, ""
+        return value, left_out, value, ""
+    filled = np.concatenate([x, features.of(*floor, missing)])
+    with_blank = distance.whole(filled, features.of(*truth, [*drawn, *missing]))
+    return value, left_out, with_blank, ""
 
 
 def cells(records: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], pd.DataFrame]]:

@@ -53,10 +53,10 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path, quick):
     out = tmp_path / "run"
     assert [made.name for made in finished.matrices] == list(NAMES)
     methods = finished.matrices[0]
-    assert {(o.case, o.subject) for o in methods.outcomes} == {
+    assert {(o.case, o.subject) for o in methods.rows} == {
         (case.id, method) for case in CASES for method in ("blank", "true-mesh")
     }
-    assert {o.kind for o in methods.outcomes} == {"holds"}
+    assert {o.kind for o in methods.rows} == {"holds"}
     for name in NAMES:
         assert (out / "tables" / f"{name}.md").stat().st_size > 100
         assert (out / "figures" / f"{name}.png").stat().st_size > 1000
