@@ -146,7 +146,7 @@ def _summary(contests: Sequence[Contest]) -> Grid:
         [_Ends(c, (c.family, c.method, c.rival), c.metric) for c in contests],
         "pair",
         "metric",
-        _end_to_end,
+        lambda row: Cell(told_end_to_end(row.contest)),
         named=lambda row: row.contest.family.id,
         corner="family",
         before={
@@ -165,12 +165,6 @@ class _Ends:
     contest: Contest
     pair: tuple[Family, str, str]
     metric: str
-
-
-def _end_to_end(row: _Ends) -> Cell:
-    """The first crossing orders a column."""
-    crossings = row.contest.crossings
-    return Cell(told_end_to_end(row.contest), crossings[0].at if crossings else None)
 
 
 def _leads(rows: Sequence[Step]) -> Grid:

@@ -62,7 +62,7 @@ def test_who_is_ahead_stands_beside_the_leads():
         "lead along noise: standard deviation, in radii of the unit sphere, chair",
         "lead along missing on one side: share of the points, chair",
     )
-    assert [table.unfolded for table in (ends, noise, missing)] == [True, False, False]
+    assert [table.unfolded for table in (ends, noise, missing)] == [False, True, False]
     assert [name for name, _ in noise.columns] == ["first", "second", "0", "0.05", "0.1"]
     conditions = ["", "", "2048", "noise-0.05", "noise-0.10"]
     assert [tags.condition for _, tags in noise.columns] == conditions
@@ -82,6 +82,5 @@ def test_who_is_ahead_stands_beside_the_leads():
     assert [c.value for c in second.cells[2:]] == [None, 0.1, 0.3]
     assert noise.remark == "In training: splat-net 0 to 0.12, pc2pix 0 to 0.1."
     assert [name for name, _ in ends.columns][-1] == "ssim"
-    cell = ends.lines[1].cells[-1]
-    assert cell.text.startswith("splat-net, then pc2pix; crosses at ")
-    assert cell.text.split(" ")[5] == f"{cell.value:.3g}"
+    text = ends.lines[1].cells[-1].text
+    assert text.startswith("splat-net, then pc2pix; crosses at ")
