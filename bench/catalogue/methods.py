@@ -326,3 +326,13 @@ def objectives(method_ids: Iterable[str]) -> dict[str, str]:
 
     networks = ((id_, find_method(id_).weights_file) for id_ in method_ids)
     return {id_: objective_of(find()) for id_, find in networks if find}
+
+
+def role(method: str) -> str:
+    """ "ceiling" for what sees the mesh, "floor" for what sees no cloud, else empty."""
+    if method in FLOORS:
+        return "floor"
+    try:
+        return "ceiling" if find_method(method).sees_mesh else ""
+    except BadInput:  # a weights file or another package's method that is no longer there
+        return ""

@@ -182,6 +182,11 @@ def is_similarity(metric: str) -> bool:
     return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
 
 
+def higher_is_better(metric: str) -> bool:
+    """The direction of any metric of the tables."""
+    return is_similarity(metric) or metric == "retrieval"
+
+
 def column(metric: str) -> str:
     """The name of an image metric in the records."""
     return metric.replace("-", "_")

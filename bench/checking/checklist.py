@@ -31,6 +31,7 @@ from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.build import TABLES, class_orderings, read_scored
 from bench.tables.classes import NETWORK, SURFACE
+from bench.tables.table import BOLD, Cell, Grid, grid
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
@@ -82,43 +83,44 @@ def checked(runs: Sequence[Run]) -> list[Checked]:
 
 def to_markdown(made: Sequence[Checked]) -> str:
     """The checklist: counts, then a row for each claim, run and method."""
-    lines = [
-        "# The paper's claims",
-        "",
-        "*Supported* is what a 95 % interval over objects puts wholly on the claimed side; a "
-        "claim that so few objects cannot decide is *not supported*, and the reason says so. "
-        "Values are ours, on our data; the paper's stand in the quotations. "
-        "`fd-views` is not FID: where it stands in, no Inception weights were given.",
-        "",
-        *_counts(made),
-        "",
-        markdown.row(["claim", "verdict", "method", "ours", "the paper", "measured"]),
-        "|---" * 6 + "|",
-    ]
+    return markdown.document(
+        [
+            "# The paper's claims",
+            "*Supported* is what a 95 % interval over objects puts wholly on the claimed side; a "
+            "claim that so few objects cannot decide is *not supported*, and the reason says so. "
+            "Values are ours, on our data; the paper's stand in the quotations. "
+            "`fd-views` is not FID: where it stands in, no Inception weights were given.",
+            _counts(made),
+            _claims(made),
+        ]
+    )
+
+
+def _claims(made: Sequence[Checked]) -> Grid:
+    """The claim itself stands in its first row."""
     several = len({entry.run for entry in made if entry.run}) > 1
+    lines = []
     last = None
     for entry in made:
         claim, found = entry.claim, entry.finding
         first = claim is not last
         last = claim
-        verdict = f"**{found.verdict}**" if found.verdict == "supported" else found.verdict
-        subject = markdown.cell(found.subject)
-        if several and entry.run:
-            subject += f" ({markdown.cell(entry.run)})"
-        quoted = f"“{markdown.cell(claim.quoted)}” ({markdown.cell(claim.where)})"
+        supported = found.verdict == "supported"
         lines.append(
-            markdown.row(
-                [
-                    claim.id,
-                    f"{verdict}{': ' if found.reason else ''}{markdown.cell(found.reason)}",
-                    subject,
-                    markdown.cell(found.numbers),
-                    quoted if first else "",
-                    markdown.cell(claim.measured) if first else "",
-                ]
-            )
+            [
+                claim.id,
+                Cell(
+                    found.verdict,
+                    rest=f": {found.reason}" if found.reason else "",
+                    special=BOLD if supported else None,
+                ),
+                f"{found.subject} ({entry.run})" if several and entry.run else found.subject,
+                found.numbers,
+                f"“{claim.quoted}” ({claim.where})" if first else "",
+                claim.measured if first else "",
+            ]
         )
-    return "\n".join([*lines, ""])
+    return grid(["claim", "verdict", "method", "ours", "the paper", "measured"], lines)
 
 
 def write_checklist(made: Sequence[Checked], directory: Path) -> Path:
@@ -197,16 +199,16 @@ def _findings(claim: Claim, run: Run) -> list[Finding]:
         return [Finding("-", "not testable here", "", str(error))]
 
 
-def _counts(made: Sequence[Checked]) -> list[str]:
+def _counts(made: Sequence[Checked]) -> Grid:
     """How many claims of each verdict, by method: one line for each that any claim is about."""
     subjects: dict[tuple[str, str], list[Verdict]] = {}
     for entry in made:
         subjects.setdefault((entry.finding.subject, entry.run), []).append(entry.finding.verdict)
-    lines = [markdown.row(["method", "run", *VERDICTS]), "|---" * (2 + len(VERDICTS)) + "|"]
-    for (subject, run), verdicts in subjects.items():
-        counts = [str(verdicts.count(verdict)) for verdict in VERDICTS]
-        lines.append(markdown.row([markdown.cell(subject), markdown.cell(run), *counts]))
-    return lines
+    lines = (
+        [subject, run, *(str(verdicts.count(verdict)) for verdict in VERDICTS)]
+        for (subject, run), verdicts in subjects.items()
+    )
+    return grid(["method", "run", *VERDICTS], lines)
 
 
 def _read_table(directory: Path, name: str) -> pd.DataFrame:

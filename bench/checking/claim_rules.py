@@ -19,7 +19,8 @@ from bench.analysis.comparison import Comparison, Estimate, Quality
 from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
 from bench.catalogue.metrics import is_similarity
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals
-from bench.tables.orderings import Ordering, OrderingsTable
+from bench.tables.orderings import Ordering
+from bench.tables.table import Table
 
 Floats = NDArray[np.float64]
 Verdict = Literal["supported", "not supported", "not testable here"]
@@ -61,7 +62,7 @@ class Scored:
     """
 
     comparisons: Mapping[tuple[str, str], Comparison]
-    orderings: OrderingsTable | None
+    orderings: Table[Ordering] | None
     spreads: Mapping[str, tuple[float, Floats]]
 
     @property
@@ -358,7 +359,7 @@ def _ordering(run: Scored, metric: str, class_name: str) -> tuple[Ordering, str]
         raise Lacking("the run has not both SR and pc2pix")
     for row in run.orderings.rows:
         if (row.condition, row.class_name, row.metric) == (FULL, class_name, metric):
-            return row, run.orderings.network
+            return row, row.method
     raise Lacking(f"the run has no {metric} of class {class_name} at {FULL}")
 
 

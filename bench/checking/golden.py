@@ -20,11 +20,11 @@ from bench.catalogue.suites import STABILITY
 from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
 from bench.suites.stability.tables import read_outcomes
-from bench.tables.build import TABLES, Writable, beyond, class_orderings, table_files, tables
+from bench.tables.build import TABLES, beyond, class_orderings, tables
 from bench.tables.orderings import PAPER_NETWORK
 from bench.tables.published import golden, golden_path
-from bench.tables.quality import Table
-from bench.tables.table import PAPER_METHODS, Row
+from bench.tables.quality import PAPER_METHODS, Row
+from bench.tables.table import Table, table_files
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
@@ -57,7 +57,7 @@ def check(directory: Path) -> Verdict:
     found = {_cell(row): row.value for table in made for row in table.rows}
     ordered, along = class_orderings(directory), beyond(directory)
     further = [ordered, along.crossings if along is not None else None]
-    written = [*made, *(table for table in further if table is not None)]
+    written: list[Table[Any]] = [*made, *(table for table in further if table is not None)]
     compared, regressions = 0, _stale_tables(directory, written)
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
@@ -120,7 +120,7 @@ def _same_protocol(directory: Path, manifest: dict[str, Any], expected: pd.DataF
         )
 
 
-def _stale_tables(directory: Path, made: Sequence[Writable]) -> list[str]:
+def _stale_tables(directory: Path, made: Sequence[Table[Any]]) -> list[str]:
     """Table files that do not say what the records say."""
     stale = []
     for name, text in table_files(made).items():
@@ -150,7 +150,7 @@ def _cell(row: Row) -> tuple[str, str, str, str]:
     return row.method, row.condition, row.class_name, row.metric
 
 
-def _against_paper(made: list[Table]) -> list[str]:
+def _against_paper(made: list[Table[Row]]) -> list[str]:
     """For each metric that the paper has: in how many cells the same road is ahead."""
     rows = {_cell(row): row for table in made for row in table.rows}
     sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
@@ -33,7 +33,9 @@ from bench.running.pilot import (
 )
 from bench.running.protocol import Options, Protocol, protocol_of
 from bench.running.run import Prospect, look_ahead, refuse_small
-from bench.tables.markdown import cell, code, row
+from bench.tables.markdown import cell, code, document
+from bench.tables.table import BOLD, Block, grid
+from bench.tables.table import Cell as TableCell
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
@@ -81,76 +83,67 @@ class Forecast:
 
 def to_markdown(found: Forecast) -> str:
     """Headline, a table by method, wall time and memory, and what would save."""
+    return document(_blocks(found)).removesuffix("\n")
+
+
+def _blocks(found: Forecast) -> Iterator[Block]:
     total, wall = found.estimate.total, found.estimate.wall_s
     part = f", shard {found.shard}" if found.shard else ""
     methods = [method for method in found.estimate.methods if method != GROUND_TRUTH]
-    lines = [
-        f"# Plan of {cell(found.suite)} on {cell(found.dataset)}{part}",
-        "",
+    yield f"# Plan of {cell(found.suite)} on {cell(found.dataset)}{part}"
+    yield (
         f"{found.objects:,} objects x {found.views} views x {found.conditions} conditions x "
         f"{len(methods)} methods: {total.items:,} items to do"
         + (f", {found.there:,} there in {code(found.folder)}" if found.there else "")
         + f". Measured just now on {found.measured} objects with {_workers(found.workers)}; "
-        "[95 % intervals].",
-        "",
-        row(
-            [
-                "method",
-                "items",
-                "core-s an item",
-                "core-hours",
-                "GPU-hours",
-                "disk, MB",
-                "worker, MiB",
-            ]
-        ),
-        "|---" * 7 + "|",
-        *(
-            _line(cell(method), cost, method in found.on_gpu)
-            for method, cost in found.estimate.methods.items()
-        ),
-        row(["start of workers", "", "", _number(found.starting_s / 3600), NO_VALUE, "", ""]),
-        _line("**all**", total, False, _gpu_s(found)),
-        "",
+        "[95 % intervals]."
+    )
+    yield grid(
+        [
+            *("method", "items", "core-s an item", "core-hours", "GPU-hours", "disk, MB"),
+            "worker, MiB",
+        ],
+        [
+            *(
+                _line(method, cost, cost.method_s if method in found.on_gpu else None)
+                for method, cost in found.estimate.methods.items()
+            ),
+            ["start of workers", "", "", _number(found.starting_s / 3600), NO_VALUE, "", ""],
+            _line(TableCell("all", special=BOLD), total, _gpu_s(found)),
+        ],
+    )
+    yield (
         f"With {_workers(found.workers)}: **{_span(wall.value)}**"
         + (f" [{_span(wall.low)}, {_span(wall.high)}]" if math.isfinite(wall.low) else "")
         + ", tables and figures at its end not included; "
-        f"memory {found.workers} x {total.peak_mib:,.0f} MiB at most.",
-    ]
-    if total.failed:
-        lines += ["", f"{total.failed} of the pilot's items failed; they are counted as they were."]
-    if found.savings:
-        lines += [
-            "",
-            "## What would save",
-            "",
-            row(["instead", "core-hours", "saved", "share", "at what price"]),
-            "|---" * 5 + "|",
-            *(_saving_row(saving, total.core_s.value) for saving in found.savings),
-        ]
-    if found.to_measure:
-        lines += [
-            "",
-            "What a cheaper method of the same kind would save: `--also` with some of "
-            f"{code(','.join(found.to_measure))}.",
-        ]
-    return "\n".join(lines)
-
-
-def _line(name: str, cost: Cost, on_gpu: bool, gpu_s: float | None = None) -> str:
-    gpu_s = cost.method_s if on_gpu else gpu_s
-    each = cost.core_s.value / cost.items if cost.items else math.nan
-    return row(
-        [
-            name,
-            f"{cost.items:,}",
-            _number(each) if name != "**all**" else "",
-            _hours(cost.core_s),
-            NO_VALUE if gpu_s is None else _number(gpu_s / 3600),
-            f"{cost.size_b / 1e6:,.0f}",
-            f"{cost.peak_mib:,.0f}" if math.isfinite(cost.peak_mib) else NO_VALUE,
-        ]
+        f"memory {found.workers} x {total.peak_mib:,.0f} MiB at most."
     )
+    if total.failed:
+        yield f"{total.failed} of the pilot's items failed; they are counted as they were."
+    if found.savings:
+        yield "## What would save"
+        yield grid(
+            ["instead", "core-hours", "saved", "share", "at what price"],
+            (_saving_line(saving, total.core_s.value) for saving in found.savings),
+        )
+    if found.to_measure:
+        yield (
+            "What a cheaper method of the same kind would save: `--also` with some of "
+            f"{code(','.join(found.to_measure))}."
+        )
+
+
+def _line(name: str | TableCell, cost: Cost, gpu_s: float | None) -> list[str | TableCell]:
+    each = cost.core_s.value / cost.items if cost.items else math.nan
+    return [
+        name,
+        f"{cost.items:,}",
+        _number(each) if isinstance(name, str) else "",
+        _hours(cost.core_s),
+        NO_VALUE if gpu_s is None else _number(gpu_s / 3600),
+        f"{cost.size_b / 1e6:,.0f}",
+        f"{cost.peak_mib:,.0f}" if math.isfinite(cost.peak_mib) else NO_VALUE,
+    ]
 
 
 def _gpu_s(found: Forecast) -> float | None:
@@ -159,15 +152,15 @@ def _gpu_s(found: Forecast) -> float | None:
     return sum(found.estimate.methods[method].method_s for method in found.on_gpu)
 
 
-def _saving_row(saving: Saving, whole_s: float) -> str:
+def _saving_line(saving: Saving, whole_s: float) -> list[str]:
     share = f"{saving.saved_s / whole_s:.0%}" if whole_s > 0 else NO_VALUE
-    hours = [_number(seconds / 3600) for seconds in (saving.core_s, saving.saved_s)]
-    return row([cell(saving.what), *hours, share, cell(saving.note)])
+    hours = (_number(seconds / 3600) for seconds in (saving.core_s, saving.saved_s))
+    return [saving.what, *hours, share, saving.note]
 
 
-def _hours(seconds: Amount) -> str:
+def _hours(seconds: Amount) -> TableCell:
     value, low, high = (_number(s / 3600) for s in (seconds.value, seconds.low, seconds.high))
-    return f"{value} [{low}, {high}]" if math.isfinite(seconds.low) else value
+    return TableCell(value, interval=(low, high) if math.isfinite(seconds.low) else None)
 
 
 def _number(value: float) -> str:

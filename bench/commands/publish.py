@@ -24,10 +24,11 @@ from bench.tables.build import (
     write_tables,
     write_trade,
 )
-from bench.tables.classes import ClassTable
-from bench.tables.orderings import OrderingsTable
+from bench.tables.classes import CLASSES
+from bench.tables.orderings import Ordering
 from bench.tables.published import published
-from bench.tables.quality import Table
+from bench.tables.quality import Row
+from bench.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,10 @@ class Outputs:
     beyond     methods along families of conditions; None for a suite without
     """
 
-    tables: tuple[Table, ...]
+    tables: tuple[Table[Row], ...]
     cost: str
     trade: Trade | None
-    orderings: OrderingsTable | None
+    orderings: Table[Ordering] | None
     beyond: Beyond | None
 
 
@@ -102,12 +103,12 @@ def _report(directory: Path, outputs: Outputs) -> None:
 def _write_figures(
     directory: Path, suite: str, outputs: Outputs, artifacts: Sequence[Artifact]
 ) -> None:
-    by_class = next((t for t in outputs.tables if isinstance(t, ClassTable)), None)
+    by_class = next((t for t in outputs.tables if t.name == CLASSES), None)
     along = outputs.beyond
     if by_class is not None:
         write_class_figures(directory, by_class, published(suite), artifacts)
     elif outputs.trade is not None:
-        write_frontier(directory / FIGURES, outputs.trade.frontier.places)
+        write_frontier(directory / FIGURES, outputs.trade.frontier.rows)
     elif along is not None and along.courses:
         write_beyond_figures(directory, along.courses, artifacts)
     else:

@@ -22,7 +22,8 @@ from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Protocol, method_identity, protocol_of
 from bench.running.run import Finished, Prospect, look_ahead, refuse_small
-from bench.tables.markdown import cell, row, visible
+from bench.tables.markdown import table, visible
+from bench.tables.table import grid
 
 FID = "fid"
 
@@ -131,9 +132,12 @@ def _jobs(prospect: Prospect) -> list[str]:
         f"ground truths: {truths} to be done, {objects - truths} there",
         f"items: {items} to be done, {every - items} there",
         "",
-        row(["method", *(cell(c) for c in protocol.conditions)]),
-        "|---" * (1 + len(protocol.conditions)) + "|",
-        *(row([cell(m), *(to_do((m, c)) for c in protocol.conditions)]) for m in protocol.methods),
+        table(
+            grid(
+                ["method", *protocol.conditions],
+                ([m, *(to_do((m, c)) for c in protocol.conditions)] for m in protocol.methods),
+            )
+        ),
     ]
 
 

@@ -21,13 +21,14 @@ from bench.commands.options import RunDirectory, names
 from bench.records.artifacts import Item
 from bench.report.stored import Sources, open_sources
 from bench.running.work import Pictures, reason_of
-from bench.tables.build import TABLES, read_scored, table_files
-from bench.tables.quality import Table, image_rows
+from bench.tables.build import TABLES, read_scored
+from bench.tables.quality import Row, image_rows, quality_table
+from bench.tables.table import Table, table_files
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
 
-def score(directory: Path, metric_ids: Sequence[str]) -> list[Table]:
+def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
     """A table for each metric, written into `directory`/tables as metric_ID.csv and .md.
 
     Raises BadInput for what is no finished run, an unknown metric, pictures that are not there any
@@ -44,10 +45,10 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table]:
     made = []
     for metric in metrics:
         records = scored(run.records, sources, metric)
-        rows = tuple(one.row for one in image_rows([metric.id], records, run.suite, {}))
+        rows = (one.row for one in image_rows([metric.id], records, run.suite, {}))
         better = "higher" if metric.higher_is_better else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
-        made.append(Table(f"metric_{metric.id}", title, rows, decimals=3, paper_layout=False))
+        made.append(quality_table(f"metric_{metric.id}", title, rows, 3, paper_layout=False))
     for name, text in table_files(made).items():
         write_whole(directory / TABLES / name, text.encode())
     return made

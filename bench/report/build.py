@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import compare
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     IMAGE_METRICS,
@@ -27,17 +27,19 @@ from bench.records.artifacts import Item
 from bench.records.features import Features
 from bench.records.journal import read_finished
 from bench.records.parquet import read_features, read_records
-from bench.report.families import crossings_group, family_curves
+from bench.report.families import family_curves
 from bench.report.page import Choice, Page, html
-from bench.report.pareto import cost_plots, cost_table
+from bench.report.pareto import cost_plots
 from bench.report.pictures import cases, extremes, grids, shown_objects
 from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
-from bench.report.styles import role, styles
-from bench.report.tables import failure_groups, orderings_group, table_groups
+from bench.report.styles import styles
+from bench.report.tables import failure_groups, table_group
 from bench.tables.build import Beyond, beyond, class_orderings, how_timed, tables
-from bench.tables.orderings import OrderingsTable
-from bench.tables.quality import Table
+from bench.tables.frontier import cost_grid
+from bench.tables.orderings import Ordering
+from bench.tables.quality import Row
+from bench.tables.table import Table
 from data_prep.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
@@ -51,8 +53,8 @@ class Made:
     """What `bench.tables.build` makes of a run: its tables, the paper's orderings and the families
     of conditions if it has any."""
 
-    tables: Sequence[Table]
-    orderings: OrderingsTable | None
+    tables: Sequence[Table[Row]]
+    orderings: Table[Ordering] | None
     beyond: Beyond | None
 
 
@@ -94,7 +96,7 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
     with threadpool_limits(1):
         comparisons = compare(records, features, metrics)
         costs = cost_plots(comparisons, metrics, views, look)
-        costed = cost_table(comparisons, metrics[0], views)
+        costed = cost_grid(comparisons, metrics[0], views)
     failures = failure_groups(records)
     ordered, along = made.orderings, made.beyond
     fought = along.crossings if along is not None else None
@@ -114,9 +116,9 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
         curves_title=title,
         curves_remark=_left_out(manifest["methods"]),
         tables=(
-            *([crossings_group(fought)] if fought else ()),
-            *table_groups(made.tables),
-            *([orderings_group(ordered)] if ordered else ()),
+            *([table_group(fought)] if fought else ()),
+            *map(table_group, made.tables),
+            *([table_group(ordered, folded=False)] if ordered else ()),
         ),
         costs=costs,
         cost_table=costed,

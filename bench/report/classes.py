@@ -13,10 +13,10 @@ from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import Artifact, Item
 from bench.records.record import GROUND_TRUTH
 from bench.report.robustness import FIGURES, show
-from bench.tables.classes import AVERAGE, SURFACE, ClassTable, network_of
+from bench.tables.classes import AVERAGE, SURFACE, network_of
 from bench.tables.orderings import PAPER_METRIC, PAPER_NETWORK
-from bench.tables.quality import Published
-from bench.tables.table import Row, ordered
+from bench.tables.quality import Published, Row
+from bench.tables.table import Table, ordered
 
 BLOCKS = 2  # of classes, side by side
 DISTANCES = (PAPER_METRIC, "fd-views")  # the first that has a value is shown
@@ -26,7 +26,7 @@ MARKERS = {SURFACE: "s", PAPER_NETWORK: "o"}
 
 
 def write_class_figures(
-    directory: Path, table: ClassTable, published: Published, artifacts: Sequence[Artifact]
+    directory: Path, table: Table[Row], published: Published, artifacts: Sequence[Artifact]
 ) -> None:
     """`classes.png` (the paper's Figure 4) and `table5.png`.
 

@@ -8,87 +8,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import math
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
 from bench.tables.markdown import visible
-
-
-@dataclass(frozen=True)
-class Tags:
-    """What the filters of the page go by; an empty field is no obstacle to any choice."""
-
-    method: str = ""
-    condition: str = ""
-    class_name: str = ""
-    outcomes: tuple[str, ...] = ()
-
-
-ANY = Tags()
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A number of a table, as people read it.
-
-    text      the value, or why there is none
-    value     what the column is sorted by; None: comes last
-    beside    its interval, or what it is made of
-    paper     the published value; empty where there is none
-    gap       what is missing from it, or speaks against it; empty where nothing is or does
-    mark      what is special about it ("best", "frontier", "reproduced"); empty where nothing is
-    """
-
-    text: str
-    value: float | None = None
-    beside: str = ""
-    paper: str = ""
-    gap: str = ""
-    mark: str = ""
-
-
-def lead_cell(
-    lead: tuple[float, float, float], digits: int, *, mark: str = "", gap: str = ""
-) -> Cell:
-    """A signed number with its interval (value, low, high); a dash where it is not finite, and no
-    interval where that is not."""
-    value, low, high = lead
-    if not math.isfinite(value):
-        return Cell("-")
-    interval = f"{low:+.{digits}f} to {high:+.{digits}f}" if math.isfinite(low) else ""
-    return Cell(f"{value:+.{digits}f}", value, interval, mark=mark, gap=gap)
-
-
-@dataclass(frozen=True)
-class Line:
-    """A row of a table; `about` stands in small letters beneath its name, one cell a column."""
-
-    name: str
-    about: str
-    tags: Tags
-    cells: tuple[Cell, ...]
-
-
-@dataclass(frozen=True)
-class NumberTable:
-    """A table that can be sorted.
-
-    corner    what the names of the rows are
-    columns   (name, tags) of each
-    higher    whether a higher value is better: the order a first sorting gives
-    unfolded  whether it is seen at once
-    """
-
-    caption: str
-    corner: str
-    columns: tuple[tuple[str, Tags], ...]
-    lines: tuple[Line, ...]
-    higher: bool
-    unfolded: bool = True
-    tags: Tags = ANY
-    notes: tuple[str, ...] = ()
+from bench.tables.table import ANY, Tags
+from bench.tables.table import Grid as NumberTable
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Quality against cost: a plot for each condition, and a table for the page."""
+"""Quality against cost: a plot for each condition."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from bench.analysis.comparison import Comparison, Estimate, decimals, milliseconds
 from bench.analysis.frontier import Place, places
-from bench.catalogue.methods import FLOORS
-from bench.catalogue.metrics import IMAGE_METRICS
+from bench.catalogue.methods import FLOORS, role
+from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 from bench.catalogue.parameters import find_setting
-from bench.report.page import Cell, Line, Mark, NumberTable, Plot, Series, Style, Tags, Word
+from bench.report.page import Mark, Plot, Series, Style, Word
 from bench.report.robustness import Axis, axis_of, axis_with_room, spread
-from bench.report.styles import family, higher_is_better, role
+from bench.report.styles import family
+from bench.tables.table import Tags
 
 Floats = NDArray[np.float64]
 RINGS = (9, 14, 20, 28, 38, 50, 64)  # distances tried around a point, in points of 1/72 inch
@@ -305,67 +306,6 @@ def cost_plots(
             for cell, of_cell in cells.items()
         ]
     return tuple(plots)
-
-
-def cost_table(comparisons: Sequence[Comparison], metric: str, views: int) -> NumberTable | None:
-    """Milliseconds for a cloud with its views, by method and condition; None without any times.
-
-    With several classes each line is of one class. The remark of a cell says what the cost is made
-    of; its mark, whether the method is on the frontier by `metric`.
-    """
-    classes = list(dict.fromkeys(c.class_name for c in comparisons))
-    conditions = list(dict.fromkeys(c.condition for c in comparisons))
-    at = {(c.condition, c.class_name): c for c in comparisons}
-    verdicts = {
-        (c.condition, c.class_name, p.method): p.verdict
-        for c in comparisons
-        for p in places(c, (metric,), views)
-    }
-    lines = []
-    for class_name in classes:
-        methods = dict.fromkeys(m for c in comparisons for m in c.pictures)
-        for method in methods:
-            cells = []
-            for condition in conditions:
-                comparison = at.get((condition, class_name))
-                if comparison is None or method not in comparison.pictures:
-                    cells.append(Cell("-"))
-                    continue
-                cost = comparison.cost_ms(method, views)
-                ahead = verdicts[condition, class_name, method] == "frontier"
-                cells.append(
-                    Cell(
-                        milliseconds(cost.value),
-                        cost.value if math.isfinite(cost.value) else None,
-                        _made_of(comparison, method, views),
-                        mark="frontier" if ahead else "",
-                    )
-                )
-            about = class_name if len(classes) > 1 else role(method)
-            tags = Tags(method=method, class_name=class_name)
-            lines.append(Line(method, about, tags, tuple(cells)))
-    if not any(cell.value is not None for line in lines for cell in line.cells):
-        return None
-    return NumberTable(
-        caption=f"Milliseconds for a cloud with {_of_views(views)}, median over objects; beneath, "
-        "what they are made of: prepare the cloud + draw a view",
-        corner="method",
-        columns=tuple((condition, Tags(condition=condition)) for condition in conditions),
-        lines=tuple(lines),
-        higher=False,
-        notes=(f"“frontier”: no other method has at least its {metric} for at most its cost.",),
-    )
-
-
-def _made_of(comparison: Comparison, method: str, views: int) -> str:
-    prepare, draw = (
-        np.nanmedian(1000 * seconds[method]) if np.isfinite(seconds[method]).any() else math.nan
-        for seconds in (comparison.prepare_s, comparison.draw_s)
-    )
-    if not math.isfinite(prepare):
-        return "no times"
-    times = f" × {views}" if views > 1 else ""
-    return f"{milliseconds(float(prepare))} + {milliseconds(float(draw))}{times}"
 
 
 def _of_views(views: int) -> str:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from bench.records.artifacts import Item
 from bench.records.record import GROUND_TRUTH
-from bench.report.page import Case, CaseGroup, Grid, GridCell, Picture, Tags
+from bench.report.page import Case, CaseGroup, Grid, GridCell, Picture
 from bench.report.stored import Sources
 from bench.report.styles import rivals
+from bench.tables.table import Tags
 from data_prep.dots import draw_dots
 from data_prep.scene import View
 

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import decimals
-from bench.catalogue.methods import FLOORS, find_method
-from bench.catalogue.metrics import IMAGE_METRICS
+from bench.catalogue.methods import FLOORS, find_method, role
+from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
 from bench.records.artifacts import Artifact, Item
 from bench.records.record import GROUND_TRUTH
-from bench.report.page import Mark, Plot, Series, Style, Tags, Word
-from bench.report.styles import family, higher_is_better, is_yardstick, role
-from bench.tables.quality import Table
-from bench.tables.table import Row
+from bench.report.page import Mark, Plot, Series, Style, Word
+from bench.report.styles import family, is_yardstick
+from bench.tables.quality import Row
+from bench.tables.table import Table, Tags
 
 FIGURES = "figures"
 OBJECTS_SHOWN = 4
@@ -31,7 +31,9 @@ THIN_TINT = (225, 0, 75)
 METRICS_SHOWN = ("ssim", "structure", "fd-views", "fid")
 
 
-def write_figures(directory: Path, tables: Sequence[Table], artifacts: Sequence[Artifact]) -> None:
+def write_figures(
+    directory: Path, tables: Sequence[Table[Row]], artifacts: Sequence[Artifact]
+) -> None:
     """Robustness curves (after Tables 3 and 4), picture grids (the paper's Figures 1 and 3) and a
     sheet of thin parts.
 
@@ -50,7 +52,7 @@ def write_figures(directory: Path, tables: Sequence[Table], artifacts: Sequence[
     _thin_parts(folder / "thin-parts.png", artifacts)
 
 
-def _robustness(path: Path, tables: Sequence[Table]) -> None:
+def _robustness(path: Path, tables: Sequence[Table[Row]]) -> None:
     from matplotlib import pyplot as plt
 
     shown: dict[str, list[Row]] = {}
@@ -291,7 +293,7 @@ LABEL_GAP = 15.0
 LONGEST = 18  # letters of a label
 
 
-def curves(tables: Sequence[Table], styles: Mapping[str, Style]) -> tuple[Plot, ...]:
+def curves(tables: Sequence[Table[Row]], styles: Mapping[str, Style]) -> tuple[Plot, ...]:
     """A plot for each of the metrics that has values, and for each class or condition.
 
     With one class the conditions stand side by side and are joined; with several the classes do, a
@@ -308,7 +310,7 @@ def curves(tables: Sequence[Table], styles: Mapping[str, Style]) -> tuple[Plot, 
     return tuple(plots)
 
 
-def _rows(tables: Sequence[Table], metric: str) -> list[Row]:
+def _rows(tables: Sequence[Table[Row]], metric: str) -> list[Row]:
     """The rows of a metric that are drawn; of several tables with it, of the one with most."""
     found = [[row for row in table.rows if row.metric == metric] for table in tables]
     return [

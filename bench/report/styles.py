@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bench.catalogue.methods import FLOORS, YARDSTICKS, find_method
-from bench.catalogue.metrics import is_similarity
+from bench.catalogue.methods import YARDSTICKS, role
 from bench.catalogue.parameters import find_setting
 from bench.report.page import Style
-from data_prep.failures import BadInput
 
 # Told apart by form too: a method is never known by its hue alone.
 MARKERS = (
@@ -22,16 +20,6 @@ MARKERS = (
     "M-4.6-4.6L0-1.6L4.6-4.6L1.6 0L4.6 4.6L0 1.6L-4.6 4.6L-1.6 0z",  # star of four
 )
 HUES = 8  # of the style sheet
-
-
-def role(method: str) -> str:
-    """ "ceiling" for what sees the mesh, "floor" for what sees no cloud, else empty."""
-    if method in FLOORS:
-        return "floor"
-    try:
-        return "ceiling" if find_method(method).sees_mesh else ""
-    except BadInput:  # a weights file or another package's method that is no longer there
-        return ""
 
 
 def rivals(methods: Iterable[str]) -> list[str]:
@@ -71,8 +59,3 @@ def styles(methods: Iterable[str]) -> dict[str, Style]:
         hue = (number + number // len(MARKERS)) % HUES
         made[method] = Style(f"hue-{hue} dash-{form}", MARKERS[form])
     return made
-
-
-def higher_is_better(metric: str) -> bool:
-    """The direction of any metric of the tables."""
-    return is_similarity(metric) or metric == "retrieval"

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.crossings import Course, contests, courses
+from bench.analysis.frontier import Place, Thinned
 from bench.analysis.recognition import read_class_head
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import (
@@ -27,18 +28,19 @@ from bench.records.journal import read_manifest
 from bench.records.parquet import read_features, read_records
 from bench.tables import markdown
 from bench.tables.classes import class_table, with_confidence
-from bench.tables.crossings import CrossingsTable
-from bench.tables.frontier import FrontierTable, PointsTable, frontier_table, points_table
-from bench.tables.orderings import OrderingsTable, orderings
+from bench.tables.crossings import Step, crossings_table
+from bench.tables.frontier import frontier_table, points_table
+from bench.tables.orderings import Ordering, orderings
 from bench.tables.published import published
 from bench.tables.quality import (
-    Table,
+    Row,
     control_table,
     detail_table,
     image_table,
     set_table,
     with_objectives,
 )
+from bench.tables.table import Table, grid, table_files
 from data_prep.failures import BadInput
 from data_prep.fingerprints import file_sha256
 from data_prep.whole_files import write_whole
@@ -64,29 +66,12 @@ VIEWS = "fd-views"
 _COSTED = ("method", "condition", "class", "object", "outcome", "prepare_s", "draw_s")
 
 
-class Writable(Protocol):
-    """A table that is kept as CSV and as Markdown."""
-
-    @property
-    def name(self) -> str:
-        """Of its files, without suffix."""
-        ...
-
-    def to_csv(self) -> str:
-        """For scripts."""
-        ...
-
-    def to_markdown(self) -> str:
-        """For people."""
-        ...
-
-
 @dataclass(frozen=True)
 class Trade:
     """Quality against cost: the frontier, and what fewer points save."""
 
-    frontier: FrontierTable
-    points: PointsTable
+    frontier: Table[Place]
+    points: Table[Thinned]
 
 
 @dataclass(frozen=True)
@@ -97,10 +82,10 @@ class Beyond:
     """
 
     courses: tuple[Course, ...]
-    crossings: CrossingsTable | None
+    crossings: Table[Step] | None
 
 
-def tables(directory: Path) -> list[Table]:
+def tables(directory: Path) -> list[Table[Row]]:
     """The tables of a finished run, from its records and features alone.
 
     One BLAS thread, so that the last digits are the same however many cores there are. Raises
@@ -119,8 +104,6 @@ def tables(directory: Path) -> list[Table]:
             class_table(*of_features) if by_class else set_table(*sets, *of_features),
             detail_table(*detail, run.records, run.suite),
         ]
-        if run.suite.frontier or run.suite.crossings:
-            made = [replace(table, paper_layout=False) for table in made]
         if run.suite.control_metrics:
             made.append(
                 control_table(
@@ -136,7 +119,7 @@ def tables(directory: Path) -> list[Table]:
         return [with_objectives(table, objectives) for table in made]
 
 
-def class_orderings(directory: Path) -> OrderingsTable | None:
+def class_orderings(directory: Path) -> Table[Ordering] | None:
     """Which of the paper's orderings of Table 5 a finished run reproduces; None where it has none.
 
     From records and features alone, as `tables`.
@@ -160,24 +143,11 @@ def beyond(directory: Path) -> Beyond | None:
     with threadpool_limits(1):
         compared = compare(run.records, run.features, metrics)
         fought = contests(compared, metrics)
-        return Beyond(
-            courses(compared, metrics), CrossingsTable(run.suite.id, fought) if fought else None
-        )
+        table = crossings_table(run.suite.id, fought) if fought else None
+        return Beyond(courses(compared, metrics), table)
 
 
-def table_files(made: Sequence[Writable]) -> dict[str, str]:
-    """File names and contents of tables: each as CSV and as Markdown."""
-    return {
-        name: text
-        for table in made
-        for name, text in (
-            (f"{table.name}.csv", table.to_csv()),
-            (f"{table.name}.md", table.to_markdown()),
-        )
-    }
-
-
-def write_tables(directory: Path) -> list[Table]:
+def write_tables(directory: Path) -> list[Table[Row]]:
     """Make the tables and write them into `directory`/tables."""
     made = tables(directory)
     for name, text in table_files(made).items():
@@ -185,7 +155,7 @@ def write_tables(directory: Path) -> list[Table]:
     return made
 
 
-def write_orderings(directory: Path) -> OrderingsTable | None:
+def write_orderings(directory: Path) -> Table[Ordering] | None:
     """Write the orderings beside the tables; None for suites without."""
     made = class_orderings(directory)
     if made is not None:
@@ -217,9 +187,8 @@ def write_trade(directory: Path) -> Trade | None:
         compared = compare(run.records, run.features, metrics)
         frontier = frontier_table(compared, metrics, views, how_timed(run.manifest))
         made = Trade(frontier, points_table(compared, metrics, views))
-    for table in (made.frontier, made.points):
-        write_whole(directory / TABLES / f"{table.name}.csv", table.to_csv().encode())
-        write_whole(directory / TABLES / f"{table.name}.md", table.to_markdown().encode())
+    for name, text in table_files([made.frontier, made.points]).items():
+        write_whole(directory / TABLES / name, text.encode())
     return made
 
 
@@ -255,22 +224,16 @@ def cost_table(records: pd.DataFrame, remark: str) -> str:
     ok = records[records["outcome"] == "ok"]
     per_cloud = ok.drop_duplicates(["method", "condition", "class", "object"])
     conditions = list(dict.fromkeys(records["condition"]))
-    lines = [
-        "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)",
-        "",
-        remark,
-        "",
-        markdown.row(["method", *map(markdown.cell, conditions)]),
-        "|---" * (len(conditions) + 1) + "|",
-    ]
+    lines = []
     for method in dict.fromkeys(records["method"]):
-        cells = []
+        line = [method]
         for condition in conditions:
             chosen = (per_cloud["method"] == method) & (per_cloud["condition"] == condition)
             prepare_s, draw_s = per_cloud.loc[chosen, ["prepare_s", "draw_s"]].median()
-            cells.append(f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" if chosen.any() else "-")
-        lines.append(markdown.row([markdown.cell(method), *cells]))
-    return "\n".join(lines) + "\n"
+            line.append(f"{1000 * prepare_s:.1f} + {1000 * draw_s:.1f}" if chosen.any() else "-")
+        lines.append(line)
+    title = "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)"
+    return markdown.document([title, remark, grid(["method", *conditions], lines)])
 
 
 def write_cost(directory: Path) -> str:

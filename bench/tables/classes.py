@@ -6,15 +6,14 @@ Pure functions of records and features, as `bench.tables.quality`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.analysis.recognition import ClassHead
-from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import (
     KERNEL_METRICS,
     RECOGNITION_METRICS,
@@ -24,20 +23,22 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.features import Features
-from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.quality import (
+    FRECHET,
     Floats,
     Measured,
     Published,
-    Table,
+    Row,
+    SetDistance,
+    all_methods,
     as_published,
+    beside_paper,
     cells,
     image_rows,
-    make_row,
     set_rows,
 )
-from bench.tables.table import NAN, Row, by_class, ordered, values_and_papers
+from bench.tables.table import NAN, Block, Table, columns_of, ordered
 
 AVERAGE = "average"
 SURFACE = "surface-apss"  # the paper's SR
@@ -46,19 +47,7 @@ FEW = 10  # objects of a class below which its distances are warned of
 IN_A_ROW = 7  # classes side by side, as the paper has them
 
 
-@dataclass(frozen=True)
-class ClassTable(Table):
-    """Table 5. Several metrics, each with digits of its own."""
-
-    def to_markdown(self) -> str:
-        """The paper's layout, classes across in rows of seven, then all methods class by class."""
-        lines = [f"# {self.title}", "", self.remark, ""]
-        for condition in ordered(row.condition for row in self.rows):
-            rows = [row for row in self.rows if row.condition == condition]
-            if condition != self.rows[0].condition:
-                lines += [f"# At {markdown.cell(condition)}", ""]
-            lines += [*_paper_layout(rows), *by_class(rows, decimals)]
-        return "\n".join(lines)
+CLASSES = "table5_classes"
 
 
 def class_table(
@@ -67,7 +56,7 @@ def class_table(
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> ClassTable:
+) -> Table[Row]:
     """Table 5 from records (with class confidence, where it is known) and features by extractor.
 
     `skipped` gives the reason for each metric and extractor that there is nothing of.
@@ -76,10 +65,23 @@ def class_table(
     for metric in suite.class_metrics:
         made = _measured(metric, records, features, skipped, suite, published)
         rows += _in_order([*(m.row for m in made), *_averages(metric, made, published)])
+    return table_of_classes(rows, remark(records, suite))
+
+
+def table_of_classes(rows: Iterable[Row], remark: str) -> Table[Row]:
+    """Table 5 of its rows. Several metrics, each with digits of its own."""
+
+    def layout(rows: Sequence[Row]) -> Iterator[Block]:
+        yield remark
+        for condition in ordered(row.condition for row in rows):
+            if condition != rows[0].condition:
+                yield f"# At {markdown.cell(condition)}"
+            of_condition = [row for row in rows if row.condition == condition]
+            yield from _paper_layout(of_condition)
+            yield from all_methods(of_condition, decimals)
+
     title = "Table 5: classes, against pictures of the true meshes"
-    return ClassTable(
-        "table5_classes", title, tuple(rows), decimals=3, remark=remark(records, suite)
-    )
+    return Table(CLASSES, title, columns_of(Row), tuple(rows), layout, remark)
 
 
 def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) -> pd.DataFrame:
@@ -135,60 +137,24 @@ def _measured(
     suite: Suite,
     published: Published,
 ) -> list[Measured]:
-    if metric in skipped and is_similarity(metric):
-        return _nothing(metric, skipped[metric], records, suite, published)
-    if is_similarity(metric):
+    if is_similarity(metric) and metric not in skipped:
         return image_rows([metric], records, suite, published)
-    if metric not in KERNEL_METRICS:
-        reason = skipped.get(metric, "")
-        return set_rows(metric, records, features.get(metric), reason, suite, published)
-    of = KERNEL_METRICS[metric][0]
-    if of not in features:
-        return _nothing(metric, skipped[of], records, suite, published)
-    return _kernel_rows(metric, records, features[of], suite, published)
+    of, distance = metric, FRECHET
+    if metric in KERNEL_METRICS:
+        of, distance = KERNEL_METRICS[metric][0], KERNEL
+    found, reason = features.get(of), skipped.get(of, "")
+    return set_rows(metric, records, found, reason, suite, published, distance)
 
 
-def _nothing(
-    metric: str, reason: str, records: pd.DataFrame, suite: Suite, published: Published
-) -> list[Measured]:
-    return [
-        Measured(
-            make_row(suite, cell, metric, NAN, (NAN, NAN), group, published, NAN, reason),
-            np.empty(0),
-        )
-        for cell, group in cells(records)
-    ]
+def _kernel(x: Any, y: Any, objects: Any) -> tuple[float, Floats]:
+    return kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects)
 
 
-def _kernel_rows(
-    metric: str, records: pd.DataFrame, features: Features, suite: Suite, published: Published
-) -> list[Measured]:
-    made = []
-    for cell, group in cells(records):
-        value, left_out, with_blank, note = _kernel(cell, features)
-        low, high = interval_of_distances(value, [left_out]) if len(left_out) > 2 else (NAN, NAN)
-        row = make_row(suite, cell, metric, value, (low, high), group, published, with_blank, note)
-        made.append(Measured(row, left_out))
-    return made
+def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
+    return interval_of_distances(value, [left_out]) if len(left_out) > 2 else (NAN, NAN)
 
 
-def _kernel(cell: tuple[str, str, str], features: Features) -> tuple[float, Floats, float, str]:
-    """Value, without each object, with the floor's pictures for failed ones, why there is none."""
-    _, condition, class_name = cell
-    drawn, truth = features.pictures(*cell), (GROUND_TRUTH, "", class_name)
-    if len(drawn) < 2:
-        return NAN, np.empty(0), NAN, "fewer than two pictures"
-    objects = np.array([obj for obj, _ in drawn])
-    x, y = features.of(*cell, drawn), features.of(*truth, drawn)
-    value = kernel_distance(x, y)
-    left_out = left_out_kernel_distances(x, y, objects, objects)
-    floor = (FLOOR, condition, class_name)
-    missing = (set(features.pictures(*truth)) - set(drawn)) & set(features.pictures(*floor))
-    if not missing:
-        return value, left_out, value, ""
-    filled = np.concatenate([x, features.of(*floor, sorted(missing))])
-    with_blank = kernel_distance(filled, features.of(*truth, [*drawn, *sorted(missing)]))
-    return value, left_out, with_blank, ""
+KERNEL = SetDistance(kernel_distance, _kernel, _kernel_interval)
 
 
 def _averages(metric: str, made: Sequence[Measured], published: Published) -> list[Row]:
@@ -234,28 +200,26 @@ def _in_order(rows: Sequence[Row]) -> list[Row]:
     return [row for name in classes for row in rows if row.class_name == name]
 
 
-def _paper_layout(rows: Sequence[Row]) -> list[str]:
+def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
     """Of one condition: SR and PC2PIX side by side, classes in rows of seven."""
     network = network_of([row.method for row in rows])
     if network is None or not any(row.method == SURFACE for row in rows):
-        return []
-    at = {(row.metric, row.class_name, row.method): row for row in rows}
-    lines = [
+        return
+    yield (
         f"In the paper's layout: SR is `{SURFACE}`, PC2PIX is {markdown.code(network)}. Below a "
-        "line of ours stands the paper's, as published: other data (ShapeNet), other weights.",
-        "",
-    ]
+        "line of ours stands the paper's, as published: other data (ShapeNet), other weights."
+    )
+    at = {(row.metric, row.class_name, row.method): row for row in rows}
+    names = {SURFACE: "SR", network: "PC2PIX"}
     classes = ordered(row.class_name for row in rows)
     for start in range(0, len(classes), IN_A_ROW):
-        part = classes[start : start + IN_A_ROW]
-        columns = [(name, method) for name in part for method in (SURFACE, network)]
-        titles = [
-            f"{markdown.cell(name)} {'SR' if method == SURFACE else 'PC2PIX'}"
-            for name, method in columns
-        ]
-        lines += [markdown.row(["", *titles]), "|---" * (len(columns) + 1) + "|"]
-        for metric in ordered(row.metric for row in rows):
-            of_line = [at.get((metric, *column)) for column in columns]
-            lines += values_and_papers(metric, of_line, decimals(metric))
-        lines.append("")
-    return lines
+        across = [(k, method) for k in classes[start : start + IN_A_ROW] for method in names]
+        yield beside_paper(
+            "",
+            [f"{class_name} {names[method]}" for class_name, method in across],
+            {
+                metric: [at.get((metric, *place)) for place in across]
+                for metric in ordered(row.metric for row in rows)
+            },
+            decimals,
+        )

@@ -3,57 +3,96 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bench.analysis.comparison import decimals
+from bench.analysis.comparison import Estimate, decimals
 from bench.analysis.crossings import Contest, Crossing
 from bench.catalogue.families import Family
 from bench.tables import markdown
-from bench.tables.table import csv_text, ordered
-
-HEADER = (
-    *("suite", "class", "family", "metric", "method", "rival", "condition", "at", "unseen_by"),
-    *("value", "rival_value", "lead", "ci_low", "ci_high", "ahead"),
-    *("crossing", "crossing_low", "crossing_high"),
+from bench.tables.table import (
+    Block,
+    Cell,
+    Grid,
+    Mark,
+    Table,
+    Tags,
+    columns,
+    constant,
+    number,
+    ordered,
+    pivot,
 )
+
+AHEAD = Mark("ahead", "**{value}{interval}**")
+BEHIND = Mark("behind", "*{value}{interval}*", against=True)
+NOWHERE = Crossing(-1, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
-class CrossingsTable:
+class Step:
+    """One step of a contest.
+
+    at         the condition's place on the axis of the family
+    unseen_by  the networks that were not shown such clouds in training
+    crossing   where the curves cross after this step, before the next or at it
+    """
+
+    contest: Contest
+    condition: str
+    at: str
+    unseen_by: str
+    value: float
+    rival_value: float
+    lead: Estimate
+    ahead: str
+    crossing: Crossing
+
+
+def crossings_table(suite: str, contests: Sequence[Contest]) -> Table[Step]:
     """All contests of a run."""
+    made = (
+        constant("suite", suite),
+        *columns(("class", "contest.class_name"), ("family", "contest.family.id")),
+        *columns(*((name, f"contest.{name}") for name in ("metric", "method", "rival"))),
+        *columns("condition", "at", "unseen_by", "value", "rival_value"),
+        *columns(("lead", "lead.value"), ("ci_low", "lead.low"), ("ci_high", "lead.high"), "ahead"),
+        *columns(("crossing", "crossing.at")),
+        *columns(("crossing_low", "crossing.low"), ("crossing_high", "crossing.high")),
+    )
+    rows = tuple(step for contest in contests for step in _steps(contest))
+    title = "Beyond what the networks were trained on"
+    return Table("crossings", title, made, rows, _layout, _REMARK)
 
-    suite: str
-    contests: tuple[Contest, ...]
-    name: str = "crossings"
 
-    def to_csv(self) -> str:
-        """A row for each step of each contest; numbers with 6 decimals, an empty field without one.
+def _steps(c: Contest) -> Iterator[Step]:
+    crossings = {crossing.after: crossing for crossing in c.crossings}
+    for i, (at, condition) in enumerate(c.family.steps):
+        yield Step(
+            contest=c,
+            condition=condition,
+            at=f"{at:g}",
+            unseen_by=" ".join(c.family.unseen_by(at)),
+            value=c.values[i],
+            rival_value=c.rival_values[i],
+            lead=c.leads[i],
+            ahead=c.ahead[i],
+            crossing=crossings.get(i, NOWHERE),
+        )
 
-        at         the condition's place on the axis of the family
-        unseen_by  the networks that were not shown such clouds in training
-        crossing   where the curves cross after this step, before the next or at it
-        """
-        return csv_text(HEADER, (row for c in self.contests for row in _rows(self.suite, c)))
 
-    def to_markdown(self) -> str:
-        """Who is ahead at both ends and where that changes; then the lead at every step."""
-        lines = ["# Beyond what the networks were trained on", "", _LEGEND, ""]
-        classes = ordered(c.class_name for c in self.contests)
-        for class_name in classes:
-            of_class = [c for c in self.contests if c.class_name == class_name]
-            where = f", {class_name}" if len(classes) > 1 else ""
-            lines += [f"## {markdown.cell(f'From end to end{where}')}", "", *_summary(of_class), ""]
-            for family in dict.fromkeys(c.family for c in of_class):
-                of_family = [c for c in of_class if c.family == family]
-                lines += [
-                    f"## {markdown.cell(family.axis + where)}",
-                    "",
-                    *([f"In training: {shown_in_training(family)}.", ""] if family.trained else []),
-                    *_leads(of_family),
-                    "",
-                ]
-        return "\n".join(lines)
+def _layout(rows: Sequence[Step]) -> Iterator[Block]:
+    """Who is ahead at both ends and where that changes; then the lead at every step."""
+    yield _LEGEND
+    classes = ordered(row.contest.class_name for row in rows)
+    for class_name in classes:
+        of_class = [row for row in rows if row.contest.class_name == class_name]
+        where = f", {class_name}" if len(classes) > 1 else ""
+        yield f"## {markdown.cell(f'From end to end{where}')}"
+        yield _summary(ordered(row.contest for row in of_class))
+        for family in ordered(row.contest.family for row in of_class):
+            yield f"## {markdown.cell(family.axis + where)}"
+            yield _leads([row for row in of_class if row.contest.family == family])
 
 
 _LEGEND = (
@@ -62,6 +101,14 @@ _LEGEND = (
     "the second, by an interval without 0. Curves cross where the lead passes through 0, on "
     "straight lines between what was measured (on the logarithm of the number of points and of the "
     "ratio of densities); in brackets as far as its interval holds 0."
+)
+
+
+_REMARK = (
+    "How much better the first of two methods is than the second: over 0 if it is, with its 95 % "
+    "interval, paired over objects; failed pictures are scored as blank ones. “ahead” and “behind” "
+    "are said where the interval leaves 0 out. Curves cross where the lead passes through 0, on "
+    "straight lines between what was measured; in brackets as far as its interval holds 0."
 )
 
 
@@ -92,63 +139,57 @@ def _place(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
-def _rows(suite: str, c: Contest) -> list[list[object]]:
-    crossings = {crossing.after: crossing for crossing in c.crossings}
-    rows: list[list[object]] = []
-    for i, (at, condition) in enumerate(c.family.steps):
-        found = crossings.get(i)
-        crossing = (found.at, found.low, found.high) if found else (math.nan,) * 3
-        rows.append(
-            [
-                *(suite, c.class_name, c.family.id, c.metric, c.method, c.rival, condition),
-                *(f"{at:g}", " ".join(c.family.unseen_by(at))),
-                *map(_field, (c.values[i], c.rival_values[i], *c.leads[i])),
-                *(c.ahead[i], *map(_field, crossing)),
-            ]
-        )
-    return rows
+def _summary(contests: Sequence[Contest]) -> Grid:
+    """Pairs of methods along families down, metrics across."""
+    class_name = contests[0].class_name
+    return pivot(
+        [_Ends(c, (c.family, c.method, c.rival), c.metric) for c in contests],
+        "pair",
+        "metric",
+        lambda row: Cell(told_end_to_end(row.contest)),
+        named=lambda row: row.contest.family.id,
+        corner="family",
+        before={
+            "from": lambda row: Cell(row.contest.family.conditions[0]),
+            "to": lambda row: Cell(row.contest.family.conditions[-1]),
+            "first": lambda row: Cell(row.contest.method),
+            "second": lambda row: Cell(row.contest.rival),
+        },
+        caption=f"from end to end, {class_name}",
+        tags=Tags(class_name=class_name),
+    )
 
 
-def _summary(contests: Sequence[Contest]) -> list[str]:
-    metrics = ordered(c.metric for c in contests)
-    at = {(c.family.id, c.method, c.rival, c.metric): c for c in contests}
-    lines = [
-        markdown.row(["family", "from", "to", "first", "second", *map(markdown.cell, metrics)]),
-        "|---" * (len(metrics) + 5) + "|",
-    ]
-    for family, method, rival in dict.fromkeys((c.family, c.method, c.rival) for c in contests):
-        told = [told_end_to_end(at[family.id, method, rival, metric]) for metric in metrics]
-        ends = family.conditions[0], family.conditions[-1]
-        lines.append(
-            markdown.row(list(map(markdown.cell, (family.id, *ends, method, rival, *told))))
-        )
-    return lines
+@dataclass(frozen=True)
+class _Ends:
+    contest: Contest
+    pair: tuple[Family, str, str]
+    metric: str
 
 
-def _leads(contests: Sequence[Contest]) -> list[str]:
+def _leads(rows: Sequence[Step]) -> Grid:
     """Of one family: contests by metric down, steps across."""
-    steps = [f"{value:g}" for value in contests[0].family.values]
-    lines = [
-        markdown.row(["metric", "first", "second", *steps]),
-        "|---" * (len(steps) + 3) + "|",
-    ]
-    for c in contests:
-        leads = [_lead(c, i) for i in range(len(steps))]
-        lines.append(markdown.row([*map(markdown.cell, (c.metric, c.method, c.rival)), *leads]))
-    return lines
+    class_name, family = rows[0].contest.class_name, rows[0].contest.family
+    at = {row.condition: row.at for row in rows}
+    return pivot(
+        rows,
+        "contest",
+        "condition",
+        _lead,
+        named=lambda row: row.contest.metric,
+        title=lambda condition: at[condition],
+        corner="metric",
+        before={
+            "first": lambda row: Cell(row.contest.method),
+            "second": lambda row: Cell(row.contest.rival),
+        },
+        caption=f"lead along {family.axis}, {class_name}",
+        remark=f"In training: {shown_in_training(family)}." if family.trained else "",
+        tags=Tags(class_name=class_name),
+    )
 
 
-def _lead(c: Contest, step: int) -> str:
-    value, low, high = c.leads[step]
-    if not math.isfinite(value):
-        return "-"
-    digits = decimals(c.metric)
-    text = f"{value:+.{digits}f}"
-    if math.isfinite(low):
-        text += f" [{low:+.{digits}f}, {high:+.{digits}f}]"
-    marks = {c.method: f"**{text}**", c.rival: f"*{text}*"}
-    return marks.get(c.ahead[step], text)
-
-
-def _field(value: float) -> str:
-    return f"{value:.6f}" if math.isfinite(value) else ""
+def _lead(row: Step) -> Cell:
+    show = f"{{:+.{decimals(row.contest.metric)}f}}".format
+    marks = {row.contest.method: AHEAD, row.contest.rival: BEHIND}
+    return number(row.lead, show, special=marks.get(row.ahead))

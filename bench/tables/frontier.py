@@ -3,60 +3,94 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
-from bench.analysis.comparison import Comparison, Estimate, decimals, milliseconds
+import numpy as np
+
+from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import Place, Thinned, places, thinned
+from bench.catalogue.methods import role
 from bench.tables import markdown
-from bench.tables.table import csv_text
-
-PLACE_HEADER = (
-    *("condition", "class", "views", "metric", "method", "cost_ms", "cost_ci_low", "cost_ci_high"),
-    *("value", "ci_low", "ci_high", "n_ok", "n", "verdict", "rival"),
+from bench.tables.table import (
+    NOTHING,
+    Block,
+    Cell,
+    Column,
+    Grid,
+    Head,
+    Line,
+    Mark,
+    Table,
+    Tags,
+    columns,
+    constant,
+    number,
+    ordered,
+    pivot,
 )
-POINTS_HEADER = (
-    *("class", "metric", "method", "condition", "points", "views"),
-    *("cost_ms", "cost_ci_low", "cost_ci_high", "value", "ci_low", "ci_high"),
-    *("lost", "lost_ci_low", "lost_ci_high"),
-)
-MARKS = {"tied": " =", "reference": " *ref*"}
+
+MARKS = {
+    "frontier": Mark("frontier", "**{value}**{interval}"),
+    "tied": Mark("tied", "{value}{interval} ="),
+    "reference": Mark("reference", "{value}{interval} *ref*"),
+}
 
 
-@dataclass(frozen=True)
-class FrontierTable:
-    """The places of all methods, at each condition and for each number of views.
+def _interval_columns(name: str, path: str, ends: str) -> tuple[Column, ...]:
+    """A value and the ends of its interval: `name`, and `ends` with `_low` and `_high`."""
+    return columns(
+        (name, f"{path}.value"), (f"{ends}_low", f"{path}.low"), (f"{ends}_high", f"{path}.high")
+    )
 
-    remark  what people have to know to read it
+
+def frontier_table(
+    comparisons: Sequence[Comparison], metrics: Sequence[str], views: int, remark: str
+) -> Table[Place]:
+    """Places for clouds with so many views, and with one: the frontier is another.
+
+    `remark` is what people have to know to read it.
     """
+    made = (
+        place
+        for count in dict.fromkeys((views, 1))
+        for comparison in comparisons
+        for place in places(comparison, metrics, count)
+    )
+    return table_of_places(list(made), remark)
 
-    places: tuple[Place, ...]
-    remark: str
-    name: str = "frontier"
 
-    def to_csv(self) -> str:
-        """Numbers with 6 decimals; an empty field where there is none."""
-        return csv_text(
-            PLACE_HEADER,
-            (
-                [
-                    *(p.condition, p.class_name, p.views, p.metric, p.method),
-                    *map(_field, (*p.cost_ms, *p.quality)),
-                    *(p.n_ok, p.n, p.verdict, p.rival),
-                ]
-                for p in self.places
-            ),
+def table_of_places(rows: Sequence[Place], remark: str) -> Table[Place]:
+    """The places of all methods, at each condition and for each number of views."""
+    made = (
+        *columns("condition", ("class", "class_name"), "views", "metric", "method"),
+        *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
+        *_interval_columns("value", "quality", "ci"),
+        *columns("n_ok", "n", "verdict", "rival"),
+    )
+    layout = partial(_frontier, remark)
+    return Table("frontier", "Quality against cost", made, tuple(rows), layout)
+
+
+def _frontier(remark: str, rows: Sequence[Place]) -> Iterator[Block]:
+    """A grid for each condition and number of views: methods by rising cost."""
+    yield remark
+    yield _LEGEND
+    for cell in ordered((p.condition, p.class_name, p.views) for p in rows):
+        condition, class_name, views = cell
+        yield f"## {markdown.cell(f'{condition}, {class_name}, {_of_views(views)}')}"
+        of_cell = [p for p in rows if (p.condition, p.class_name, p.views) == cell]
+        costs = {p.method: p.cost_ms for p in of_cell}
+        yield pivot(
+            of_cell,
+            "method",
+            "metric",
+            _quality,
+            lines=sorted(costs, key=lambda m: (not math.isfinite(costs[m].value), costs[m])),
+            corner="method",
+            before={"ms": lambda p: number(p.cost_ms, milliseconds)},
+            after={"pictures": lambda p: Cell(f"{p.n_ok}/{p.n}")},
         )
-
-    def to_markdown(self) -> str:
-        """A table for each condition and number of views: methods by rising cost."""
-        lines = ["# Quality against cost", "", self.remark, "", _LEGEND, ""]
-        for cell in dict.fromkeys((p.condition, p.class_name, p.views) for p in self.places):
-            of_cell = [p for p in self.places if (p.condition, p.class_name, p.views) == cell]
-            condition, class_name, views = cell
-            title = f"{condition}, {class_name}, {_of_views(views)}"
-            lines += [f"## {markdown.cell(title)}", "", *_cell_lines(of_cell), ""]
-        return "\n".join(lines)
 
 
 _LEGEND = (
@@ -68,125 +102,124 @@ _LEGEND = (
 )
 
 
-@dataclass(frozen=True)
-class PointsTable:
-    """What a method loses and saves where a cloud has fewer points."""
-
-    rows: tuple[Thinned, ...]
-    views: int
-    name: str = "points"
-
-    def to_csv(self) -> str:
-        """As `FrontierTable.to_csv`."""
-        return csv_text(
-            POINTS_HEADER,
-            (
-                [
-                    *(r.class_name, r.metric, r.method, r.condition, r.points, self.views),
-                    *map(_field, (*r.cost_ms, *r.quality, *r.lost)),
-                ]
-                for r in self.rows
-            ),
-        )
-
-    def to_markdown(self) -> str:
-        """A table for each metric: a row for each method, numbers of points across."""
-        lines = [
-            "# Quality against the number of points",
-            "",
-            f"Clouds with {_of_views(self.views)}: value, loss against the full cloud [95 % "
-            "interval, paired over objects], milliseconds. A loss under 0 is a gain.",
-            "",
-        ]
-        for cell in dict.fromkeys((row.class_name, row.metric) for row in self.rows):
-            rows = [row for row in self.rows if (row.class_name, row.metric) == cell]
-            counts = sorted({row.points for row in rows}, reverse=True)
-            at = {(row.method, row.points): row for row in rows}
-            lines += [
-                f"## {markdown.cell(cell[1])}, {markdown.cell(cell[0])}",
-                "",
-                markdown.row(["method", *(f"{count} points" for count in counts)]),
-                "|---" * (len(counts) + 1) + "|",
-            ]
-            for method in dict.fromkeys(row.method for row in rows):
-                told = [_thinned_cell(at[method, n]) if (method, n) in at else "-" for n in counts]
-                lines.append(markdown.row([markdown.cell(method), *told]))
-            lines.append("")
-        return "\n".join(lines)
-
-
-def frontier_table(
-    comparisons: Sequence[Comparison], metrics: Sequence[str], views: int, remark: str
-) -> FrontierTable:
-    """Places for clouds with so many views, and with one: the frontier is another."""
-    return FrontierTable(
-        tuple(
-            place
-            for count in dict.fromkeys((views, 1))
-            for comparison in comparisons
-            for place in places(comparison, metrics, count)
-        ),
-        remark,
-    )
-
-
 def points_table(
     comparisons: Sequence[Comparison], metrics: Sequence[str], views: int
-) -> PointsTable:
+) -> Table[Thinned]:
     """What fewer points cost and save, for clouds with so many views."""
-    return PointsTable(tuple(thinned(comparisons, metrics, views)), views)
+    return table_of_points(thinned(comparisons, metrics, views), views)
 
 
-def _cell_lines(of_cell: Sequence[Place]) -> list[str]:
-    metrics = list(dict.fromkeys(p.metric for p in of_cell))
-    at = {(p.method, p.metric): p for p in of_cell}
-    costs = {p.method: p for p in of_cell}
-    by_cost = sorted(costs.values(), key=lambda p: (not math.isfinite(p.cost_ms.value), p.cost_ms))
-    lines = [
-        markdown.row(["method", "ms", *map(markdown.cell, metrics), "pictures"]),
-        "|---" * (len(metrics) + 3) + "|",
-    ]
-    for p in by_cost:
-        qualities = [_quality_cell(at[p.method, metric]) for metric in metrics]
-        cost = milliseconds(p.cost_ms.value) + _interval(p.cost_ms, milliseconds)
-        lines.append(markdown.row([markdown.cell(p.method), cost, *qualities, f"{p.n_ok}/{p.n}"]))
-    return lines
-
-
-def _quality_cell(place: Place) -> str:
-    text = _shown(place.metric, place.quality.value)
-    if place.verdict == "frontier":
-        text = f"**{text}**"
-    return (
-        text
-        + _interval(place.quality, lambda v: _shown(place.metric, v))
-        + MARKS.get(place.verdict, "")
+def table_of_points(rows: Sequence[Thinned], views: int) -> Table[Thinned]:
+    """What a method loses and saves where a cloud has fewer points."""
+    made = (
+        *columns(("class", "class_name"), "metric", "method", "condition", "points"),
+        constant("views", views),
+        *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
+        *_interval_columns("value", "quality", "ci"),
+        *_interval_columns("lost", "lost", "lost_ci"),
     )
+    layout = partial(_points, views)
+    return Table("points", "Quality against the number of points", made, tuple(rows), layout)
 
 
-def _thinned_cell(row: Thinned) -> str:
-    text = _shown(row.metric, row.quality.value)
-    if math.isfinite(row.lost.low) and any(row.lost):
-        lost = _shown(row.metric, row.lost.value, "+")
-        text += f", {lost}" + _interval(row.lost, lambda v: _shown(row.metric, v, "+"))
-    return f"{text}, {milliseconds(row.cost_ms.value)} ms"
+def _points(views: int, rows: Sequence[Thinned]) -> Iterator[Block]:
+    """A grid for each metric: methods down, numbers of points across."""
+    yield (
+        f"Clouds with {_of_views(views)}: value, loss against the full cloud [95 % "
+        "interval, paired over objects], milliseconds. A loss under 0 is a gain."
+    )
+    for class_name, metric in ordered((row.class_name, row.metric) for row in rows):
+        of_cell = [row for row in rows if (row.class_name, row.metric) == (class_name, metric)]
+        yield f"## {markdown.cell(metric)}, {markdown.cell(class_name)}"
+        yield pivot(
+            of_cell,
+            "method",
+            "points",
+            _thinned,
+            columns=sorted({row.points for row in of_cell}, reverse=True),
+            title="{} points".format,
+            corner="method",
+        )
 
 
-def _shown(metric: str, value: float, sign: str = "") -> str:
-    if not math.isfinite(value):
-        return "-"
-    return f"{value:{sign}.{decimals(metric)}f}"
+def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Grid | None:
+    """For the report: milliseconds for a cloud with its views, by method and condition; None
+    without any times.
+
+    With several classes each line is of one class. Beside a cost stands what it is made of; its
+    mark says whether the method is on the frontier by `metric`.
+    """
+    classes = ordered(c.class_name for c in comparisons)
+    conditions = ordered(c.condition for c in comparisons)
+    at = {(c.condition, c.class_name): c for c in comparisons}
+    ahead = {
+        (c.condition, c.class_name, p.method)
+        for c in comparisons
+        for p in places(c, (metric,), views)
+        if p.verdict == "frontier"
+    }
+
+    def cell(condition: str, class_name: str, method: str) -> Cell:
+        comparison = at.get((condition, class_name))
+        if comparison is None or method not in comparison.pictures:
+            return NOTHING
+        cost = comparison.cost_ms(method, views).value
+        return Cell(
+            milliseconds(cost),
+            cost if math.isfinite(cost) else None,
+            rest=_made_of(comparison, method, views),
+            special=MARKS["frontier"] if (condition, class_name, method) in ahead else None,
+        )
+
+    made = Grid(
+        corner="method",
+        columns=tuple(Head(condition, Tags(condition=condition)) for condition in conditions),
+        lines=tuple(
+            Line(
+                method,
+                tuple(cell(condition, class_name, method) for condition in conditions),
+                class_name if len(classes) > 1 else role(method),
+                Tags(method=method, class_name=class_name),
+            )
+            for class_name in classes
+            for method in ordered(m for c in comparisons for m in c.pictures)
+        ),
+        caption=f"Milliseconds for a cloud with {'its ' if views > 1 else ''}{_of_views(views)}, "
+        "median over objects; beneath, what they are made of: prepare the cloud + draw a view",
+        notes=(f"“frontier”: no other method has at least its {metric} for at most its cost.",),
+        higher=False,
+    )
+    return made if made.valued else None
 
 
-def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
-    if not math.isfinite(estimate.low):
-        return ""
-    return f" [{shown(estimate.low)}, {shown(estimate.high)}]"
+def _made_of(comparison: Comparison, method: str, views: int) -> str:
+    prepare, draw = (
+        np.nanmedian(1000 * seconds[method]) if np.isfinite(seconds[method]).any() else math.nan
+        for seconds in (comparison.prepare_s, comparison.draw_s)
+    )
+    if not math.isfinite(prepare):
+        return "no times"
+    times = f" × {views}" if views > 1 else ""
+    return f"{milliseconds(float(prepare))} + {milliseconds(float(draw))}{times}"
+
+
+def _quality(place: Place) -> Cell:
+    show = _show(place.metric)
+    return number(place.quality, show, special=MARKS.get(place.verdict))
+
+
+def _thinned(row: Thinned) -> Cell:
+    value = number(row.quality, _show(row.metric)).text
+    rest = f", {milliseconds(row.cost_ms.value)} ms"
+    if not (math.isfinite(row.lost.low) and any(row.lost)):
+        return Cell(value, rest=rest)
+    lost = number(row.lost, _show(row.metric, "+"))
+    return Cell(f"{value}, {lost.text}", interval=lost.interval, rest=rest)
+
+
+def _show(metric: str, sign: str = "") -> Callable[[float], str]:
+    return f"{{:{sign}.{decimals(metric)}f}}".format
 
 
 def _of_views(views: int) -> str:
     return "1 view" if views == 1 else f"{views} views"
-
-
-def _field(value: float) -> str:
-    return f"{value:.6f}" if math.isfinite(value) else ""

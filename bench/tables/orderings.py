@@ -8,8 +8,9 @@ objects cannot decide is called undecided.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import pandas as pd
@@ -23,16 +24,29 @@ from bench.records.features import Features
 from bench.tables import markdown
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals, network_of, objects_of
 from bench.tables.quality import Published
-from bench.tables.table import csv_text, ordered
+from bench.tables.table import (
+    Block,
+    Cell,
+    Grid,
+    Mark,
+    Table,
+    Tags,
+    columns,
+    constant,
+    grid,
+    number,
+    ordered,
+    pivot,
+)
 
 PAPER_NETWORK = "pc2pix@all"
 PAPER_METRIC = "fid"
 Verdict = Literal["reproduced", "opposite", "undecided", "no value"]
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "opposite", "undecided", "no value")
-HEADER = (
-    *("suite", "condition", "class", "metric", "method", "surface", "network"),
-    *("lead", "ci_low", "ci_high", "paper_lead", "verdict", "objects"),
-)
+MARKS = {
+    "reproduced": Mark("reproduced", "**{value}{interval}**"),
+    "opposite": Mark("opposite", "{value}{interval} *opposite*", against=True),
+}
 
 
 @dataclass(frozen=True)
@@ -40,6 +54,7 @@ class Ordering:
     """SR against the network in one class by one metric.
 
     surface, network  their values, failed pictures scored as blank ones
+    method      the network: what stands for the paper's PC2PIX
     lead        how much better the network is, paired over objects: over 0 if it is
     paper_lead  the same by FID as the paper printed it; NaN where it has no such class
     objects     how many the class has
@@ -53,6 +68,7 @@ class Ordering:
     lead: Estimate
     paper_lead: float
     objects: int
+    method: str
 
     @property
     def verdict(self) -> Verdict:
@@ -65,36 +81,28 @@ class Ordering:
         return "undecided"
 
 
-@dataclass(frozen=True)
-class OrderingsTable:
-    """All orderings of a run. `network` is the method that stands for the paper's PC2PIX."""
+def orderings_table(suite: str, network: str, rows: Sequence[Ordering]) -> Table[Ordering]:
+    """The orderings of a run. `network` is the method that stands for the paper's PC2PIX."""
+    made = (
+        constant("suite", suite),
+        *columns("condition", ("class", "class_name"), "metric", "method", "surface", "network"),
+        *columns(("lead", "lead.value"), ("ci_low", "lead.low"), ("ci_high", "lead.high")),
+        *columns("paper_lead", "verdict", "objects"),
+    )
+    title = "Which of the paper's orderings hold"
+    remark = _REMARK.format(network=network, surface=SURFACE)
+    layout = partial(_layout, network)
+    return Table("table5_orderings", title, made, tuple(rows), layout, remark)
 
-    suite: str
-    network: str
-    rows: tuple[Ordering, ...]
-    name: str = "table5_orderings"
 
-    def to_csv(self) -> str:
-        """Tidy; numbers with 6 decimals, an empty field where there is none."""
-        return csv_text(
-            HEADER,
-            (
-                [
-                    *(self.suite, r.condition, r.class_name, r.metric, self.network),
-                    *map(_field, (r.surface, r.network, *r.lead, r.paper_lead)),
-                    *(r.verdict, r.objects),
-                ]
-                for r in self.rows
-            ),
-        )
-
-    def to_markdown(self) -> str:
-        """How many orderings by each metric, then the leads: classes down, metrics across."""
-        lines = ["# Which of the paper's orderings hold", "", _legend(self.network), ""]
-        for condition in ordered(row.condition for row in self.rows):
-            rows = [row for row in self.rows if row.condition == condition]
-            lines += [f"## {markdown.cell(condition)}", "", *_counts(rows), "", *_leads(rows), ""]
-        return "\n".join(lines)
+def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
+    """For each condition how many orderings hold by each metric, then the leads."""
+    yield _legend(network)
+    for condition in ordered(row.condition for row in rows):
+        of_condition = [row for row in rows if row.condition == condition]
+        yield f"## {markdown.cell(condition)}"
+        yield _counts(of_condition)
+        yield _leads(of_condition)
 
 
 def orderings(
@@ -102,7 +110,7 @@ def orderings(
     features: Mapping[str, Features],
     suite: Suite,
     published: Published,
-) -> OrderingsTable | None:
+) -> Table[Ordering] | None:
     """The orderings by all metrics of Table 5 that both sides have; None where a side is lacking.
 
     Kernel distances are left out: they say what the Fréchet distance on the same features says.
@@ -124,7 +132,7 @@ def orderings(
             [c for c in compared if c.condition == condition], metric, network, counts, published
         )
     ]
-    return OrderingsTable(suite.id, network, tuple(made))
+    return orderings_table(suite.id, network, made)
 
 
 def _of_metric(
@@ -151,6 +159,7 @@ def _of_metric(
                 ahead,
                 paper_lead(published, c.class_name),
                 counts[c.class_name],
+                network,
             )
         )
     value = _mean([row.lead.value for row in rows])
@@ -168,6 +177,7 @@ def _of_metric(
         Estimate(value, *interval),
         paper_lead(published, AVERAGE),
         sum(counts.values()),
+        network,
     )
     return [*rows, average]
 
@@ -179,45 +189,57 @@ def paper_lead(published: Published, class_name: str) -> float:
     return surface - network
 
 
-def _counts(rows: Sequence[Ordering]) -> list[str]:
-    titles = [*VERDICTS, "same sign", "on average"]
-    lines = [markdown.row(["classes", *titles]), "|---" * (len(titles) + 1) + "|"]
+def _counts(rows: Sequence[Ordering]) -> Grid:
+    """In how many classes the paper's ordering holds: a line for each metric."""
+    lines = []
     for metric in ordered(row.metric for row in rows):
         of_metric = [row for row in rows if row.metric == metric]
         classes = [row for row in of_metric if row.class_name != AVERAGE]
         counts = [sum(row.verdict == verdict for row in classes) for verdict in VERDICTS]
         same = sum(row.lead.value * row.paper_lead > 0 for row in classes)
         (average,) = (row.verdict for row in of_metric if row.class_name == AVERAGE)
-        lines.append(markdown.row([markdown.cell(metric), *map(str, counts), str(same), average]))
-    return lines
+        lines.append([metric, *map(str, (*counts, same, average))])
+    condition = rows[0].condition
+    return grid(
+        ["classes", *VERDICTS, "same sign", "on average"],
+        lines,
+        caption=f"classes at {condition}",
+        tags=Tags(condition=condition),
+    )
 
 
-def _leads(rows: Sequence[Ordering]) -> list[str]:
-    metrics = ordered(row.metric for row in rows)
-    at = {(row.class_name, row.metric): row for row in rows}
-    columns = ["class", "objects", "paper (FID)", *map(markdown.cell, metrics)]
-    lines = [markdown.row(columns), "|---" * len(columns) + "|"]
-    for name in ordered(row.class_name for row in rows):
-        of_class = [at[name, metric] for metric in metrics]
-        paper = of_class[0].paper_lead
-        told = f"{paper:+.1f}" if math.isfinite(paper) else "-"
-        lines.append(
-            markdown.row(
-                [markdown.cell(name), str(of_class[0].objects), told, *map(_cell, of_class)]
-            )
-        )
-    return lines
+def _leads(rows: Sequence[Ordering]) -> Grid:
+    """Classes down, metrics across."""
+    condition = rows[0].condition
+    made = pivot(
+        rows,
+        "class_name",
+        "metric",
+        _cell,
+        corner="class",
+        before={
+            "objects": lambda row: Cell(str(row.objects), row.objects),
+            "paper (FID)": lambda row: number((row.paper_lead, NAN, NAN), "{:+.1f}".format),
+        },
+        caption=f"lead at {condition}",
+        tags=Tags(condition=condition),
+    )
+    # The average is of all classes: no choice of one hides it.
+    lines = (replace(x, tags=Tags()) if x.name == AVERAGE else x for x in made.lines)
+    return replace(made, lines=tuple(lines))
 
 
-def _cell(row: Ordering) -> str:
-    if not math.isfinite(row.lead.value):
-        return "-"
-    digits = decimals(row.metric)
-    text = f"{row.lead.value:+.{digits}f}"
-    if math.isfinite(row.lead.low):
-        text += f" [{row.lead.low:+.{digits}f}, {row.lead.high:+.{digits}f}]"
-    marks = {"reproduced": f"**{text}**", "opposite": f"{text} *opposite*"}
-    return marks.get(row.verdict, text)
+def _cell(row: Ordering) -> Cell:
+    show = f"{{:+.{decimals(row.metric)}f}}".format
+    return number(row.lead, show, special=MARKS.get(row.verdict))
+
+
+_REMARK = (
+    "How much better {network} is than {surface}: over 0 if it is, with its 95 % interval, paired "
+    "over objects; failed pictures are scored as blank ones. The paper orders by FID, which is not "
+    "on the scale of the others. “reproduced” is the paper's ordering, “opposite” the other one, "
+    "both with an interval that leaves 0 out; the rest is undecided by so many objects."
+)
 
 
 def _legend(network: str) -> str:
@@ -233,7 +255,3 @@ def _legend(network: str) -> str:
 def _mean(values: Sequence[float]) -> float:
     finite = [value for value in values if math.isfinite(value)]
     return sum(finite) / len(finite) if finite else NAN
-
-
-def _field(value: float) -> str:
-    return f"{value:.6f}" if math.isfinite(value) else ""

@@ -1,16 +1,17 @@
 """The paper's tables, as pure functions of records and features.
 
-A table is a list of tidy rows, one per method, condition, class and metric. It is written as CSV,
-and as Markdown in the paper's layout with the paper's values beside ours.
+A table has a tidy row for each method, condition, class and metric. People see it in the paper's
+layout with the paper's values beside ours, then all methods with intervals and counts.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,8 +19,8 @@ from numpy.typing import NDArray
 
 from bench.analysis import recognition as control
 from bench.analysis.intervals import mean_interval, median_interval
-from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import UNDEFINED, column
+from bench.catalogue.methods import FLOOR, role
+from bench.catalogue.metrics import UNDEFINED, column, higher_is_better
 from bench.catalogue.suites import Suite
 from bench.metrics.frechet import (
     LeftOut,
@@ -32,14 +33,20 @@ from bench.records.features import Features, Picture
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.table import (
-    HEADER,
+    BEST,
     NAN,
-    NO_VALUE,
-    Row,
-    all_methods,
-    by_class,
-    csv_text,
-    paper_layout,
+    Block,
+    Cell,
+    Grid,
+    Head,
+    Line,
+    Table,
+    Tags,
+    columns_of,
+    number,
+    ordered,
+    pivot,
+    shown,
 )
 
 Floats = NDArray[np.float64]
@@ -47,57 +54,279 @@ Floats = NDArray[np.float64]
 Published = Mapping[tuple[str, str, str, str], float]
 
 
-@dataclass(frozen=True)
-class Table:
-    """A finished table.
+NO_VALUE = "no value"
+PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX", "pc2pix@acgan": "PC2PIX@acgan"}
 
-    name          of its files, without suffix
-    decimals      digits for people
-    remark        what people have to know to read it
-    paper_layout  whether Markdown begins with the paper's layout
+
+@dataclass(frozen=True)
+class Row:
+    """One cell of a table. A number that does not exist is NaN.
+
+    value              over the pictures whose outcome is ok
+    ci_low, ci_high    95 % interval over objects
+    n_ok, n            pictures that are there and have a value, pictures there should be
+    paper              as published, on the paper's data
+    failures_as_blank  the value with a blank picture in place of each failed one
+    note               why there is no value, or the reasons of the failures and how many pictures
+                       have no value though they are there
+    objective          what the weights of a network were trained with; empty for other methods
     """
 
-    name: str
-    title: str
-    rows: tuple[Row, ...]
-    decimals: int
-    remark: str = ""
-    paper_layout: bool = True
+    suite: str
+    method: str
+    condition: str
+    class_name: str
+    metric: str
+    value: float
+    ci_low: float
+    ci_high: float
+    n_ok: int
+    n: int
+    paper: float
+    failures_as_blank: float
+    note: str
+    objective: str = ""
 
-    def to_csv(self) -> str:
-        """Numbers with 6 decimals; an empty field where there is none."""
-        rows = ([_csv_field(value) for value in astuple(row)] for row in self.rows)
-        return csv_text(HEADER, rows)
+    @property
+    def skipped(self) -> bool:
+        """Whether the metric was not measured."""
+        return self.note.startswith("skipped")
 
-    def to_markdown(self) -> str:
-        """The paper's layout (SR beside PC2PIX), then all methods with intervals and counts.
+    @property
+    def only_undefined(self) -> bool:
+        """Whether the note is about pictures that are there and have no value, and no others."""
+        if self.n_ok == self.n:
+            return bool(self.note)
+        return f" x {NO_VALUE}: " in self.note and "; " not in self.note
 
-        Several classes at one condition are a row each; else the conditions are columns.
-        """
-        lines = [f"# {self.title}", ""]
-        if self.remark:
-            lines += [self.remark, ""]
-        classes = {row.class_name for row in self.rows}
-        several = len(classes) > 1 and len({row.condition for row in self.rows}) == 1
-        if self.paper_layout and not several:
-            lines += paper_layout(self.rows, self.decimals)
-        lines += (by_class if several else all_methods)(self.rows, lambda metric: self.decimals)
-        return "\n".join(lines)
+    @property
+    def failed(self) -> bool:
+        """Whether pictures are missing."""
+        return self.n_ok < self.n and not self.only_undefined
+
+
+Digits = Callable[[str], int]  # after the point, by metric
+
+
+def quality_table(
+    name: str,
+    title: str,
+    rows: Iterable[Row],
+    decimals: int,
+    remark: str = "",
+    paper_layout: bool = True,
+) -> Table[Row]:
+    """A table of rows with so many decimals; `paper_layout` says whether Markdown begins with it.
+
+    Several classes at one condition are never in the paper's layout: they are a line each.
+    """
+    digits = partial(_always, decimals)
+
+    def layout(rows: Sequence[Row]) -> Iterator[Block]:
+        yield remark
+        if paper_layout and not _several_classes_at_one_condition(rows):
+            yield from _paper_layout(rows, digits)
+        yield from all_methods(rows, digits)
+
+    return Table(name, title, columns_of(Row), tuple(rows), layout, remark)
+
+
+def _always(decimals: int, metric: str) -> int:
+    return decimals
+
+
+def _several_classes_at_one_condition(rows: Sequence[Row]) -> bool:
+    return len({r.class_name for r in rows}) > 1 and len({r.condition for r in rows}) == 1
+
+
+def _paper_layout(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
+    """SR beside PC2PIX at each condition, the paper's values below ours; nothing without either."""
+    rows = [row for row in rows if row.method in PAPER_METHODS]
+    if not rows:
+        return
+    yield (
+        "In the paper's layout: SR is `surface-apss`. Below a line of ours stands the paper's, as "
+        "published: other data (ShapeNet), other weights."
+    )
+    there = {row.method for row in rows}
+    methods = [method for method in PAPER_METHODS if method in there or "@" not in method]
+    across = [(c, m) for c in ordered(row.condition for row in rows) for m in methods]
+    heads = [f"{condition} {PAPER_METHODS[method]}" for condition, method in across]
+    for class_name in ordered(row.class_name for row in rows):
+        of_class = [row for row in rows if row.class_name == class_name]
+        at = {(row.metric, row.condition, row.method): row for row in of_class}
+        yield beside_paper(
+            class_name,
+            heads,
+            {
+                metric: [at.get((metric, *place)) for place in across]
+                for metric in ordered(row.metric for row in rows)
+            },
+            digits,
+        )
+
+
+def beside_paper(
+    corner: str, heads: Sequence[str], lines: Mapping[str, Sequence[Row | None]], digits: Digits
+) -> Grid:
+    """A line of ours for each metric, and below it the paper's where it has any."""
+    made = []
+    for metric, rows in lines.items():
+        texts = [shown(row.value, digits(metric)) if row else "-" for row in rows]
+        if all(row.skipped for row in rows if row):
+            texts = ["skipped"] * len(rows)
+        made.append(Line(metric, tuple(map(Cell, texts))))
+        paper = [row.paper if row else NAN for row in rows]
+        if any(map(math.isfinite, paper)):
+            texts = [f"{value:g}" if math.isfinite(value) else "-" for value in paper]
+            made.append(Line(f"{metric}, paper", tuple(map(Cell, texts))))
+    return Grid(corner, tuple(map(Head, heads)), tuple(made))
+
+
+def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
+    """What all cells hold, with a grid for each metric: of one class methods down and conditions
+    across, of several classes these down and methods across, condition by condition."""
+    yield (
+        "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are "
+        "missing, *b* is the value with a blank picture in place of each."
+    )
+    trained = {row.method: row.objective for row in rows if row.objective}
+    yield "\n".join(
+        f"{markdown.code(method)}: weights trained with {markdown.code(objective)}.  "
+        for method, objective in trained.items()
+    )
+    by_class = len({row.class_name for row in rows}) > 1
+    places = ordered(row.condition if by_class else row.class_name for row in rows)
+    for place in places:
+        for metric in ordered(row.metric for row in rows):
+            chosen = [
+                row
+                for row in rows
+                if row.metric == metric and place == (row.condition if by_class else row.class_name)
+            ]
+            if not chosen:
+                continue
+            where = "" if by_class and len(places) == 1 else f", {place}"
+            yield f"## {markdown.cell(metric + where)}"
+            yield (_by_class if by_class else _by_method)(chosen, digits(metric))
+
+
+def _by_method(rows: Sequence[Row], decimals: int) -> Grid:
+    """Of one class and metric."""
+    class_name = rows[0].class_name
+    return pivot(
+        rows,
+        "method",
+        "condition",
+        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
+        corner="method",
+        about=_about,
+        tags=Tags(class_name=class_name),
+        **_measured(rows, class_name, "condition"),
+    )
+
+
+def _by_class(rows: Sequence[Row], decimals: int) -> Grid:
+    """Of one condition and metric."""
+    condition = rows[0].condition
+    return pivot(
+        rows,
+        "class_name",
+        "method",
+        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
+        corner="class",
+        tags=Tags(condition=condition),
+        **_measured(rows, f"at {condition}", "class_name"),
+    )
+
+
+def _measured(rows: Sequence[Row], where: str, across: str) -> dict[str, Any]:
+    """What grids of a metric have in common."""
+    metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
+    skipped = ordered(row.note for row in rows if row.skipped)
+    return {
+        "caption": f"{metric}, {where} ({'higher' if higher else 'lower'} is better)",
+        "notes": tuple(skipped or _gaps(rows, across)),
+        "void": bool(skipped),
+        "higher": higher,
+        "outcomes": _outcomes,
+    }
+
+
+def _gaps(rows: Sequence[Row], across: str) -> list[str]:
+    """A line for each cell with failures; of cells that only have no value, those alike share."""
+    notes: list[str] = []
+    alike: dict[str, list[str]] = {}
+    for row in rows:
+        if row.only_undefined:
+            alike.setdefault(row.note, []).append(row.method)
+        elif row.n_ok < row.n:
+            notes.append(f"{row.method} at {getattr(row, across)}: {row.note}")
+    return notes + [f"{', '.join(ordered(methods))}: {note}" for note, methods in alike.items()]
+
+
+def _best(rows: Sequence[Row], decimals: int) -> dict[tuple[str, str], float]:
+    """By class and condition the best value as printed, of those that compete; NaN of fewer than
+    two."""
+    rivals: dict[tuple[str, str], list[float]] = {}
+    for row in rows:
+        values = rivals.setdefault((row.class_name, row.condition), [])
+        if math.isfinite(row.value) and not role(row.method):
+            values.append(round(row.value, decimals))
+    best = max if higher_is_better(rows[0].metric) else min
+    return {place: best(values) if len(values) > 1 else NAN for place, values in rivals.items()}
+
+
+def _cell(row: Row, decimals: int, best: Mapping[tuple[str, str], float]) -> Cell:
+    leads = round(row.value, decimals) == best[row.class_name, row.condition]
+    beside = {
+        "count": (row.n_ok, row.n),
+        "blank": shown(row.failures_as_blank, decimals) if row.failed else None,
+        "paper": f"{row.paper:g}" if math.isfinite(row.paper) else "",
+        "special": BEST if leads and not role(row.method) else None,
+    }
+    if row.skipped:
+        return Cell("skipped", paper=beside["paper"])
+    estimate = row.value, row.ci_low, row.ci_high
+    return number(estimate, partial(shown, decimals=decimals), **beside)
+
+
+def _about(rows: Sequence[Row]) -> str:
+    parts = [role(rows[0].method), rows[0].objective and f"trained with {rows[0].objective}"]
+    return ", ".join(part for part in parts if part)
+
+
+def _outcomes(rows: Sequence[Row]) -> tuple[str, ...]:
+    """What became of the pictures of these rows, in the words of the records."""
+    found = set()
+    for row in rows:
+        if row.skipped:
+            found.add("skipped")
+            continue
+        if row.n_ok > 0:
+            found.add("ok")
+        if row.failed:
+            found.add("failed")
+    return tuple(sorted(found))
 
 
 def image_table(
     name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
-) -> Table:
+) -> Table[Row]:
     """Means over pictures of the suite's image metrics, with intervals over objects."""
     made = image_rows(suite.image_metrics, records, suite, published)
-    return Table(name, title, tuple(measured.row for measured in made), decimals=3)
+    return quality_table(name, title, (m.row for m in made), 3, paper_layout=_as_paper(suite))
 
 
-def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> Table:
+def _as_paper(suite: Suite) -> bool:
+    """Whether a suite is laid out as the paper's tables; those of our own are not."""
+    return not suite.frontier and not suite.crossings
+
+
+def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> Table[Row]:
     """As `image_table`, of the suite's detail metrics, which the paper has not."""
     made = image_rows(suite.detail_metrics, records, suite, {})
-    rows = tuple(measured.row for measured in made)
-    return Table(name, title, rows, decimals=3, remark=_DETAIL_REMARK, paper_layout=False)
+    return quality_table(name, title, (m.row for m in made), 3, _DETAIL_REMARK, paper_layout=False)
 
 
 _DETAIL_REMARK = (
@@ -173,7 +402,7 @@ def control_table(
     judged: Features | None,
     skipped: str,
     suite: Suite,
-) -> Table:
+) -> Table[Row]:
     """What the judge makes of each method's pictures: the view, and which object it is.
 
     Angles: medians over pictures of the error in degrees, intervals by a bootstrap over objects.
@@ -209,7 +438,7 @@ def control_table(
     )
     if told:
         remark += f" Retrieval is among all objects of the run ({told}): by chance 1 in as many."
-    return Table(name, title, tuple(made), decimals=2, remark=remark, paper_layout=False)
+    return quality_table(name, title, made, 2, remark, paper_layout=False)
 
 
 def _controlled(
@@ -265,7 +494,7 @@ def set_table(
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> Table:
+) -> Table[Row]:
     """Fréchet distances between a method's pictures and the ground truth of the same views.
 
     `skipped` gives the reason for each set metric that has no features.
@@ -277,7 +506,29 @@ def set_table(
             metric, records, features.get(metric), skipped.get(metric, ""), suite, published
         )
     )
-    return Table(name, title, tuple(measured.row for measured in made), decimals=1)
+    return quality_table(name, title, (m.row for m in made), 1, paper_layout=_as_paper(suite))
+
+
+class SetDistance(NamedTuple):
+    """A distance of two sets of features of the same views.
+
+    whole     of features [n, d] and [n, d]
+    left_out  of features and the objects [n] that they are of: the distance, and those without each
+              block of objects
+    interval  95 %, from these two
+    """
+
+    whole: Callable[[Any, Any], float]
+    left_out: Callable[[Any, Any, NDArray[np.str_]], tuple[float, Floats]]
+    interval: Callable[[float, Floats], tuple[float, float]]
+
+
+def _frechet(x: Any, y: Any, objects: NDArray[np.str_]) -> tuple[float, Floats]:
+    left_out, true = LeftOut(x, objects), LeftOut(y, objects)
+    return centred_to_frechet(left_out.whole, true.whole), left_out_distances(left_out, true)
+
+
+FRECHET = SetDistance(frechet_distance, _frechet, interval_of_left_out)
 
 
 def set_rows(
@@ -287,43 +538,41 @@ def set_rows(
     skipped: str,
     suite: Suite,
     published: Published,
+    distance: SetDistance = FRECHET,
 ) -> list[Measured]:
-    """Fréchet distances of one extractor's features, for all cells; `skipped` says why none."""
+    """Distances of one extractor's features, for all cells; `skipped` says why there are none."""
     made = []
     for cell, group in cells(records):
         value, left_out, with_blank, note = NAN, np.empty(0), NAN, skipped
         if features is not None:
-            value, left_out, with_blank, note = _distances(cell, features)
-        interval = interval_of_left_out(value, left_out)
+            value, left_out, with_blank, note = _distances(cell, features, distance)
+        interval = distance.interval(value, left_out)
         row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
         made.append(Measured(row, left_out))
     return made
 
 
-def _distances(cell: tuple[str, str, str], features: Features) -> tuple[float, Floats, float, str]:
+def _distances(
+    cell: tuple[str, str, str], features: Features, distance: SetDistance
+) -> tuple[float, Floats, float, str]:
     """Value, without each block of objects, with the floor's pictures for failed ones, why none.
 
     In memory are the features of this cell, of the same true pictures and of the floor's.
     """
-    method, condition, class_name = cell
-    drawn = features.pictures(method, condition, class_name)
+    _, condition, class_name = cell
+    drawn, truth = features.pictures(*cell), (GROUND_TRUTH, "", class_name)
     if len(drawn) < 2:
         return NAN, np.empty(0), NAN, "fewer than two pictures"
-    truth = (GROUND_TRUTH, "", class_name)
     x, objects = features.of(*cell, drawn), np.array([obj for obj, _ in drawn])
-    wanted = set(features.pictures(*truth)) - set(drawn)
-    left_out, true = LeftOut(x, objects), LeftOut(features.of(*truth, drawn), objects)
-    value = centred_to_frechet(left_out.whole, true.whole)
-    without = left_out_distances(left_out, true)
+    value, left_out = distance.left_out(x, features.of(*truth, drawn), objects)
     floor = (FLOOR, condition, class_name)
+    wanted = set(features.pictures(*truth)) - set(drawn)
     missing = sorted(wanted & set(features.pictures(*floor)))
     if not missing:
-        return value, without, value, ""
-    with_blank = frechet_distance(
-        np.concatenate([x, features.of(*floor, missing)]),
-        features.of(*truth, [*drawn, *missing]),
-    )
-    return value, without, with_blank, ""
+        return value, left_out, value, ""
+    filled = np.concatenate([x, features.of(*floor, missing)])
+    with_blank = distance.whole(filled, features.of(*truth, [*drawn, *missing]))
+    return value, left_out, with_blank, ""
 
 
 def cells(records: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], pd.DataFrame]]:
@@ -387,13 +636,7 @@ def _mean(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else NAN
 
 
-def _csv_field(value: object) -> object:
-    if not isinstance(value, float):
-        return value
-    return f"{value:.6f}" if math.isfinite(value) else ""
-
-
-def with_objectives(table: Table, objectives: Mapping[str, str]) -> Table:
+def with_objectives(table: Table[Row], objectives: Mapping[str, str]) -> Table[Row]:
     """The table with each network's row told what its weights were trained with."""
     rows = (replace(row, objective=objectives.get(row.method, "")) for row in table.rows)
     return replace(table, rows=tuple(rows))

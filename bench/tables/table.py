@@ -1,206 +1,68 @@
-"""Rows of tables as CSV and as Markdown: in the paper's layout, by condition, by class."""
+"""What a table is: tidy rows for scripts, and grids of cells for people.
+
+A `Table` is written as CSV (`Table.to_csv`), as Markdown (`Table.to_markdown`, by
+`bench.tables.markdown`) and as HTML (its `Table.grids`, by the template of the report). All three
+are pure functions of it; the modules beside this one say which rows and columns there are.
+
+Texts of grids are plain: each renderer escapes them.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from bench.tables import markdown
 
 NAN = float("nan")
-NO_VALUE = "no value"
-PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX", "pc2pix@acgan": "PC2PIX@acgan"}
+R = TypeVar("R")
+K = TypeVar("K")
+
+
+# --- tidy rows ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Row:
-    """One cell of a table. A number that does not exist is NaN.
+class Column:
+    """A column of a CSV file.
 
-    value              over the pictures whose outcome is ok
-    ci_low, ci_high    95 % interval over objects
-    n_ok, n            pictures that are there and have a value, pictures there should be
-    paper              as published, on the paper's data
-    failures_as_blank  the value with a blank picture in place of each failed one
-    note               why there is no value, or the reasons of the failures and how many pictures
-                       have no value though they are there
-    objective          what the weights of a network were trained with; empty for other methods
+    of      its value in a row
+    digits  format of its floats; one that is not finite is an empty field
     """
 
-    suite: str
-    method: str
-    condition: str
-    class_name: str
-    metric: str
-    value: float
-    ci_low: float
-    ci_high: float
-    n_ok: int
-    n: int
-    paper: float
-    failures_as_blank: float
-    note: str
-    objective: str = ""
+    name: str
+    of: Callable[[Any], object]
+    digits: str = ".6f"
+
+    def field(self, row: object) -> object:
+        """What is written for a row."""
+        value = self.of(row)
+        if not isinstance(value, float):
+            return value
+        return format(value, self.digits) if math.isfinite(value) else ""
 
 
-HEADER = [name if name != "class_name" else "class" for name in Row.__dataclass_fields__]
+def columns(*names: str | tuple[str, str], digits: str = ".6f") -> tuple[Column, ...]:
+    """Columns of attributes: each a name, or a name and the path of its attribute ("lead.low")."""
+    pairs = [(name, name) if isinstance(name, str) else name for name in names]
+    return tuple(Column(name, attrgetter(path), digits) for name, path in pairs)
 
 
-def shown(value: float, decimals: int) -> str:
-    """A number for people; a dash where there is none."""
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
+def columns_of(kind: type, digits: str = ".6f") -> tuple[Column, ...]:
+    """A column for each field of a dataclass; `class_name` is the column `class`."""
+    names = [one.name for one in fields(kind)]
+    titles = {"class_name": "class"}
+    return columns(*((titles.get(name, name), name) for name in names), digits=digits)
 
 
-def ordered(values: Iterable[str]) -> list[str]:
-    """Each value once, in the order of the first times."""
-    return list(dict.fromkeys(values))
-
-
-_LEGEND = (
-    "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are missing, "
-    "*b* is the value with a blank picture in place of each."
-)
-
-
-def paper_layout(rows: Sequence[Row], decimals: int) -> list[str]:
-    """SR beside PC2PIX at each condition, the paper's values below ours; nothing without either."""
-    rows = [row for row in rows if row.method in PAPER_METHODS]
-    if not rows:
-        return []
-    lines = [
-        "In the paper's layout: SR is `surface-apss`. Below a line of ours stands the paper's, as "
-        "published: other data (ShapeNet), other weights.",
-        "",
-    ]
-    conditions = ordered(row.condition for row in rows)
-    there = {row.method for row in rows}
-    shown_methods = [m for m in PAPER_METHODS if m in there or "@" not in m]
-    columns = [(condition, method) for condition in conditions for method in shown_methods]
-    for class_name in ordered(row.class_name for row in rows):
-        lines += [
-            markdown.row(
-                [
-                    markdown.cell(class_name),
-                    *(f"{markdown.cell(c)} {PAPER_METHODS[m]}" for c, m in columns),
-                ]
-            ),
-            _rule(len(columns) + 1),
-        ]
-        for metric in ordered(row.metric for row in rows):
-            at = {
-                (row.condition, row.method): row
-                for row in rows
-                if row.metric == metric and row.class_name == class_name
-            }
-            lines += values_and_papers(metric, [at.get(c) for c in columns], decimals)
-        lines.append("")
-    return lines
-
-
-def values_and_papers(metric: str, cells: Sequence[Row | None], decimals: int) -> list[str]:
-    """A line of ours, and below it the paper's where it has any."""
-    ours = [shown(cell.value, decimals) if cell else "-" for cell in cells]
-    if all(cell.note.startswith("skipped") for cell in cells if cell):
-        ours = ["skipped"] * len(cells)
-    lines = [markdown.row([markdown.cell(metric), *ours])]
-    paper = [cell.paper if cell else NAN for cell in cells]
-    if any(math.isfinite(value) for value in paper):
-        told = [f"{v:g}" if math.isfinite(v) else "-" for v in paper]
-        lines.append(markdown.row([f"{markdown.cell(metric)}, paper", *told]))
-    return lines
-
-
-def all_methods(rows: Sequence[Row], decimals: Callable[[str], int]) -> list[str]:
-    """A section for each class and metric: methods down, conditions across."""
-    lines = _head(rows)
-    for class_name in ordered(row.class_name for row in rows):
-        for metric in ordered(row.metric for row in rows):
-            chosen = [r for r in rows if (r.class_name, r.metric) == (class_name, metric)]
-            lines += [f"## {markdown.cell(metric)}, {markdown.cell(class_name)}", ""]
-            lines += _section(
-                chosen, "method", lambda row: (row.method, row.condition), decimals(metric)
-            )
-    return lines
-
-
-def by_class(rows: Sequence[Row], decimals: Callable[[str], int]) -> list[str]:
-    """A section for each metric, of rows of one condition: classes down, methods across."""
-    lines = _head(rows)
-    for metric in ordered(row.metric for row in rows):
-        chosen = [row for row in rows if row.metric == metric]
-        lines += [f"## {markdown.cell(metric)}", ""]
-        lines += _section(
-            chosen, "class", lambda row: (row.class_name, row.method), decimals(metric)
-        )
-    return lines
-
-
-def _head(rows: Sequence[Row]) -> list[str]:
-    trained = {row.method: row.objective for row in rows if row.objective}
-    lines = [
-        f"{markdown.code(m)}: weights trained with {markdown.code(told)}.  "
-        for m, told in trained.items()
-    ]
-    return [_LEGEND, "", *lines, *([""] * bool(trained))]
-
-
-def _section(
-    rows: Sequence[Row], corner: str, place: Callable[[Row], tuple[str, str]], decimals: int
-) -> list[str]:
-    """A table of full cells, `place` says in which line and column, and what is missing in it."""
-    skipped = ordered(markdown.cell(r.note) for r in rows if r.note.startswith("skipped"))
-    if skipped:
-        return [*skipped, ""]
-    columns = ordered(place(row)[1] for row in rows)
-    lines = [markdown.row([corner, *map(markdown.cell, columns)]), _rule(len(columns) + 1)]
-    for line in ordered(place(row)[0] for row in rows):
-        at = {place(row)[1]: row for row in rows if place(row)[0] == line}
-        cells = [_full_cell(at[c], decimals) if c in at else "-" for c in columns]
-        lines.append(markdown.row([markdown.cell(line), *cells]))
-    lines.append("")
-    told = _gaps(rows, corner)
-    return [*lines, *told, *([""] * bool(told))]
-
-
-def _gaps(rows: Sequence[Row], corner: str) -> list[str]:
-    """A line for each cell with failures; of cells that only have no value, those alike share."""
-    lines: list[str] = []
-    alike: dict[str, list[Row]] = {}
-    for row in rows:
-        if _nothing_failed(row):
-            alike.setdefault(row.note, []).append(row)
-        elif row.n_ok < row.n:
-            where = row.class_name if corner == "class" else row.condition
-            told = map(markdown.cell, (row.method, where, row.note))
-            lines.append("* {} at {}: {}".format(*told))
-    for note, of_note in alike.items():
-        methods = ", ".join(map(markdown.cell, ordered(row.method for row in of_note)))
-        lines.append(f"* {methods}: {markdown.cell(note)}")
-    return lines
-
-
-def _nothing_failed(row: Row) -> bool:
-    """Whether the note is about missing values alone."""
-    if row.n_ok == row.n:
-        return bool(row.note)
-    return f" x {NO_VALUE}: " in row.note and "; " not in row.note
-
-
-def _full_cell(row: Row, decimals: int) -> str:
-    count = f"{row.n_ok}/{row.n}"
-    if not math.isfinite(row.value):
-        return f"- {count}"
-    low, high = shown(row.ci_low, decimals), shown(row.ci_high, decimals)
-    interval = f" [{low}, {high}]" if math.isfinite(row.ci_low) else ""
-    missing = row.n_ok < row.n and not _nothing_failed(row)
-    blank = f" *b* {shown(row.failures_as_blank, decimals)}" if missing else ""
-    return f"{shown(row.value, decimals)}{interval} {count}{blank}"
-
-
-def _rule(columns: int) -> str:
-    return "|---" * columns + "|"
+def constant(name: str, value: object) -> Column:
+    """A column that is the same in all rows."""
+    return Column(name, lambda row: value)
 
 
 def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
@@ -213,3 +75,273 @@ def _row(values: Iterable[object]) -> str:
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\r\n").writerow(values)
     return buffer.getvalue().removesuffix("\r\n") + "\n"
+
+
+# --- grids ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Tags:
+    """What the filters of the report go by; an empty field is no obstacle to any choice."""
+
+    method: str = ""
+    condition: str = ""
+    class_name: str = ""
+    outcomes: tuple[str, ...] = ()
+
+
+ANY = Tags()
+
+
+class Mark(NamedTuple):
+    """What is special about a value.
+
+    word      in the report
+    markdown  how Markdown shows it
+    against   whether it speaks against the value
+    """
+
+    word: str
+    markdown: str = "{value}{interval}"
+    against: bool = False
+
+
+BEST = Mark("best")
+BOLD = Mark("", "**{value}**{interval}")
+ITALIC = Mark("", "*{value}*{interval}")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A value of a grid, as people read it.
+
+    text      the value, or why there is none
+    value     what a column is sorted by; None: comes last
+    interval  its ends
+    rest      what follows
+    count     pictures that are there, and that should be
+    blank     the value with a blank picture in place of each that failed, "-" without one; None
+              where none failed
+    paper     the published value; empty where there is none
+    special   what is special about it
+    """
+
+    text: str
+    value: float | None = None
+    interval: tuple[str, str] | None = None
+    rest: str = ""
+    count: tuple[int, int] | None = None
+    blank: str | None = None
+    paper: str = ""
+    special: Mark | None = None
+
+    @property
+    def beside(self) -> str:
+        """In the report: its interval, or what it is made of."""
+        return " to ".join(self.interval) if self.interval else self.rest
+
+    @property
+    def mark(self) -> str:
+        """In the report: what is special about it."""
+        return self.special.word if self.special and not self.special.against else ""
+
+    @property
+    def gap(self) -> str:
+        """In the report: what speaks against it, or is missing from it."""
+        if self.special and self.special.against:
+            return self.special.word
+        if self.blank is None or self.count is None:
+            return ""
+        text = f"{self.count[0]} of {self.count[1]} pictures"
+        return text if self.blank == "-" else f"{text}; {self.blank} with blank ones for the others"
+
+
+NOTHING = Cell("-")
+
+
+def number(
+    estimate: tuple[float, float, float], show: Callable[[float], str], **beside: Any
+) -> Cell:
+    """A number (value, low, high) with its interval; a dash where it is not finite, and no interval
+    where that is not. `beside` are further fields of `Cell`."""
+    value, low, high = estimate
+    if not math.isfinite(value):
+        return Cell("-", **beside)
+    interval = (show(low), show(high)) if math.isfinite(low) else None
+    return Cell(show(value), value, interval, **beside)
+
+
+def shown(value: float, decimals: int) -> str:
+    """A number for people; a dash where there is none."""
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
+
+
+class Head(NamedTuple):
+    """A column of a grid."""
+
+    name: str
+    tags: Tags = ANY
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of a grid: its name, `about` it in small letters, and a cell for each column."""
+
+    name: str
+    cells: tuple[Cell, ...]
+    about: str = ""
+    tags: Tags = ANY
+    special: Mark | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells in lines and columns.
+
+    corner    what the names of the lines are
+    caption   in the report; a grid without one is not shown there
+    remark    what one has to know to read it
+    notes     what is missing, and why
+    void      whether nothing was measured: in place of the cells Markdown has the notes alone
+    higher    whether a higher value is better: the order that a first sorting gives
+    unfolded  whether the report shows it at once
+    """
+
+    corner: str
+    columns: tuple[Head, ...]
+    lines: tuple[Line, ...]
+    caption: str = ""
+    remark: str = ""
+    notes: tuple[str, ...] = ()
+    void: bool = False
+    higher: bool = True
+    unfolded: bool = True
+    tags: Tags = ANY
+
+    @property
+    def valued(self) -> bool:
+        """Whether there is any number in it."""
+        return any(cell.value is not None for line in self.lines for cell in line.cells)
+
+
+Block = str | Grid  # a paragraph, a heading or a list in Markdown; or a grid
+
+
+def grid(heads: Sequence[str], lines: Iterable[Sequence[str | Cell]], **more: Any) -> Grid:
+    """A grid from its texts, the first of each line being its name. `more` are fields of `Grid`."""
+    made = []
+    for line in lines:
+        name, *cells = (Cell(text) if isinstance(text, str) else text for text in line)
+        made.append(Line(name.text, tuple(cells), special=name.special))
+    return Grid(heads[0], tuple(map(Head, heads[1:])), tuple(made), **more)
+
+
+def pivot(
+    rows: Sequence[R],
+    line: str,
+    column: str,
+    cell: Callable[[R], Cell],
+    *,
+    lines: Iterable[Any] | None = None,
+    columns: Iterable[Any] | None = None,
+    named: Callable[[R], str] | None = None,
+    title: Callable[[Any], str] = str,
+    before: Mapping[str, Callable[[R], Cell]] | None = None,
+    after: Mapping[str, Callable[[R], Cell]] | None = None,
+    about: Callable[[Sequence[R]], str] = lambda of_line: "",
+    outcomes: Callable[[Sequence[R]], tuple[str, ...]] = lambda of_line: (),
+    missing: Cell = NOTHING,
+    corner: str = "",
+    **more: Any,
+) -> Grid:
+    """Tidy rows laid out by two of their attributes; `missing` stands where there is no row.
+
+    lines, columns  values of the attributes, in order; default: all, in the order of the rows
+    named           what a line is called, from its first row; default: its attribute
+    title           what a column is called, from its attribute
+    before, after   further columns at both sides, from the first row of a line
+    about, outcomes of a line, from its rows; see `Line` and `Tags`
+    more            fields of `Grid`
+    """
+    line_of, column_of = attrgetter(line), attrgetter(column)
+    across = ordered(map(column_of, rows)) if columns is None else list(columns)
+    before, after = before or {}, after or {}
+    made = []
+    for key in ordered(map(line_of, rows)) if lines is None else lines:
+        of_line = [row for row in rows if line_of(row) == key]
+        at = {column_of(row): row for row in of_line}
+        first = of_line[:1]
+        cells = (
+            *(make(row) for make in before.values() for row in first),
+            *(cell(at[place]) if place in at else missing for place in across),
+            *(make(row) for make in after.values() for row in first),
+        )
+        name = named(first[0]) if named else str(key)
+        tags = _tags(line, key, outcomes(of_line))
+        made.append(Line(name, cells, about(of_line), tags))
+    heads = (
+        *map(Head, before),
+        *(Head(title(place), _tags(column, place)) for place in across),
+        *map(Head, after),
+    )
+    return Grid(corner, heads, tuple(made), **more)
+
+
+def _tags(attribute: str, value: Any, outcomes: tuple[str, ...] = ()) -> Tags:
+    if attribute not in ("method", "condition", "class_name"):
+        return Tags(outcomes=outcomes)
+    return Tags(**{attribute: value}, outcomes=outcomes)
+
+
+def ordered(values: Iterable[K]) -> list[K]:
+    """Each value once, in the order of the first times."""
+    return list(dict.fromkeys(values))
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Table(Generic[R]):
+    """A finished table.
+
+    name     of its files, without suffix
+    columns  of its CSV
+    layout   what people see of its rows; None: the table is for scripts alone
+    remark   what one has to know to read it in the report
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[R, ...]
+    layout: Callable[[Sequence[R]], Iterable[Block]] | None = field(default=None, compare=False)
+    remark: str = ""
+
+    def to_csv(self) -> str:
+        """For scripts: a header, and a line for each row."""
+        return csv_text(
+            [column.name for column in self.columns],
+            ([column.field(row) for column in self.columns] for row in self.rows),
+        )
+
+    def to_markdown(self) -> str:
+        """For people."""
+        return markdown.document([f"# {self.title}", *self._blocks()])
+
+    def grids(self) -> tuple[Grid, ...]:
+        """What the report shows."""
+        return tuple(b for b in self._blocks() if isinstance(b, Grid) and b.caption)
+
+    def _blocks(self) -> Iterable[Block]:
+        return self.layout(self.rows) if self.layout else ()
+
+
+def table_files(tables: Iterable[Table[Any]]) -> dict[str, str]:
+    """File names and contents of tables: each as CSV, and as Markdown where it has a layout."""
+    files = {}
+    for table in tables:
+        files[f"{table.name}.csv"] = table.to_csv()
+        if table.layout is not None:
+            files[f"{table.name}.md"] = table.to_markdown()
+    return files

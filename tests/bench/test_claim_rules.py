@@ -10,7 +10,7 @@ from bench.analysis.comparison import Comparison, Estimate, Quality
 from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import Lacking, Latent, Scored, Timed, combined
-from bench.tables.orderings import Ordering, OrderingsTable
+from bench.tables.orderings import Ordering, orderings_table
 
 OBJECTS = ("a", "b", "c", "d")
 JITTER = np.array([0.0, 0.01, -0.01, 0.02])
@@ -195,12 +195,12 @@ def test_above_blank():
 def with_orderings(*rows):
     return scored(
         comparison(class_name="car", fd_views={"surface-apss": 20.0, "pc2pix@all": 5.0}),
-        orderings=OrderingsTable("thirteen-classes", "pc2pix@all", rows),
+        orderings=orderings_table("thirteen-classes", "pc2pix@all", rows),
     )
 
 
 def ordered(metric, class_name, lead):
-    return Ordering("2048", class_name, metric, 20.0, 5.0, Estimate(*lead), 1.0, 30)
+    return Ordering("2048", class_name, metric, 20.0, 5.0, Estimate(*lead), 1.0, 30, "pc2pix@all")
 
 
 def test_classes():

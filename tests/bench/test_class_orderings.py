@@ -88,7 +88,7 @@ def test_verdicts():
     ],
 )
 def test_rules_of_a_verdict(lead, paper, verdict):
-    ordering = Ordering("2048", "car", "fid", 1.0, 2.0, Estimate(*lead), paper, 4)
+    ordering = Ordering("2048", "car", "fid", 1.0, 2.0, Estimate(*lead), paper, 4, "pc2pix")
     assert ordering.verdict == verdict
 
 

@@ -10,7 +10,7 @@ import pytest
 from bench.analysis.crossings import Crossing
 from bench.catalogue.families import FAMILIES
 from bench.tables.crossings import (
-    CrossingsTable,
+    crossings_table,
     shown_in_training,
     told_crossing,
     told_end_to_end,
@@ -24,7 +24,7 @@ SURE = contest([(0.1, 0.05, 0.15), (0.2, 0.15, 0.25), (0.3, 0.25, 0.35)])
 
 
 def rows(*contests):
-    return list(csv.DictReader(io.StringIO(CrossingsTable("s", contests).to_csv())))
+    return list(csv.DictReader(io.StringIO(crossings_table("s", contests).to_csv())))
 
 
 def test_csv_is_tidy():
@@ -111,7 +111,7 @@ def test_what_training_has_shown():
 
 def test_markdown():
     other = replace(SURE, metric="fd-views")
-    lines = CrossingsTable("s", (contest(LEADS), other)).to_markdown().splitlines()
+    lines = crossings_table("s", (contest(LEADS), other)).to_markdown().splitlines()
     start = lines.index("## From end to end")
     assert lines[start + 2 : start + 5] == [
         "| family | from | to | first | second | ssim | fd-views |",
@@ -134,7 +134,7 @@ def test_markdown():
 
 def test_markdown_of_several_classes_tells_them_apart():
     made = (contest(LEADS), replace(SURE, class_name="a|b"))
-    text = CrossingsTable("s", made).to_markdown()
+    text = crossings_table("s", made).to_markdown()
     titles = [line for line in text.splitlines() if line.startswith("## ")]
     axis = "## noise: standard deviation, in radii of the unit sphere"
     assert titles == [
@@ -145,6 +145,6 @@ def test_markdown_of_several_classes_tells_them_apart():
 
 
 def test_markdown_without_a_value():
-    text = CrossingsTable("s", (contest([(NAN, NAN, NAN), 0.1]),)).to_markdown()
+    text = crossings_table("s", (contest([(NAN, NAN, NAN), 0.1]),)).to_markdown()
     assert "| ssim | splat-net | pc2pix | - | +0.100 |" in text
     assert "no value, then undecided; none within" in text

@@ -7,7 +7,7 @@ from harness_objects import Tetrahedron
 
 from bench.records.artifacts import read_artifact
 from bench.report.robustness import THIN_TINT, write_figures
-from bench.tables.quality import Row, Table
+from bench.tables.quality import Row, quality_table
 
 from .builders import make_job, make_truth, write_artifact
 
@@ -39,7 +39,7 @@ def make_row(metric, method, condition, value, low=NAN, high=NAN):
 
 
 CURVES = [
-    Table(
+    quality_table(
         "table3_ssim",
         "",
         (
@@ -50,7 +50,7 @@ CURVES = [
         ),
         3,
     ),
-    Table(
+    quality_table(
         "table4_fid",
         "",
         (

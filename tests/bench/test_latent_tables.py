@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.intervals import mean_interval
-from bench.suites.latent.tables import ALL, LatentTable, Value, means, values_to_csv
+from bench.suites.latent.tables import ALL, Value, latent_table, means, values_table
 
 NAN = float("nan")
 
@@ -52,7 +52,7 @@ def table():
         + made([0.5, 0.5], what="noise")
         + made([NAN, 0.25], what="noise", metric="other")
     )
-    return LatentTable(
+    return latent_table(
         "name",
         "Title",
         "Remark.",
@@ -84,14 +84,14 @@ def test_markdown(table):
     text = table.to_markdown()
     assert text.startswith("# Title\n\nRemark.\n")
     assert "* **code**: of two chairs\n* **noise**: of none\n" in text
-    assert "## pc2pix (n = 3)\n\n| | code | noise |\n|---|---|---|\n" in text
+    assert "## pc2pix (n = 3)\n\n|  | code | noise |\n|---|---|---|\n" in text
     assert "| step | 3 [1, 6] | 0.5 [0.5, 0.5] |\n" in text
     assert "| other |  | 0.25 1/2 |\n" in text
     assert "* step: of a path\n* other: of another\n" in text
 
 
 def test_single_values():
-    assert values_to_csv(made([1 / 3, NAN])) == (
+    assert values_table("values", made([1 / 3, NAN])).to_csv() == (
         "method,what,kind,item,metric,value\n"
         "pc2pix,code,all,all 0,step,0.333333\n"
         "pc2pix,code,all,all 1,step,\n"

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.report.pareto import cost_plots, cost_table
+from bench.catalogue.metrics import higher_is_better
+from bench.report.pareto import cost_plots
 from bench.report.robustness import curves
-from bench.report.styles import higher_is_better, styles
-from bench.tables.quality import Table
-from bench.tables.table import NAN, Row
+from bench.report.styles import styles
+from bench.tables.frontier import cost_grid
+from bench.tables.quality import Row, quality_table
+from bench.tables.table import NAN
 
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 # Pixels of paths are written with one decimal.
@@ -27,7 +29,7 @@ def row(method, condition, value, metric="ssim", class_name="chair", low=None, h
 
 
 def table(*rows):
-    return Table("t", "T", rows, decimals=3)
+    return quality_table("t", "T", rows, decimals=3)
 
 
 def path_points(path):
@@ -137,7 +139,7 @@ def test_a_cheaper_and_better_method_leaves_one_step():
     worse = QUALITIES | {"surface-apss": 0.55}
     (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, styles(METHODS))
     assert plot.frontier.count("V") == 0
-    table = cost_table([comparison(COSTS, worse)], "ssim", 2)
+    table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
     assert table is not None
     marks = {line.name: line.cells[0].mark for line in table.lines}
     assert marks == dict.fromkeys(METHODS, "") | {"splat": "frontier"}
@@ -160,7 +162,7 @@ def test_without_times_there_is_no_cost():
     nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
     made = [comparison(nothing, QUALITIES)]
     assert cost_plots(made, ["ssim"], 2, styles(METHODS)) == ()
-    assert cost_table(made, "ssim", 2) is None
+    assert cost_grid(made, "ssim", 2) is None
 
 
 def test_methods_differ_in_form_and_settings_of_a_knob_do_not():

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import math
 
-from bench.report.tables import table_groups
-from bench.tables.classes import ClassTable
-from bench.tables.quality import Table
-from bench.tables.table import NAN, Row
+from bench.report.tables import table_group
+from bench.tables.classes import table_of_classes
+from bench.tables.quality import Row, quality_table
+from bench.tables.table import NAN
 
 
 def row(method, value, condition="2048", class_name="chair", metric="ssim", **changes):
@@ -16,9 +16,8 @@ def row(method, value, condition="2048", class_name="chair", metric="ssim", **ch
     return Row("s", method, condition, class_name, metric, value, **(values | changes))
 
 
-def tables_of(*rows, kind=Table, **wishes):
-    (group,) = table_groups([kind("t", "T", rows, decimals=3, **wishes)])
-    return group.tables
+def tables_of(*rows):
+    return table_group(quality_table("t", "T", rows, decimals=3)).tables
 
 
 def marks(table):
@@ -68,13 +67,15 @@ def test_outcomes_of_a_line_are_those_of_its_pictures():
 
 def test_a_reason_is_told_once_with_where_it_holds():
     rows = [
-        row("splat", 0.5, note="1 x a"),
-        row("splat", 0.5, "512", note="1 x a"),
+        row("splat", 0.5, n_ok=3, note="1 x no value: a"),
+        row("splat", 0.5, "512", n_ok=3, note="1 x no value: a"),
         row("poisson", 0.5),
-        row("poisson", 0.5, "512", note="1 x a"),
+        row("poisson", 0.5, "512", n_ok=3, note="1 x no value: a"),
+        row("pc2pix", 0.5),
+        row("pc2pix", 0.5, "512", n_ok=2, note="2 x crash"),
     ]
     (table,) = tables_of(*rows)
-    assert table.notes == ("splat; poisson at 512: 1 x a",)
+    assert table.notes == ("pc2pix at 512: 2 x crash", "splat, poisson: 1 x no value: a")
 
 
 def test_several_classes_are_lines_and_methods_columns():
@@ -97,14 +98,14 @@ def test_several_classes_are_lines_and_methods_columns():
 
 def test_metrics_of_table_5_have_their_own_digits():
     rows = [row("splat", 12.34567, metric="fd-views"), row("splat", 0.123456, metric="kid")]
-    made = tables_of(*rows, kind=ClassTable)
+    made = table_group(table_of_classes(rows, "")).tables
     assert [table.lines[0].cells[0].text for table in made] == ["12.3", "0.123"]
 
 
 def test_what_was_skipped_is_folded_and_remarks_are_plain():
     skipped = row("splat", math.nan, metric="fid", note="skipped: weights", paper=94.0)
     there = row("splat", 3.0, metric="fd-views")
-    (group,) = table_groups([Table("t", "T", (skipped, there), 1, r"`fid` of **a\_b**")])
+    group = table_group(quality_table("t", "T", (skipped, there), 1, r"`fid` of **a\_b**"))
     assert [table.unfolded for table in group.tables] == [False, True]
     cell = group.tables[0].lines[0].cells[0]
     assert (cell.text, cell.value, cell.paper) == ("skipped", None, "94")

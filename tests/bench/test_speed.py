@@ -84,8 +84,8 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
         *("figures", "lock", "manifest.json", "measurements", "tables"),
     ]
     assert sorted(p.name for p in (out / "tables").iterdir()) == FILES
-    for name, text in zip(("speed.md", "amortised.md"), finished.tables, strict=True):
-        assert (out / "tables" / name).read_text() == text
+    for name, table in zip(("speed.md", "amortised.md"), finished.tables, strict=True):
+        assert (out / "tables" / name).read_text() == table.to_markdown()
     assert (out / "figures" / "amortised.png").stat().st_size > 10_000
     manifest = read_manifest(out)
     assert manifest["finished"]

@@ -18,17 +18,16 @@ from bench.suites.speed.figure import spread, write_amortised
 from bench.suites.speed.samples import Failure, Measurement, Sample
 from bench.suites.speed.summary import Cost, Value, speedups, summarise
 from bench.suites.speed.tables import (
-    AmortisedRow,
     BreakEvenRow,
     Machine,
     SpeedRow,
-    amortised_markdown,
     amortised_rows,
+    amortised_table,
     break_even_rows,
-    samples_to_csv,
-    speed_markdown,
+    break_even_table,
+    samples_table,
     speed_rows,
-    to_csv,
+    speed_table,
     verdict,
 )
 from bench.tables.published import published
@@ -228,7 +227,7 @@ def test_verdicts_in_whole_views(cheaper, views, second, told):
 
 
 def test_markdown_of_times():
-    text = speed_markdown(ALL, SUITE, MACHINE, PAPER)
+    text = speed_table(ALL, SUITE, MACHINE, PAPER).to_markdown()
     assert "On some cpu, 2 cores; device cpu." in text
     lines = text.splitlines()
     assert "| method | as published | alone, 1 thread | one of 4, 1 thread |" in lines
@@ -240,13 +239,13 @@ def test_markdown_of_times():
     assert "| slow | 8000 | 8000 | 8000 | 24000 | 75 (50) |" in lines
     assert "* lost, 2048, 1 thread, chair/b: failed, timeout: too long" in lines
     assert "\\*" not in text
-    assert "GTX 1060" not in speed_markdown(ALL, SUITE, MACHINE, {})
+    assert "GTX 1060" not in speed_table(ALL, SUITE, MACHINE, {}).to_markdown()
 
 
 @pytest.mark.parametrize(("cores", "marked"), [(0.25, False), (0.26, True), (None, False)])
 def test_times_beside_other_work_are_marked(cores, marked):
     noisy = summarise(measurement("quick", elsewhere_cores=cores))
-    text = speed_markdown([SLOW, noisy], SUITE, MACHINE, {})
+    text = speed_table([SLOW, noisy], SUITE, MACHINE, {}).to_markdown()
     assert ("| quick \\* |" in text) == marked
     assert ("take these times again" in text) == marked
     assert "| slow \\*" not in text
@@ -259,7 +258,7 @@ def test_markdown_of_the_amortised(monkeypatch):
         replace(s, measurement=replace(s.measurement, method=named[s.measurement.method]))
         for s in (*ALL, free)
     ]
-    text = amortised_markdown(renamed, replace(SUITE, rivals=("surface-apss",)))
+    text = amortised_table(renamed, replace(SUITE, rivals=("surface-apss",))).to_markdown()
     lines = text.splitlines()
     assert "| method | 1 | 4 | 8 |" in lines
     assert "| surface-apss | 1200 | 350 | **225** |" in lines
@@ -272,19 +271,19 @@ def test_markdown_of_the_amortised(monkeypatch):
 
 def test_csv_is_tidy():
     rows = speed_rows(ALL, SUITE, MACHINE, PAPER)
-    read = list(csv.DictReader(io.StringIO(to_csv(SpeedRow, rows))))
+    read = list(csv.DictReader(io.StringIO(speed_table(ALL, SUITE, MACHINE, PAPER).to_csv())))
     assert len(read) == len(rows)
     assert list(read[0])[:6] == ["suite", "method", "condition", "threads", "metric", "value"]
     lost = [row for row in read if row["method"] == "lost"]
     assert {(row["value"], row["elsewhere_cores"], row["n_ok"]) for row in lost} == {("", "", "0")}
-    amortised = to_csv(AmortisedRow, amortised_rows(ALL, SUITE)).splitlines()
+    amortised = amortised_table(ALL, SUITE).to_csv().splitlines()
     assert amortised[:2] == [
         "suite,method,condition,threads,views,wall_ms,core_ms",
         "speed,slow,2048,1,1,1200,2400",
     ]
-    equal = to_csv(BreakEvenRow, break_even_rows(ALL, SUITE)).splitlines()
+    equal = break_even_table(ALL, SUITE).to_csv().splitlines()
     assert equal[1] == "speed,quick,slow,2048,1,up to,6,"
-    samples = samples_to_csv(s.measurement for s in ALL).splitlines()
+    samples = samples_table(s.measurement for s in ALL).to_csv().splitlines()
     assert samples[0] == "method,condition,threads,cloud,round,stage,views,wall_s,core_s"
     assert samples[4] == "slow,2048,1,chair/a,1,prepare,0,0.9,1.8"
     assert len(samples) == 1 + 2 * (3 + 9)

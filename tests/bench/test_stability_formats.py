@@ -18,8 +18,7 @@ from bench.suites.stability.formats import (
     allowed,
     case_points,
     format_outcomes,
-    formats_to_csv,
-    formats_to_markdown,
+    formats_table,
     measure_formats,
 )
 
@@ -142,7 +141,7 @@ def test_words():
 
 
 def test_csv():
-    table = list(csv.DictReader(io.StringIO(formats_to_csv([ROW, REFUSED]))))
+    table = list(csv.DictReader(io.StringIO(formats_table("t", [ROW, REFUSED]).to_csv())))
     assert [line["case"] for line in table] == ["plain", "scaled-1e9"]
     assert table[0]["largest"] == "68.4375"
     assert float(table[0]["grey_error_mean"]) == 0.04
@@ -151,7 +150,7 @@ def test_csv():
 
 
 def test_markdown():
-    lines = formats_to_markdown([ROW, REFUSED]).splitlines()
+    lines = formats_table("t", [ROW, REFUSED]).to_markdown().splitlines()[2:]
     assert len({line.count("|") for line in lines}) == 1
     assert lines[2] == (
         "| chair | plain | float16 | 0.001 | 0.04 | 7 | 68.4 | generator.blocks.4.shortcut |  |  |"

@@ -17,11 +17,11 @@ from bench.metrics.frechet import frechet_interval
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.build import cost_table, tables, write_tables
 from bench.tables.quality import (
-    Table,
     as_published,
     control_table,
     detail_table,
     image_table,
+    quality_table,
     set_table,
     with_objectives,
 )
@@ -388,7 +388,8 @@ def test_csv_to_the_letter():
     rows = worked_table(published={("chair", "ssim", "2048", "splat"): 0.7}).rows
     row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")
     low, high = mean_interval(np.array([0.3, 0.7, 0.1]))
-    assert Table("t", "T", (row, replace(row, value=np.inf, note='a, "b"')), 3).to_csv() == (
+    rows = (row, replace(row, value=np.inf, note='a, "b"'))
+    assert quality_table("t", "T", rows, 3).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
         "note,objective\n"
         f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"

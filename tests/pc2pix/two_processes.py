@@ -66,7 +66,12 @@ def start_decoder(folder):
     replace = os.replace
     os.replace = lambda old, new: (replaced.append(Path(new).name), replace(old, new))
     options = DecoderOptions(
-        str(folder / "weights.safetensors"), 2, 2, 2, "float32", "cpu", 0, 1, folder / "decoder"
+        weights=str(folder / "weights.safetensors"),
+        objects=2,
+        steps=2,
+        batch=2,
+        threads=1,
+        out=folder / "decoder",
     )
     train_decoder(options)
     os.replace = replace

@@ -27,7 +27,8 @@ from bench.suites.latent.chairs import Pair, Triple, choose_pairs, choose_triple
 from bench.suites.latent.figures import Strip, write_strips
 from bench.suites.latent.network import Network, load_network, weights_of
 from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
-from bench.suites.latent.tables import LatentTable, Value, means, values_to_csv
+from bench.suites.latent.tables import Mean, Value, latent_table, means, values_table
+from bench.tables.table import Table, table_files
 from data_prep.datasets import Split, open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import progress
@@ -44,7 +45,7 @@ class LatentRun:
     """A finished run: where it is, its tables, and how long it took."""
 
     directory: Path
-    tables: tuple[LatentTable, ...]
+    tables: tuple[Table[Mean], ...]
     seconds: float
 
     @property
@@ -144,7 +145,7 @@ def _measure(
     seed: int,
     suite: LatentSuite,
     directory: Path,
-) -> tuple[LatentTable, ...]:
+) -> tuple[Table[Mean], ...]:
     """Measure everything; write figures, tables and the single values behind them."""
     classifier = load_views_network(VIEWS_WEIGHTS)
     for old in (directory / FIGURES).glob("*.png"):  # of a run with other methods, perhaps
@@ -172,7 +173,7 @@ def _measure(
                 advance(0)
         write_strips(directory / FIGURES / f"arithmetic{tag}.png", strips, network.view)
     tables = (
-        LatentTable(
+        latent_table(
             "latent_interpolation",
             "Paths between codes (after Figure 5)",
             PATH_REMARK,
@@ -180,7 +181,7 @@ def _measure(
             PATHS,
             means(suite.id, on_paths),
         ),
-        LatentTable(
+        latent_table(
             "latent_arithmetic",
             "A - B + C against D (after Figure 6)",
             SUM_REMARK,
@@ -189,11 +190,10 @@ def _measure(
             means(suite.id, on_sums),
         ),
     )
-    for table, values in zip(tables, (on_paths, on_sums), strict=True):
-        for name, text in (
-            (f"{table.name}.csv", table.to_csv()),
-            (f"{table.name}.md", table.to_markdown()),
-            (f"{table.name}_values.csv", values_to_csv(values)),
-        ):
-            write_whole(directory / TABLES / name, text.encode())
+    values = (
+        values_table(f"{table.name}_values", of)
+        for table, of in zip(tables, (on_paths, on_sums), strict=True)
+    )
+    for name, text in table_files([*tables, *values]).items():
+        write_whole(directory / TABLES / name, text.encode())
     return tables

@@ -6,14 +6,14 @@ Everything is one long list of `Value`s; a table is a pure function of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from bench.analysis.intervals import mean_interval
 from bench.tables import markdown
-from bench.tables.table import csv_text
+from bench.tables.table import Block, Cell, Table, columns_of, number, ordered, pivot
 
 ALL = "all"
 
@@ -51,52 +51,47 @@ class Mean:
     n: int
 
 
-@dataclass(frozen=True)
-class LatentTable:
-    """Means with a title and what one has to know to read them.
+def latent_table(
+    name: str,
+    title: str,
+    remark: str,
+    about: Mapping[str, str],
+    subjects: Mapping[str, str],
+    rows: Sequence[Mean],
+) -> Table[Mean]:
+    """Means with what one has to know to read them.
 
-    name      of its files, without suffix
     about     of each metric, by its id, in the order of the table
     subjects  of each `what`, by its id, in the order of the table
     """
 
-    name: str
-    title: str
-    remark: str
-    about: dict[str, str]
-    subjects: dict[str, str]
-    rows: tuple[Mean, ...]
+    def layout(rows: Sequence[Mean]) -> Iterator[Block]:
+        yield remark
+        yield "\n".join(f"* **{subject}**: {told}" for subject, told in subjects.items())
+        methods = ordered(row.method for row in rows)
+        pairs = ordered((row.method, row.kind) for row in rows)
+        for method, kind in sorted(pairs, key=lambda pair: methods.index(pair[0])):
+            chosen = [row for row in rows if (row.method, row.kind) == (method, kind)]
+            of = markdown.cell(method if kind == ALL else f"{method}, {kind} only")
+            yield f"## {of} (n = {max(row.n for row in chosen)})"
+            there = {row.what for row in chosen}
+            yield pivot(
+                chosen,
+                "metric",
+                "what",
+                _cell,
+                lines=about,
+                columns=[subject for subject in subjects if subject in there],
+                missing=Cell(""),
+            )
+        yield "\n".join(f"* {metric}: {told}" for metric, told in about.items())
 
-    def to_csv(self) -> str:
-        """Tidy: a row for each mean, 6 significant digits; an empty field where there is none."""
-        return to_csv([f.name for f in fields(Mean)], self.rows)
+    return Table(name, title, columns_of(Mean, ".6g"), tuple(rows), layout)
 
-    def to_markdown(self) -> str:
-        """For people: metrics down, subjects across, a table for each method and kind."""
-        lines = [f"# {self.title}", "", self.remark, ""]
-        lines += [f"* **{subject}**: {about}" for subject, about in self.subjects.items()]
-        lines += [""]
-        for method in dict.fromkeys(row.method for row in self.rows):
-            of_method = [row for row in self.rows if row.method == method]
-            for kind in dict.fromkeys(row.kind for row in of_method):
-                chosen = [row for row in of_method if row.kind == kind]
-                title = markdown.cell(method if kind == ALL else f"{method}, {kind} only")
-                lines += [f"## {title} (n = {max(row.n for row in chosen)})", ""]
-                lines += [*self._grid(chosen), ""]
-        lines += [f"* {metric}: {about}" for metric, about in self.about.items()]
-        return "\n".join([*lines, ""])
 
-    def _grid(self, rows: Sequence[Mean]) -> list[str]:
-        at = {(row.metric, row.what): row for row in rows}
-        whats = [what for what in self.subjects if any(row.what == what for row in rows)]
-        lines = [
-            "| | " + " | ".join(map(markdown.cell, whats)) + " |",
-            "|---" * (len(whats) + 1) + "|",
-        ]
-        for metric in self.about:
-            cells = [_cell(at.get((metric, what))) for what in whats]
-            lines.append(markdown.row([markdown.cell(metric), *cells]))
-        return lines
+def values_table(name: str, values: Sequence[Value]) -> Table[Value]:
+    """The single values behind a table, for scripts."""
+    return Table(name, "", columns_of(Value, ".6g"), tuple(values))
 
 
 def means(suite: str, values: Iterable[Value]) -> tuple[Mean, ...]:
@@ -120,27 +115,8 @@ def means(suite: str, values: Iterable[Value]) -> tuple[Mean, ...]:
     return tuple(sorted(made, key=lambda row: row.kind != ALL))  # stable: all kinds come first
 
 
-def values_to_csv(values: Sequence[Value]) -> str:
-    """The single values behind the tables, tidy."""
-    return to_csv([f.name for f in fields(Value)], values)
-
-
-def to_csv(header: Sequence[str], rows: Iterable[Mean | Value]) -> str:
-    """CSV of dataclasses, floats with 6 significant digits, an empty field for NaN."""
-    return csv_text(header, ([_field(value) for value in astuple(row)] for row in rows))
-
-
-def _field(value: object) -> object:
-    if not isinstance(value, float):
-        return value
-    return f"{value:.6g}" if math.isfinite(value) else ""
-
-
-def _cell(row: Mean | None) -> str:
-    if row is None:
-        return ""
+def _cell(row: Mean) -> Cell:
     if not row.n_ok:
-        return f"- 0/{row.n}"
-    interval = f" [{row.ci_low:.3g}, {row.ci_high:.3g}]" if math.isfinite(row.ci_low) else ""
+        return Cell(f"- 0/{row.n}")
     count = f" {row.n_ok}/{row.n}" if row.n_ok < row.n else ""
-    return f"{row.value:.3g}{interval}{count}"
+    return number((row.value, row.ci_low, row.ci_high), "{:.3g}".format, rest=count)

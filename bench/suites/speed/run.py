@@ -32,19 +32,14 @@ from bench.suites.speed.samples import (
 )
 from bench.suites.speed.summary import Summary, summarise
 from bench.suites.speed.tables import (
-    AmortisedRow,
-    BreakEvenRow,
     Machine,
-    SpeedRow,
-    amortised_markdown,
-    amortised_rows,
-    break_even_rows,
-    samples_to_csv,
-    speed_markdown,
-    speed_rows,
-    to_csv,
+    amortised_table,
+    break_even_table,
+    samples_table,
+    speed_table,
 )
 from bench.tables.published import published
+from bench.tables.table import Table, table_files
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import BadInput
@@ -117,13 +112,13 @@ FIGURES = "figures"
 
 @dataclass(frozen=True)
 class SpeedRun:
-    """A finished run: where it is, its tables in Markdown, and what was measured now and before.
+    """A finished run: where it is, its tables for people, and what was measured now and before.
 
     noisy  measurements during which something else kept this machine busy
     """
 
     directory: Path
-    tables: tuple[str, ...]
+    tables: tuple[Table[Any], ...]
     done: int
     reused: int
     failed: int
@@ -131,9 +126,9 @@ class SpeedRun:
     seconds: float
 
     @property
-    def printed(self) -> tuple[str, ...]:
+    def printed(self) -> list[str]:
         """What `bench run` prints."""
-        return self.tables
+        return [table.to_markdown() for table in self.tables]
 
     @property
     def summary(self) -> str:
@@ -277,21 +272,20 @@ def lost(unit: Unit, reason: str) -> Measurement:
 
 def _write(
     directory: Path, summaries: Sequence[Summary], suite: SpeedSuite, machine: dict[str, Any]
-) -> tuple[str, ...]:
+) -> tuple[Table[Any], ...]:
+    """Write all tables and the figure; the tables that are for people."""
     here = Machine(machine["cpu"], machine["cores"])
-    paper = published(suite.id)
-    told = speed_markdown(summaries, suite, here, paper), amortised_markdown(summaries, suite)
-    files = {
-        "speed.csv": to_csv(SpeedRow, speed_rows(summaries, suite, here, paper)),
-        "speed.md": told[0],
-        "speed_samples.csv": samples_to_csv(summary.measurement for summary in summaries),
-        "amortised.csv": to_csv(AmortisedRow, amortised_rows(summaries, suite)),
-        "amortised.md": told[1],
-        "break_even.csv": to_csv(BreakEvenRow, break_even_rows(summaries, suite)),
-    }
-    for name, text in files.items():
+    people = (
+        speed_table(summaries, suite, here, published(suite.id)),
+        amortised_table(summaries, suite),
+    )
+    scripts = (
+        samples_table(summary.measurement for summary in summaries),
+        break_even_table(summaries, suite),
+    )
+    for name, text in table_files([*people, *scripts]).items():
         write_whole(directory / TABLES / name, text.encode())
     folder = directory / FIGURES
     folder.mkdir(exist_ok=True)
     write_amortised(folder / "amortised.png", summaries, suite)
-    return told
+    return people

@@ -1,18 +1,29 @@
-"""The tables of the suite `speed`: rows of plain values, and their Markdown. Pure."""
+"""The tables of the suite `speed`. Pure."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 
 from bench.catalogue.methods import FLOORS, find_method
 from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.samples import Measurement, Sample
 from bench.suites.speed.summary import MS, Summary, beside, break_even, speedups
 from bench.tables import markdown
-from bench.tables.table import csv_text
+from bench.tables.table import (
+    BOLD,
+    ITALIC,
+    Block,
+    Cell,
+    Grid,
+    Table,
+    columns,
+    columns_of,
+    grid,
+    ordered,
+    pivot,
+)
 
 PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
 Paper = Mapping[tuple[str, str, str, str], float]  # by class, metric, condition and method
@@ -75,6 +86,14 @@ class BreakEvenRow:
     cheaper: str
     views: float
     views_2: float
+
+
+@dataclass(frozen=True)
+class TimedSample:
+    """A timed call with the measurement that it belongs to."""
+
+    measurement: Measurement
+    sample: Sample
 
 
 def speed_rows(
@@ -146,133 +165,94 @@ def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Bre
     return rows
 
 
-def to_csv(kind: type, rows: Iterable[Any]) -> str:
-    """Tidy CSV of rows of one dataclass, 6 significant digits, an empty field for NaN."""
-    header = [field.name for field in fields(kind)]
-    return csv_text(header, ([_field(value) for value in astuple(row)] for row in rows))
-
-
-def samples_to_csv(measurements: Iterable[Measurement]) -> str:
-    """Every timed call behind the tables, a row each."""
-    header = ["method", "condition", "threads", *(field.name for field in fields(Sample))]
-    return csv_text(
-        header,
-        (
-            [m.method, m.condition, m.threads, *map(_field, astuple(sample))]
-            for m in measurements
-            for sample in m.samples
-        ),
+def samples_table(measurements: Iterable[Measurement]) -> Table[TimedSample]:
+    """Every timed call behind the tables, a row each, for scripts."""
+    made = (
+        *columns(*((name, f"measurement.{name}") for name in ("method", "condition", "threads"))),
+        *columns(*((one.name, f"sample.{one.name}") for one in fields(Sample)), digits=".6g"),
     )
+    rows = tuple(TimedSample(m, sample) for m in measurements for sample in m.samples)
+    return Table("speed_samples", "", made, rows)
 
 
-def _field(value: object) -> object:
-    if not isinstance(value, float):
-        return value
-    return f"{value:.6g}" if math.isfinite(value) else ""
+def speed_table(
+    summaries: Sequence[Summary], suite: SpeedSuite, machine: Machine, paper: Paper
+) -> Table[SpeedRow]:
+    """All numbers; for people the claim of the paper, then all times: a pair of grids for each
+    condition and number of threads."""
+
+    def layout(rows: Sequence[SpeedRow]) -> Iterator[Block]:
+        yield _circumstances_in_words(summaries, suite, machine)
+        yield from _claim(summaries, suite, paper)
+        for condition, threads in ordered(map(_circumstance, summaries)):
+            yield f"## {markdown.cell(condition)}, {_threads(threads)}"
+            chosen = [s for s in summaries if _circumstance(s) == (condition, threads)]
+            yield from _times_of(chosen, suite)
+        if any(_noisy(summary, suite) for summary in summaries):
+            yield (
+                f"\\* Something else kept more than {suite.quiet_cores:g} of the cores busy "
+                "meanwhile; take these times again on a quiet machine."
+            )
+        yield "\n".join(_failures(summaries))
+
+    rows = tuple(speed_rows(summaries, suite, machine, paper))
+    return Table("speed", "Speed: what a picture costs", columns_of(SpeedRow, ".6g"), rows, layout)
 
 
-def speed_markdown(
-    summaries: Sequence[Summary],
-    suite: SpeedSuite,
-    machine: Machine,
-    paper: Paper,
+def _circumstances_in_words(
+    summaries: Sequence[Summary], suite: SpeedSuite, machine: Machine
 ) -> str:
-    """The claim of the paper, then all times: a pair of tables for each condition and threads."""
-    batch = summaries[0].measurement.views
-    devices = ", ".join(dict.fromkeys(s.measurement.device for s in summaries))
-    lines = [
-        "# Speed: what a picture costs",
-        "",
+    devices = ", ".join(ordered(s.measurement.device for s in summaries))
+    return (
         f"On {markdown.cell(machine.cpu)}, {machine.cores} cores; device {markdown.cell(devices)}. "
         "Each method alone in a fresh process, its libraries on the threads named. Medians over "
         f"clouds (here {summaries[0].measurement.clouds}) and rounds (at least "
         f"{suite.least_rounds}, after {suite.warm_ups} not counted), the 95th percentile in "
         "brackets. 2x: a picture costs half of what it does with "
-        f"{markdown.cell(suite.rivals[0])}.",
-        "",
-        *_claim(summaries, suite, paper),
-    ]
-    for condition, threads in _circumstances(summaries):
-        chosen = [s for s in summaries if _circumstance(s) == (condition, threads)]
-        lines += [
-            f"## {markdown.cell(condition)}, {_threads(threads)}",
-            "",
-            f"Warm, ms: a cloud prepared; a view drawn alone, and one of {batch} drawn in a call; "
-            "core-ms is processor time of a picture, all threads together.",
-            "",
-            markdown.row(
-                ["method", "prepare", "draw 1", f"of {batch}", "core-ms: of 1", f"of {batch}", ""]
-            ),
-            "|---" * 7 + "|",
-            *(_warm_row(summary, suite) for summary in chosen),
-            "",
-            "Cold, ms: imports and weights; the first cloud; the first view. Memory, MiB, at most; "
-            "in brackets what the process had before the method was loaded.",
-            "",
-            markdown.row(["method", "load", "prepare", "draw", "first picture", "memory"]),
-            "|---" * 6 + "|",
-            *(_cold_row(summary) for summary in chosen),
-            "",
-        ]
-    noisy = [s for s in summaries if _noisy(s, suite)]
-    if noisy:
-        lines += [
-            f"\\* Something else kept more than {suite.quiet_cores:g} of the cores busy meanwhile; "
-            "take these times again on a quiet machine.",
-            "",
-        ]
-    for summary in summaries:
-        of = summary.measurement
-        lines += [
-            f"* {markdown.cell(of.method)}, {markdown.cell(of.condition)}, {_threads(of.threads)}, "
-            f"{markdown.cell(failure.cloud)}: failed, {markdown.cell(failure.reason)}"
-            for failure in of.failures
-        ]
-    return "\n".join([*lines, ""])
+        f"{markdown.cell(suite.rivals[0])}."
+    )
 
 
-def _claim(
-    summaries: Sequence[Summary],
-    suite: SpeedSuite,
-    paper: Paper,
-) -> list[str]:
-    batch = summaries[0].measurement.views
-    lines = ["## The claim", ""]
+def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Iterator[Block]:
+    """A grid for each condition: methods down, pictures of a cloud by number of threads across."""
+    yield "## The claim"
     if paper:
-        lines += [
+        yield (
             "The paper gives one number for each road, on an NVIDIA GTX 1060, and does not say how "
             "many pictures a reconstruction was shared by. pc2pix@paper has the paper's width: it "
-            "is made of the bundled pc2pix, which has a quarter of it, when it is loaded.",
-            "",
+            "is made of the bundled pc2pix, which has a quarter of it, when it is loaded."
+        )
+    counts = ordered((1, summaries[0].measurement.views))
+    for condition in ordered(s.measurement.condition for s in summaries):
+        of_condition = [s for s in summaries if s.measurement.condition == condition]
+        across = [
+            (views, threads)
+            for views in counts
+            for threads in ordered(s.measurement.threads for s in summaries)
         ]
-    for condition in dict.fromkeys(s.measurement.condition for s in summaries):
-        counts = list(dict.fromkeys(s.measurement.threads for s in summaries))
-        heads = [
+        heads = (
             f"{'alone' if views == 1 else f'one of {views}'}, {_threads(threads)}"
-            for views in dict.fromkeys((1, batch))
-            for threads in counts
-        ]
-        lines += [
-            f"A picture at {markdown.cell(condition)}, its cloud's preparation included, ms:",
-            "",
-            markdown.row(["method", "as published", *heads]),
-            "|---" * (2 + len(heads)) + "|",
-        ]
-        for method in dict.fromkeys(s.measurement.method for s in summaries):
-            ours = {s.measurement.threads: s for s in summaries if _is(s, method, condition)}
-            published, faster = (
-                paper.get((PAPER_CLASS, metric, condition, method))
-                for metric in ("picture-ms", "picture-speedup")
+            for views, threads in across
+        )
+        lines = []
+        for method in ordered(s.measurement.method for s in summaries):
+            ours = {
+                s.measurement.threads: s for s in of_condition if s.measurement.method == method
+            }
+            cells = (
+                _picture(ours.get(threads), views, suite, summaries) for views, threads in across
             )
-            quoted = "-" if published is None else f"*{published:g}{_times(faster)}*"
-            cells = [
-                _picture(ours.get(threads), views, suite, summaries)
-                for views in dict.fromkeys((1, batch))
-                for threads in counts
-            ]
-            lines.append(markdown.row([markdown.cell(method), quoted, *cells]))
-        lines.append("")
-    return lines
+            lines.append([method, _published(paper, condition, method), *cells])
+        yield f"A picture at {markdown.cell(condition)}, its cloud's preparation included, ms:"
+        yield grid(["method", "as published", *heads], lines)
+
+
+def _published(paper: Paper, condition: str, method: str) -> Cell:
+    value, faster = (
+        paper.get((PAPER_CLASS, metric, condition, method))
+        for metric in ("picture-ms", "picture-speedup")
+    )
+    return Cell("-") if value is None else Cell(f"{value:g}{_times(faster)}", special=ITALIC)
 
 
 def _picture(
@@ -290,83 +270,110 @@ def _picture(
     )
 
 
-def _warm_row(summary: Summary, suite: SpeedSuite) -> str:
-    values, batch = summary.values, summary.measurement.views
+def _times_of(chosen: Sequence[Summary], suite: SpeedSuite) -> Iterator[Block]:
+    """Of one condition and number of threads: warm times, then cold ones and memory."""
+    batch = chosen[0].measurement.views
+    yield (
+        f"Warm, ms: a cloud prepared; a view drawn alone, and one of {batch} drawn in a call; "
+        "core-ms is processor time of a picture, all threads together."
+    )
+    yield grid(
+        ["method", "prepare", "draw 1", f"of {batch}", "core-ms: of 1", f"of {batch}", ""],
+        (_warm(summary, suite) for summary in chosen),
+    )
+    yield (
+        "Cold, ms: imports and weights; the first cloud; the first view. Memory, MiB, at most; in "
+        "brackets what the process had before the method was loaded."
+    )
+    yield grid(["method", "load", "prepare", "draw", "first picture", "memory"], map(_cold, chosen))
+
+
+def _warm(summary: Summary, suite: SpeedSuite) -> list[str]:
+    values, of = summary.values, summary.measurement
     cells = [
         f"{_number(values[f'{name}-ms'].value)} ({_number(values[f'{name}-p95-ms'].value)})"
-        for name in ("prepare", "draw-1", f"draw-{batch}")
+        for name in ("prepare", "draw-1", f"draw-{of.views}")
     ]
-    cells += [_number(values[f"picture-of-{views}-core-ms"].value) for views in (1, batch)]
-    of = summary.measurement
+    cells += [_number(values[f"picture-of-{views}-core-ms"].value) for views in (1, of.views)]
     count = f"{summary.n_ok}/{of.clouds} clouds" if summary.n_ok < of.clouds else ""
-    return markdown.row([markdown.cell(of.method) + _mark(summary, suite), *cells, count])
+    return [of.method + _mark(summary, suite), *cells, count]
 
 
-def _cold_row(summary: Summary) -> str:
+def _cold(summary: Summary) -> list[str]:
     values = summary.values
     cells = [
         _number(values[f"cold-{name}-ms"].value) for name in ("load", "prepare", "draw", "picture")
     ]
     memory = f"{_number(values['peak-mib'].value)} ({_number(values['idle-mib'].value)})"
-    return markdown.row([markdown.cell(summary.measurement.method), *cells, memory])
+    return [summary.measurement.method, *cells, memory]
 
 
-def amortised_markdown(summaries: Sequence[Summary], suite: SpeedSuite) -> str:
-    """Cost per picture by number of views, and the break-even counts."""
-    batch = summaries[0].measurement.views
-    rows, pairs = amortised_rows(summaries, suite), break_even_rows(summaries, suite)
-    lines = [
-        "# What a picture costs, by the number of views of a cloud",
-        "",
-        f"Milliseconds a picture: prepare / views + draw, in calls of up to {batch} views; in bold "
-        "the cheapest that looks at the cloud alone.",
-        "",
-    ]
-    for condition, threads in _circumstances(summaries):
-        here = [r for r in rows if (r.condition, r.threads) == (condition, threads)]
-        equal = [r for r in pairs if (r.condition, r.threads) == (condition, threads)]
-        lines += [
-            f"## {markdown.cell(condition)}, {_threads(threads)}",
-            "",
-            *_per_picture(here, suite),
-            "",
-        ]
-        if equal:
-            lines += [*_break_even(equal, suite), ""]
-    return "\n".join(lines)
-
-
-def _per_picture(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> list[str]:
-    at = {(row.method, row.views): row.wall_ms for row in rows}
-    methods = list(dict.fromkeys(row.method for row in rows))
-    rivals = [m for m in methods if m not in FLOORS and not find_method(m).sees_mesh]
-    lines = [
-        markdown.row(["method", *map(str, suite.amortised)]),
-        "|---" * (1 + len(suite.amortised)) + "|",
-    ]
-    for method in methods:
-        cells = []
-        for views in suite.amortised:
-            told = _number(at[method, views])
-            cheapest = method in rivals and at[method, views] == min(at[m, views] for m in rivals)
-            cells.append(f"**{told}**" if cheapest else told)
-        lines.append(markdown.row([markdown.cell(method), *cells]))
-    return lines
-
-
-def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> list[str]:
-    found = {(row.method, row.rival): verdict(row) for row in rows}
-    rivals = [name for name in suite.rivals if any(row.rival == name for row in rows)]
+def _failures(summaries: Sequence[Summary]) -> list[str]:
     return [
-        "For how many views of a cloud a method is cheaper than",
-        "",
-        markdown.row(["method", *map(markdown.cell, rivals)]),
-        "|---" * (1 + len(rivals)) + "|",
-        *(
-            markdown.row([markdown.cell(m), *(found.get((m, rival), "-") for rival in rivals)])
-            for m in dict.fromkeys(row.method for row in rows)
-        ),
+        f"* {markdown.cell(of.method)}, {markdown.cell(of.condition)}, {_threads(of.threads)}, "
+        f"{markdown.cell(failure.cloud)}: failed, {markdown.cell(failure.reason)}"
+        for of in (summary.measurement for summary in summaries)
+        for failure in of.failures
     ]
+
+
+def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[AmortisedRow]:
+    """Cost per picture by number of views; for people also the break-even counts."""
+    batch, pairs = summaries[0].measurement.views, break_even_rows(summaries, suite)
+
+    def layout(rows: Sequence[AmortisedRow]) -> Iterator[Block]:
+        yield (
+            f"Milliseconds a picture: prepare / views + draw, in calls of up to {batch} views; in "
+            "bold the cheapest that looks at the cloud alone."
+        )
+        for condition, threads in ordered(map(_circumstance, summaries)):
+            here = [r for r in rows if (r.condition, r.threads) == (condition, threads)]
+            equal = [r for r in pairs if (r.condition, r.threads) == (condition, threads)]
+            yield f"## {markdown.cell(condition)}, {_threads(threads)}"
+            yield _per_picture(here, suite)
+            if equal:
+                yield "For how many views of a cloud a method is cheaper than"
+                yield _break_even(equal, suite)
+
+    title = "What a picture costs, by the number of views of a cloud"
+    rows = tuple(amortised_rows(summaries, suite))
+    return Table("amortised", title, columns_of(AmortisedRow, ".6g"), rows, layout)
+
+
+def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[BreakEvenRow]:
+    """Each method against each rival, for scripts."""
+    rows = tuple(break_even_rows(summaries, suite))
+    return Table("break_even", "", columns_of(BreakEvenRow, ".6g"), rows)
+
+
+def _per_picture(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
+    cheapest = {
+        views: min((r.wall_ms for r in rows if r.views == views and _rival(r.method)), default=None)
+        for views in suite.amortised
+    }
+
+    def cell(row: AmortisedRow) -> Cell:
+        first = _rival(row.method) and row.wall_ms == cheapest[row.views]
+        return Cell(_number(row.wall_ms), special=BOLD if first else None)
+
+    return pivot(rows, "method", "views", cell, columns=suite.amortised, corner="method")
+
+
+def _rival(method: str) -> bool:
+    """Whether it looks at the cloud alone."""
+    return method not in FLOORS and not find_method(method).sees_mesh
+
+
+def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
+    there = {row.rival for row in rows}
+    return pivot(
+        rows,
+        "method",
+        "rival",
+        lambda row: Cell(verdict(row)),
+        columns=[name for name in suite.rivals if name in there],
+        corner="method",
+    )
 
 
 def verdict(row: BreakEvenRow) -> str:
@@ -394,17 +401,8 @@ def _range(first: int, last: int) -> str:
     return f"{first} to {last}" if last > first else str(first)
 
 
-def _circumstances(summaries: Iterable[Summary]) -> list[tuple[str, int]]:
-    return list(dict.fromkeys(map(_circumstance, summaries)))
-
-
 def _circumstance(summary: Summary) -> tuple[str, int]:
     return summary.measurement.condition, summary.measurement.threads
-
-
-def _is(summary: Summary, method: str, condition: str) -> bool:
-    of = summary.measurement
-    return (of.method, of.condition) == (method, condition)
 
 
 def _noisy(summary: Summary, suite: SpeedSuite) -> bool:
@@ -412,7 +410,7 @@ def _noisy(summary: Summary, suite: SpeedSuite) -> bool:
 
 
 def _mark(summary: Summary, suite: SpeedSuite) -> str:
-    return r" \*" if _noisy(summary, suite) else ""
+    return " *" if _noisy(summary, suite) else ""
 
 
 def _threads(count: int) -> str:

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.suites.stability.expectations import KINDS, Kind
-from bench.suites.stability.tables import Matrix
+from bench.suites.stability.expectations import KINDS, Kind, Outcome
+from bench.suites.stability.tables import subjects as subjects_of
+from bench.tables.table import Table
 from data_prep.scene import IMAGE_SIZE
 
 # Told apart by lightness and by letter too: colour alone does not reach everybody.
@@ -26,16 +27,16 @@ ACROSS = 12  # pictures
 MISSING = 225  # grey
 
 
-def write_matrix(path: Path, matrix: Matrix) -> None:
+def write_matrix(path: Path, matrix: Table[Outcome]) -> None:
     """Cases down, subjects across, coloured by kind; white where a case is none of a subject's."""
     from matplotlib import patches
     from matplotlib import pyplot as plt
 
     kinds: dict[tuple[str, str, str], Kind] = {
-        (o.group, o.case, o.subject): o.kind for o in matrix.outcomes
+        (o.group, o.case, o.subject): o.kind for o in matrix.rows
     }
-    rows = list(dict.fromkeys((o.group, o.case) for o in matrix.outcomes))
-    subjects = matrix.subjects
+    rows = list(dict.fromkeys((o.group, o.case) for o in matrix.rows))
+    subjects = subjects_of(matrix)
     figure, axis = plt.subplots(
         figsize=(3.2 + COLUMN_IN * len(subjects), 1.8 + ROW_IN * len(rows)), layout="constrained"
     )

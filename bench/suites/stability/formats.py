@@ -21,13 +21,12 @@ That is twice what was found; the amplification varied from chair to chair by a 
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.suites.stability.expectations import Kind, Outcome
+from bench.tables.table import Block, Table, columns_of, grid
 
 if TYPE_CHECKING:
     from data_prep.scene import Points
@@ -223,34 +222,22 @@ def _observed(row: FormatRow) -> str:
     return "; ".join(said)
 
 
-def formats_to_csv(rows: Sequence[FormatRow]) -> str:
-    """All fields, one line a row; None is an empty field. Numbers keep six digits."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([field.name for field in fields(FormatRow)])
-    for row in rows:
-        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in asdict(row).values()])
-    return text.getvalue()
+def formats_table(name: str, rows: Sequence[FormatRow]) -> Table[FormatRow]:
+    """The numbers behind the matrix; for people "not finite" where there is no error to report."""
+    title = "pc2pix in number formats"
+    return Table(name, title, columns_of(FormatRow, ".6g"), tuple(rows), _layout)
 
 
-def formats_to_markdown(rows: Sequence[FormatRow]) -> str:
-    """A table for people; "not finite" where there is no error to be told."""
-    lines = [
-        "| weights | cloud | format | code, largest error (sd) | picture, mean error (grey levels) "
-        "| picture, largest | largest value | in layer | overflows in | refused at |",
-        "|---|---|---|---:|---:|---:|---:|---|---|---|",
+def _layout(rows: Sequence[FormatRow]) -> Iterator[Block]:
+    heads = [
+        *("weights", "cloud", "format", "code, largest error (sd)"),
+        *("picture, mean error (grey levels)", "picture, largest", "largest value", "in layer"),
+        *("overflows in", "refused at"),
     ]
+    lines = []
     for row in rows:
         errors = (row.code_error_largest, row.grey_error_mean, row.grey_error_largest)
-        cells = [
-            row.weights,
-            row.case,
-            row.format,
-            *("not finite" if e is None else f"{e:.2g}" for e in errors),
-            f"{row.largest:.3g}",
-            row.largest_in,
-            row.overflowed,
-            row.refused,
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        texts = ("not finite" if error is None else f"{error:.2g}" for error in errors)
+        layers = f"{row.largest:.3g}", row.largest_in, row.overflowed, row.refused
+        lines.append([row.weights, row.case, row.format, *texts, *layers])
+    yield grid(heads, lines)

@@ -26,16 +26,18 @@ from bench.running.executors import JobPool, do_jobs
 from bench.running.isolation import one_thread
 from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
-from bench.suites.stability.expectations import KINDS, STATED, Observation, observe, outcome
+from bench.suites.stability.expectations import STATED, Observation, Outcome, observe, outcome
 from bench.suites.stability.figures import write_matrix, write_pictures
 from bench.suites.stability.formats import (
+    FormatRow,
     format_outcomes,
-    formats_to_csv,
-    formats_to_markdown,
+    formats_table,
     measure_formats,
 )
 from bench.suites.stability.metrics import metric_outcomes
-from bench.suites.stability.tables import Matrix, observations_to_csv
+from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
+from bench.tables import markdown
+from bench.tables.table import Table, table_files
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.progress import say
@@ -96,21 +98,16 @@ class StabilityRun:
     """A finished run: where it is, its matrices, and how long it took."""
 
     directory: Path
-    matrices: tuple[Matrix, ...]
+    matrices: tuple[Table[Outcome], ...]
     seconds: float
 
     @property
     def printed(self) -> list[str]:
         """What `bench run` prints: the kinds of outcomes counted, and the unexpected ones."""
-        lines = ["| matrix | " + " | ".join(KINDS) + " |", "|---" * (len(KINDS) + 1) + "|"]
-        for matrix in self.matrices:
-            kinds = [outcome.kind for outcome in matrix.outcomes]
-            counts = " | ".join(str(kinds.count(kind)) for kind in KINDS)
-            lines.append(f"| {matrix.title} | {counts} |")
-        return lines + [
+        return [markdown.table(counts(self.matrices))] + [
             f"UNEXPECTED {one.subject}, {one.case}: {one.observed}; stated was: {one.expected}"
-            for matrix in self.matrices
-            for one in matrix.unexpected
+            for made in self.matrices
+            for one in unexpected(made)
         ]
 
     @property
@@ -146,8 +143,12 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
         write_records(directory, rows, lambda row: results(row.key).records)
         observations = observe(jobs, results)
         say("metrics and number formats")
-        matrices = _matrices(methods, observations, directory)
-        _write(directory, matrices, observations)
+        with one_thread():
+            formats = measure_formats()
+        matrices = _matrices(methods, observations, formats)
+        behind = observations_table(observations), formats_table("number_formats", formats)
+        for name, text in table_files([*matrices, *behind]).items():
+            write_whole(directory / TABLES / name, text.encode())
         _draw(directory, matrices, jobs, settled, methods)
         write_manifest(directory, manifest | {"finished": manifests.now()})
     return StabilityRun(directory, matrices, time.perf_counter() - start)
@@ -197,30 +198,28 @@ def _describe(
 
 
 def _matrices(
-    methods: Sequence[str], observations: Sequence[Observation], directory: Path
-) -> tuple[Matrix, ...]:
-    with one_thread():
-        formats = measure_formats()
-    for suffix, text in (("csv", formats_to_csv(formats)), ("md", formats_to_markdown(formats))):
-        write_whole(directory / TABLES / f"number_formats.{suffix}", text.encode())
+    methods: Sequence[str],
+    observations: Sequence[Observation],
+    formats: Sequence[FormatRow],
+) -> tuple[Table[Outcome], ...]:
     return (
-        Matrix(
+        matrix(
             "stability_methods",
             "Methods at the extremes",
             _remark(methods),
-            tuple(map(outcome, observations)),
+            map(outcome, observations),
         ),
-        Matrix(
+        matrix(
             "stability_metrics",
             "Metrics at the extremes",
             "Closed forms, invariants and refusals.",
-            tuple(metric_outcomes()),
+            metric_outcomes(),
         ),
-        Matrix(
+        matrix(
             "stability_formats",
             "pc2pix in other number formats",
             "Against float64 on the same cloud; the figures are in number_formats.",
-            tuple(format_outcomes(formats)),
+            format_outcomes(formats),
         ),
     )
 
@@ -238,19 +237,9 @@ def _remark(methods: Sequence[str]) -> str:
     return remark
 
 
-def _write(
-    directory: Path, matrices: Sequence[Matrix], observations: Sequence[Observation]
-) -> None:
-    files = {"observations.csv": observations_to_csv(observations)}
-    for matrix in matrices:
-        files |= {f"{matrix.name}.csv": matrix.to_csv(), f"{matrix.name}.md": matrix.to_markdown()}
-    for name, text in files.items():
-        write_whole(directory / TABLES / name, text.encode())
-
-
 def _draw(
     directory: Path,
-    matrices: Sequence[Matrix],
+    matrices: Sequence[Table[Outcome]],
     jobs: Sequence[Job],
     settled: Mapping[str, Settled],
     methods: Sequence[str],
@@ -260,8 +249,8 @@ def _draw(
     mpl.use("Agg")
     folder = directory / FIGURES
     folder.mkdir(exist_ok=True)
-    for matrix in matrices:
-        write_matrix(folder / f"{matrix.name}.png", matrix)
+    for made in matrices:
+        write_matrix(folder / f"{made.name}.png", made)
     first = {
         (job.condition, job.method): job.made.pictures()[0]
         for job in jobs

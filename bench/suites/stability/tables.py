@@ -1,75 +1,66 @@
-"""The matrices of the suite `stability`, cases x subjects, as CSV and as Markdown."""
+"""The matrices of the suite `stability`: cases x subjects."""
 
 from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bench.suites.stability.expectations import KINDS, Observation, Outcome
 from bench.tables.markdown import cell
-from bench.tables.table import csv_text
+from bench.tables.table import BOLD, Block, Cell, Grid, Table, columns_of, grid, ordered
 from data_prep.failures import BadInput
 
 
-@dataclass(frozen=True)
-class Matrix:
-    """Outcomes with a title.
+def matrix(name: str, title: str, remark: str, outcomes: Iterable[Outcome]) -> Table[Outcome]:
+    """Outcomes, a row each; for people counts by kind, then what was expected and what came.
 
-    name    of its files, without suffix
-    remark  what people have to know to read it
+    `remark` is what people have to know to read it.
     """
+    layout = partial(_layout, remark)
+    return Table(name, title, columns_of(Outcome), tuple(outcomes), layout)
 
-    name: str
-    title: str
-    remark: str
-    outcomes: tuple[Outcome, ...]
 
-    @property
-    def subjects(self) -> tuple[str, ...]:
-        """In the order of their first appearance."""
-        return tuple(dict.fromkeys(outcome.subject for outcome in self.outcomes))
+def subjects(made: Table[Outcome]) -> list[str]:
+    """In the order of their first appearance."""
+    return ordered(outcome.subject for outcome in made.rows)
 
-    @property
-    def unexpected(self) -> tuple[Outcome, ...]:
-        """What nobody has stated."""
-        return tuple(outcome for outcome in self.outcomes if outcome.kind == "unexpected")
 
-    def to_csv(self) -> str:
-        """Tidy: a row for each outcome."""
-        return to_csv([field.name for field in fields(Outcome)], self.outcomes)
+def unexpected(made: Table[Outcome]) -> list[Outcome]:
+    """What nobody has stated."""
+    return [outcome for outcome in made.rows if outcome.kind == "unexpected"]
 
-    def to_markdown(self) -> str:
-        """Counts by kind, then case by case what was expected and what came."""
-        counts = Counter(outcome.kind for outcome in self.outcomes)
-        cases = len({(outcome.group, outcome.case) for outcome in self.outcomes})
-        lines = [
-            f"# {self.title}",
-            "",
-            self.remark,
-            "",
-            f"{cases} cases, {len(self.outcomes)} outcomes:",
-            "",
-            *(f"* **{kind}** {counts[kind]}: {about}" for kind, about in KINDS.items()),
-            "",
-        ]
-        for group in dict.fromkeys(outcome.group for outcome in self.outcomes):
-            lines += [
-                f"## {cell(group)}",
-                "",
-                "| case | subject | expected | observed | |",
-                "|---|---|---|---|---|",
-            ]
-            for outcome in self.outcomes:
-                if outcome.group == group:
-                    kind = f"**{outcome.kind}**" if outcome.kind == "unexpected" else outcome.kind
-                    texts = (outcome.case, outcome.subject, outcome.expected, outcome.observed)
-                    lines.append(f"| {' | '.join(map(cell, texts))} | {kind} |")
-            lines.append("")
-        return "\n".join(lines)
+
+def counts(matrices: Iterable[Table[Outcome]]) -> Grid:
+    """How many outcomes of each kind every matrix has."""
+    kinds = [(made.title, Counter(outcome.kind for outcome in made.rows)) for made in matrices]
+    return grid(["matrix", *KINDS], ([t, *(str(of[kind]) for kind in KINDS)] for t, of in kinds))
+
+
+def _layout(remark: str, outcomes: Sequence[Outcome]) -> Iterator[Block]:
+    counts = Counter(outcome.kind for outcome in outcomes)
+    cases = len({(outcome.group, outcome.case) for outcome in outcomes})
+    yield remark
+    yield f"{cases} cases, {len(outcomes)} outcomes:"
+    yield "\n".join(f"* **{kind}** {counts[kind]}: {about}" for kind, about in KINDS.items())
+    for group in ordered(outcome.group for outcome in outcomes):
+        yield f"## {cell(group)}"
+        yield grid(
+            ["case", "subject", "expected", "observed", ""],
+            (
+                [o.case, o.subject, o.expected, o.observed, _kind(o)]
+                for o in outcomes
+                if o.group == group
+            ),
+        )
+
+
+def _kind(outcome: Outcome) -> Cell:
+    return Cell(outcome.kind, special=BOLD if outcome.kind == "unexpected" else None)
 
 
 def read_outcomes(folder: Path) -> list[Outcome]:
@@ -94,13 +85,6 @@ def read_outcomes(folder: Path) -> list[Outcome]:
     return outcomes
 
 
-def observations_to_csv(observations: Sequence[Observation]) -> str:
-    """The numbers behind the matrix of methods, a row for each method and case."""
-    return to_csv([field.name for field in fields(Observation)], observations)
-
-
-def to_csv(header: Sequence[str], rows: Sequence[Outcome] | Sequence[Observation]) -> str:
-    """Numbers with 6 significant digits; an empty field where there is none."""
-    return csv_text(
-        header, ([f"{v:.6g}" if isinstance(v, float) else v for v in astuple(r)] for r in rows)
-    )
+def observations_table(observations: Sequence[Observation]) -> Table[Observation]:
+    """The numbers behind the matrix of methods, a row for each method and case, for scripts."""
+    return Table("observations", "", columns_of(Observation, ".6g"), tuple(observations))

@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bench.tables.markdown import document
+from bench.tables.table import (
+    BOLD,
+    NAN,
+    NOTHING,
+    Cell,
+    Mark,
+    Table,
+    Tags,
+    columns,
+    columns_of,
+    constant,
+    grid,
+    number,
+    pivot,
+    table_files,
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    class_name: str
+    method: str
+    condition: str
+    value: float
+    n: int
+
+
+ROWS = (
+    Measured("chair", "a|b", "512", 0.5, 2),
+    Measured("chair", "splat", "2048", 1 / 3, 1),
+    Measured("chair", "splat", "512", NAN, 0),
+)
+
+
+def show(value):
+    return f"{value:.2f}"
+
+
+def made():
+    return pivot(
+        ROWS,
+        "method",
+        "condition",
+        lambda row: number((row.value, 0.25, NAN), show, count=(row.n, 2)),
+        corner="method",
+        columns=("2048", "512"),
+        before={"class": lambda row: Cell(row.class_name)},
+        about=lambda rows: f"{len(rows)} rows",
+        notes=("why *not*",),
+        remark="Of two_.",
+    )
+
+
+def test_csv_of_a_dataclass():
+    table = Table("t", "T", (constant("suite", "s"), *columns_of(Measured, ".3g")), ROWS)
+    assert table.to_csv() == (
+        "suite,class,method,condition,value,n\n"
+        "s,chair,a|b,512,0.5,2\ns,chair,splat,2048,0.333,1\ns,chair,splat,512,,0\n"
+    )
+    table = Table("t", "T", columns("n", ("first", "value")), ROWS[:1])
+    assert table.to_csv() == "n,first\n2,0.500000\n"
+
+
+def test_a_table_without_a_layout_is_for_scripts_alone():
+    table = Table("t", "T", columns("n"), ROWS)
+    assert list(table_files([table])) == ["t.csv"]
+    assert table.grids() == ()
+    shown = Table("t", "T", columns("n"), ROWS, lambda rows: [f"{len(rows)} rows"])
+    assert table_files([shown])["t.md"] == "# T\n\n3 rows\n"
+
+
+def test_a_pivot_in_markdown():
+    assert document(["# T", "", made()]) == "\n".join(
+        [
+            "# T",
+            "",
+            r"Of two\_.",
+            "",
+            "| method | class | 2048 | 512 |",
+            "|---|---|---|---|",
+            r"| a\|b | chair | - | 0.50 [0.25, nan] 2/2 |",
+            "| splat | chair | 0.33 [0.25, nan] 1/2 | - 0/2 |",
+            "",
+            r"* why \*not\*",
+            "",
+        ]
+    )
+
+
+def test_a_pivot_has_tags_for_the_filters():
+    table = made()
+    assert [head.tags for head in table.columns] == [
+        Tags(),
+        Tags(condition="2048"),
+        Tags(condition="512"),
+    ]
+    assert [line.tags.method for line in table.lines] == ["a|b", "splat"]
+    assert [line.about for line in table.lines] == ["1 rows", "2 rows"]
+    assert table.lines[0].cells[1] == NOTHING
+
+
+def test_marks_in_both_renderers():
+    behind = Mark("behind", "*{value}{interval}*", against=True)
+    cells = [
+        number((1.0, 0.5, 1.5), show, special=BOLD),
+        number((1.0, 0.5, 1.5), show, special=behind),
+        Cell("x", 1.0, count=(3, 4), blank="0.1", rest=", y"),
+        Cell("x", count=(0, 4), blank="-"),
+    ]
+    (_, _, line) = document([grid(["", *"abcd"], [["l", *cells]])]).splitlines()
+    assert line == "| l | **1.00** [0.50, 1.50] | *1.00 [0.50, 1.50]* | x 3/4 *b* 0.1, y | x 0/4 |"
+    assert [cell.beside for cell in cells] == ["0.50 to 1.50", "0.50 to 1.50", ", y", ""]
+    assert [cell.gap for cell in cells] == [
+        *("", "behind", "3 of 4 pictures; 0.1 with blank ones for the others", "0 of 4 pictures"),
+    ]
+
+
+def test_what_was_not_measured_is_its_notes_alone():
+    assert document([grid(["a"], [["x"]], notes=("skipped: why",), void=True)]) == "skipped: why\n"
