@@ -65,14 +65,11 @@ def test_the_loss_falls(data, monkeypatch):
 
 
 def test_the_best_validation_is_what_is_kept(data, monkeypatch):
-    """Of 16, here the third; a network of NaN is not."""
-    scores = iter([(50, 0.1), (20, 0.1), (20, 0.2), (20, 0.1), (math.nan, 0.9), (90, 0.9)])
+    """Here the third of six; scores of NaN are never the best."""
+    found = [(50, 0.1), (20, 0.1), (20, 0.2), (20, 0.1), (math.nan, 0.9), (90, 0.9)]
+    scores = (module.Scores(azimuth, 0.0, share) for azimuth, share in found)
     monkeypatch.setattr(module, "OBJECTS", 4)
-    monkeypatch.setattr(
-        module,
-        "score",
-        lambda *_: (lambda azimuth, found: module.Scores(azimuth, 0.0, found))(*next(scores)),
-    )
+    monkeypatch.setattr(module, "score", lambda *_: next(scores))
     training = module._Trainer(data, data, JudgeConfig(steps=6, seed=0))
     kept = []
     for _ in range(6):

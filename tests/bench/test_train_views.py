@@ -91,7 +91,9 @@ def test_a_short_training(two_classes, tmp_path, capsys):
     folder = tmp_path / "training"
     options = {"objects": 16, "views": 4, "seed": 0, "validation": (5, 3), "folder": folder}
     scores = train_views(epochs=40, out=out, **options)
-    assert capsys.readouterr().err.splitlines()[-1].startswith("views: step 80/80, loss ")
+    said = capsys.readouterr().err.splitlines()
+    assert sum(line.startswith("views: step 80/80, loss ") for line in said) == 1
+    assert len((folder / "losses.csv").read_text().splitlines()) == 1 + 8
     with pytest.raises(BadInput, match="step 80 of a training of 80 steps; one of 82 has another"):
         train_views(epochs=41, out=tmp_path / "never", **options)
     assert scores.classes == ("block", "chair")
