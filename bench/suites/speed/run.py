@@ -22,7 +22,7 @@ from bench.running.environment import ROOT, code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
 from bench.running.progress import progress, say
 from bench.running.protocol import Options, digest, method_identity, refuse
-from bench.suites.speed.figure import write_amortised
+from bench.suites.speed.figure import amortised_figure
 from bench.suites.speed.measure import Unit, measure
 from bench.suites.speed.samples import (
     FORM,
@@ -45,6 +45,7 @@ from bench.suites.speed.tables import (
     speed_rows,
     to_csv,
 )
+from bench.tables.figure import FIGURES, save
 from bench.tables.published import published
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject, open_dataset
@@ -112,7 +113,6 @@ def sources_sha256(root: Path = ROOT) -> str:
 
 
 TABLES = "tables"
-FIGURES = "figures"
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ def _write(
     }
     for name, text in files.items():
         write_whole(directory / TABLES / name, text.encode())
-    folder = directory / FIGURES
-    folder.mkdir(exist_ok=True)
-    write_amortised(folder / "amortised.png", summaries, suite)
+    figure = amortised_figure(summaries, suite)
+    if figure is not None:
+        save(figure, directory / FIGURES / "amortised.png")
     return told

@@ -29,7 +29,7 @@ from bench.running.progress import say
 from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import STATED, Observation, observe, outcome
-from bench.suites.stability.figures import write_matrix, write_pictures
+from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.formats import (
     format_outcomes,
     formats_to_csv,
@@ -38,6 +38,7 @@ from bench.suites.stability.formats import (
 )
 from bench.suites.stability.metrics import metric_outcomes
 from bench.suites.stability.tables import Matrix, observations_to_csv
+from bench.tables.figure import FIGURES, save
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
@@ -89,7 +90,6 @@ def stability_jobs(
 
 
 TABLES = "tables"
-FIGURES = "figures"
 
 
 @dataclass(frozen=True)
@@ -243,17 +243,14 @@ def _draw(
     settled: Mapping[str, Settled],
     methods: Sequence[str],
 ) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     folder = directory / FIGURES
-    folder.mkdir(exist_ok=True)
     for matrix in matrices:
-        write_matrix(folder / f"{matrix.name}.png", matrix)
+        save(matrix_figure(matrix), folder / f"{matrix.name}.png")
     first = {
         (job.condition, job.method): job.made.pictures()[0]
         for job in jobs
         if settled[job.key].artifact_sha256
     }
     rivals = [method for method in methods if method not in FLOORS]
-    write_pictures(folder / "extremes.png", [case.id for case in CASES], rivals, first)
+    extremes = extremes_figure([case.id for case in CASES], rivals, first)
+    save(extremes, folder / "extremes.png", dpi=100)
