@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.comparison import Estimate, candidates, decimals
+from bench.analysis.comparison import decimals
 from bench.analysis.crossings import Contest, Course, place_of
 from bench.catalogue.families import Family
-from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import is_similarity
 from bench.records.artifacts import Artifact
 from bench.records.record import GROUND_TRUTH
 from bench.report.inline import Drawing, inline
 from bench.report.page import Cell, Line, NumberTable, Plot, TableGroup, Tags, lead_cell
-from bench.report.robustness import axis_title, picture_rows, point_style, scale_distances
-from bench.report.styles import RULE, Look, looks
+from bench.report.robustness import (
+    Curve,
+    Point,
+    axis_title,
+    draw_curve,
+    in_words,
+    picture_rows,
+    scale_distances,
+)
+from bench.report.styles import RULE, Look, looks, role
 from bench.tables.crossings import CrossingsTable, shown_in_training, told_crossing
 from bench.tables.figure import FIGURES, drawing, image_grid, panels, save
 from bench.tables.markdown import visible
@@ -65,6 +71,7 @@ def beyond_figure(
     The bands are what the networks of the run were shown in training. Floors are level lines but
     for the chance of their views; the ceiling is left out.
     """
+    courses = _shown(courses)
     families = list(dict.fromkeys(c.family for c in courses))
     lines = list(dict.fromkeys((c.class_name, c.metric) for c in courses))
     size_in = (panel_in[0] * len(families), panel_in[1] * len(lines) + LEGEND_IN)
@@ -89,57 +96,30 @@ def beyond_figure(
     return drawn
 
 
+def _shown(courses: Sequence[Course]) -> list[Course]:
+    """All but those of the ceiling."""
+    return [c for c in courses if role(c.method) != "ceiling"]
+
+
 def _draw_panel(
     drawn: Drawing, axis: Any, courses: Sequence[Course], styles: Mapping[str, Look]
 ) -> None:
     family = courses[0].family
     places = [place_of(value, family) for value in family.values]
-    competing = candidates(c.method for c in courses)
-    _draw_bands(drawn, axis, family, places, {m: styles[m].colour for m in competing})
+    _draw_bands(drawn, axis, family, places, {c.method: styles[c.method].colour for c in courses})
     for c in courses:
-        if c.method not in competing and c.method not in FLOORS:
-            continue
-        look, name = styles[c.method], visible(c.method)
-        values = [estimate.value for estimate in c.estimates]
-        (line,) = axis.plot(
-            *(places, values),
-            **point_style(look, 5) | {"linestyle": look.dashes, "linewidth": 1.2, "markevery": []},
-            label=name,
-        )
+        points = [
+            Point(x, condition, c.class_name, estimate)
+            for x, condition, estimate in zip(places, family.conditions, c.estimates, strict=True)
+        ]
+        line = draw_curve(drawn, axis, Curve(c.metric, c.method, points), styles[c.method])
         drawn.mark(line, Tags(method=c.method), series=True)
-        if c.method in competing:
-            for place, condition, estimate in zip(
-                places, family.conditions, c.estimates, strict=True
-            ):
-                if math.isfinite(estimate.value):
-                    _draw_point(drawn, axis, place, c, condition, estimate, look)
     axis.set_xticks(places, [f"{value:g}" for value in family.values], fontsize=8)
     axis.tick_params(axis="y", labelsize=8)
     pad = PAD * (places[-1] - places[0])
     axis.set_xlim(places[0] - pad, places[-1] + pad)
     axis.grid(color=RULE, linewidth=0.6)
     axis.set_axisbelow(True)
-
-
-def _draw_point(
-    drawn: Drawing,
-    axis: Any,
-    place: float,
-    course: Course,
-    condition: str,
-    estimate: Estimate,
-    look: Look,
-) -> None:
-    tags = Tags(method=course.method, condition=condition)
-    digits = decimals(course.metric)
-    told = f"{course.method}, {condition}, {course.class_name}: {estimate.value:.{digits}f}"
-    if math.isfinite(estimate.low):
-        told += f" [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
-        ends = [estimate.low, estimate.high]
-        (interval,) = axis.plot([place] * 2, ends, color=look.colour, linewidth=0.7)
-        drawn.mark(interval, tags)
-    (point,) = axis.plot(place, estimate.value, **point_style(look, 5))
-    drawn.mark(point, tags, told)
 
 
 def _draw_bands(
@@ -168,25 +148,24 @@ def _draw_bands(
 def family_curves(courses: Sequence[Course], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
     """A plot of the page for each class, family and metric."""
     plots = []
+    courses = _shown(courses)
     for cell in dict.fromkeys((c.class_name, c.family, c.metric) for c in courses):
         class_name, family, metric = cell
         of_cell = [c for c in courses if (c.class_name, c.family, c.metric) == cell]
         figure = beyond_figure(of_cell, styles, panel_in=WIDE_IN, legend_columns=3)
-        told = [
-            f"{c.method}: "
-            + ", ".join(
-                f"{condition} {estimate.value:.{decimals(metric)}f}"
+        told = in_words(
+            metric,
+            (
+                (c.method, condition, estimate.value)
+                for c in of_cell
                 for condition, estimate in zip(family.conditions, c.estimates, strict=True)
-            )
-            + "."
-            for c in of_cell
-            if c.method in FLOORS or candidates([c.method])
-        ]
+            ),
+        )
         plots.append(
             Plot(
                 title=f"{metric} against {family.id}, class {class_name}",
                 axis=axis_title(metric),
-                told=f"{axis_title(metric)}, against {family.axis}. {' '.join(told)}",
+                told=f"{axis_title(metric)}, against {family.axis}. {told}",
                 svg=inline(figure, f"family-{len(plots)}"),
                 tags=Tags(class_name=class_name),
             )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.analysis.comparison import decimals
+from bench.analysis.comparison import Estimate, decimals
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
 from bench.records.artifacts import Artifact, Item
@@ -221,17 +221,13 @@ def curves(tables: Sequence[Table], styles: Mapping[str, Look]) -> tuple[Plot, .
 
 
 def _plot(panel: CurvePanel, styles: Mapping[str, Look], name: str) -> Plot:
-    digits, place = decimals(panel.metric), panel.place
-    told = []
-    for method in ordered(row.method for row in panel.rows):
-        of_method = [row for row in panel.rows if row.method == method]
-        values = (f"{panel.step(row)} {row.value:.{digits}f}" for row in of_method)
-        told.append(f"{method}: {', '.join(values)}.")
+    place = panel.place
+    told = in_words(panel.metric, ((r.method, panel.step(r), r.value) for r in panel.rows))
     where = f"at {place}, by class" if panel.by_class else f"against the conditions, class {place}"
     return Plot(
         title=f"{panel.metric} {where}",
         axis=panel.axis,
-        told=f"{panel.axis}. {' '.join(told)}",
+        told=f"{panel.axis}. {told}",
         svg=inline(robustness_figure([panel], styles), name),
         wide=panel.by_class,
         tags=Tags(condition=place) if panel.by_class else Tags(class_name=place),
@@ -264,26 +260,23 @@ def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[st
     dodged = [method for method in methods if styles[method].marker]
     lines = []
     for method in methods:
-        look, of_method = styles[method], [row for row in panel.rows if row.method == method]
         shift = 0.0
         if method in dodged:
             shift = DODGE * ((dodged.index(method) + 0.5) / len(dodged) - 0.5)
-        at = [steps.index(panel.step(row)) + shift for row in of_method]
-        values = [row.value for row in of_method]
-        # Classes have no order that a line could follow; a floor has a level at each.
-        joined: Any = "none" if panel.by_class else look.dashes
-        (line,) = axis.plot(
-            at, values, color=look.colour, linestyle=joined, linewidth=1.2, label=_short(method)
-        )
-        drawn.mark(line, Tags(method=method))
-        lines.append(line)
-        if panel.by_class and not look.marker:
-            left, right = np.array(at) - 0.5, np.array(at) + 0.5
-            levels = axis.hlines(values, left, right, look.colour, look.dashes, linewidth=1)
-            drawn.mark(levels, Tags(method=method))
-        if look.marker:
-            for x, row in zip(at, of_method, strict=True):
-                _draw_point(drawn, axis, x, row, look)
+        points = [
+            Point(
+                steps.index(panel.step(row)) + shift,
+                row.condition,
+                row.class_name,
+                Estimate(row.value, row.ci_low, row.ci_high),
+            )
+            for row in panel.rows
+            if row.method == method
+        ]
+        # Classes have no order that a line could follow.
+        curve = Curve(panel.metric, method, points, joined=not panel.by_class)
+        lines.append(draw_curve(drawn, axis, curve, styles[method]))
+        drawn.mark(lines[-1], Tags(method=method))
     axis.set_title(panel.axis, fontsize=11)
     axis.grid(axis="y", color=RULE, linewidth=0.8)
     axis.set_axisbelow(True)
@@ -301,17 +294,59 @@ def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[st
         drawn.mark(name.arrow_patch, Tags(method=method))
 
 
-def _draw_point(drawn: Drawing, axis: Any, x: float, row: Row, look: Look) -> None:
-    tags = Tags(row.method, row.condition, row.class_name)
-    digits = decimals(row.metric)
-    told = f"{row.method}, {row.condition}, {row.class_name}: {row.value:.{digits}f}"
-    if math.isfinite(row.ci_low):
-        told += f" [{row.ci_low:.{digits}f}, {row.ci_high:.{digits}f}]"
-        ends = [row.ci_low, row.ci_high]
-        (interval,) = axis.plot([x, x], ends, color=look.colour, linewidth=1, alpha=0.75)
-        drawn.mark(interval, tags)
-    (point,) = axis.plot(x, row.value, **point_style(look, 5.5))
-    drawn.mark(point, tags, told)
+class Point(NamedTuple):
+    """A value of a method, and where it stands."""
+
+    x: float
+    condition: str
+    class_name: str
+    estimate: Estimate
+
+
+class Curve(NamedTuple):
+    """The values of a method; `joined` whether a line goes through them."""
+
+    metric: str
+    method: str
+    points: Sequence[Point]
+    joined: bool = True
+
+
+def draw_curve(drawn: Drawing, axis: Any, curve: Curve, look: Look) -> Any:
+    """Draw a line and its points with their intervals; of a floor the line alone, or where it is
+    not joined a level at each point.
+
+    Returns the line, which is labelled with the method and not marked yet.
+    """
+    at, values = [p.x for p in curve.points], [p.estimate.value for p in curve.points]
+    style: Any = {"linestyle": look.dashes if curve.joined else "none", "linewidth": 1.2}
+    style |= {"markevery": [], "label": _short(curve.method)}
+    (line,) = axis.plot(at, values, **point_style(look, 5) | style)
+    if not look.marker and not curve.joined:
+        left, right = np.array(at) - 0.5, np.array(at) + 0.5
+        levels = axis.hlines(values, left, right, look.colour, look.dashes, linewidth=1)
+        drawn.mark(levels, Tags(method=curve.method))
+    for x, condition, class_name, (value, low, high) in curve.points if look.marker else ():
+        if not math.isfinite(value):
+            continue
+        tags = Tags(curve.method, condition, class_name)
+        digits = decimals(curve.metric)
+        told = f"{curve.method}, {condition}, {class_name}: {value:.{digits}f}"
+        if math.isfinite(low):
+            told += f" [{low:.{digits}f}, {high:.{digits}f}]"
+            (interval,) = axis.plot([x, x], [low, high], color=look.colour, linewidth=0.9)
+            drawn.mark(interval, tags)
+        (point,) = axis.plot(x, value, **point_style(look, 5))
+        drawn.mark(point, tags, told)
+    return line
+
+
+def in_words(metric: str, values: Iterable[tuple[str, str, float]]) -> str:
+    """(method, step, value) for those who do not see them."""
+    by_method: dict[str, list[str]] = {}
+    for method, step, value in values:
+        by_method.setdefault(method, []).append(f"{step} {value:.{decimals(metric)}f}")
+    return " ".join(f"{method}: {', '.join(steps)}." for method, steps in by_method.items())
 
 
 def point_style(look: Look, size: float) -> dict[str, Any]:

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 FIGURES = "figures"  # folder of a run
 DPI = 110
 # Text of an SVG stays text, its ids are the same every time, and a $ in a name is a $.
-STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "pc2pix-bench", "text.parse_math": False}
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "pc2pix-bench",
+    "text.parse_math": False,
+}
 NAMES_APART = 0.055  # of the height of an axis: names closer than this would touch
 
 Image = NDArray[np.uint8]
