@@ -156,7 +156,7 @@ def _draw_panel(
         (line,) = axis.plot(
             [p.cost_ms.value for p in members],
             [p.quality.value for p in members],
-            **point_style(look, 5)
+            **point_style(look, 5.5)
             | {"linestyle": "-" if knob else "none", "linewidth": 0.9, "markevery": []},
             label=visible(name) + (f" ({knob})" if knob else ""),
         )
@@ -218,9 +218,12 @@ def _family(place: Place) -> str:
 
 
 def _of_families(places: Sequence[Place], styles: Mapping[str, Look]) -> dict[str, Look]:
-    """Variants of a method look like the first of them that is there."""
+    """Variants look like their method, or where it is not there like the first of them."""
     first: dict[str, Look] = {}
-    return {p.method: first.setdefault(_family(p), styles[p.method]) for p in places}
+    return {
+        p.method: styles.get(_family(p), first.setdefault(_family(p), styles[p.method]))
+        for p in places
+    }
 
 
 def _competes(place: Place) -> bool:

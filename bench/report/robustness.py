@@ -321,7 +321,7 @@ def draw_curve(drawn: Drawing, axis: Any, curve: Curve, look: Look) -> Any:
     at, values = [p.x for p in curve.points], [p.estimate.value for p in curve.points]
     style: Any = {"linestyle": look.dashes if curve.joined else "none", "linewidth": 1.2}
     style |= {"markevery": [], "label": _short(curve.method)}
-    (line,) = axis.plot(at, values, **point_style(look, 5) | style)
+    (line,) = axis.plot(at, values, **point_style(look, 5.5) | style)
     if not look.marker and not curve.joined:
         left, right = np.array(at) - 0.5, np.array(at) + 0.5
         levels = axis.hlines(values, left, right, look.colour, look.dashes, linewidth=1)
@@ -336,7 +336,7 @@ def draw_curve(drawn: Drawing, axis: Any, curve: Curve, look: Look) -> Any:
             told += f" [{low:.{digits}f}, {high:.{digits}f}]"
             (interval,) = axis.plot([x, x], [low, high], color=look.colour, linewidth=0.9)
             drawn.mark(interval, tags)
-        (point,) = axis.plot(x, value, **point_style(look, 5))
+        (point,) = axis.plot(x, value, **point_style(look, 5.5))
         drawn.mark(point, tags, told)
     return line
 
@@ -356,7 +356,7 @@ def point_style(look: Look, size: float) -> dict[str, Any]:
         "marker": look.marker,
         "markersize": size,
         "markeredgecolor": PAPER,
-        "markeredgewidth": 0.6,
+        "markeredgewidth": 0.4,
         "linestyle": "none",
     }
 

@@ -16,7 +16,7 @@ Dashes = str | tuple[int, tuple[float, ...]]
 INK, PAPER, SOFT, RULE = "#000000", "#ffffff", "#535b64", "#d9d6d0"
 HUES = ("#0b5fa5", "#b4450a", "#00735a", "#8a3b8f", "#7a5b00", "#b3123b", "#0b6e85", "#57606a")
 # Told apart by form too: a method is never known by its hue alone.
-MARKERS = ("o", "s", "^", "D", "v", "P", "h", "X")
+MARKERS = ("o", "s", "^", "D", "v", ">", "<", "X")
 DASHES: tuple[Dashes, ...] = (
     *("-", (0, (5.5, 2.5)), (0, (2, 2)), (0, (6, 2, 1.2, 2)), (0, (9, 2.5))),
     *((0, (4, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (0.8, 2.5)), (0, (3, 3.5))),
@@ -62,9 +62,10 @@ def family(method: str) -> str:
 def looks(methods: Iterable[str]) -> dict[str, Look]:
     """How each method is drawn: those of a family look alike, floors are dashed lines.
 
-    The first eight families differ in hue, marker and dashes at once; further ones in hue.
+    The first eight families differ in hue, marker and dashes at once; further ones in hue. Variants
+    of a method (`@`) come after the methods.
     """
-    ids = sorted(methods, key=is_yardstick)
+    ids = sorted(methods, key=lambda method: (is_yardstick(method), "@" in family(method)))
     families: list[str] = []
     floors = 0
     made = {}
