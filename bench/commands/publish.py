@@ -11,7 +11,7 @@ from bench.report.build import Made, write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
-from bench.report.robustness import FIGURES, write_figures
+from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
 from bench.running.protocol import Options
 from bench.running.run import Finished, Measured, run, timed
@@ -25,6 +25,7 @@ from bench.tables.build import (
     write_trade,
 )
 from bench.tables.classes import CLASSES
+from bench.tables.figure import FIGURES
 from bench.tables.orderings import Ordering
 from bench.tables.published import published
 from bench.tables.quality import Row

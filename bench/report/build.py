@@ -33,7 +33,7 @@ from bench.report.pareto import cost_plots
 from bench.report.pictures import cases, extremes, grids, shown_objects
 from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
-from bench.report.styles import styles
+from bench.report.styles import looks
 from bench.report.tables import failure_groups, table_group
 from bench.tables.build import Beyond, beyond, class_orderings, how_timed, tables
 from bench.tables.frontier import cost_grid
@@ -86,7 +86,7 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
     views = int(manifest["views"])
     chosen = extremes(records)
     sources = open_sources(directory, manifest, _shown(records, chosen))
-    look = styles(manifest["methods"])
+    styles = looks(manifest["methods"])
     metrics = list(suite.frontier or (QUALITY,))
     features: dict[str, Features] = {}
     for metric in metrics:
@@ -95,16 +95,19 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
     metrics = [m for m in metrics if m in IMAGE_METRICS or m in features]
     with threadpool_limits(1):
         comparisons = compare(records, features, metrics)
-        costs = cost_plots(comparisons, metrics, views, look)
+        costs = cost_plots(comparisons, metrics, views, styles)
         costed = cost_grid(comparisons, metrics[0], views)
     failures = failure_groups(records)
     ordered, along = made.orderings, made.beyond
     fought = along.crossings if along is not None else None
-    drawn, title = curves(made.tables, look), "Robustness"
+    left_out = _left_out(manifest["methods"])
     if along is not None and along.courses:
-        drawn, title = family_curves(made.tables, look, along.courses), "Beyond training"
-    elif records["class"].nunique() > 1:
-        title = "Class by class"
+        drawn, title = family_curves(along.courses, styles), "Beyond training"
+        remark = f"{_OF_OBJECTS} {_BANDS} {left_out}"
+    else:
+        drawn = curves(made.tables, styles)
+        title = "Class by class" if records["class"].nunique() > 1 else "Robustness"
+        remark = f"{_OF_TABLES} {left_out}"
     return Page(
         title=manifest["suite"],
         about=suite.about,
@@ -114,7 +117,7 @@ def read_page(directory: Path, made: Made | None = None) -> Page:
         choices=_choices(records, bool(manifest.get("skipped_metrics"))),
         curves=drawn,
         curves_title=title,
-        curves_remark=_left_out(manifest["methods"]),
+        curves_remark=remark.strip(),
         tables=(
             *([table_group(fought)] if fought else ()),
             *map(table_group, made.tables),
@@ -195,6 +198,14 @@ def _choices(records: pd.DataFrame, skipped: bool) -> tuple[Choice, ...]:
         Choice("outcome", "Outcome", tuple(dict.fromkeys(outcomes))),
     )
     return tuple(choice for choice in offered if len(choice.options) > 1)
+
+
+_OF_TABLES = "Each point is a value of the tables, with its 95 % interval over objects."
+_OF_OBJECTS = (
+    "Each point is a mean over objects, failed pictures scored as blank ones, with its 95 % "
+    "interval."
+)
+_BANDS = "A band is what a network was shown in training."
 
 
 def _left_out(methods: list[str]) -> str:

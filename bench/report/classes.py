@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import Artifact, Item
 from bench.records.record import GROUND_TRUTH
-from bench.report.robustness import FIGURES, show
 from bench.tables.classes import AVERAGE, SURFACE, network_of
+from bench.tables.figure import FIGURES, drawing, panels, save, show
+from bench.tables.markdown import visible
 from bench.tables.orderings import PAPER_METRIC, PAPER_NETWORK
 from bench.tables.quality import Published, Row
 from bench.tables.table import Table, ordered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BLOCKS = 2  # of classes, side by side
 DISTANCES = (PAPER_METRIC, "fd-views")  # the first that has a value is shown
@@ -36,40 +40,31 @@ def write_class_figures(
     methods = ordered(artifact.item.method for artifact in artifacts if artifact.item.condition)
     if not methods:
         return
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     folder = directory / FIGURES
-    folder.mkdir(exist_ok=True)
     network = network_of(methods)
-    _pictures(folder / "classes.png", [SURFACE, network, "splat-net", "splat"], artifacts)
+    shown = [method for method in (SURFACE, network, "splat-net", "splat") if method in methods]
+    save(pictures_figure(shown, artifacts), folder / "classes.png")
     if network is not None and SURFACE in methods:
-        _dots(folder / "table5.png", table.rows, network, published)
+        dots = dots_figure(table.rows, network, published)
+        if dots is not None:
+            save(dots, folder / "table5.png")
 
 
-def _pictures(path: Path, methods: Sequence[str | None], artifacts: Sequence[Artifact]) -> None:
+@drawing()
+def pictures_figure(shown: Sequence[str], artifacts: Sequence[Artifact]) -> Figure:
     """The first view of the first object of each class, nobody has chosen: truth, then methods.
 
     At the first condition; below each picture its SSIM with the truth.
     """
-    from matplotlib import pyplot as plt
-
     condition = next(artifact.item.condition for artifact in artifacts if artifact.item.condition)
     first: dict[str, Artifact] = {}
     for artifact in artifacts:
         if artifact.item.method == GROUND_TRUTH:
             first.setdefault(artifact.item.class_name, artifact)
     by_item = {artifact.item: artifact for artifact in artifacts}
-    there = {artifact.item.method for artifact in artifacts}
-    shown = [method for method in methods if method in there]
     rows, width = math.ceil(len(first) / BLOCKS), 1 + len(shown)
-    figure, axes = plt.subplots(
-        rows,
-        BLOCKS * width,
-        figsize=(1.25 * BLOCKS * width, 1.35 * rows + 0.5),
-        squeeze=False,
-        layout="constrained",
-    )
+    size_in = (1.25 * BLOCKS * width, 1.35 * rows + 0.5)
+    figure, axes = panels(rows, BLOCKS * width, size_in)
     for axis in axes.ravel():
         axis.set_axis_off()
     for number, (class_name, truth) in enumerate(first.items()):
@@ -78,32 +73,31 @@ def _pictures(path: Path, methods: Sequence[str | None], artifacts: Sequence[Art
         true = truth.pictures()[:1]
         show(line[0], true[0])
         line[0].set_axis_on()
-        line[0].set_ylabel(class_name, fontsize=9)
+        line[0].set_ylabel(visible(class_name), fontsize=9)
         for axis, method in zip(line[1:], shown, strict=True):
             axis.set_axis_on()
-            artifact = by_item.get(Item(str(method), condition, *truth.item.object))
+            artifact = by_item.get(Item(method, condition, *truth.item.object))
             picture = None if artifact is None else artifact.pictures()[:1]
             show(axis, None if picture is None else picture[0])
             if picture is not None:
                 axis.set_xlabel(f"{ssim_per_image(true, picture).ssim[0]:.2f}", fontsize=7)
         if row == 0:
             for axis, title in zip(line, ["truth", *shown], strict=True):
-                axis.set_title(str(title), fontsize=8)
+                axis.set_title(visible(title), fontsize=8)
     figure.supxlabel(
         f"{condition}: the first object of each class in its first view; SSIM below", fontsize=8
     )
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    return figure
 
 
-def _dots(path: Path, rows: Sequence[Row], network: str, published: Published) -> None:
-    """Distances of SR and the network by class: ours with intervals, and as the paper has them."""
-    from matplotlib import pyplot as plt
-
+@drawing()
+def dots_figure(rows: Sequence[Row], network: str, published: Published) -> Figure | None:
+    """Distances of SR and the network by class: ours with intervals, and as the paper has them;
+    None where there is no distance."""
     condition = rows[0].condition
     metric = next((m for m in DISTANCES if any(_has(row, m) for row in rows)), None)
     if metric is None:
-        return
+        return None
     ours = {
         (row.class_name, row.method): (row.value, row.ci_low, row.ci_high)
         for row in rows
@@ -116,16 +110,13 @@ def _dots(path: Path, rows: Sequence[Row], network: str, published: Published) -
         for method in (SURFACE, PAPER_NETWORK)
         if (name, PAPER_METRIC, "2048", method) in published
     }
-    figure, axes = plt.subplots(
-        1, 2, figsize=(9, 0.32 * len(classes) + 1.4), sharey=True, layout="constrained"
-    )
+    figure, (axes,) = panels(1, 2, (9, 0.32 * len(classes) + 1.4), sharey=True)
     _panel(axes[0], f"ours: {metric} (lower is better)", classes, ours, network)
     _panel(axes[1], "as published: FID on ShapeNet", classes, paper, PAPER_NETWORK)
     axes[0].set_yticks(range(len(classes)), classes)
     axes[0].invert_yaxis()
     axes[0].legend(loc="best", fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    return figure
 
 
 def _panel(

@@ -3,224 +3,178 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from bench.analysis.comparison import candidates
 from bench.analysis.crossings import Course, place_of
 from bench.catalogue.families import Family
-from bench.catalogue.methods import FLOORS
+from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_similarity
-from bench.records.artifacts import Artifact, Item
+from bench.records.artifacts import Artifact
 from bench.records.record import GROUND_TRUTH
-from bench.report.page import Plot, Style
-from bench.report.pareto import FLOOR_STYLES, HUES
-from bench.report.robustness import FIGURES, curves, show
-from bench.tables.quality import Row
-from bench.tables.table import Table, ordered
+from bench.report.inline import Drawing, inline
+from bench.report.page import Plot
+from bench.report.robustness import (
+    Curve,
+    Point,
+    axis_title,
+    draw_curve,
+    in_words,
+    picture_rows,
+    scale_distances,
+)
+from bench.report.styles import RULE, Look, looks
+from bench.tables.figure import FIGURES, drawing, image_grid, panels, save
+from bench.tables.markdown import visible
+from bench.tables.table import Tags, ordered
 
 PANEL_IN = (3.1, 2.5)
+WIDE_IN = (5.2, 3.4)  # of a plot of the page
 LEGEND_IN = 0.7
-MARKERS = "osD^vP*X"
 SHOWN = 0.13  # opacity of a band
 PAD = 0.06  # of the axis, beyond its first and last step
-LINEAR = 10  # below it an axis of distances is linear, above it logarithmic
-SUBDIVIDED = (1, 2, 5)
 OBJECTS_SHOWN = 2
 
 
 def write_beyond_figures(
     directory: Path, courses: Sequence[Course], artifacts: Sequence[Artifact]
 ) -> None:
-    """`beyond` (PNG and SVG) and `beyond-pictures.png`.
+    """`beyond` (PNG and SVG) and `beyond-pictures.png`: the first view of the first objects, nobody
+    has chosen, a column for each condition, family after family.
 
-    `artifacts` are all that there are, ground truths included.
+    `artifacts` are all that there are, ground truths included. Ceiling and floors have no picture.
     """
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     folder = directory / FIGURES
-    folder.mkdir(exist_ok=True)
-    figure = beyond_figure(courses)
+    figure = beyond_figure(courses, looks(ordered(c.method for c in courses))).figure
     for kind in ("png", "svg"):
-        figure.savefig(folder / f"beyond.{kind}", dpi=110)
-    plt.close(figure)
-    _pictures(folder / "beyond-pictures.png", courses, artifacts)
+        save(figure, folder / f"beyond.{kind}")
+    conditions = ordered(c for course in courses for c in course.family.conditions)
+    objects = list(dict.fromkeys(a.item.object for a in artifacts))[:OBJECTS_SHOWN]
+    rows = picture_rows(artifacts, objects, conditions)
+    if rows:
+        size_in = (1.2 * (1 + len(conditions)) + 1, 1.2 * len(rows) + 0.2)
+        grid = image_grid([GROUND_TRUTH, *conditions], rows, size_in)
+        save(grid, folder / "beyond-pictures.png", dpi=80)
 
 
-def beyond_figure(courses: Sequence[Course]) -> Any:
+@drawing()
+def beyond_figure(
+    courses: Sequence[Course],
+    styles: Mapping[str, Look],
+    *,
+    panel_in: tuple[float, float] = PANEL_IN,
+    legend_columns: int = 6,
+) -> Drawing:
     """A column for each family, a row for each metric (and class), a line for each method.
 
     The bands are what the networks of the run were shown in training. Floors are level lines but
     for the chance of their views; the ceiling is left out.
     """
-    from matplotlib import pyplot as plt
-    from matplotlib.ticker import SymmetricalLogLocator
-
+    courses = _shown(courses)
     families = list(dict.fromkeys(c.family for c in courses))
     lines = list(dict.fromkeys((c.class_name, c.metric) for c in courses))
-    rivals = candidates(ordered(c.method for c in courses))
-    looks = {m: (HUES[i % len(HUES)], MARKERS[i % len(MARKERS)]) for i, m in enumerate(rivals)}
-    figure, axes = plt.subplots(
-        len(lines),
-        len(families),
-        figsize=(PANEL_IN[0] * len(families), PANEL_IN[1] * len(lines) + LEGEND_IN),
-        sharex="col",
-        sharey="row",
-        squeeze=False,
-        layout="constrained",
-    )
+    size_in = (panel_in[0] * len(families), panel_in[1] * len(lines) + LEGEND_IN)
+    figure, axes = panels(len(lines), len(families), size_in, sharex="col", sharey="row")
+    drawn = Drawing(figure)
     several = len({class_name for class_name, _ in lines}) > 1
     for axis_row, (class_name, metric) in zip(axes, lines, strict=True):
-        higher = is_similarity(metric)
-        if not higher:
-            axis_row[0].set_yscale("symlog", linthresh=LINEAR)
-            axis_row[0].yaxis.set_major_locator(
-                SymmetricalLogLocator(base=10, linthresh=LINEAR, subs=SUBDIVIDED)
-            )
-            axis_row[0].yaxis.set_major_formatter("{x:g}")
+        if not is_similarity(metric):
+            scale_distances(axis_row[0])
         for axis, family in zip(axis_row, families, strict=True):
-            _panel(
-                axis,
-                [c for c in courses if (c.class_name, c.metric) == (class_name, metric)
-                 and c.family == family],
-                looks,
-            )  # fmt: skip
-        name = f"{class_name}: {metric}" if several else metric
-        axis_row[0].set_ylabel(f"{name}\n({'higher' if higher else 'lower'} is better)")
+            cell = (class_name, metric, family)
+            of_cell = [c for c in courses if (c.class_name, c.metric, c.family) == cell]
+            _draw_panel(drawn, axis, of_cell, styles)
+        title = axis_title(metric).replace(" (", "\n(")
+        name = f"{visible(class_name)}: {title}" if several else title
+        axis_row[0].set_ylabel(name, fontsize=9)
     for axis, family in zip(axes[-1], families, strict=True):
         axis.set_xlabel(family.axis, fontsize=8)
     for axis, family in zip(axes[0], families, strict=True):
         axis.set_title(family.id, fontsize=11)
-    handles = {h.get_label(): h for a in axes.ravel() for h in _handles(a)}
-    figure.legend(
-        handles=list(handles.values()), loc="outside lower center", ncols=6, fontsize=9,
-        frameon=False,
-    )  # fmt: skip
-    return figure
+    drawn.legend(legend_columns, fontsize=9)
+    return drawn
 
 
-def _handles(axis: Any) -> list[Any]:
-    return axis.get_legend_handles_labels()[0]
+def _shown(courses: Sequence[Course]) -> list[Course]:
+    """All but those of the ceiling."""
+    return [c for c in courses if role(c.method) != "ceiling"]
 
 
-def _panel(axis: Any, courses: Sequence[Course], looks: Mapping[str, tuple[str, str]]) -> None:
+def _draw_panel(
+    drawn: Drawing, axis: Any, courses: Sequence[Course], styles: Mapping[str, Look]
+) -> None:
     family = courses[0].family
     places = [place_of(value, family) for value in family.values]
-    _bands(axis, family, places, looks)
-    floors = [c for c in courses if c.method in FLOORS]
-    for c, style in zip(floors, FLOOR_STYLES, strict=False):
-        values = [e.value for e in c.estimates]
-        axis.plot(places, values, color="0.45", linewidth=0.9, linestyle=style, label=c.method)
+    _draw_bands(drawn, axis, family, places, {c.method: styles[c.method].colour for c in courses})
     for c in courses:
-        if c.method not in looks:
-            continue
-        hue, marker = looks[c.method]
-        values, lows, highs = np.array(c.estimates).T
-        axis.errorbar(
-            places,
-            values,
-            yerr=np.nan_to_num([values - lows, highs - values]).clip(0),
-            color=hue,
-            marker=marker,
-            markersize=4,
-            linewidth=1.3,
-            elinewidth=0.7,
-            capsize=2,
-            label=c.method,
-        )
+        points = [
+            Point(x, condition, c.class_name, estimate)
+            for x, condition, estimate in zip(places, family.conditions, c.estimates, strict=True)
+        ]
+        line = draw_curve(drawn, axis, Curve(c.metric, c.method, points), styles[c.method])
+        drawn.mark(line, Tags(method=c.method), series=True)
     axis.set_xticks(places, [f"{value:g}" for value in family.values], fontsize=8)
+    axis.tick_params(axis="y", labelsize=8)
     pad = PAD * (places[-1] - places[0])
     axis.set_xlim(places[0] - pad, places[-1] + pad)
-    axis.grid(alpha=0.25)
+    axis.grid(color=RULE, linewidth=0.6)
+    axis.set_axisbelow(True)
 
 
-def _bands(
-    axis: Any, family: Family, places: Sequence[float], looks: Mapping[str, tuple[str, str]]
+def _draw_bands(
+    drawn: Drawing, axis: Any, family: Family, places: Sequence[float], hues: Mapping[str, str]
 ) -> None:
     """What each network was shown; what is a single value, or reaches the first step or the last,
     goes on to half of the room beyond it."""
     pad = PAD / 2 * abs(places[-1] - places[0])
     least, most = min(places), max(places)
     for name, *ends in family.trained:
-        if name not in looks:
+        if name not in hues:
             continue
         low, high = (place_of(end, family) for end in ends)
         single = low == high
-        axis.axvspan(
+        band = axis.axvspan(
             low - pad * (single or low <= least),
             high + pad * (single or high >= most),
-            color=looks[name][0],
+            color=hues[name],
             alpha=SHOWN,
             linewidth=0,
             label=f"{name} was trained here",
         )
+        drawn.mark(band, Tags(method=name))
 
 
-def _pictures(path: Path, courses: Sequence[Course], artifacts: Sequence[Artifact]) -> None:
-    """The first view of the first objects, nobody has chosen: a row for each method, a column for
-    each condition, family after family. No picture of ceiling and floors."""
-    from matplotlib import pyplot as plt
-
-    by_item = {artifact.item: artifact for artifact in artifacts}
-    objects = ordered_objects(artifacts)[:OBJECTS_SHOWN]
-    methods = candidates(ordered(item.method for item in by_item if item.condition))
-    columns = ordered(c for course in courses for c in course.family.conditions)
-    rows = [(obj, method) for obj in objects for method in methods]
-    if not rows:
-        return
-    figure, axes = plt.subplots(
-        len(rows),
-        1 + len(columns),
-        figsize=(1.2 * (1 + len(columns)) + 1, 1.2 * len(rows) + 0.2),
-        squeeze=False,
-    )
-    for axis_row, (obj, method) in zip(axes, rows, strict=True):
-        cells = [(GROUND_TRUTH, ""), *((method, condition) for condition in columns)]
-        for axis, cell in zip(axis_row, cells, strict=True):
-            artifact = by_item.get(Item(*cell, *obj))
-            show(axis, None if artifact is None else artifact.pictures()[0])
-        axis_row[0].set_ylabel(f"{obj[1][:18]}\n{method}", fontsize=7)
-    for axis, title in zip(axes[0], [GROUND_TRUTH, *columns], strict=True):
-        axis.set_title(title, fontsize=9)
-    figure.tight_layout(pad=0.3)
-    figure.savefig(path, dpi=80)
-    plt.close(figure)
-
-
-def ordered_objects(artifacts: Sequence[Artifact]) -> list[tuple[str, str]]:
-    """The objects of artifacts by class and name, in the order of the artifacts."""
-    return list(dict.fromkeys(a.item.object for a in artifacts))
-
-
-def family_curves(
-    tables: Sequence[Table[Row]], styles: Mapping[str, Style], courses: Sequence[Course]
-) -> tuple[Plot, ...]:
-    """`bench.report.robustness.curves` for each family and metric of `courses` apart."""
+def family_curves(courses: Sequence[Course], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
+    """A plot of the page for each class, family and metric."""
     plots = []
-    for family, metric in dict.fromkeys((c.family, c.metric) for c in courses):
-        plots += [
-            replace(
-                plot,
-                title=f"{metric} against {family.id}, class {plot.tags.class_name}",
-                x_title=family.axis,
+    courses = _shown(courses)
+    for cell in dict.fromkeys((c.class_name, c.family, c.metric) for c in courses):
+        class_name, family, metric = cell
+        of_cell = [c for c in courses if (c.class_name, c.family, c.metric) == cell]
+        figure = beyond_figure(of_cell, styles, panel_in=WIDE_IN, legend_columns=3)
+        told = in_words(
+            metric,
+            (
+                (c.method, condition, estimate.value)
+                for c in of_cell
+                for condition, estimate in zip(family.conditions, c.estimates, strict=True)
+            ),
+        )
+        plots.append(
+            Plot(
+                title=f"{metric} against {family.id}, class {class_name}",
+                axis=axis_title(metric),
+                told=f"{axis_title(metric)}, against {family.axis}. {told}",
+                svg=inline(figure, f"family-{len(plots)}"),
+                tags=Tags(class_name=class_name),
             )
-            for plot in curves([_part(table, family, metric) for table in tables], styles)
-        ]
+        )
     return tuple(plots)
 
 
-def _part(table: Table[Row], family: Family, metric: str) -> Table[Row]:
-    """The rows of a metric at the conditions of a family, in its order."""
-    rows = (
-        row
-        for condition in family.conditions
-        for row in table.rows
-        if (row.condition, row.metric) == (condition, metric)
-    )
-    return replace(table, rows=tuple(rows))
+_REMARK = (
+    "How much better the first of two methods is than the second: over 0 if it is, with its 95 % "
+    "interval, paired over objects; failed pictures are scored as blank ones. “ahead” and “behind” "
+    "are said where the interval leaves 0 out. Curves cross where the lead passes through 0, on "
+    "straight lines between what was measured; in brackets as far as its interval holds 0."
+)

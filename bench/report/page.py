@@ -27,74 +27,28 @@ class TableGroup:
 
 
 @dataclass(frozen=True)
-class Mark:
-    """A point of a plot in its pixels, with the ends of its intervals where it has any."""
+class Svg:
+    """What is inside an SVG of `width` x `height` units; trusted, all text in it is escaped."""
 
-    x: float
-    y: float
-    told: str
-    tags: Tags = ANY
-    across: tuple[float, float] | None = None
-    upright: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class Word:
-    """A label of a plot; `anchor` is the end of the text that stands at x ("start", "middle",
-    "end"), `leader` the path of a hair line to what it names, where that is far off."""
-
-    x: float
-    y: float
-    text: str
-    anchor: str = "start"
-    leader: str = ""
-
-
-@dataclass(frozen=True)
-class Style:
-    """How the points of a method look: classes of the style sheet, and the path of its marker
-    about (0, 0), empty for what is only a line."""
-
-    css: str
-    marker: str
-
-
-@dataclass(frozen=True)
-class Series:
-    """Points that belong together. `path` joins them; empty where nothing does."""
-
-    name: str
-    style: Style
-    path: str
-    marks: tuple[Mark, ...]
-    words: tuple[Word, ...]
-    tags: Tags = ANY
+    width: float
+    height: float
+    inside: str
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot of `width` x `height` pixels whose area is (left, top, right, bottom).
+    """A figure.
 
-    told      all of it in words, for those who do not see it
-    x_ticks, y_ticks  (place, label)
-    slanted   whether the labels of x are many
-    wide      whether it wants the whole width of the page
-    frontier  path of what the best costs; empty where there is none
+    axis  what is measured, and whether more of it is better
+    told  all of it in words, for those who do not see it
+    wide  whether it wants the whole width of the page
     """
 
     title: str
+    axis: str
     told: str
-    width: int
-    height: int
-    area: tuple[float, float, float, float]
-    x_title: str
-    y_title: str
-    x_ticks: tuple[tuple[float, str], ...]
-    y_ticks: tuple[tuple[float, str], ...]
-    series: tuple[Series, ...]
-    slanted: bool = False
+    svg: Svg
     wide: bool = False
-    frontier: str = ""
     tags: Tags = ANY
 
 
@@ -229,6 +183,7 @@ def html(page: Page) -> str:
         finalize=harmless,
     )
     environment.filters["px"] = lambda value: f"{value:.1f}".removesuffix(".0")
+    environment.filters["trusted"] = Markup
     style, script = _bundled("report.css"), _bundled("report.js")
     template = environment.from_string(_bundled("report.html.jinja"))
     text = template.render(

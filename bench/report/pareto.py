@@ -11,14 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import Comparison, Estimate, decimals, milliseconds
+from bench.analysis.comparison import Comparison, decimals, milliseconds
 from bench.analysis.frontier import Place, places
-from bench.catalogue.methods import FLOORS, role
-from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better
+from bench.catalogue.methods import role
+from bench.catalogue.metrics import IMAGE_METRICS
 from bench.catalogue.parameters import find_setting
-from bench.report.page import Mark, Plot, Series, Style, Word
-from bench.report.robustness import Axis, axis_of, axis_with_room, spread
-from bench.report.styles import family
+from bench.report.inline import Drawing, inline
+from bench.report.page import Plot
+from bench.report.robustness import axis_title, point_style
+from bench.report.styles import INK, RULE, SOFT, Look, looks
+from bench.tables.figure import drawing, panels, save
+from bench.tables.markdown import visible
 from bench.tables.table import Tags
 
 Floats = NDArray[np.float64]
@@ -61,13 +64,15 @@ def _outside(boxes: Floats, area: Floats) -> Floats:
     return whole - covered(boxes, area[None])
 
 
-# Hues that stay apart for colour-blind eyes too (Okabe and Ito 2008).
-HUES = ("#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#E69F00", "#D55E00", "#7A5C3E", "#666666")
-FLOOR_STYLES = ((0, (6, 3)), (0, (2, 2)))
 PANEL_IN = (4.9, 4.7)
-LABEL_SIZE = 6.5
+CELL_IN, WIDE_IN = (5.0, 4.4), (10.5, 5.6)  # of a plot of the page
+FEW = 12  # points that labels have room for in the smaller one
+LABEL_SIZE = 7.5
 FAR_OFF = 8.0  # points of 1/72 inch between a point and its label
 POINTS_PER_INCH = 72
+LONGEST = 24  # letters of a label
+
+Limits = tuple[tuple[float, float], tuple[float, float]]
 
 
 def write_frontier(folder: Path, places: Sequence[Place]) -> None:
@@ -76,106 +81,113 @@ def write_frontier(folder: Path, places: Sequence[Place]) -> None:
     The first metric's is `frontier`, the others' are `frontier-METRIC`. A metric that no candidate
     has a value of gets none.
     """
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    folder.mkdir(exist_ok=True)
     views = max(place.views for place in places)
+    styles = looks(dict.fromkeys(place.method for place in places))
     for number, metric in enumerate(dict.fromkeys(place.metric for place in places)):
         shown = [p for p in places if (p.metric, p.views) == (metric, views) and _drawn(p)]
-        if all(place.verdict == "reference" for place in shown):
+        if not any(_competes(place) for place in shown):
             continue
-        figure = frontier_figure(shown, metric, views)
+        figure = frontier_figure(shown, metric, views, styles).figure
         name = "frontier" if number == 0 else f"frontier-{metric}"
         for kind in ("png", "svg"):
-            figure.savefig(folder / f"{name}.{kind}", dpi=130)
-        plt.close(figure)
+            save(figure, folder / f"{name}.{kind}", dpi=130)
 
 
-def frontier_figure(places: Sequence[Place], metric: str, views: int) -> Any:
-    """Panels side by side with the same axes; places of one metric and one number of views."""
-    from matplotlib import pyplot as plt
+@drawing()
+def frontier_figure(
+    places: Sequence[Place],
+    metric: str,
+    views: int,
+    styles: Mapping[str, Look],
+    *,
+    panel_in: tuple[float, float] = PANEL_IN,
+    limits: Limits | None = None,
+    legend_columns: int = 6,
+) -> Drawing:
+    """Panels side by side with the same axes; places of one metric and one number of views.
 
+    limits  of the axes, x and y; None: what is drawn has room
+    """
     cells = list(dict.fromkeys((p.condition, p.class_name) for p in places))
-    families = list(dict.fromkeys(_family(p) for p in places if p.verdict != "reference"))
-    hues = {family: HUES[i % len(HUES)] for i, family in enumerate(families)}
-    figure, axes = plt.subplots(
-        1,
-        len(cells),
-        figsize=(PANEL_IN[0] * len(cells), PANEL_IN[1]),
-        sharex=True,
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
-    )
-    higher = metric in IMAGE_METRICS
+    size_in = (panel_in[0] * len(cells), panel_in[1])
+    figure, axes = panels(1, len(cells), size_in, sharex=True, sharey=True)
+    drawn = Drawing(figure)
+    styles = _of_families(places, styles)
     several = len({class_name for _, class_name in cells}) > 1
     labels = []
     for axis, cell in zip(axes[0], cells, strict=True):
         of_cell = [p for p in places if (p.condition, p.class_name) == cell]
-        axis.set_xscale("log")
-        if not higher:
-            axis.set_yscale("log")
-            axis.yaxis.set_major_formatter(_plain)
-        labels.append(_panel(axis, of_cell, hues))
-        axis.xaxis.set_major_formatter(_plain)
-        axis.set_title(", ".join(cell) if several else cell[0], fontsize=10)
-        axis.set_xlabel(f"ms for a cloud with {views} view{'s' * (views > 1)}")
-        axis.grid(alpha=0.25, which="major")
+        _scale(axis, metric)
+        labels.append(_draw_panel(drawn, axis, of_cell, styles))
+        axis.set_title(visible(", ".join(cell) if several else cell[0]), fontsize=10)
+        axis.set_xlabel(f"ms for a cloud with {views} view{'s' * (views > 1)}", fontsize=9)
+        axis.grid(color=RULE, linewidth=0.6, which="major")
+        axis.set_axisbelow(True)
+        axis.tick_params(labelsize=9)
+    if limits is not None:
+        axes[0][0].set(xlim=limits[0], ylim=limits[1])
     left, right = axes[0][0].get_xlim()
     for axis, cell in zip(axes[0], cells, strict=True):
         _draw_frontier(axis, [p for p in places if (p.condition, p.class_name) == cell], right)
         axis.set_xlim(left, right)
-    axes[0][0].set_ylabel(f"{metric} ({'higher' if higher else 'lower'} is better)")
-    handles = {h.get_label(): h for axis in axes[0] for h in axis.get_legend_handles_labels()[0]}
-    figure.legend(
-        handles=list(handles.values()), loc="outside lower center", ncols=6, fontsize=8,
-        frameon=False,
-    )  # fmt: skip
-    _write_labels(figure, axes[0], labels, hues)
-    return figure
+    axes[0][0].set_ylabel(axis_title(metric), fontsize=9)
+    drawn.legend(legend_columns, fontsize=8)
+    _write_labels(drawn, axes[0], labels, styles)
+    return drawn
 
 
-def _panel(axis: Any, places: Sequence[Place], hues: dict[str, str]) -> list[tuple[Place, str]]:
+def _scale(axis: Any, metric: str) -> None:
+    axis.set_xscale("log")
+    axis.xaxis.set_major_formatter(_plain)
+    if metric not in IMAGE_METRICS:
+        axis.set_yscale("log")
+        axis.yaxis.set_major_formatter(_plain)
+
+
+def _draw_panel(
+    drawn: Drawing, axis: Any, places: Sequence[Place], styles: Mapping[str, Look]
+) -> list[tuple[Place, str]]:
     """Draw one condition; the points that get a label, with it."""
-    rivals = [p for p in places if p.verdict != "reference"]
+    rivals = [p for p in places if _competes(p)]
     labels = []
-    for name, hue in hues.items():
+    for name in dict.fromkeys(map(_family, rivals)):
         members = [p for p in rivals if _family(p) == name]
-        if not members:
-            continue
         settings = [find_setting(p.method) for p in members]
         knob = next((setting.knob.name for setting in settings if setting), None)
-        axis.plot(
+        look = styles[members[0].method]
+        (line,) = axis.plot(
             [p.cost_ms.value for p in members],
             [p.quality.value for p in members],
-            color=hue,
-            linewidth=0.9 if knob else 0,
-            marker="o",
-            markersize=3.5,
-            label=name + (f" ({knob})" if knob else ""),
+            **point_style(look, 5.5)
+            | {"linestyle": "-" if knob else "none", "linewidth": 0.9, "markevery": []},
+            label=visible(name) + (f" ({knob})" if knob else ""),
         )
+        drawn.mark(line, Tags(method=members[0].method) if len(members) == 1 else Tags())
         for p in members:
-            _draw_intervals(axis, p, hue)
-            if p.method == name:
-                axis.plot(p.cost_ms.value, p.quality.value, "o", color=hue, markersize=7)
-        turned = [(p, _short(p)) for p in members if _short(p)]
+            _draw_point(drawn, axis, p, look, 7 if p.method == name else 4)
+        turned = [(p, _short(p)) for p in members if p.method != name]
+        labels += [(p, visible(name)) for p in members if p.method == name]
         labels += turned if knob is None else turned[:: max(len(turned) - 1, 1)]
-    floors = [p for p in places if p.method in FLOORS]
-    for p, style in zip(floors, FLOOR_STYLES, strict=False):
-        axis.axhline(p.quality.value, color="0.45", linewidth=0.9, linestyle=style, label=p.method)
+    for p in (p for p in places if role(p.method) == "floor"):
+        look = styles[p.method]
+        line = axis.axhline(
+            p.quality.value, color=look.colour, linewidth=0.9, linestyle=look.dashes, label=p.method
+        )
+        drawn.mark(line, Tags(method=p.method), _told(p), series=True)
     return labels
 
 
-def _draw_intervals(axis: Any, place: Place, hue: str) -> None:
-    cost, quality = place.cost_ms, place.quality
-    thin: dict[str, Any] = {"color": hue, "linewidth": 0.6, "alpha": 0.6}
+def _draw_point(drawn: Drawing, axis: Any, place: Place, look: Look, size: float) -> None:
+    cost, quality, tags = place.cost_ms, place.quality, Tags(method=place.method)
+    thin: dict[str, Any] = {"color": look.colour, "linewidth": 0.6, "alpha": 0.6}
     if math.isfinite(quality.low):
-        axis.plot([cost.value] * 2, [quality.low, quality.high], **thin)
+        (line,) = axis.plot([cost.value] * 2, [quality.low, quality.high], **thin)
+        drawn.mark(line, tags)
     if math.isfinite(cost.low):
-        axis.plot([cost.low, cost.high], [quality.value] * 2, **thin)
+        (line,) = axis.plot([cost.low, cost.high], [quality.value] * 2, **thin)
+        drawn.mark(line, tags)
+    (point,) = axis.plot(cost.value, quality.value, **point_style(look, size))
+    drawn.mark(point, tags, _told(place), series=True)
 
 
 def _draw_frontier(axis: Any, places: Sequence[Place], right: float) -> None:
@@ -185,7 +197,7 @@ def _draw_frontier(axis: Any, places: Sequence[Place], right: float) -> None:
         return
     cost, quality = zip(*steps, strict=True)
     axis.step(
-        (*cost, right), (*quality, quality[-1]), where="post", color="black", linewidth=1.3,
+        (*cost, right), (*quality, quality[-1]), where="post", color=INK, linewidth=1.3,
         alpha=0.75, zorder=1.5, label="frontier",
     )  # fmt: skip
 
@@ -199,28 +211,47 @@ def _short(place: Place) -> str:
     setting = find_setting(place.method)
     if setting is not None:
         return f"{setting.value:g}"
-    return place.method.partition("@")[2]
+    name = visible(place.method.partition("@")[2])
+    return name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}"
 
 
 def _family(place: Place) -> str:
     return place.method.partition("@")[0]
 
 
+def _of_families(places: Sequence[Place], styles: Mapping[str, Look]) -> dict[str, Look]:
+    """Variants look like their method, or where it is not there like the first of them."""
+    first: dict[str, Look] = {}
+    return {
+        p.method: styles.get(_family(p), first.setdefault(_family(p), styles[p.method]))
+        for p in places
+    }
+
+
+def _competes(place: Place) -> bool:
+    return not role(place.method)
+
+
 def _drawn(place: Place) -> bool:
-    """Whether it has a place on the axes, which may be logarithmic."""
-    values = (place.cost_ms.value, place.quality.value)
+    """Whether it has a place on the axes, which may be logarithmic; of the ceiling there is none,
+    and a floor has no cost."""
     positive = place.metric in IMAGE_METRICS or place.quality.value > 0
-    return all(map(math.isfinite, values)) and place.cost_ms.value > 0 and positive
+    if not math.isfinite(place.quality.value) or not positive or role(place.method) == "ceiling":
+        return False
+    return role(place.method) == "floor" or (
+        math.isfinite(place.cost_ms.value) and place.cost_ms.value > 0
+    )
 
 
 def _write_labels(
-    figure: Any,
+    drawn: Drawing,
     axes: Sequence[Any],
     labels: Sequence[Sequence[tuple[Place, str]]],
-    hues: dict[str, str],
+    styles: Mapping[str, Look],
 ) -> None:
     """Labels where they cover nothing, each with a hair line to its point where it is far off."""
-    figure.canvas.draw()  # only now is it known where everything lies
+    figure = drawn.figure
+    figure.draw_without_rendering()  # only now is it known where everything lies
     scale = POINTS_PER_INCH / figure.dpi
     for axis, of_axis in zip(axes, labels, strict=True):
         if not of_axis:
@@ -229,32 +260,42 @@ def _write_labels(
         anchors = axis.transData.transform(xy) * scale
         notes = [
             axis.annotate(text, point, xytext=(0, 0), textcoords="offset points", ha="center",
-                          va="center", fontsize=LABEL_SIZE, color=hues[_family(p)])
+                          va="center", fontsize=LABEL_SIZE, color=styles[p.method].colour)
             for point, (p, text) in zip(xy, of_axis, strict=True)
         ]  # fmt: skip
-        renderer = figure.canvas.get_renderer()
-        extents = [note.get_window_extent(renderer) for note in notes]
+        extents = [note.get_window_extent() for note in notes]
         sizes = np.array([(e.width, e.height) for e in extents]) * scale
         area = np.array(axis.bbox.extents) * scale
         centres = place_labels(anchors, sizes, _obstacles(axis) * scale, area)
-        for note, offset, size in zip(notes, centres - anchors, sizes, strict=True):
+        placed = zip(notes, of_axis, centres - anchors, sizes, strict=True)
+        for note, (place, _), offset, size in placed:
+            tags = Tags(method=place.method)
             note.set_position(offset)
             note.set_in_layout(False)
-            if np.linalg.norm(np.clip(np.abs(offset) - size / 2, 0, None)) > FAR_OFF:
-                axis.annotate(
-                    "", note.xy, xytext=offset, textcoords="offset points", zorder=1,
-                    arrowprops={"arrowstyle": "-", "linewidth": 0.4, "color": "0.5",
-                                "shrinkA": size[1] / 2, "shrinkB": 2},
-                ).set_in_layout(False)  # fmt: skip
+            drawn.mark(note, tags)
+            nearest = np.clip(0, offset - size / 2, offset + size / 2)  # to the point
+            if np.linalg.norm(nearest) > FAR_OFF:
+                leader = axis.annotate(
+                    "", note.xy, xytext=nearest, textcoords="offset points", zorder=1,
+                    arrowprops={"arrowstyle": "-", "linewidth": 0.5, "color": SOFT,
+                                "shrinkA": 0, "shrinkB": 2},
+                )  # fmt: skip
+                leader.set_in_layout(False)
+                drawn.mark(leader.arrow_patch, tags)
 
 
 def _obstacles(axis: Any) -> Floats:
     """Small boxes along all lines of an axis, as far as they are in sight, [m, 4] in pixels."""
+    from matplotlib.cbook import pts_to_poststep
+
     boxes = []
     corners = axis.bbox.get_points()
     for line in axis.lines:
         # An interval down to 0 has no end on a logarithmic axis.
-        path = np.clip(line.get_transform().transform(line.get_xydata()), *corners)
+        xy = line.get_xydata()
+        if line.get_drawstyle() == "steps-post":
+            xy = np.transpose(pts_to_poststep(*xy.T))
+        path = np.clip(line.get_transform().transform(xy), *corners)
         reach = 2.0 + line.get_markersize() * (line.get_marker() not in ("None", None, "", " "))
         for start, end in pairwise(path):
             count = max(int(np.linalg.norm(end - start) // 4), 1)
@@ -264,19 +305,11 @@ def _obstacles(axis: Any) -> Floats:
     return np.concatenate([box for box in boxes if np.isfinite(box).all()])
 
 
-AREA = (54.0, 14.0, 466.0, 312.0)
-WIDE_AREA = (54.0, 14.0, 866.0, 432.0)
-FEW = 12  # points that labels have room for in the smaller one
-MARGINS = (94.0, 48.0)  # right of the area, where floors are named, and below it
-LETTER = (7.8, 14.0)  # pixels of a letter of a label: width, height
-NEAR = 14.0  # pixels from a point within which its label needs no line
-
-
 def cost_plots(
     comparisons: Sequence[Comparison],
     metrics: Sequence[str],
     views: int,
-    styles: Mapping[str, Style],
+    styles: Mapping[str, Look],
 ) -> tuple[Plot, ...]:
     """A plot for each metric, condition and class; the ceiling is left out, floors are lines.
 
@@ -286,190 +319,53 @@ def cost_plots(
     plots = []
     for metric in metrics:
         cells = {
-            (c.condition, c.class_name): [p for p in places(c, (metric,), views) if _drawn_svg(p)]
+            (c.condition, c.class_name): [p for p in places(c, (metric,), views) if _drawn(p)]
             for c in comparisons
         }
-        every = [p for of_cell in cells.values() for p in of_cell]
-        points = [p for p in every if not role(p.method)]
-        if not points:
+        counts = [sum(map(_competes, of_cell)) for of_cell in cells.values()]
+        if not any(counts):
             continue
-        crowded = max(sum(not role(p.method) for p in of) for of in cells.values()) > FEW
-        left, top, right, bottom = WIDE_AREA if crowded else AREA
-        times = [v for p in points for v in (p.cost_ms.value, p.cost_ms.low, p.cost_ms.high)]
-        across = axis_of(times, left, right, True)
-        ends = [v for p in points for v in (p.quality.value, p.quality.low, p.quality.high)]
-        levels = [p.quality.value for p in every if role(p.method) == "floor"]
-        values = [p.quality.value for p in points]
-        upright = axis_with_room(values, [*ends, *levels], bottom, top)
-        plots += [
-            _plot(metric, cell, of_cell, (across, upright), views, styles)
-            for cell, of_cell in cells.items()
-        ]
+        wide = max(counts) > FEW
+        every = [p for of_cell in cells.values() for p in of_cell]
+        limits = _limits(every, metric, styles)
+        for (condition, class_name), of_cell in cells.items():
+            if not of_cell:
+                continue
+            figure = frontier_figure(
+                *(of_cell, metric, views, styles),
+                panel_in=WIDE_IN if wide else CELL_IN,
+                limits=limits,
+                legend_columns=6 if wide else 3,
+            )
+            points = sorted(filter(_competes, of_cell), key=lambda p: p.cost_ms.value)
+            told = "; ".join(map(_told, points))
+            plot = Plot(
+                title=f"{condition}, {class_name}",
+                axis=axis_title(metric),
+                told=f"{axis_title(metric)}, by rising cost: {told}.",
+                svg=inline(figure, f"cost-{len(plots)}"),
+                wide=wide,
+                tags=Tags(condition=condition, class_name=class_name),
+            )
+            plots.append(plot)
     return tuple(plots)
+
+
+def _limits(places: Sequence[Place], metric: str, styles: Mapping[str, Look]) -> Limits:
+    """Of axes on which all of these have room."""
+    figure, ((axis,),) = panels(1, 1, PANEL_IN)
+    _scale(axis, metric)
+    _draw_panel(Drawing(figure), axis, places, styles)
+    return axis.get_xlim(), axis.get_ylim()
 
 
 def _of_views(views: int) -> str:
     return "1 view" if views == 1 else f"its {views} views"
 
 
-def _drawn_svg(place: Place) -> bool:
-    """Whether it has a place on the axes, of which that of cost is logarithmic."""
-    if role(place.method) == "ceiling" or not math.isfinite(place.quality.value):
-        return False
-    return role(place.method) == "floor" or place.cost_ms.value > 0
-
-
-def _plot(
-    metric: str,
-    cell: tuple[str, str],
-    of_cell: Sequence[Place],
-    axes: tuple[Axis, Axis],
-    views: int,
-    styles: Mapping[str, Style],
-) -> Plot:
-    across, upright = axes
-    left, top, right, bottom = area = _area(axes)
-    condition, class_name = cell
-    points = [p for p in of_cell if not role(p.method)]
-    families: dict[str, list[Place]] = {}
-    for place in points:
-        families.setdefault(family(place.method), []).append(place)
-    steps = sorted((p.cost_ms.value, p.quality.value) for p in points if p.verdict == "frontier")
-    pixels = [(across.at(cost), upright.at(quality)) for cost, quality in steps]
-    words = _words(points, axes, pixels)
-    series = [
-        _series(name, members, axes, styles[members[0].method], words)
-        for name, members in families.items()
-    ]
-    floors = [p for p in of_cell if role(p.method) == "floor"]
-    levels = [upright.at(p.quality.value) for p in floors]
-    heights = spread(levels, LETTER[1], top, bottom)
-    for floor, y, height in zip(floors, levels, heights, strict=True):
-        told = f"{floor.method}: {floor.quality.value:.{decimals(metric)}f}, looks at no cloud"
-        path = f"M{left:.1f} {y:.1f}H{right:.1f}"
-        leader = f"M{right:.1f} {y:.1f}L{right + 10:.1f} {height:.1f}"
-        word = Word(right + 14, height, floor.method, leader=leader)
-        marks = (Mark(left, y, told),)
-        tags = Tags(method=floor.method)
-        series.append(Series(floor.method, styles[floor.method], path, marks, (word,), tags))
-    better = f"{'higher' if higher_is_better(metric) else 'lower'} is better"
-    by_cost = sorted(points, key=lambda p: p.cost_ms.value)
-    return Plot(
-        title=f"{condition}, {class_name}",
-        told=f"{metric}, {better}, by rising cost: " + "; ".join(map(_told, by_cost)) + ".",
-        width=int(right + MARGINS[0]),
-        height=int(bottom + MARGINS[1]),
-        area=area,
-        x_title=f"milliseconds for a cloud with {_of_views(views)} (logarithmic)",
-        y_title=f"{metric} ({better})",
-        x_ticks=tuple(across.ticks()),
-        y_ticks=tuple(upright.ticks()),
-        series=tuple(series),
-        wide=area == WIDE_AREA,
-        frontier=_staircase(pixels, right),
-        tags=Tags(condition=condition, class_name=class_name),
-    )
-
-
-def _area(axes: tuple[Axis, Axis]) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom."""
-    across, upright = axes
-    return across.start, upright.end, across.end, upright.start
-
-
-def _series(
-    name: str,
-    members: Sequence[Place],
-    axes: tuple[Axis, Axis],
-    style: Style,
-    words: Mapping[str, Word],
-) -> Series:
-    across, upright = axes
-    marks = tuple(
-        Mark(
-            across.at(p.cost_ms.value),
-            upright.at(p.quality.value),
-            _told(p),
-            Tags(method=p.method),
-            _ends(across, p.cost_ms),
-            _ends(upright, p.quality),
-        )
-        for p in members
-    )
-    joined = "M" + "L".join(f"{m.x:.1f} {m.y:.1f}" for m in marks) if len(marks) > 1 else ""
-    of_members = tuple(words[p.method] for p in members if p.method in words)
-    tags = Tags(method=name) if len(members) == 1 else Tags()
-    return Series(name, style, joined, marks, of_members, tags)
-
-
 def _told(place: Place) -> str:
     value = f"{place.quality.value:.{decimals(place.metric)}f}"
+    if role(place.method) == "floor":
+        return f"{place.method}: {value}, looks at no cloud"
     ahead = ", on the frontier" if place.verdict == "frontier" else ""
     return f"{place.method}: {milliseconds(place.cost_ms.value)} ms, {value}{ahead}"
-
-
-def _ends(axis: Axis, estimate: Estimate) -> tuple[float, float] | None:
-    if not math.isfinite(estimate.low):
-        return None
-    low = estimate.low if estimate.low > 0 or not axis.logarithmic else axis.low
-    return axis.at(low), axis.at(estimate.high)
-
-
-def _staircase(pixels: Sequence[tuple[float, float]], right: float) -> str:
-    """At each cost the best quality that it buys, up to the right end."""
-    if not pixels:
-        return ""
-    start, *rest = pixels
-    steps = "".join(f"H{x:.1f}V{y:.1f}" for x, y in rest)
-    return f"M{start[0]:.1f} {start[1]:.1f}{steps}H{right:.1f}"
-
-
-def _words(
-    points: Sequence[Place], axes: tuple[Axis, Axis], steps: Sequence[tuple[float, float]]
-) -> dict[str, Word]:
-    """A label for each point, where it covers nothing; a setting of a knob is named by its value.
-
-    Of a knob with many settings the first and the last are named, and the method itself.
-    """
-    across, upright = axes
-    texts: dict[str, str] = {}
-    for name in dict.fromkeys(family(p.method) for p in points):
-        members = [p.method for p in points if family(p.method) == name]
-        for method in members:
-            setting = find_setting(method)
-            if setting is None:
-                texts[method] = method if len(method) <= 24 else f"…{method[-23:]}"
-            elif method in (members[0], members[-1]):
-                texts[method] = f"{setting.knob.name} {setting.value:g}"
-            if name not in members and method == members[0]:
-                texts[method] = method
-    named = [p for p in points if p.method in texts]
-    if not named:
-        return {}
-    xy = np.array([(across.at(p.cost_ms.value), upright.at(p.quality.value)) for p in points])
-    anchors = xy[[p.method in texts for p in points]]
-    sizes = np.array([(LETTER[0] * len(texts[p.method]) + 6, LETTER[1]) for p in named])
-    marks = np.concatenate([xy - 6, xy + 6], axis=1)
-    intervals = [
-        box
-        for p, (x, y) in zip(points, xy, strict=True)
-        for ends, flat in ((_ends(across, p.cost_ms), True), (_ends(upright, p.quality), False))
-        if ends is not None
-        for box in [
-            (min(ends), y - 1, max(ends), y + 1) if flat else (x - 1, min(ends), x + 1, max(ends))
-        ]
-    ]
-    corners = [(x0, y0, x1, y1) for (x0, y0), (x1, y1) in pairwise(steps)]
-    flat = [(min(x0, x1), y0 - 1, max(x0, x1), y0 + 1) for x0, y0, x1, _ in corners]
-    flat += [(x, y - 1, across.end, y + 1) for x, y in steps[-1:]]
-    steep = [(x1 - 1, min(y0, y1), x1 + 1, max(y0, y1)) for _, y0, x1, y1 in corners]
-    obstacles = np.array([*marks.tolist(), *intervals, *flat, *steep], np.float64)
-    centres = place_labels(anchors, sizes, obstacles, np.array(_area(axes)))
-    words = {}
-    for p, anchor, centre, size in zip(named, anchors, centres, sizes, strict=True):
-        beyond = np.linalg.norm(np.clip(np.abs(centre - anchor) - size / 2, 0, None))
-        nearest = np.clip(anchor, centre - size / 2, centre + size / 2)
-        far = f"M{anchor[0]:.1f} {anchor[1]:.1f}L{nearest[0]:.1f} {nearest[1]:.1f}"
-        leader = far if beyond > NEAR else ""
-        words[p.method] = Word(centre[0], centre[1], texts[p.method], "middle", leader)
-    return words

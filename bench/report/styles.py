@@ -1,25 +1,34 @@
-"""How the report tells methods apart: who competes, and the style of each in plots."""
+"""How the report tells methods apart: who competes, and the look of each in figures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from bench.catalogue.methods import YARDSTICKS, role
 from bench.catalogue.parameters import find_setting
-from bench.report.page import Style
 
+Dashes = str | tuple[int, tuple[float, ...]]
+
+# Colours of the page's style sheet in light; in dark it replaces them one by one.
+INK, PAPER, SOFT, RULE = "#000000", "#ffffff", "#535b64", "#d9d6d0"
+HUES = ("#0b5fa5", "#b4450a", "#00735a", "#8a3b8f", "#7a5b00", "#b3123b", "#0b6e85", "#57606a")
 # Told apart by form too: a method is never known by its hue alone.
-MARKERS = (
-    "M-4 0a4 4 0 1 0 8 0a4 4 0 1 0-8 0z",  # disc
-    "M-3.6-3.6h7.2v7.2h-7.2z",  # square
-    "M0-4.8L4.6 3.4H-4.6z",  # triangle
-    "M0-5L5 0L0 5L-5 0z",  # diamond
-    "M0 4.8L4.6-3.4H-4.6z",  # triangle, downwards
-    "M-1.5-4.8h3v3.3h3.3v3h-3.3v3.3h-3v-3.3h-3.3v-3h3.3z",  # cross
-    "M-4.8 0L-2.4-4.2H2.4L4.8 0L2.4 4.2H-2.4z",  # hexagon
-    "M-4.6-4.6L0-1.6L4.6-4.6L1.6 0L4.6 4.6L0 1.6L-4.6 4.6L-1.6 0z",  # star of four
+MARKERS = ("o", "s", "^", "D", "v", ">", "<", "X")
+DASHES: tuple[Dashes, ...] = (
+    *("-", (0, (5.5, 2.5)), (0, (2, 2)), (0, (6, 2, 1.2, 2)), (0, (9, 2.5))),
+    *((0, (4, 1.2, 1.2, 1.2, 1.2, 1.2)), (0, (0.8, 2.5)), (0, (3, 3.5))),
 )
-HUES = 8  # of the style sheet
+FLOOR_DASHES: tuple[Dashes, ...] = ((0, (6, 3)), (0, (2, 2)))
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a method is drawn; `marker` is empty for a floor, which is only a line."""
+
+    colour: str
+    marker: str
+    dashes: Dashes
 
 
 def rivals(methods: Iterable[str]) -> list[str]:
@@ -38,24 +47,25 @@ def family(method: str) -> str:
     return method if setting is None else setting.knob.method
 
 
-def styles(methods: Iterable[str]) -> dict[str, Style]:
-    """How each method looks in plots: those of a family look alike, floors are lines.
+def looks(methods: Iterable[str]) -> dict[str, Look]:
+    """How each method is drawn: those of a family look alike, floors are dashed lines.
 
-    The first eight families differ in hue, marker and dashes at once; further ones in hue.
+    The first eight families differ in hue, marker and dashes at once; further ones in hue. Variants
+    of a method (`@`) come after the methods.
     """
-    ids = sorted(methods, key=is_yardstick)
+    ids = sorted(methods, key=lambda method: (is_yardstick(method), "@" in family(method)))
     families: list[str] = []
     floors = 0
     made = {}
     for method in ids:
         if role(method) == "floor":
-            made[method] = Style(f"floor floor-{floors % 2}", "")
+            made[method] = Look(SOFT, "", FLOOR_DASHES[floors % len(FLOOR_DASHES)])
             floors += 1
             continue
         if family(method) not in families:
             families.append(family(method))
         number = families.index(family(method))
         form = number % len(MARKERS)
-        hue = (number + number // len(MARKERS)) % HUES
-        made[method] = Style(f"hue-{hue} dash-{form}", MARKERS[form])
+        hue = (number + number // len(MARKERS)) % len(HUES)
+        made[method] = Look(HUES[hue], MARKERS[form], DASHES[form])
     return made

@@ -1,15 +1,16 @@
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
+import bench.report.classes
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import read_artifact
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
-from bench.tables.classes import table_of_classes
+from bench.tables.classes import ClassTable
+from bench.tables.figure import save
 from bench.tables.published import published
 from bench.tables.quality import Row
 
@@ -23,20 +24,20 @@ METHODS = ("surface-apss", "pc2pix@all", "splat")
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
     """Writes the figures and keeps them."""
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     kept = []
-    monkeypatch.setattr(plt, "close", kept.append)
+
+    def keep(figure, path):
+        kept.append(figure)
+        save(figure, path)
+
+    monkeypatch.setattr(bench.report.classes, "save", keep)
 
     def draw(rows, jobs):
-        table = table_of_classes(rows, "")
+        table = ClassTable("table5_classes", "", tuple(rows), 3)
         write_class_figures(tmp_path, table, PAPER, [job.made for job in jobs])
         return kept
 
-    yield draw
-    monkeypatch.undo()
-    plt.close("all")
+    return draw
 
 
 def row(metric, method, class_name, value, low=NAN, high=NAN):

@@ -11,6 +11,7 @@ from bench.analysis.comparison import Estimate
 from bench.analysis.crossings import Course
 from bench.catalogue.families import FAMILIES
 from bench.report.families import beyond_figure, write_beyond_figures
+from bench.report.styles import looks
 
 from .builders import make_job, make_truth, write_artifact
 
@@ -41,13 +42,8 @@ def every_course(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name
     ]
 
 
-@pytest.fixture
-def figure():
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    yield beyond_figure
-    plt.close("all")
+def figure(courses):
+    return beyond_figure(courses, looks(c.method for c in courses)).figure
 
 
 def bands(axis):
@@ -60,11 +56,18 @@ def bands(axis):
 
 def curve(axis, method):
     """The line of a method, floors included."""
-    (found,) = [c for c in (*axis.containers, *axis.lines) if c.get_label() == method]
-    return found if found in axis.lines else found.lines[0]
+    (found,) = [line for line in axis.lines if line.get_label() == method]
+    return found
 
 
-def test_a_column_for_each_family_and_a_row_for_each_metric(figure):
+def intervals(axis, method):
+    """(least, greatest) of each interval of a method, which are in its colour."""
+    hue = curve(axis, method).get_color()
+    ends = [line for line in axis.lines if line.get_color() == hue and len(line.get_xdata()) == 2]
+    return [tuple(line.get_ydata()) for line in ends if line.get_label().startswith("_")]
+
+
+def test_a_column_for_each_family_and_a_row_for_each_metric():
     axes = np.array(figure(every_course()).axes).reshape(2, 5)
     assert [axis.get_title() for axis in axes[0]] == [family.id for family in FAMILIES]
     assert [axis.get_ylabel() for axis in axes[:, 0]] == [
@@ -80,7 +83,7 @@ def test_a_column_for_each_family_and_a_row_for_each_metric(figure):
     assert len({axis.get_ylim() for axis in axes[0]}) == 1
 
 
-def test_lines_are_the_values_and_their_intervals(figure):
+def test_lines_are_the_values_and_their_intervals():
     axes = np.array(figure(every_course()).axes).reshape(2, 5)
     for axis_row, metric in zip(axes, METRICS, strict=True):
         for axis, family in zip(axis_row, FAMILIES, strict=True):
@@ -90,14 +93,13 @@ def test_lines_are_the_values_and_their_intervals(figure):
                 assert x.tolist() == places
                 expected = [value(method, metric, i) for i in range(len(places))]
                 assert y.tolist() == pytest.approx(expected)
-            assert not any(c.get_label() == "true-mesh" for c in (*axis.containers, *axis.lines))
-    container = next(c for c in axes[0, 0].containers if c.get_label() == "pc2pix")
-    low, high = container.lines[2][0].get_segments()[1][:, 1]
+            assert not any(line.get_label() == "true-mesh" for line in axis.lines)
+    low, high = intervals(axes[0, 0], "pc2pix")[1]
     middle = value("pc2pix", "ssim", 1)
     assert (low, high) == pytest.approx((middle - 0.02, middle + 0.03))
 
 
-def test_the_worst_stands_at_the_right(figure):
+def test_the_worst_stands_at_the_right():
     for axis, family in zip(figure(every_course(metrics=("ssim",))).axes, FAMILIES, strict=True):
         left, right = axis.get_xlim()
         first, last = (
@@ -107,7 +109,7 @@ def test_the_worst_stands_at_the_right(figure):
         assert abs(first - left) < abs(last - left) * 0.1
 
 
-def test_bands_are_what_networks_were_shown(figure):
+def test_bands_are_what_networks_were_shown():
     points, noise, outliers, *_ = figure(every_course(metrics=("ssim",))).axes
     own, other = "splat-net was trained here", "pc2pix was trained here"
     # room of 0.03 of the axis goes to bands that reach its first step, or are one value
@@ -122,12 +124,12 @@ def test_bands_are_what_networks_were_shown(figure):
         assert patch.get_facecolor()[:3] == pytest.approx(hue)
 
 
-def test_bands_of_networks_that_are_not_in_the_run_are_not_drawn(figure):
+def test_bands_of_networks_that_are_not_in_the_run_are_not_drawn():
     axes = figure(every_course(methods=("surface-apss", "pc2pix", "blank"))).axes
     assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
 
 
-def test_each_is_named_once(figure):
+def test_each_is_named_once():
     (legend,) = figure(every_course()).legends
     names = [text.get_text() for text in legend.get_texts()]
     assert sorted(names) == sorted(
@@ -138,7 +140,7 @@ def test_each_is_named_once(figure):
     )
 
 
-def test_several_classes_have_rows_of_their_own(figure):
+def test_several_classes_have_rows_of_their_own():
     made = [*every_course(metrics=("ssim",)), *every_course(metrics=("ssim",), class_name="sofa")]
     axes = np.array(figure(made).axes).reshape(2, 5)
     assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == [
@@ -146,15 +148,14 @@ def test_several_classes_have_rows_of_their_own(figure):
     ]
 
 
-def test_steps_without_value_or_interval(figure):
+def test_steps_without_value_or_interval():
     nan = float("nan")
     family = FAMILIES[1]
     told = (Estimate(0.9, nan, nan), Estimate(nan, nan, nan), *[Estimate(0.5, 0.4, 0.6)] * 3)
     (axis,) = figure([Course("chair", family, "ssim", "splat", told)]).axes
     y = curve(axis, "splat").get_ydata()
     assert np.isnan(y).tolist() == [False, True, False, False, False]
-    segments = axis.containers[0].lines[2][0].get_segments()
-    assert segments[0][:, 1].tolist() == [0.9, 0.9]
+    assert intervals(axis, "splat") == [(0.4, 0.6)] * 3
 
 
 def test_files(tmp_path):

@@ -7,7 +7,6 @@ import json
 import shutil
 from dataclasses import dataclass, replace
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 import torch
@@ -277,7 +276,6 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     bench.suites.latent.run.run(wishes(untrained, directory, limit=1), SMALL)
     assert (directory / "tables" / FILES[0]).read_text() != "old"
     assert len(list((directory / "figures").iterdir())) == 2
-    mpl.pyplot.close("all")
 
 
 def test_two_methods(measured, untrained, tmp_path):

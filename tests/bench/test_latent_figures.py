@@ -1,32 +1,17 @@
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
-import pytest
 
-from bench.suites.latent.figures import Strip, Tile, draw_cloud, write_strips
+from bench.suites.latent.figures import Strip, Tile, draw_cloud, strips_figure
 from data_prep.scene import View
 
 FRONT = View(0, 0)
 
 
-@pytest.fixture
-def drawn(monkeypatch, tmp_path):
-    """Writes strips; the cells of the figure, [rows, columns]."""
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    kept = []
-    monkeypatch.setattr(plt, "close", kept.append)
-
-    def draw(strips):
-        write_strips(tmp_path / "figures" / "strips.png", strips, FRONT)
-        assert (tmp_path / "figures" / "strips.png").read_bytes().startswith(b"\x89PNG")
-        return np.array(kept[-1].axes).reshape(-1, len(strips[0].tiles))
-
-    yield draw
-    monkeypatch.undo()
-    plt.close("all")
+def drawn(strips):
+    """The cells of the figure, [rows, columns]."""
+    figure = strips_figure(strips, FRONT)
+    return np.array(figure.axes).reshape(-1, len(strips[0].tiles))
 
 
 def tile(seed, truth=False):
@@ -40,7 +25,7 @@ def shown(axis):
     return [np.asarray(image.get_array()) for image in axis.images]
 
 
-def test_clouds_stand_above_pictures(drawn):
+def test_clouds_stand_above_pictures():
     strips = [Strip("one", (tile(0), tile(1))), Strip("two", (tile(2), tile(3)))]
     cells = drawn(strips)
     assert cells.shape == (4, 2)
@@ -54,7 +39,7 @@ def test_clouds_stand_above_pictures(drawn):
             assert np.array_equal(shown(cells[row + 1, column])[0], one.picture)
 
 
-def test_truths_have_a_row_where_there_are_any(drawn):
+def test_truths_have_a_row_where_there_are_any():
     cells = drawn([Strip("one", (tile(0, truth=True), tile(1)))])
     assert cells.shape == (3, 2)
     assert cells[2, 0].get_ylabel() == "one\ntrue"

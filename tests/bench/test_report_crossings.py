@@ -1,13 +1,13 @@
 from __future__ import annotations
 
+from report_parser import parse
+
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.crossings import Course
 from bench.catalogue.families import FAMILIES
-from bench.report.families import family_curves
-from bench.report.styles import styles
-from bench.report.tables import table_group
-from bench.tables.crossings import crossings_table
-from bench.tables.quality import Row, quality_table
+from bench.report.families import crossings_group, family_curves
+from bench.report.styles import looks
+from bench.tables.crossings import CrossingsTable
 
 from .test_crossings import contest
 
@@ -15,39 +15,35 @@ METHODS = ("pc2pix", "surface-apss", "blank")
 NOISE, MISSING = FAMILIES[1], FAMILIES[3]
 
 
-def table(name, metric, conditions):
-    rows = tuple(
-        Row("s", method, condition, "chair", metric, 0.1 * i + 0.01 * j, *[NAN] * 2, 4, 4, NAN,
-            NAN, "")
-        for i, condition in enumerate(conditions)
-        for j, method in enumerate(METHODS)
-    )  # fmt: skip
-    return quality_table(name, name, rows, 3)
-
-
-def course(family, metric):
-    return Course("chair", family, metric, "pc2pix", (Estimate(NAN, NAN, NAN),) * 3)
+def course(family, metric, method):
+    values = (0.1 * i + 0.01 * METHODS.index(method) for i in range(len(family.steps)))
+    estimates = tuple(Estimate(v, v - 0.005, v + 0.005) for v in values)
+    return Course("chair", family, metric, method, estimates)
 
 
 def test_a_plot_for_each_family_and_metric():
-    # in the order of the run, which is not that of the families
-    conditions = ("missing-0.50", "noise-0.20", "noise-0.05", "2048", "missing-0.25", "1024")
-    tables = [table("a", "ssim", conditions), table("b", "fd-views", conditions)]
-    made = [course(f, m) for f in (NOISE, MISSING) for m in ("ssim", "fd-views")]
-    plots = family_curves(tables, styles(METHODS), made)
+    cells = [(f, m) for f in (NOISE, MISSING) for m in ("ssim", "fd-views")]
+    made = [course(*cell, method) for cell in cells for method in METHODS]
+    plots = family_curves(made, looks(METHODS))
     assert [plot.title for plot in plots] == [
         "ssim against noise, class chair",
         "fd-views against noise, class chair",
         "ssim against missing, class chair",
         "fd-views against missing, class chair",
     ]
-    ticks = [[name for _, name in plot.x_ticks] for plot in plots]
-    assert ticks[0] == ticks[1] == ["2048", "noise-0.05", "noise-0.20"]
-    assert ticks[2] == ["2048", "missing-0.25", "missing-0.50"]
-    assert plots[0].x_title == NOISE.axis
-    assert [series.name for series in plots[0].series] == list(METHODS)
-    # 2048, noise-0.05, noise-0.20 are the run's fourth, third and second
-    assert "pc2pix: 2048 0.300, noise-0.05 0.200, noise-0.20 0.100." in plots[0].told
+    svgs = [parse(plot.svg.inside) for plot in plots]
+    texts = [[text.text for text in svg.all("text")] for svg in svgs]
+    assert {f"{v:g}" for v in NOISE.values} <= set(texts[0]) & set(texts[1])
+    assert {f"{v:g}" for v in MISSING.values} <= set(texts[2])
+    assert NOISE.axis in texts[0]
+    series = [g.attributes["data-method"] for g in svgs[0].all("g", class_="series")]
+    assert series == list(METHODS)
+    titles = [title.text for title in svgs[0].all("title")]
+    assert titles[:2] == [
+        "pc2pix, 2048, chair: 0.000 [-0.005, 0.005]",
+        "pc2pix, noise-0.05, chair: 0.100 [0.095, 0.105]",
+    ]
+    assert "pc2pix: 2048 0.000, noise-0.05 0.100, noise-0.10 0.200, " in plots[0].told
 
 
 LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
@@ -55,32 +51,34 @@ LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
 
 def test_who_is_ahead_stands_beside_the_leads():
     never = contest([(NAN, NAN, NAN), 0.1, (0.3, 0.2, 0.4)])
-    made = crossings_table("s", (contest(LEADS), never, contest(LEADS, "missing")))
-    ends, noise, missing = table_group(made).tables
-    assert (ends.caption, noise.caption, missing.caption) == (
-        "from end to end, chair",
-        "lead along noise: standard deviation, in radii of the unit sphere, chair",
-        "lead along missing on one side: share of the points, chair",
+    group = crossings_group(CrossingsTable("s", (contest(LEADS), never, contest(LEADS, "missing"))))
+    noise, missing = group.tables
+    assert (noise.caption, missing.caption) == (
+        "lead along noise, chair",
+        "lead along missing, chair",
     )
-    assert [table.unfolded for table in (ends, noise, missing)] == [False, True, False]
-    assert [name for name, _ in noise.columns] == ["first", "second", "0", "0.05", "0.1"]
-    conditions = ["", "", "2048", "noise-0.05", "noise-0.10"]
-    assert [tags.condition for _, tags in noise.columns] == conditions
+    assert (noise.unfolded, missing.unfolded) == (True, False)
+    assert [name for name, _ in noise.columns] == [
+        *("2048", "noise-0.05", "noise-0.10", "curves cross at"),
+    ]
+    assert [tags.condition for _, tags in noise.columns] == ["2048", "noise-0.05", "noise-0.10", ""]
     first, second = noise.lines
-    assert [first.name, *(c.text for c in first.cells[:2])] == ["ssim", "splat-net", "pc2pix"]
-    assert [(c.text, c.beside, c.mark, c.gap) for c in first.cells[2:]] == [
+    assert (first.name, first.about) == ("splat-net against pc2pix", "ssim")
+    assert [(c.text, c.beside, c.mark, c.gap) for c in first.cells] == [
         ("+0.100", "+0.050 to +0.150", "ahead", ""),
         ("+0.025", "-0.025 to +0.075", "", ""),
         ("-0.100", "-0.150 to -0.050", "", "behind"),
+        ("0.06 [0.0333, 0.08]", "", "", ""),
     ]
-    assert [c.value for c in first.cells[2:]] == [0.1, 0.025, -0.1]
-    assert [(c.text, c.beside, c.mark) for c in second.cells[2:]] == [
+    assert [c.value for c in first.cells[:3]] == [0.1, 0.025, -0.1]
+    assert [(c.text, c.beside, c.mark) for c in second.cells] == [
         ("-", "", ""),
         ("+0.100", "", ""),
         ("+0.300", "+0.200 to +0.400", "ahead"),
+        ("none within", "", ""),
     ]
-    assert [c.value for c in second.cells[2:]] == [None, 0.1, 0.3]
-    assert noise.remark == "In training: splat-net 0 to 0.12, pc2pix 0 to 0.1."
-    assert [name for name, _ in ends.columns][-1] == "ssim"
-    text = ends.lines[1].cells[-1].text
-    assert text.startswith("splat-net, then pc2pix; crosses at ")
+    assert [c.value for c in second.cells] == [None, 0.1, 0.3, None]
+    assert noise.notes == (
+        "noise: standard deviation, in radii of the unit sphere; in training: splat-net 0 to 0.12, "
+        "pc2pix 0 to 0.1",
+    )

@@ -1,24 +1,25 @@
-"""Where the points of the report's plots are: closed forms of their values."""
+"""The report's plots: what they show, say and let the page hide."""
 
 from __future__ import annotations
 
 import re
+from importlib import resources
 
 import numpy as np
 import pytest
+from report_parser import parse
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.catalogue.metrics import higher_is_better
-from bench.report.pareto import cost_plots
-from bench.report.robustness import curves
-from bench.report.styles import styles
-from bench.tables.frontier import cost_grid
-from bench.tables.quality import Row, quality_table
-from bench.tables.table import NAN
+from bench.report.inline import COLOURS
+from bench.report.pareto import cost_plots, cost_table
+from bench.report.robustness import curve_panels, curves, robustness_figure
+from bench.report.styles import higher_is_better, looks
+from bench.tables.figure import NAMES_APART
+from bench.tables.markdown import visible
+from bench.tables.quality import Table
+from bench.tables.table import NAN, Row
 
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
-# Pixels of paths are written with one decimal.
-PIXEL = 0.05 + 1e-9
 
 
 def row(method, condition, value, metric="ssim", class_name="chair", low=None, high=None):
@@ -29,14 +30,22 @@ def row(method, condition, value, metric="ssim", class_name="chair", low=None, h
 
 
 def table(*rows):
-    return quality_table("t", "T", rows, decimals=3)
+    return Table("t", "T", rows, decimals=3)
 
 
-def path_points(path):
-    return [tuple(map(float, pair)) for pair in re.findall(r"([\d.]+) ([\d.]+)", path)]
+def drawn_svg(plot):
+    return parse(f"<svg>{plot.svg.inside}</svg>")
 
 
-def test_curves_put_values_in_proportion():
+def titles(plot):
+    return [title.text for title in drawn_svg(plot).all("title")]
+
+
+def ticks(axis):
+    return [label.get_text() for label in axis.get_xticklabels()]
+
+
+def test_curves_show_values_and_intervals():
     rows = [
         row("splat", "2048", 0.8, low=0.7, high=0.9),
         row("splat", "512", 0.5, low=0.45, high=0.55),
@@ -44,41 +53,87 @@ def test_curves_put_values_in_proportion():
         row("surface-apss", "512", 0.4),
         row("true-mesh", "2048", 1.0),
         row("true-mesh", "512", 1.0),
-        row("blank", "2048", 0.6),
-        row("blank", "512", 0.6),
+        row("blank", "2048", 0.6, low=0.55, high=0.65),
+        row("blank", "512", 0.6, low=0.55, high=0.65),
     ]
-    (plot,) = curves([table(*rows)], styles(METHODS))
-    by_name = {series.name: series for series in plot.series}
-    assert list(by_name) == ["splat", "surface-apss", "blank"]  # the ceiling is left out
-    first, second = by_name["splat"].marks
-    _, top, _, bottom = plot.area
-    # 0.4 to 0.9 fill the axis but for a pad of 6 % of their reach at each end.
-    scale = (bottom - top) / (0.5 * 1.12)
-    assert second.y - first.y == pytest.approx(0.3 * scale)
-    assert first.upright == pytest.approx((first.y + 0.1 * scale, first.y - 0.1 * scale))
-    assert bottom - by_name["surface-apss"].marks[1].y == pytest.approx(0.03 * scale)
-    assert path_points(by_name["splat"].path) == [
-        (pytest.approx(mark.x, abs=PIXEL), pytest.approx(mark.y, abs=PIXEL))
-        for mark in (first, second)
-    ]
-    assert by_name["blank"].marks[0].upright is None  # its interval is in the tables
-    assert first.told == "splat, 2048, chair: 0.800 [0.700, 0.900]"
+    tables, looked = [table(*rows)], looks(METHODS)
+    (axis,) = robustness_figure(curve_panels(tables), looked).figure.axes
+    lines = {line.get_label(): line for line in axis.lines if line.get_label()[0] != "_"}
+    assert list(lines) == ["splat", "surface-apss", "blank"]  # the ceiling is left out
+    assert lines["splat"].get_ydata().tolist() == [0.8, 0.5]
+    others = [line for line in axis.lines if line not in lines.values()]
+    assert [line.get_ydata().tolist() for line in others if len(line.get_xdata()) == 2] == [
+        *([0.7, 0.9], [0.45, 0.55], [0.7, 0.7], [0.4, 0.4]),
+    ]  # a floor's is in the tables
+    (first, second), (other, _) = (lines[m].get_xdata() for m in ("splat", "surface-apss"))
+    assert first < 0 < other  # side by side about their condition
+    assert second - first == pytest.approx(1)
+    assert ticks(axis) == ["2048", "512"]
+    heights = sorted(name.xyann[1] for name in axis.texts)
+    assert min(np.diff(heights)) >= NAMES_APART - 1e-9
+    (plot,) = curves(tables, looked)
+    assert titles(plot)[0] == "splat, 2048, chair: 0.800 [0.700, 0.900]"
     assert "splat: 2048 0.800, 512 0.500." in plot.told
-    xs = [series.marks[0].x for series in plot.series[:2]]
-    assert xs[0] < plot.x_ticks[0][0] < xs[1]  # side by side about their condition
-    heights = sorted(series.words[0].y for series in plot.series)
-    assert min(np.diff(heights)) >= 15.0
 
 
-def test_distances_far_apart_are_logarithmic():
+def test_the_page_can_hide_the_parts_of_a_plot():
+    rows = [row(m, c, 0.5) for m in ("splat", "blank") for c in ("2048", "512")]
+    (plot,) = curves([table(*rows)], looks(METHODS))
+    svg = drawn_svg(plot)
+    series = [g.attributes["data-method"] for g in svg.all("g", data_item="series")]
+    assert series == ["splat", "blank"]
+    points = [g for g in svg.all("g", data_method="splat") if g.all("title")]
+    assert [g.attributes["data-condition"] for g in points] == ["2048", "512"]
+    for g in svg.all("g"):
+        assert "data-method" in g.attributes or not g.all("title")
+    names = [g.one("text").text for g in svg.all("g", class_="series")]
+    assert names == ["splat", "blank"]
+
+
+def test_plots_take_their_colours_from_the_page_and_share_no_id():
+    rows = [row(m, "2048", v, metric) for m, v in (("splat", 0.5), ("blank", 0.4))
+            for metric in ("ssim", "fd-views")]  # fmt: skip
+    first, second = curves([table(*rows)], looks(METHODS))
+    for plot in (first, second):
+        assert "style=" not in plot.svg.inside
+        colours = {
+            element.attributes[name]
+            for element in drawn_svg(plot).all()
+            for name in ("fill", "stroke")
+            if name in element.attributes
+        }
+        assert all(c in ("none", "currentColor") or c.startswith("var(--") for c in colours)
+    ids, others = (
+        {e.attributes["id"] for e in drawn_svg(plot).all() if "id" in e.attributes}
+        for plot in (first, second)
+    )
+    assert ids
+    assert not ids & others
+    referred = set(re.findall(r"#([\w.-]+)", first.svg.inside))
+    assert referred == ids
+
+
+def test_the_style_sheet_has_the_colours_of_the_figures():
+    sheet = resources.files("bench.report").joinpath("assets", "report.css").read_text()
+    light, dark = sheet.split("@media")[:2]
+    for colour, variable in COLOURS.items():
+        if variable in ("currentColor", "var(--paper)"):
+            continue
+        name = variable.removeprefix("var(").removesuffix(")")
+        assert f"{name}: {colour};" in light
+        assert f"{name}: #" in dark
+
+
+def test_distances_far_apart_have_room():
     values = {"splat": 100.0, "surface-apss": 10.0, "blank": 1.0}
     rows = [row(m, "2048", v, "fd-views", low=0.0, high=v) for m, v in values.items()]
-    (plot,) = curves([table(*rows)], styles(METHODS))
-    ys = [series.marks[0].y for series in plot.series]
-    assert ys[1] - ys[0] == pytest.approx(ys[2] - ys[1])
-    assert ys[0] < ys[1]
-    assert "lower is better, logarithmic" in plot.y_title
-    assert plot.series[0].marks[0].upright == pytest.approx((plot.area[3], ys[0]))  # 0 is its end
+    tables = [table(*rows)]
+    (axis,) = robustness_figure(curve_panels(tables), looks(METHODS)).figure.axes
+    assert axis.get_yscale() == "symlog"
+    assert {0, 1, 2, 5, 10, 20, 50, 100} <= set(axis.get_yticks())
+    assert axis.get_ylim()[0] <= 0
+    (plot,) = curves(tables, looks(METHODS))
+    assert plot.axis == "fd-views (lower is better)"
 
 
 def test_several_classes_stand_side_by_side():
@@ -88,13 +143,28 @@ def test_several_classes_stand_side_by_side():
         for c in ("2048", "512")
         for k in ("chair", "lamp", "rifle")
     ]
-    plots = curves([table(*rows), table(row("splat", "2048", 0.9))], styles(METHODS))
+    tables = [table(*rows), table(row("splat", "2048", 0.9))]
+    plots = curves(tables, looks(METHODS))
     assert [plot.title for plot in plots] == ["ssim at 2048, by class", "ssim at 512, by class"]
-    assert [label for _, label in plots[0].x_ticks] == ["chair", "lamp", "rifle"]
-    splat, blank = plots[0].series
-    assert splat.path == ""
-    assert blank.path.count("M") == 3
+    axis, _ = robustness_figure(curve_panels(tables), looks(METHODS)).figure.axes
+    assert ticks(axis) == ["chair", "lamp", "rifle"]
+    splat, blank = (line for line in axis.lines if line.get_label()[0] != "_")
+    assert splat.get_linestyle() == blank.get_linestyle() == "None"
+    (levels,) = axis.collections
+    assert [segment.tolist() for segment in levels.get_segments()] == [
+        [[i - 0.5, 0.4], [i + 0.5, 0.4]] for i in range(3)
+    ]
     assert plots[0].wide
+
+
+def test_names_of_methods_and_classes_are_only_text():
+    hostile = "<script>alert(1)</script>\"'&{{ 7 }}$x$\u202e\x07"
+    rows = [row(m, "2048", 0.5, class_name=k) for m in ("splat", hostile) for k in ("a", hostile)]
+    (plot,) = curves([table(*rows)], looks(["splat", hostile]))
+    assert "<script" not in plot.svg.inside
+    assert not re.search("[\u202e\x07]", plot.svg.inside)
+    shown = [text.text for text in drawn_svg(plot).all("text")]
+    assert visible(hostile) in shown  # of the class
 
 
 def comparison(costs, qualities, condition="2048", metric="ssim"):
@@ -120,26 +190,30 @@ QUALITIES = {"splat": 0.6, "surface-apss": 0.8, "true-mesh": 1.0, "blank": 0.5}
 
 
 def test_costs_are_logarithmic_and_the_frontier_steps_up():
-    (plot,) = cost_plots([comparison(COSTS, QUALITIES)], ["ssim"], 2, styles(METHODS))
-    by_name = {series.name: series for series in plot.series}
-    assert set(by_name) == {"splat", "surface-apss", "blank"}
-    splat, apss = (by_name[m].marks[0] for m in ("splat", "surface-apss"))
-    left, top, right, bottom = plot.area
-    # 10 ms and 1000 ms: two decades fill the axis but for a pad of 6 % at each end.
-    assert apss.x - splat.x == pytest.approx((right - left) / 1.12)
-    reach = 0.85 - 0.5  # from the floor to the end of the best interval
-    assert splat.y - apss.y == pytest.approx(0.2 / reach * (bottom - top) / 1.12)
-    assert by_name["blank"].marks[0].y == pytest.approx(bottom - 0.06 / 1.12 * (bottom - top))
-    expected = f"M{splat.x:.1f} {splat.y:.1f}H{apss.x:.1f}V{apss.y:.1f}H{right:.1f}"
-    assert plot.frontier == expected
-    assert apss.told == "surface-apss: 1000 ms, 0.800, on the frontier"
+    made = [comparison(COSTS, QUALITIES), comparison(COSTS, QUALITIES, "512")]
+    first, second = cost_plots(made, ["ssim"], 2, looks(METHODS))
+    svg = drawn_svg(first)
+    series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
+    assert sorted(series) == ["blank", "splat", "surface-apss"]
+    assert titles(first) == [
+        "splat: 10.0 ms, 0.600, on the frontier",
+        "surface-apss: 1000 ms, 0.800, on the frontier",
+        "blank: 0.500, looks at no cloud",
+    ]
+    assert first.told == (
+        "ssim (higher is better), by rising cost: splat: 10.0 ms, 0.600, on the frontier; "
+        "surface-apss: 1000 ms, 0.800, on the frontier."
+    )
+    assert first.title == "2048, chair"
+    assert second.svg.inside != first.svg.inside
+    assert second.svg.inside.replace("cost-1-", "cost-0-") == first.svg.inside  # the same axes
 
 
-def test_a_cheaper_and_better_method_leaves_one_step():
+def test_a_cheaper_and_better_method_is_marked():
     worse = QUALITIES | {"surface-apss": 0.55}
-    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, styles(METHODS))
-    assert plot.frontier.count("V") == 0
-    table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
+    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, looks(METHODS))
+    assert titles(plot)[1] == "surface-apss: 1000 ms, 0.550"
+    table = cost_table([comparison(COSTS, worse)], "ssim", 2)
     assert table is not None
     marks = {line.name: line.cells[0].mark for line in table.lines}
     assert marks == dict.fromkeys(METHODS, "") | {"splat": "frontier"}
@@ -148,26 +222,26 @@ def test_a_cheaper_and_better_method_leaves_one_step():
 
 
 def test_a_plot_is_wide_where_labels_want_room():
-    """Floors are named beside the plot and ceilings not at all, so that neither counts."""
+    """Floors and ceilings have no label, so that neither counts."""
     knobs = [f"splat@spread={0.5 + i / 10:g}" for i in range(13)]
     for many, wide in ((12, False), (13, True)):
         methods = (*knobs[:many], "true-mesh", "constant", "blank")
         costs = {method: (0.0, 0.01 + i / 1000) for i, method in enumerate(methods)}
         values = {method: 0.5 + i / 100 for i, method in enumerate(methods)}
-        (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, styles(methods))
+        (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, looks(methods))
         assert plot.wide == wide
 
 
 def test_without_times_there_is_no_cost():
     nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
     made = [comparison(nothing, QUALITIES)]
-    assert cost_plots(made, ["ssim"], 2, styles(METHODS)) == ()
-    assert cost_grid(made, "ssim", 2) is None
+    assert cost_plots(made, ["ssim"], 2, looks(METHODS)) == ()
+    assert cost_table(made, "ssim", 2) is None
 
 
 def test_methods_differ_in_form_and_settings_of_a_knob_do_not():
     single = ["splat", "pc2pix", "pc2pix@acgan", "surface-apss", "poisson"]
-    look = styles([*single, "splat@spread=2", "blank"])
+    look = looks([*single, "splat@spread=2", "blank"])
     markers = [look[method].marker for method in single]
     assert len(set(markers)) == 5
     assert look["splat"] == look["splat@spread=2"]

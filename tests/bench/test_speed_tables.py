@@ -7,14 +7,13 @@ import io
 import math
 from dataclasses import replace
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.catalogue.suites import SPEED
-from bench.suites.speed.figure import spread, write_amortised
+from bench.suites.speed.figure import amortised_figure
 from bench.suites.speed.samples import Failure, Measurement, Sample
 from bench.suites.speed.summary import Cost, Value, speedups, summarise
 from bench.suites.speed.tables import (
@@ -30,6 +29,7 @@ from bench.suites.speed.tables import (
     speed_table,
     verdict,
 )
+from bench.tables.figure import spread
 from bench.tables.published import published
 
 MACHINE = Machine("some cpu", 2)
@@ -292,26 +292,14 @@ def test_csv_is_tidy():
 # --- figure ---------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def drawn(monkeypatch, tmp_path):
-    """Draws the figure; its axes."""
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    kept = []
-    monkeypatch.setattr(plt, "close", kept.append)
-
-    def draw(summaries):
-        write_amortised(tmp_path / "amortised.png", summaries, SUITE)
-        assert (tmp_path / "amortised.png").read_bytes().startswith(b"\x89PNG")
-        return kept[-1].axes
-
-    yield draw
-    monkeypatch.undo()
-    plt.close("all")
+def drawn(summaries):
+    """The axes of the figure."""
+    figure = amortised_figure(summaries, SUITE)
+    assert figure is not None
+    return figure.axes
 
 
-def test_a_line_for_each_method_with_its_name(drawn):
+def test_a_line_for_each_method_with_its_name():
     (axis,) = drawn(ALL)
     lines = {line.get_label(): line for line in axis.get_lines()}
     slow = lines["slow"]
@@ -325,7 +313,7 @@ def test_a_line_for_each_method_with_its_name(drawn):
     assert axis.get_title() == "2048, 1 thread"
 
 
-def test_a_panel_for_each_condition_and_number_of_threads(drawn):
+def test_a_panel_for_each_condition_and_number_of_threads():
     summaries = [
         summarise(measurement(threads=threads, condition=condition))
         for condition in ("2048", "512")
@@ -336,9 +324,8 @@ def test_a_panel_for_each_condition_and_number_of_threads(drawn):
     ]
 
 
-def test_without_a_cost_there_is_no_figure(tmp_path):
-    write_amortised(tmp_path / "none.png", [LOST], SUITE)
-    assert not (tmp_path / "none.png").exists()
+def test_without_a_cost_there_is_no_figure():
+    assert amortised_figure([LOST], SUITE) is None
 
 
 def test_labels_keep_apart():

@@ -12,11 +12,12 @@ from bench.records.journal import read_manifest
 from bench.running.protocol import Options
 from bench.suites.stability.cases import CASES
 from bench.suites.stability.expectations import KINDS, Outcome
-from bench.suites.stability.figures import ACROSS, MISSING, sheet, write_matrix
+from bench.suites.stability.figures import ACROSS, MISSING, matrix_figure, sheet
 from bench.suites.stability.run import run
 from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
 from bench.tables.build import tables
+from bench.tables.figure import save
 from data_prep.failures import BadInput
 
 HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")
@@ -137,7 +138,7 @@ def test_every_kind_has_a_colour_of_its_own(tmp_path):
     from matplotlib import image
 
     outcomes = [replace(HOLDS, subject=kind, kind=kind) for kind in KINDS]
-    write_matrix(tmp_path / "m.png", matrix(*outcomes))
+    save(matrix_figure(matrix(*outcomes)), tmp_path / "m.png")
     pixels = image.imread(tmp_path / "m.png")[..., :3].reshape(-1, 3)
     found = {tuple(np.rint(255 * p).astype(int)) for p in np.unique(pixels, axis=0)}
     from bench.suites.stability.figures import COLOURS

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from baselines.splat import Splat
+from bench.tables.figure import bare, drawing, panels, show
 from data_prep.images import to_uint8
 from data_prep.scene import PointCloud, Points, View
-from data_prep.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CLOUD, PICTURE, TRUTH = "decoded", "drawn", "true"
 
@@ -36,29 +38,16 @@ class Strip:
     tiles: tuple[Tile, ...]
 
 
-def write_strips(path: Path, strips: Sequence[Strip], view: View) -> None:
-    """Write a PNG: for each strip rows of clouds and pictures, and of truths where it has any.
+@drawing()
+def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
+    """For each strip rows of clouds and pictures, and of truths where it has any.
 
     All strips have the titles of the first.
     """
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     columns = len(strips[0].tiles)
     rows = [(strip, name) for strip in strips for name in _rows(strip)]
-    figure, axes = plt.subplots(
-        len(rows),
-        columns,
-        figsize=(1.3 * columns + 0.4, 1.35 * len(rows) + 0.4),
-        squeeze=False,
-        layout="constrained",
-    )
-    for axis in axes.flat:
-        axis.set_xticks([])
-        axis.set_yticks([])
-        axis.spines[:].set_visible(False)
+    size_in = (1.3 * columns + 0.4, 1.35 * len(rows) + 0.4)
+    figure, axes = panels(len(rows), columns, size_in)
     for axis, tile in zip(axes[0], strips[0].tiles, strict=True):
         axis.set_title(tile.title, fontsize=9)
     for axis_row, (strip, name) in zip(axes, rows, strict=True):
@@ -69,12 +58,11 @@ def write_strips(path: Path, strips: Sequence[Strip], view: View) -> None:
                 PICTURE: tile.picture,
                 TRUTH: tile.truth,
             }[name]
-            if shown is not None:
-                axis.imshow(shown)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    plt.close(figure)
-    write_whole(path, buffer.getvalue())
+            if shown is None:
+                bare(axis)
+            else:
+                show(axis, shown)
+    return figure
 
 
 def _rows(strip: Strip) -> tuple[str, ...]:

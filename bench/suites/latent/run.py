@@ -24,10 +24,11 @@ from bench.running.isolation import one_thread
 from bench.running.protocol import Options, refuse
 from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
 from bench.suites.latent.chairs import Pair, Triple, choose_pairs, choose_triples, specified_chairs
-from bench.suites.latent.figures import Strip, write_strips
+from bench.suites.latent.figures import Strip, strips_figure
 from bench.suites.latent.network import Network, load_network, weights_of
 from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
 from bench.suites.latent.tables import Mean, Value, latent_table, means, values_table
+from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, table_files
 from data_prep.datasets import Split, open_dataset
 from data_prep.failures import BadInput
@@ -36,7 +37,6 @@ from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.whole_files import write_whole
 
-FIGURES = "figures"
 TABLES = "tables"
 
 
@@ -162,7 +162,8 @@ def _measure(
                 on_paths += values
                 strips += [strip] if len(strips) < suite.shown else []
                 advance(0)
-        write_strips(directory / FIGURES / f"interpolation{tag}.png", strips, network.view)
+        figure = strips_figure(strips, network.view)
+        save(figure, directory / FIGURES / f"interpolation{tag}.png")
         neighbours = train_codes(network, suite.neighbours)
         strips = []
         with progress(f"sums, {network.method}", len(triples)) as advance:
@@ -171,7 +172,8 @@ def _measure(
                 on_sums += values
                 strips += [strip] if len(strips) < suite.shown else []
                 advance(0)
-        write_strips(directory / FIGURES / f"arithmetic{tag}.png", strips, network.view)
+        figure = strips_figure(strips, network.view)
+        save(figure, directory / FIGURES / f"arithmetic{tag}.png")
     tables = (
         latent_table(
             "latent_interpolation",

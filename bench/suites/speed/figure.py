@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.summary import MS, Summary, beside, break_even
+from bench.tables.figure import drawing, name_lines, panels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 POINTS = 200  # of a line
 APART = 0.05  # of a panel's height: labels closer than this would touch
@@ -18,58 +20,52 @@ ROOM = 11.0  # to the right of the lines, as a factor on the last number of view
 LABELS_AT = 0.785  # of the width
 
 
-def write_amortised(path: Path, summaries: Sequence[Summary], suite: SpeedSuite) -> None:
-    """A PNG with a panel for each condition (down) and number of threads (across), log-log.
+@drawing()
+def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure | None:
+    """A panel for each condition (down) and number of threads (across), log-log.
 
     Dots: as measured. Rings: break-even with the first of the suite's rivals. Where no method has
-    a cost there is nothing to draw.
+    a cost there is nothing to draw: None.
     """
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     drawn = [summary for summary in summaries if summary.wall]
     if not drawn:
-        return
+        return None
     of = [summary.measurement for summary in drawn]
     conditions, threads, methods = (
         list(dict.fromkeys(getattr(m, name) for m in of))
         for name in ("condition", "threads", "method")
     )
-    figure, axes = plt.subplots(
+    figure, axes = panels(
         len(conditions),
         len(threads),
-        figsize=(6.5 * len(threads), 5 * len(conditions)),
+        (6.5 * len(threads), 5 * len(conditions)),
         sharex=True,
         sharey=True,
-        squeeze=False,
-        layout="constrained",
     )
-    panels = {
+    by_cell = {
         (condition, count): axis
         for condition, axis_row in zip(conditions, axes, strict=True)
         for count, axis in zip(threads, axis_row, strict=True)
     }
-    for (condition, count), axis in panels.items():
+    for (condition, count), axis in by_cell.items():
         axis.set_title(f"{condition}, {count} thread{'s' if count > 1 else ''}")
         axis.grid(alpha=0.3)
     for summary, m in zip(drawn, of, strict=True):
         rival = beside(drawn, summary, suite.rivals[0])
         colour = f"C{methods.index(m.method) % 10}"
-        _line(panels[m.condition, m.threads], summary, rival, colour, suite.amortised[-1])
+        _line(by_cell[m.condition, m.threads], summary, rival, colour, suite.amortised[-1])
     first = axes[0, 0]  # the axes are shared
     first.set(xscale="log", yscale="log", xlim=(0.9, ROOM * suite.amortised[-1]))
     first.set_xticks(suite.amortised, map(str, suite.amortised))
     first.minorticks_off()
     for axis in axes[-1]:
-        axis.set_xlabel(f"pictures of one cloud (ring: as dear as {suite.rivals[0]})")
+        axis.set_xlabel(f"pictures of one cloud (ring: costs as much as {suite.rivals[0]})")
     for axis in axes[:, 0]:
         axis.set_ylabel("milliseconds a picture (lower is better)")
     for axis in axes.flat:
-        _label_lines(axis)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+        named = [line for line in axis.get_lines() if not line.get_label().startswith("_")]
+        name_lines(axis, named, LABELS_AT, apart=APART)
+    return figure
 
 
 def _line(axis: Any, summary: Summary, rival: Summary | None, colour: str, last: int) -> None:
@@ -86,46 +82,3 @@ def _line(axis: Any, summary: Summary, rival: Summary | None, colour: str, last:
         if equal <= last:
             height = MS * cost.per_picture(equal)
             axis.plot(equal, height, "o", color=colour, ms=9, mfc="none")
-
-
-def _label_lines(axis: Any) -> None:
-    """Each line's name at its right end, moved apart where names would touch."""
-    lines = [line for line in axis.get_lines() if not line.get_label().startswith("_")]
-    if not lines:
-        return
-    bottom, top = map(math.log10, axis.get_ylim())
-    ends = [float(line.get_ydata()[-1]) for line in lines]
-    at = [(math.log10(end) - bottom) / (top - bottom) for end in ends]
-    for line, end, height in zip(lines, ends, spread(at, APART), strict=True):
-        axis.annotate(
-            line.get_label(),
-            xy=(line.get_xdata()[-1], end),
-            xytext=(LABELS_AT, height),
-            textcoords="axes fraction",
-            color=line.get_color(),
-            fontsize=8,
-            va="center",
-            arrowprops={"arrowstyle": "-", "color": line.get_color(), "lw": 0.5},
-        )
-
-
-def spread(places: Sequence[float], apart: float) -> list[float]:
-    """Places moved as little as their order and the distance `apart` between neighbours allow.
-
-    Least squares (isotonic regression): those that would touch stand evenly about their mean.
-    """
-    order = sorted(range(len(places)), key=lambda i: places[i])
-    # Less its share of the distance, a place must not be lower than the one before: pool those
-    # that are (Barlow 1972, pool adjacent violators).
-    blocks: list[list[float]] = []
-    for rank, index in enumerate(order):
-        blocks.append([places[index] - rank * apart])
-        while len(blocks) > 1 and _mean(blocks[-2]) > _mean(blocks[-1]):
-            blocks[-2:] = [blocks[-2] + blocks[-1]]
-    levels = [_mean(block) for block in blocks for _ in block]
-    moved = dict(zip(order, (level + r * apart for r, level in enumerate(levels)), strict=True))
-    return [moved[i] for i in range(len(places))]
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)

@@ -21,7 +21,7 @@ from bench.running import environment as manifests
 from bench.running.environment import ROOT, code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
 from bench.running.protocol import Options, digest, method_identity, refuse
-from bench.suites.speed.figure import write_amortised
+from bench.suites.speed.figure import amortised_figure
 from bench.suites.speed.measure import Unit, measure
 from bench.suites.speed.samples import (
     FORM,
@@ -38,6 +38,7 @@ from bench.suites.speed.tables import (
     samples_table,
     speed_table,
 )
+from bench.tables.figure import FIGURES, save
 from bench.tables.published import published
 from bench.tables.table import Table, table_files
 from data_prep.conditions import CONDITIONS
@@ -107,7 +108,6 @@ def sources_sha256(root: Path = ROOT) -> str:
 
 
 TABLES = "tables"
-FIGURES = "figures"
 
 
 @dataclass(frozen=True)
@@ -285,7 +285,7 @@ def _write(
     )
     for name, text in table_files([*people, *scripts]).items():
         write_whole(directory / TABLES / name, text.encode())
-    folder = directory / FIGURES
-    folder.mkdir(exist_ok=True)
-    write_amortised(folder / "amortised.png", summaries, suite)
+    figure = amortised_figure(summaries, suite)
+    if figure is not None:
+        save(figure, directory / FIGURES / "amortised.png")
     return people

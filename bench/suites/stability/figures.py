@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.suites.stability.expectations import KINDS, Kind, Outcome
 from bench.suites.stability.tables import subjects as subjects_of
+from bench.tables.figure import drawing, panels
 from bench.tables.table import Table
 from data_prep.scene import IMAGE_SIZE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Told apart by lightness and by letter too: colour alone does not reach everybody.
 COLOURS: dict[Kind | None, tuple[str, str]] = {
@@ -27,19 +31,18 @@ ACROSS = 12  # pictures
 MISSING = 225  # grey
 
 
-def write_matrix(path: Path, matrix: Table[Outcome]) -> None:
+@drawing()
+def matrix_figure(matrix: Table[Outcome]) -> Figure:
     """Cases down, subjects across, coloured by kind; white where a case is none of a subject's."""
     from matplotlib import patches
-    from matplotlib import pyplot as plt
 
     kinds: dict[tuple[str, str, str], Kind] = {
         (o.group, o.case, o.subject): o.kind for o in matrix.rows
     }
     rows = list(dict.fromkeys((o.group, o.case) for o in matrix.rows))
     subjects = subjects_of(matrix)
-    figure, axis = plt.subplots(
-        figsize=(3.2 + COLUMN_IN * len(subjects), 1.8 + ROW_IN * len(rows)), layout="constrained"
-    )
+    size_in = (3.2 + COLUMN_IN * len(subjects), 1.8 + ROW_IN * len(rows))
+    figure, ((axis,),) = panels(1, 1, size_in)
     for y, (group, case) in enumerate(rows):
         for x, subject in enumerate(subjects):
             colour, letter = COLOURS[kinds.get((group, case, subject))]
@@ -68,29 +71,22 @@ def write_matrix(path: Path, matrix: Table[Outcome]) -> None:
         fontsize=7,
         frameon=False,
     )
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    return figure
 
 
-def write_pictures(
-    path: Path,
+@drawing()
+def extremes_figure(
     cases: Sequence[str],
     methods: Sequence[str],
     pictures: Mapping[tuple[str, str], NDArray[np.uint8]],
-) -> None:
+) -> Figure:
     """The first view of every case (across) and method (down); grey where there is no picture.
 
     pictures  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] by case and method
     """
-    from matplotlib import pyplot as plt
-
     blocks = [cases[i : i + ACROSS] for i in range(0, len(cases), ACROSS)]
-    figure, axes = plt.subplots(
-        len(blocks),
-        figsize=(0.95 * ACROSS + 0.6, (0.95 * len(methods) + 0.25) * len(blocks)),
-        squeeze=False,
-        layout="constrained",
-    )
+    size_in = (0.95 * ACROSS + 0.6, (0.95 * len(methods) + 0.25) * len(blocks))
+    figure, axes = panels(len(blocks), 1, size_in)
     centres = IMAGE_SIZE * (np.arange(max(ACROSS, len(methods))) + 0.5)
     for axis, block in zip(axes[:, 0], blocks, strict=True):
         axis.imshow(sheet([[pictures.get((case, m)) for case in block] for m in methods]))
@@ -99,8 +95,7 @@ def write_pictures(
         axis.xaxis.tick_top()
         axis.tick_params(length=0, pad=1)
         axis.spines[:].set_visible(False)
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    return figure
 
 
 def sheet(rows: Sequence[Sequence[NDArray[np.uint8] | None]]) -> NDArray[np.uint8]:

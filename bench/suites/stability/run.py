@@ -27,7 +27,7 @@ from bench.running.isolation import one_thread
 from bench.running.protocol import Options, digest, method_identity, refuse
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import STATED, Observation, Outcome, observe, outcome
-from bench.suites.stability.figures import write_matrix, write_pictures
+from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.formats import (
     FormatRow,
     format_outcomes,
@@ -37,6 +37,7 @@ from bench.suites.stability.formats import (
 from bench.suites.stability.metrics import metric_outcomes
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
+from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, table_files
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
@@ -90,7 +91,6 @@ def stability_jobs(
 
 
 TABLES = "tables"
-FIGURES = "figures"
 
 
 @dataclass(frozen=True)
@@ -244,17 +244,14 @@ def _draw(
     settled: Mapping[str, Settled],
     methods: Sequence[str],
 ) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
     folder = directory / FIGURES
-    folder.mkdir(exist_ok=True)
     for made in matrices:
-        write_matrix(folder / f"{made.name}.png", made)
+        save(matrix_figure(made), folder / f"{made.name}.png")
     first = {
         (job.condition, job.method): job.made.pictures()[0]
         for job in jobs
         if settled[job.key].artifact_sha256
     }
     rivals = [method for method in methods if method not in FLOORS]
-    write_pictures(folder / "extremes.png", [case.id for case in CASES], rivals, first)
+    extremes = extremes_figure([case.id for case in CASES], rivals, first)
+    save(extremes, folder / "extremes.png", dpi=100)

@@ -1,0 +1,168 @@
+"""Figures inside the page: the SVG of matplotlib, which loads nothing and follows the filters.
+
+A part of a figure that the page hides or names is marked when it is drawn. Of the SVG stay shapes,
+text and those marks: attributes in place of inline styles, which the page forbids, the variables of
+its style sheet in place of colours, and only ids that the figure itself refers to.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from bench.report.page import Svg, Tags
+from bench.report.styles import HUES, INK, PAPER, RULE, SOFT
+from bench.tables.figure import drawing
+from bench.tables.markdown import visible
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = {
+    INK: "currentColor",
+    PAPER: "var(--paper)",
+    SOFT: "var(--soft)",
+    RULE: "var(--rule)",
+    **{hue: f"var(--hue-{number})" for number, hue in enumerate(HUES)},
+}
+# matplotlib's own, said once for all in the style sheet.
+DROPPED = {"font-family", "text-anchor: start", "stroke-dashoffset: 0", "stroke-linejoin: round"}
+_NUMBER = re.compile(r"-?\d+\.\d+")
+_REFERENCE = re.compile(r"#([\w.-]+)")
+
+
+@dataclass(frozen=True)
+class Part:
+    """What the page does with a part of a figure.
+
+    tags    what the filters go by
+    told    shown where the mouse rests on it
+    series  whether the figure is hidden where all such parts are
+    """
+
+    tags: Tags
+    told: str = ""
+    series: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A figure, and its marked parts by the id that they have in its SVG."""
+
+    figure: Figure
+    parts: dict[str, Part] = field(default_factory=dict)
+
+    def mark(self, artist: Any, tags: Tags, told: str = "", *, series: bool = False) -> None:
+        """Mark an artist that has been drawn."""
+        name = f"part-{len(self.parts)}"
+        artist.set_gid(name)
+        self.parts[name] = Part(tags, told, series)
+
+    def legend(self, columns: int, fontsize: float) -> None:
+        """One legend below all axes; an entry is hidden along with the artist that it explains."""
+        handles = {h.get_label(): h for axis in self.figure.axes for h in _handles(axis)}
+        legend = self.figure.legend(
+            handles=list(handles.values()),
+            loc="outside lower center",
+            ncols=columns,
+            fontsize=fontsize,
+            frameon=False,
+        )
+        shown = zip(handles.values(), legend.legend_handles, legend.get_texts(), strict=True)
+        for handle, symbol, text in shown:
+            if handle.get_gid() in self.parts:
+                tags = self.parts[handle.get_gid()].tags
+                self.mark(symbol, tags)
+                self.mark(text, tags)
+
+
+def _handles(axis: Any) -> Sequence[Any]:
+    return axis.get_legend_handles_labels()[0]
+
+
+def inline(drawn: Drawing, name: str) -> Svg:
+    """The SVG of a figure for the page; `name` begins its ids, and no other figure has it."""
+    drawn.figure.patch.set_visible(False)
+    for axis in drawn.figure.axes:
+        axis.patch.set_visible(False)
+        axis.set_title("")
+    buffer = io.StringIO()
+    with drawing():
+        drawn.figure.savefig(buffer, format="svg", metadata={"Date": None})
+    root = ElementTree.fromstring(buffer.getvalue())
+    referred = {
+        found
+        for element in root.iter()
+        for attribute, value in element.attrib.items()
+        if attribute.endswith("href") or value.startswith("url(")
+        for found in _REFERENCE.findall(value)
+    }
+    inside = [kept for child in root for kept in _kept(child, drawn.parts, referred, name)]
+    width, height = (float(root.attrib["viewBox"].split()[i]) for i in (2, 3))
+    return Svg(width, height, "".join(ElementTree.tostring(e, "unicode") for e in inside))
+
+
+def _kept(
+    element: Element, parts: dict[str, Part], referred: set[str], name: str
+) -> Iterator[Element]:
+    """What stays of an element: itself as the page has it, its children alone, or nothing."""
+    tag = element.tag.rpartition("}")[2]
+    if tag in ("metadata", "style"):
+        return
+    inside = [kept for child in element for kept in _kept(child, parts, referred, name)]
+    made = Element(tag, dict(_attributes(element, referred, name)))
+    made.text = element.text if tag in ("text", "tspan") else None
+    part = parts.get(element.get("id", ""))
+    if part is not None:
+        made.attrib.update(_marks(part))
+        if part.told:
+            title = Element("title")
+            title.text = visible(part.told)
+            inside.insert(0, title)
+    if tag == "g" and not made.attrib:
+        yield from inside
+    elif inside or tag not in ("g", "defs"):
+        made.extend(inside)
+        yield made
+
+
+def _attributes(element: Element, referred: set[str], name: str) -> Iterator[tuple[str, str]]:
+    attributes = dict(element.attrib)
+    for declaration in filter(None, attributes.pop("style", "").split("; ")):
+        key, _, value = declaration.partition(": ")
+        if not {key, declaration} & DROPPED:
+            attributes[key] = value
+    for key, value in attributes.items():
+        if key == "id":
+            if value in referred:
+                yield key, f"{name}-{value}"
+        elif key.endswith("href") or value.startswith("url("):
+            yield key.rpartition("}")[2], _REFERENCE.sub(rf"#{name}-\1", value)
+        elif key in ("fill", "stroke"):
+            yield key, COLOURS.get(value, value)
+        elif not value.startswith("rotate(-0 "):
+            yield key, _NUMBER.sub(_short, value.replace("\n", " ").strip())
+
+
+def _short(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
+
+
+def _marks(part: Part) -> Iterator[tuple[str, str]]:
+    """The attributes that the page's script and style sheet know."""
+    tags = part.tags
+    for key, value in (
+        ("method", tags.method),
+        ("condition", tags.condition),
+        ("class", tags.class_name),
+    ):
+        if value:
+            yield f"data-{key}", visible(value)
+    if part.series:
+        yield "data-item", "series"
+        yield "class", "series"

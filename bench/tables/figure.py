@@ -1,0 +1,163 @@
+"""What all figures share: how they are made and written, cells with images, names beside lines.
+
+matplotlib is imported where something is drawn, and without pyplot: nothing is global.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.tables.markdown import visible
+from data_prep.whole_files import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.text import Annotation
+
+FIGURES = "figures"  # folder of a run
+DPI = 110
+# Text of an SVG stays text, its ids are the same every time, and a $ in a name is a $.
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "pc2pix-bench",
+    "text.parse_math": False,
+}
+NAMES_APART = 0.055  # of the height of an axis: names closer than this would touch
+
+Image = NDArray[np.uint8]
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """For functions that draw: names are drawn as they stand, whatever their characters are."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
+        yield
+
+
+def panels(
+    rows: int,
+    columns: int,
+    size_in: tuple[float, float],
+    *,
+    layout: str | None = "constrained",
+    **shared: Any,
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure of `size_in` inches (width, height) and its axes [rows, columns]."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size_in, layout=layout)  # type: ignore[arg-type]
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+
+
+def save(figure: Figure, path: Path, dpi: float = DPI) -> None:
+    """Write a figure as the suffix says, PNG or SVG; the same figure gives the same bytes.
+
+    Raises OSError.
+    """
+    kind = path.suffix.removeprefix(".")
+    metadata = {"Date": None} if kind == "svg" else None
+    with drawing(), whole_file(path) as new:
+        figure.savefig(new, format=kind, dpi=dpi, metadata=metadata)
+
+
+def show(axis: Any, image: Image | None, interpolation: str | None = None) -> None:
+    """An image without a frame, or the word that there is none."""
+    bare(axis)
+    if image is None:
+        axis.text(0.5, 0.5, "failed", ha="center", va="center", transform=axis.transAxes)
+    else:
+        axis.imshow(image, interpolation=interpolation)
+
+
+def bare(axis: Any) -> None:
+    """Take ticks and frame away."""
+    axis.set_xticks([])
+    axis.set_yticks([])
+    axis.spines[:].set_visible(False)
+
+
+@drawing()
+def image_grid(
+    titles: Sequence[str],
+    rows: Sequence[tuple[str, Iterable[Image | None]]],
+    size_in: tuple[float, float],
+    interpolation: str | None = None,
+) -> Figure:
+    """Images in rows, each with its label at the left, under the titles of the columns.
+
+    rows  (label, an image or None for each title)
+    """
+    figure, axes = panels(len(rows), len(titles), size_in, layout=None)
+    for axis_row, (label, images) in zip(axes, rows, strict=True):
+        for axis, image in zip(axis_row, images, strict=True):
+            show(axis, image, interpolation)
+        axis_row[0].set_ylabel("\n".join(map(visible, label.split("\n"))), fontsize=7)
+    for axis, title in zip(axes[0], titles, strict=True):
+        axis.set_title(title, fontsize=9)
+    figure.tight_layout(pad=0.3)
+    return figure
+
+
+def name_lines(
+    axis: Any,
+    lines: Sequence[Any],
+    at: float,
+    *,
+    apart: float = NAMES_APART,
+    fontsize: float = 8,
+    linewidth: float = 0.5,
+) -> list[Annotation]:
+    """Write the label of each line beside its last point, in its colour, with a leader to it.
+
+    The names stand at `at` of the width of the axis, moved apart where they would touch. The
+    limits of the axis must be those that it keeps.
+    """
+    ends = [np.asarray(line.get_xydata())[-1] for line in lines]
+    axis.autoscale_view()
+    to_fraction = axis.transData - axis.transAxes
+    heights = [float(to_fraction.transform(end)[1]) for end in ends]
+    return [
+        axis.annotate(
+            line.get_label(),
+            xy=end,
+            xytext=(at, height),
+            textcoords="axes fraction",
+            color=line.get_color(),
+            fontsize=fontsize,
+            va="center",
+            arrowprops={"arrowstyle": "-", "color": line.get_color(), "lw": linewidth},
+        )
+        for line, end, height in zip(lines, ends, spread(heights, apart), strict=True)
+    ]
+
+
+def spread(places: Sequence[float], apart: float) -> list[float]:
+    """Places moved as little as their order and the distance `apart` between neighbours allow.
+
+    Least squares (isotonic regression): those that would touch stand evenly about their mean.
+    """
+    order = sorted(range(len(places)), key=lambda i: places[i])
+    # Less its share of the distance, a place must not be lower than the one before: pool those
+    # that are (Barlow 1972, pool adjacent violators).
+    blocks: list[list[float]] = []
+    for rank, index in enumerate(order):
+        blocks.append([places[index] - rank * apart])
+        while len(blocks) > 1 and _mean(blocks[-2]) > _mean(blocks[-1]):
+            blocks[-2:] = [blocks[-2] + blocks[-1]]
+    levels = [_mean(block) for block in blocks for _ in block]
+    moved = dict(zip(order, (level + r * apart for r, level in enumerate(levels)), strict=True))
+    return [moved[i] for i in range(len(places))]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
