@@ -273,13 +273,8 @@ def _print_tables(outputs: Any) -> None:
     for table in outputs.tables:
         print(table.to_markdown())
     print(outputs.cost)
-    if outputs.trade is not None:
-        print(outputs.trade.frontier.to_markdown())
-        print(outputs.trade.points.to_markdown())
-    if outputs.orderings is not None:
-        print(outputs.orderings.to_markdown())
-    if outputs.beyond is not None and outputs.beyond.crossings is not None:
-        print(outputs.beyond.crossings.to_markdown())
+    for table in outputs.further:
+        print(table.to_markdown())
 
 
 def _run_latent(options: Any) -> None:
@@ -480,19 +475,11 @@ def merge(
 @app.command()
 def table(directory: RunDirectory) -> None:
     """Make the tables again, from the records alone."""
-    from bench.records.journal import read_finished
-    from bench.tables.build import write_beyond, write_orderings, write_tables, write_trade
+    from bench.tables.build import read_scored, write_outputs
 
-    read_finished(directory)
-    for made in write_tables(directory):
-        print(made.to_markdown())
-    if (trade := write_trade(directory)) is not None:
-        print(trade.frontier.to_markdown())
-        print(trade.points.to_markdown())
-    if (ordered := write_orderings(directory)) is not None:
-        print(ordered.to_markdown())
-    if (along := write_beyond(directory)) is not None and along.crossings is not None:
-        print(along.crossings.to_markdown())
+    made = write_outputs(read_scored(directory))
+    for one in (*made.tables, *made.further):
+        print(one.to_markdown())
 
 
 @app.command()
@@ -504,8 +491,9 @@ def report(
 ) -> None:
     """Make one HTML file of a run: tables, curves, pictures, worst cases, failures; offline."""
     from bench.report.build import write_report
+    from bench.tables.build import make_outputs, read_scored
 
-    print(write_report(directory, out))
+    print(write_report(make_outputs(read_scored(directory)), out))
 
 
 @app.command("score")
@@ -543,12 +531,12 @@ def recommend(
     """Which method to take for a budget, or a quality: exit 1 if none will do."""
     from bench.analysis import recommend as advice
     from bench.commands.recommendation import advice_lines, make_wish
-    from bench.records.journal import read_finished
-    from bench.tables.build import how_timed, read_comparisons
+    from bench.tables.build import how_timed, read_scored
 
-    manifest = read_finished(directory)
+    run = read_scored(directory)
+    manifest = run.manifest
     wish = make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
-    compared = advice.at_condition(read_comparisons(directory, [advice.METRIC]), condition)
+    compared = advice.at_condition(run.compared([advice.METRIC]), condition)
     print(how_timed(manifest))
     given = [advice.advise(comparison, wish) for comparison in compared]
     for line in advice_lines(given, wish, manifest["views"], in_full=condition is not None):

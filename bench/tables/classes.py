@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.methods import FLOOR
@@ -63,7 +64,7 @@ class ClassTable(Table):
 
 def class_table(
     records: pd.DataFrame,
-    features: Mapping[str, Features],
+    features: Mapping[str, MeasuredFeatures],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
@@ -130,7 +131,7 @@ def objects_of(records: pd.DataFrame) -> dict[str, int]:
 def _measured(
     metric: str,
     records: pd.DataFrame,
-    features: Mapping[str, Features],
+    features: Mapping[str, MeasuredFeatures],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,

@@ -15,7 +15,7 @@ from bench.suites.stability.expectations import KINDS, Outcome
 from bench.suites.stability.figures import ACROSS, MISSING, sheet, write_matrix
 from bench.suites.stability.run import run
 from bench.suites.stability.tables import Matrix, read_outcomes
-from bench.tables.build import tables
+from bench.tables.build import read_scored, tables
 from data_prep.failures import BadInput
 
 HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")
@@ -78,7 +78,7 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path, quick):
     (regression,) = check(out).regressions
     assert regression.startswith("blank, plain: pictures, 0.0 % not white; stated was: ")
     with pytest.raises(BadInput, match="writes its tables itself"):
-        tables(out)
+        tables(read_scored(out))
 
 
 @pytest.mark.parametrize(
