@@ -315,9 +315,15 @@ def read_scored(directory: Path) -> ScoredRun:
 def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
     """A run with this manifest, whose records and features are written.
 
-    Raises BadInput where they cannot be read, and for a suite that makes its tables itself.
+    Raises BadInput where they cannot be read, for a manifest that does not describe them, and for a
+    suite that makes its tables itself.
     """
     suite = _suite(directory, manifest)
+    if lacking := [name for name in ("methods", "conditions", "objects") if name not in manifest]:
+        raise BadInput(
+            f"{directory}: its manifest has no {', '.join(lacking)}; start the run again with its "
+            "command"
+        )
     records = _in_suite_order(read_records(directory), manifest)
     features: dict[str, MeasuredFeatures] = {}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
