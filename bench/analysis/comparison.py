@@ -15,12 +15,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.catalogue.methods import FLOOR, FLOORS, find_method
 from bench.catalogue.metrics import column, is_similarity
-from bench.metrics.frechet import LeftOut, centred_to_frechet, left_out_distances
-from bench.records.features import Features
-from bench.records.record import GROUND_TRUTH
 from data_prep.failures import BadInput
 
 Floats = NDArray[np.float64]
@@ -91,7 +89,7 @@ class Comparison:
 
 
 def compare(
-    records: pd.DataFrame, features: Mapping[str, Features], metrics: Sequence[str]
+    records: pd.DataFrame, features: Mapping[str, MeasuredFeatures], metrics: Sequence[str]
 ) -> list[Comparison]:
     """A comparison for each condition and class, in the order of the records.
 
@@ -192,30 +190,18 @@ def _set_qualities(
     metric: str,
     cell: tuple[str, str],
     by_method: Mapping[str, pd.DataFrame],
-    features: Features,
+    features: MeasuredFeatures,
     objects: Sequence[str],
 ) -> dict[str, Quality]:
-    """Fréchet distances to the true pictures; in memory are features of one class and condition."""
-    condition, class_name = cell
+    """Fréchet distances to the true pictures."""
     known = set(objects)
-    pictures = [p for p in features.pictures(FLOOR, condition, class_name) if p[0] in known]
-    shown = np.array([obj for obj, _ in pictures])
+    pictures = [picture for picture in features.pictures(FLOOR, *cell) if picture[0] in known]
     if len(pictures) < 2:
         nothing = Estimate(NAN, NAN, NAN)
         return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
-    truth = LeftOut(features.of(GROUND_TRUTH, "", class_name, pictures), shown)
-    floor = features.of(FLOOR, condition, class_name, pictures)
     qualities = {}
     for method in by_method:
-        drawn = set(features.pictures(method, condition, class_name))
-        own = np.array([picture in drawn for picture in pictures])
-        mixed = floor.copy()
-        if own.any():
-            there = [picture for picture in pictures if picture in drawn]
-            mixed[own] = features.of(method, condition, class_name, there)
-        own_set = LeftOut(mixed, shown)
-        value = centred_to_frechet(own_set.whole, truth.whole)
-        left_out = left_out_distances(own_set, truth)
+        value, left_out = features.distance((method, *cell), pictures)
         estimate = _jackknife(value, left_out)
         estimate = estimate._replace(low=max(estimate.low, 0.0))  # NaN stays
         qualities[method] = Quality(metric, estimate, left_out)

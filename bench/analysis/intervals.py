@@ -28,17 +28,20 @@ def mean_interval(per_object: NDArray[np.float64]) -> tuple[float, float]:
         return float("nan"), float("nan")
     if np.ptp(per_object) == 0:  # exact, where resampled sums would round
         return float(per_object[0]), float(per_object[0])
-    from scipy.stats import bootstrap
+    means = _resampled_means(per_object, np.random.default_rng(SEED))
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(low), float(high)
 
-    interval = bootstrap(
-        (per_object,),
-        np.mean,
-        n_resamples=RESAMPLES,
-        batch=max(1, AT_ONCE // len(per_object)),
-        method="percentile",
-        rng=np.random.default_rng(SEED),
-    ).confidence_interval
-    return float(interval.low), float(interval.high)
+
+def _resampled_means(values: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """The means of RESAMPLES draws of as many values as there are, some draws at a time."""
+    means = np.empty(RESAMPLES)
+    at_once = max(1, AT_ONCE // len(values))
+    for start in range(0, RESAMPLES, at_once):
+        some = means[start : start + at_once]
+        chosen = rng.integers(len(values), size=(len(some), len(values)))
+        some[:] = values[chosen].mean(axis=1)
+    return means
 
 
 def median_interval(values: NDArray[np.float64], objects: NDArray[Any]) -> tuple[float, float]:
@@ -58,9 +61,10 @@ def median_interval(values: NDArray[np.float64], objects: NDArray[Any]) -> tuple
     at_once = max(1, AT_ONCE // len(values))
     for start in range(0, RESAMPLES, at_once):
         chosen = rng.integers(len(names), size=(min(at_once, RESAMPLES - start), len(names)))
-        times = np.array([np.bincount(of, minlength=len(names)) for of in chosen])
+        numbered = chosen + len(names) * np.arange(len(chosen))[:, None]
+        times = np.bincount(numbered.ravel(), minlength=chosen.size).reshape(chosen.shape)
         # How many values of the resample have come by the end of each sorted value.
-        until = times[:, member].cumsum(axis=1)
+        until = np.take(times.astype(np.int32), member, axis=1).cumsum(axis=1, dtype=np.int32)
         total = until[:, -1:]
         middle = [(until > place).argmax(axis=1) for place in ((total - 1) // 2, total // 2)]
         medians.append(values[middle].mean(axis=0))
@@ -85,11 +89,8 @@ def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
         return NO_INTERVAL
     total = np.zeros(RESAMPLES)
     for number, values in enumerate(per_object):
-        rng = np.random.default_rng((SEED, number))  # one class says nothing about the next
-        at_once = max(1, AT_ONCE // len(values))
-        for start in range(0, RESAMPLES, at_once):
-            some = total[start : start + at_once]
-            some += values[rng.integers(len(values), size=(len(some), len(values)))].mean(axis=1)
+        # One class says nothing about the next.
+        total += _resampled_means(values, np.random.default_rng((SEED, number)))
     low, high = np.percentile(total / len(per_object), [2.5, 97.5])
     return float(low), float(high)
 

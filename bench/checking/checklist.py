@@ -165,7 +165,7 @@ def _scored(directory: Path, manifest: dict[str, Any]) -> Scored:
     classes = scored.records["class"].unique().tolist()
     return Scored(
         {(c.condition, c.class_name): c for c in compared},
-        class_orderings(directory),
+        class_orderings(scored),
         {} if features is None else spreads(features, classes),
     )
 

@@ -20,7 +20,7 @@ from bench.catalogue.suites import STABILITY
 from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
 from bench.suites.stability.tables import read_outcomes
-from bench.tables.build import TABLES, beyond, class_orderings, tables
+from bench.tables.build import TABLES, beyond, class_orderings, read_scored, tables
 from bench.tables.orderings import PAPER_NETWORK
 from bench.tables.published import golden, golden_path
 from bench.tables.quality import PAPER_METHODS, Row
@@ -51,11 +51,11 @@ def check(directory: Path) -> Verdict:
     manifest = read_finished(directory)
     if manifest["suite"] == STABILITY.id:
         return _check_stated(directory)
-    made = tables(directory)
-    expected = golden(manifest["suite"])
+    run, expected = read_scored(directory), golden(manifest["suite"])
     _same_protocol(directory, manifest, expected)
+    made = tables(run)
     found = {_cell(row): row.value for table in made for row in table.rows}
-    ordered, along = class_orderings(directory), beyond(directory)
+    ordered, along = class_orderings(run), beyond(run)
     further = [ordered, along.crossings if along is not None else None]
     written: list[Table[Any]] = [*made, *(table for table in further if table is not None)]
     compared, regressions = 0, _stale_tables(directory, written)
@@ -82,7 +82,7 @@ def bless(directory: Path) -> Path:
     manifest = read_finished(directory)
     protocol = _protocol(manifest)
     lines = []
-    every = (row for table in tables(directory) for row in table.rows)
+    every = (row for table in tables(read_scored(directory)) for row in table.rows)
     once = {_cell(row): row for row in every}  # a metric may stand in two tables
     for row in once.values():
         rule = tolerance(row.method, row.metric)

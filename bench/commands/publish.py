@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 from bench.records.artifacts import Artifact
-from bench.report.build import Made, write_report
+from bench.records.journal import read_finished, read_manifest
+from bench.report.build import write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
@@ -15,37 +16,10 @@ from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
 from bench.running.protocol import Options
 from bench.running.run import Finished, Measured, run, timed
-from bench.tables.build import (
-    Beyond,
-    Trade,
-    write_beyond,
-    write_cost,
-    write_orderings,
-    write_tables,
-    write_trade,
-)
+from bench.tables.build import Outputs, scored_run, write_outputs
 from bench.tables.classes import CLASSES
 from bench.tables.figure import FIGURES
-from bench.tables.orderings import Ordering
 from bench.tables.published import published
-from bench.tables.quality import Row
-from bench.tables.table import Table
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """The tables of a run.
-
-    trade      quality against cost; None for a suite without
-    orderings  SR against pc2pix class by class; None for a suite without
-    beyond     methods along families of conditions; None for a suite without
-    """
-
-    tables: tuple[Table[Row], ...]
-    cost: str
-    trade: Trade | None
-    orderings: Table[Ordering] | None
-    beyond: Beyond | None
 
 
 def run_suite(options: Options) -> Finished[Outputs]:
@@ -54,51 +28,36 @@ def run_suite(options: Options) -> Finished[Outputs]:
     Raises BadInput for anything the user has to fix; what was done until then is kept.
     """
     finished = run(options, publish)
-    _report(finished.directory, finished.outputs)
+    _report(finished.outputs)
     return finished
 
 
 def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
     """Put the shards of a run together in `out`. Raises BadInput as `bench.running.merge.merge`."""
     merged = merge(directories, out, publish)
-    _report(out, merged.outputs)
+    _report(merged.outputs)
     return merged
 
 
 def publish(measured: Measured) -> Outputs:
     """Write the tables and figures of a run whose records and features are written."""
     with timed("tables", measured.seconds):
-        outputs = write_all_tables(measured.directory)
+        outputs = write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
     with timed("figures", measured.seconds):
         _write_figures(measured.directory, measured.suite, outputs, measured.artifacts)
     return outputs
 
 
-def write_all_tables(directory: Path) -> Outputs:
-    """Make the tables of a run from its records and features, and write them."""
-    return Outputs(
-        tables=tuple(write_tables(directory)),
-        cost=write_cost(directory),
-        trade=write_trade(directory),
-        orderings=write_orderings(directory),
-        beyond=write_beyond(directory),
-    )
-
-
 def printed(outputs: Outputs) -> list[str]:
     """What a command prints of a run, in Markdown."""
-    texts = [*(table.to_markdown() for table in outputs.tables), outputs.cost]
-    if outputs.trade is not None:
-        texts += [outputs.trade.frontier.to_markdown(), outputs.trade.points.to_markdown()]
-    if outputs.orderings is not None:
-        texts.append(outputs.orderings.to_markdown())
-    if outputs.beyond is not None and outputs.beyond.crossings is not None:
-        texts.append(outputs.beyond.crossings.to_markdown())
-    return texts
+    of_all = (table.to_markdown() for table in outputs.tables)
+    return [*of_all, outputs.cost, *(table.to_markdown() for table in outputs.further)]
 
 
-def _report(directory: Path, outputs: Outputs) -> None:
-    write_report(directory, made=Made(outputs.tables, outputs.orderings, outputs.beyond))
+def _report(outputs: Outputs) -> None:
+    """The manifest has been finished since the tables were made."""
+    run = replace(outputs.run, manifest=read_finished(outputs.run.directory))
+    write_report(replace(outputs, run=run))
 
 
 def _write_figures(

@@ -13,8 +13,7 @@ import typer
 from bench.analysis.comparison import Estimate, decimals, milliseconds
 from bench.analysis.recommend import METRIC, Advice, Choice, Wish, advise, at_condition
 from bench.commands.options import RunDirectory
-from bench.records.journal import read_finished
-from bench.tables.build import how_timed, read_comparisons
+from bench.tables.build import how_timed, read_scored
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 
@@ -40,11 +39,10 @@ def merge(
 
 def table(directory: RunDirectory) -> None:
     """Make the tables again, from the records alone."""
-    from bench.commands.publish import printed, write_all_tables
-    from bench.records.journal import read_finished
+    from bench.commands.publish import printed
+    from bench.tables.build import read_scored, write_outputs
 
-    read_finished(directory)
-    for text in printed(write_all_tables(directory)):
+    for text in printed(write_outputs(read_scored(directory))):
         print(text)
 
 
@@ -56,8 +54,9 @@ def report(
 ) -> None:
     """Make one HTML file of a run: tables, curves, pictures, worst cases, failures; offline."""
     from bench.report.build import write_report
+    from bench.tables.build import make_outputs, read_scored
 
-    print(write_report(directory, out))
+    print(write_report(make_outputs(read_scored(directory)), out))
 
 
 def check(
@@ -118,9 +117,10 @@ def recommend(
     min_ssim: Annotated[float | None, typer.Option(help="The least that will do.")] = None,
 ) -> None:
     """Which method to take for a budget, or a quality: exit 1 if none will do."""
-    manifest = read_finished(directory)
+    run = read_scored(directory)
+    manifest = run.manifest
     wish = make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
-    compared = at_condition(read_comparisons(directory, [METRIC]), condition)
+    compared = at_condition(run.compared([METRIC]), condition)
     print(how_timed(manifest))
     given = [advise(comparison, wish) for comparison in compared]
     for line in advice_lines(given, wish, manifest["views"], in_full=condition is not None):

@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 
 MOST_BLOCKS = 400  # that the jackknife leaves out, one after the other
 _ROWS = 4096  # taken at a time: little memory
+_KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
 
 
 class TooFewSamples(ValueError):
@@ -150,6 +151,7 @@ class LeftOut:
         self._features = _of_set(features)
         self.groups = _labels(groups, len(self._features))
         self.whole = _centred(self._features)
+        self._kept: tuple[bytes, list[Centred]] | None = None
 
     @property
     def has_rows(self) -> bool:
@@ -180,6 +182,15 @@ class LeftOut:
             yield from down(middle, high, merged(outside, of(low, middle)))
 
         return down(0, count, of(0, 0))
+
+    def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterable[Centred]:
+        """As `without_each`; kept for the next call with the same blocks, if there is room."""
+        if count * self.whole.factor.size > _KEPT:
+            return self.without_each(member, count)
+        blocks = member.tobytes()
+        if self._kept is None or self._kept[0] != blocks:
+            self._kept = blocks, list(self.without_each(member, count))
+        return self._kept[1]
 
 
 def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
@@ -237,7 +248,7 @@ def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
     try:
         if a.has_rows and b.has_rows:
             return _leave_out_rows(a.whole, b.whole, in_a, in_b, count)
-        pairs = zip(a.without_each(in_a, count), b.without_each(in_b, count), strict=True)
+        pairs = zip(a.without_each(in_a, count), b.without_blocks(in_b, count), strict=True)
         return np.array([centred_to_frechet(*pair) for pair in pairs])
     except TooFewSamples:
         return np.full(count, np.nan)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import compare
-from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method, role
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -22,11 +19,8 @@ from bench.catalogue.metrics import (
     RECOGNITION_METRICS,
     SET_METRICS,
 )
-from bench.catalogue.suites import SUITES, Suite
+from bench.catalogue.suites import Suite
 from bench.records.artifacts import Item
-from bench.records.features import Features
-from bench.records.journal import read_finished
-from bench.records.parquet import read_features, read_records
 from bench.report.families import family_curves
 from bench.report.page import Choice, Page, html
 from bench.report.pareto import cost_plots
@@ -35,11 +29,8 @@ from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
 from bench.report.styles import looks
 from bench.report.tables import failure_groups, table_group
-from bench.tables.build import Beyond, beyond, class_orderings, how_timed, tables
+from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
-from bench.tables.orderings import Ordering
-from bench.tables.quality import Row
-from bench.tables.table import Table
 from data_prep.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
@@ -48,26 +39,15 @@ REPORT = "report.html"
 QUALITY = "ssim"  # what cost is compared with where a suite names no metric
 
 
-@dataclass(frozen=True)
-class Made:
-    """What `bench.tables.build` makes of a run: its tables, the paper's orderings and the families
-    of conditions if it has any."""
-
-    tables: Sequence[Table[Row]]
-    orderings: Table[Ordering] | None
-    beyond: Beyond | None
-
-
-def write_report(directory: Path, out: Path | None = None, made: Made | None = None) -> Path:
+def write_report(made: Outputs, out: Path | None = None) -> Path:
     """Write the report of a finished run to `out` (default: report.html in its folder).
 
-    `made` are its tables where they are at hand: to make them again takes half of the time. The
-    same run gives the same bytes. Pictures that are no longer there, and clouds that cannot be
-    made again, are named as missing. Raises BadInput where `directory` is no finished run, or one
-    of a suite that writes its tables itself; CannotWrite where `out` cannot be written.
+    The same run gives the same bytes. Pictures that are no longer there, and clouds that cannot be
+    made again, are named as missing. Raises BadInput where the list of jobs cannot be read, and
+    CannotWrite where `out` cannot be written.
     """
-    path = out or directory / REPORT
-    text = html(read_page(directory, made))
+    path = out or made.run.directory / REPORT
+    text = html(read_page(made))
     try:
         write_whole(path, text.encode())
     except OSError as error:
@@ -77,24 +57,17 @@ def write_report(directory: Path, out: Path | None = None, made: Made | None = N
     return path
 
 
-def read_page(directory: Path, made: Made | None = None) -> Page:
+def read_page(made: Outputs) -> Page:
     """All that the report of a finished run shows. Raises BadInput as `write_report`."""
-    manifest = read_finished(directory)
-    made = made or Made(tables(directory), class_orderings(directory), beyond(directory))
-    suite = find(manifest["suite"], SUITES, "suite")
-    records = _in_order(read_records(directory), manifest)
+    run, manifest, suite = made.run, made.run.manifest, made.run.suite
+    records = _in_order(run.records, manifest)
     views = int(manifest["views"])
     chosen = extremes(records)
-    sources = open_sources(directory, manifest, _shown(records, chosen))
+    sources = open_sources(run.directory, manifest, _shown(records, chosen))
     styles = looks(manifest["methods"])
-    metrics = list(suite.frontier or (QUALITY,))
-    features: dict[str, Features] = {}
-    for metric in metrics:
-        if metric not in IMAGE_METRICS and (found := read_features(directory, metric)) is not None:
-            features[metric] = found
-    metrics = [m for m in metrics if m in IMAGE_METRICS or m in features]
+    metrics = run.measured(suite.frontier or (QUALITY,))
     with threadpool_limits(1):
-        comparisons = compare(records, features, metrics)
+        comparisons = run.compared(metrics)
         costs = cost_plots(comparisons, metrics, views, styles)
         costed = cost_grid(comparisons, metrics[0], views)
     failures = failure_groups(records)

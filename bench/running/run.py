@@ -103,17 +103,9 @@ def refuse_small(suite: str, what: str) -> BadInput:
 
 def _there(directory: Path, todo: Plan) -> frozenset[str]:
     journal = Journal(directory, read_lines(directory))
-    settled = {job.key: journal.usable(job) for job in (*todo.references, *todo.items)}
-    hopeless = {
-        job.artifact
-        for job in todo.references
-        if (of := settled[job.key]) is not None and of.artifact_sha256 is None
-    }
-    return frozenset(
-        job.key
-        for job in (*todo.references, *todo.items)
-        if settled[job.key] is not None or job.reference in hopeless
-    )
+    every = (*todo.references, *todo.items)
+    settled = {job.key: found for job in every if (found := journal.usable(job))}
+    return frozenset(settled) | _unscorable(todo, settled).keys()
 
 
 @dataclass(frozen=True)
@@ -219,12 +211,13 @@ def _carry_out(
             truths = do_jobs(todo.references, journal, "ground truth", start)
             _check_any_truth(todo, truths)
         with timed("items", seconds):
-            drawable, hopeless = _split(todo, truths)
+            unscorable = _unscorable(todo, truths)
+            drawable = [job for job in todo.items if job.key not in unscorable]
             settled = do_jobs(drawable, journal, suite.id, start)
-            settled |= {key: Settled(None, reason) for key, (_, reason) in hopeless.items()}
+            settled |= {key: Settled(None, reason) for key, (_, reason) in unscorable.items()}
 
         def records(row: JobRow) -> Sequence[Record]:
-            lost = hopeless.get(row.key)
+            lost = unscorable.get(row.key)
             return failed(*lost).records if lost else journal.lines.result(row.key).records
 
         extractors = [metric for metric, _ in protocol.features]
@@ -240,7 +233,7 @@ def _carry_out(
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
         write_manifest(directory, manifest)
-    done = _count_new(todo, hopeless, journal)
+    done = _count_new(todo, unscorable, journal)
     return Finished(
         directory,
         outputs,
@@ -292,28 +285,22 @@ def _check_any_truth(todo: Plan, truths: Mapping[str, Settled]) -> None:
     raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {first}")
 
 
-def _split(
-    todo: Plan, truths: Mapping[str, Settled]
-) -> tuple[list[Job], dict[str, tuple[Job, str]]]:
-    """Items whose ground truth is there; by key, the others, failed for the same reason."""
-    reasons = {
-        job.artifact: truths[job.key].reason
+def _unscorable(todo: Plan, settled: Mapping[str, Settled]) -> dict[str, tuple[Job, str]]:
+    """By key, items whose ground truth has failed: the item, and the reason of the failure."""
+    reasons: dict[Path | None, str] = {
+        job.artifact: found.reason
         for job in todo.references
-        if truths[job.key].artifact_sha256 is None
+        if (found := settled.get(job.key)) and found.artifact_sha256 is None
     }
-    drawable = [job for job in todo.items if job.reference not in reasons]
-    hopeless = {
-        job.key: (job, reasons[job.reference])
-        for job in todo.items
-        if job.reference is not None and job.reference in reasons
+    return {
+        job.key: (job, reasons[job.reference]) for job in todo.items if job.reference in reasons
     }
-    return drawable, hopeless
 
 
-def _count_new(todo: Plan, hopeless: Container[str], journal: Journal) -> int:
+def _count_new(todo: Plan, unscorable: Container[str], journal: Journal) -> int:
     """Items that this start has settled; one without a ground truth was settled with that."""
     truths: dict[Path | None, str] = {job.artifact: job.key for job in todo.references}
-    settled_by = (truths[j.reference] if j.key in hopeless else j.key for j in todo.items)
+    settled_by = (truths[j.reference] if j.key in unscorable else j.key for j in todo.items)
     return sum(key in journal.added for key in settled_by)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.crossings import Course, contests, courses
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.frontier import Place, Thinned
 from bench.analysis.recognition import read_class_head
 from bench.catalogue.lookup import find
@@ -24,7 +25,7 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
-from bench.records.journal import read_manifest
+from bench.records.journal import read_finished
 from bench.records.parquet import read_features, read_records
 from bench.tables import markdown
 from bench.tables.classes import class_table, with_confidence
@@ -63,7 +64,34 @@ BEYOND_TITLES = (
     ("table_detail", "Detail: the outline and the thin parts (higher is better)"),
 )
 VIEWS = "fd-views"
-_COSTED = ("method", "condition", "class", "object", "outcome", "prepare_s", "draw_s")
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredRun:
+    """A run whose images were scored: its records in the order of the tables and its features,
+    read once, with the comparisons and distances that have been computed.
+
+    features  by extractor
+    skipped   reasons of the extractors without features
+    """
+
+    directory: Path
+    suite: Suite
+    manifest: dict[str, Any]
+    records: pd.DataFrame
+    features: dict[str, MeasuredFeatures]
+    skipped: dict[str, str]
+    _compared: dict[tuple[str, ...], list[Comparison]] = field(default_factory=dict, repr=False)
+
+    def measured(self, metrics: Sequence[str]) -> list[str]:
+        """Those of these metrics of images and of sets that the run has."""
+        return [m for m in metrics if m in IMAGE_METRICS or m in self.features]
+
+    def compared(self, metrics: Sequence[str]) -> list[Comparison]:
+        """The methods on the same objects, by these metrics."""
+        if tuple(metrics) not in self._compared:
+            self._compared[tuple(metrics)] = compare(self.records, self.features, metrics)
+        return self._compared[tuple(metrics)]
 
 
 @dataclass(frozen=True)
@@ -85,13 +113,11 @@ class Beyond:
     crossings: Table[Step] | None
 
 
-def tables(directory: Path) -> list[Table[Row]]:
-    """The tables of a finished run, from its records and features alone.
+def tables(run: ScoredRun) -> list[Table[Row]]:
+    """The tables of a run, from its records and features alone.
 
-    One BLAS thread, so that the last digits are the same however many cores there are. Raises
-    BadInput where `directory` is not a finished run.
+    One BLAS thread, so that the last digits are the same however many cores there are.
     """
-    run = read_scored(directory)
     ours = run.suite.frontier or run.suite.class_metrics
     titles = BEYOND_TITLES if run.suite.crossings else OWN_TITLES if ours else PAPER_TITLES
     images, sets, detail = titles
@@ -119,85 +145,83 @@ def tables(directory: Path) -> list[Table[Row]]:
         return [with_objectives(table, objectives) for table in made]
 
 
-def class_orderings(directory: Path) -> Table[Ordering] | None:
-    """Which of the paper's orderings of Table 5 a finished run reproduces; None where it has none.
-
-    From records and features alone, as `tables`.
-    """
-    if not _suite(directory, read_manifest(directory)).class_metrics:
+def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
+    """Which of the paper's orderings of Table 5 a run reproduces; None where it has none."""
+    if not run.suite.class_metrics:
         return None
-    run = read_scored(directory)
     with threadpool_limits(1):
         return orderings(run.records, run.features, run.suite, published(run.suite.id))
 
 
-def beyond(directory: Path) -> Beyond | None:
-    """The methods of a finished run along families of conditions; None for suites without.
-
-    From records and features alone, as `tables`.
-    """
-    if not _suite(directory, read_manifest(directory)).crossings:
+def beyond(run: ScoredRun) -> Beyond | None:
+    """The methods of a run along families of conditions; None for suites without."""
+    if not run.suite.crossings:
         return None
-    run = read_scored(directory)
-    metrics = [m for m in run.suite.crossings if m in IMAGE_METRICS or m in run.features]
+    metrics = run.measured(run.suite.crossings)
     with threadpool_limits(1):
-        compared = compare(run.records, run.features, metrics)
+        compared = run.compared(metrics)
         fought = contests(compared, metrics)
         table = crossings_table(run.suite.id, fought) if fought else None
         return Beyond(courses(compared, metrics), table)
 
 
-def write_tables(directory: Path) -> list[Table[Row]]:
-    """Make the tables and write them into `directory`/tables."""
-    made = tables(directory)
-    for name, text in table_files(made).items():
-        write_whole(directory / TABLES / name, text.encode())
-    return made
-
-
-def write_orderings(directory: Path) -> Table[Ordering] | None:
-    """Write the orderings beside the tables; None for suites without."""
-    made = class_orderings(directory)
-    if made is not None:
-        for name, text in table_files([made]).items():
-            write_whole(directory / TABLES / name, text.encode())
-    return made
-
-
-def write_beyond(directory: Path) -> Beyond | None:
-    """Write the crossings beside the tables, where there are any; None for suites without."""
-    made = beyond(directory)
-    if made is not None and made.crossings is not None:
-        for name, text in table_files([made.crossings]).items():
-            write_whole(directory / TABLES / name, text.encode())
-    return made
-
-
-def write_trade(directory: Path) -> Trade | None:
-    """Write the tables of quality against cost beside the others; None for suites without a trade.
+def trade(run: ScoredRun) -> Trade | None:
+    """Quality against cost; None for suites without a trade.
 
     Not among `tables`: times differ from run to run, so nothing is ever compared with them.
     """
-    if not _suite(directory, read_manifest(directory)).frontier:
+    if not run.suite.frontier:
         return None
-    run = read_scored(directory)
-    metrics = [m for m in run.suite.frontier if m in IMAGE_METRICS or m in run.features]
-    views = int(run.manifest["views"])
+    metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
-        compared = compare(run.records, run.features, metrics)
+        compared = run.compared(metrics)
         frontier = frontier_table(compared, metrics, views, how_timed(run.manifest))
-        made = Trade(frontier, points_table(compared, metrics, views))
-    for name, text in table_files([made.frontier, made.points]).items():
-        write_whole(directory / TABLES / name, text.encode())
-    return made
+        return Trade(frontier, points_table(compared, metrics, views))
 
 
-def read_comparisons(directory: Path, metrics: Sequence[str]) -> list[Comparison]:
-    """The methods of a finished run, compared by image metrics.
+@dataclass(frozen=True)
+class Outputs:
+    """What is made of the records and features of a run.
 
-    Raises BadInput where `directory` is no finished run whose pictures were scored.
+    trade      quality against cost; None for a suite without
+    orderings  SR against pc2pix class by class; None for a suite without
+    beyond     methods along families of conditions; None for a suite without
     """
-    return compare(read_scored(directory).records, {}, metrics)
+
+    run: ScoredRun
+    tables: tuple[Table[Row], ...]
+    cost: str
+    trade: Trade | None
+    orderings: Table[Ordering] | None
+    beyond: Beyond | None
+
+    @property
+    def further(self) -> list[Table[Any]]:
+        """The tables that only some suites have."""
+        crossings = self.beyond.crossings if self.beyond is not None else None
+        of_trade = () if self.trade is None else (self.trade.frontier, self.trade.points)
+        return [table for table in (*of_trade, self.orderings, crossings) if table is not None]
+
+
+def make_outputs(run: ScoredRun) -> Outputs:
+    """All tables of a run."""
+    return Outputs(
+        run,
+        tables=tuple(tables(run)),
+        cost=cost_table(run.records, how_timed(run.manifest)),
+        trade=trade(run),
+        orderings=class_orderings(run),
+        beyond=beyond(run),
+    )
+
+
+def write_outputs(run: ScoredRun) -> Outputs:
+    """Make the tables of a run and write them into its folder."""
+    made = make_outputs(run)
+    for name, text in table_files([*made.tables, *made.further]).items():
+        write_whole(run.directory / TABLES / name, text.encode())
+    write_whole(run.directory / COST, made.cost.encode())
+    return made
 
 
 def how_timed(manifest: Mapping[str, Any]) -> str:
@@ -236,29 +260,6 @@ def cost_table(records: pd.DataFrame, remark: str) -> str:
     return markdown.document([title, remark, grid(["method", *conditions], lines)])
 
 
-def write_cost(directory: Path) -> str:
-    """Write `cost.md` beside the tables, and return it."""
-    manifest = read_manifest(directory)
-    records = _in_suite_order(read_records(directory, _COSTED), manifest)
-    text = cost_table(records, how_timed(manifest))
-    write_whole(directory / COST, text.encode())
-    return text
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredRun:
-    """What a run has left: records in the order of the tables, features by extractor.
-
-    skipped  reasons of the extractors without features
-    """
-
-    suite: Suite
-    manifest: dict[str, Any]
-    records: pd.DataFrame
-    features: dict[str, Features]
-    skipped: dict[str, str]
-
-
 def _suite(directory: Path, manifest: Mapping[str, Any]) -> Suite:
     """The suite of a run. Raises BadInput for one that makes its tables itself."""
     made_by_the_run = [suite.id for suite in (LATENT, STABILITY, SPEED)]
@@ -272,24 +273,37 @@ def _suite(directory: Path, manifest: Mapping[str, Any]) -> Suite:
 
 def read_scored(directory: Path) -> ScoredRun:
     """A finished run whose pictures were scored. Raises BadInput for anything else."""
-    manifest = read_manifest(directory)
+    return scored_run(directory, read_finished(directory))
+
+
+def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
+    """A run with this manifest, whose records and features are written.
+
+    Raises BadInput where they cannot be read, for a manifest that does not describe them, and for a
+    suite that makes its tables itself.
+    """
     suite = _suite(directory, manifest)
+    if lacking := [name for name in ("methods", "conditions", "objects") if name not in manifest]:
+        raise BadInput(
+            f"{directory}: its manifest has no {', '.join(lacking)}; start the run again with its "
+            "command"
+        )
     records = _in_suite_order(read_records(directory), manifest)
-    features: dict[str, Features] = {}
+    features: dict[str, MeasuredFeatures] = {}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
     for metric in suite.extractors:
         found = read_features(directory, metric)
         if metric not in skipped and found is None:
             skipped[metric] = "skipped: no features in this run"
         elif found is not None:
-            features[metric] = found
+            features[metric] = MeasuredFeatures(found)
     for metric in set(suite.class_metrics) & RECOGNITION_METRICS.keys():
         if reason := _why_unrecognised(manifest, features, records):
             skipped[metric] = f"skipped: {reason}"
         else:
             head = read_class_head(VIEWS_WEIGHTS)
             records = with_confidence(records, features[VIEWS], head)
-    return ScoredRun(suite, manifest, records, features, skipped)
+    return ScoredRun(directory, suite, manifest, records, features, skipped)
 
 
 def _why_unrecognised(

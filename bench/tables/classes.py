@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.metrics import (
@@ -22,7 +22,8 @@ from bench.catalogue.metrics import (
 )
 from bench.catalogue.suites import Suite
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
-from bench.records.features import Features
+from bench.records.features import Features, Picture
+from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.quality import (
     FRECHET,
@@ -52,7 +53,7 @@ CLASSES = "table5_classes"
 
 def class_table(
     records: pd.DataFrame,
-    features: Mapping[str, Features],
+    features: Mapping[str, MeasuredFeatures],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
@@ -132,7 +133,7 @@ def objects_of(records: pd.DataFrame) -> dict[str, int]:
 def _measured(
     metric: str,
     records: pd.DataFrame,
-    features: Mapping[str, Features],
+    features: Mapping[str, MeasuredFeatures],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
@@ -146,7 +147,11 @@ def _measured(
     return set_rows(metric, records, found, reason, suite, published, distance)
 
 
-def _kernel(x: Any, y: Any, objects: Any) -> tuple[float, Floats]:
+def _kernel(
+    features: MeasuredFeatures, cell: CellKey, shown: Sequence[Picture]
+) -> tuple[float, Floats]:
+    x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
+    objects = np.array([obj for obj, _ in shown])
     return kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects)
 
 
@@ -154,7 +159,7 @@ def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
     return interval_of_distances(value, [left_out]) if len(left_out) > 2 else (NAN, NAN)
 
 
-KERNEL = SetDistance(kernel_distance, _kernel, _kernel_interval)
+KERNEL = SetDistance(_kernel, _kernel_interval)
 
 
 def _averages(metric: str, made: Sequence[Measured], published: Published) -> list[Row]:

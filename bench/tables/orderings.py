@@ -16,11 +16,11 @@ from typing import Literal
 import pandas as pd
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, compare, lead
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import column, is_similarity
 from bench.catalogue.suites import Suite
-from bench.records.features import Features
 from bench.tables import markdown
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals, network_of, objects_of
 from bench.tables.quality import Published
@@ -107,7 +107,7 @@ def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
 
 def orderings(
     records: pd.DataFrame,
-    features: Mapping[str, Features],
+    features: Mapping[str, MeasuredFeatures],
     suite: Suite,
     published: Published,
 ) -> Table[Ordering] | None:

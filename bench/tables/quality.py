@@ -18,17 +18,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis import recognition as control
+from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import UNDEFINED, column, higher_is_better
 from bench.catalogue.suites import Suite
-from bench.metrics.frechet import (
-    LeftOut,
-    centred_to_frechet,
-    frechet_distance,
-    interval_of_left_out,
-    left_out_distances,
-)
+from bench.metrics.frechet import interval_of_left_out
 from bench.records.features import Features, Picture
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
@@ -357,12 +352,12 @@ def image_rows(
         missing = _floor_of_failed(cell, group, records)
         for metric in metrics:
             name = column(metric)
-            valued, floor = ok, missing
+            valued, floor = ok[["object", name]], missing[name]
             if metric in UNDEFINED:  # of any other metric, no value is an error and shows as such
-                valued, floor = ok.dropna(subset=[name]), missing.dropna(subset=[name])
+                valued, floor = valued.dropna(), floor.dropna()
             scores = valued[name].to_numpy()
             per_object = valued.groupby("object", sort=True)[name].mean().to_numpy()
-            with_blank = np.concatenate([scores, floor[name].to_numpy()])
+            with_blank = np.concatenate([scores, floor.to_numpy()])
             row = make_row(
                 suite,
                 cell,
@@ -421,8 +416,10 @@ def control_table(
             if among is None or among.class_name != cell[2]:  # of one class at a time
                 among = control.gallery(judged, cell[2])
                 sizes[cell[2]] = len(among.objects)
+            answers = _answers(cell, ok, judged)
+            floor = _answers((FLOOR, *cell[1:]), missing, judged)
             answered = [
-                _controlled(metric, cell, ok, missing, judged, among)
+                _controlled(metric, ok, answers, missing, floor, among)
                 for metric in suite.control_metrics
             ]
         made += [
@@ -443,10 +440,10 @@ def control_table(
 
 def _controlled(
     metric: str,
-    cell: tuple[str, str, str],
     ok: pd.DataFrame,
+    answers: NDArray[Any],
     missing: pd.DataFrame,
-    judged: Features,
+    floor: NDArray[Any],
     among: control.Gallery,
 ) -> tuple[float, tuple[float, float], float, str]:
     """Value, interval, value with the floor's pictures (`missing`), reason why there is none."""
@@ -455,9 +452,8 @@ def _controlled(
         note = "no pictures"
     if note:
         return NAN, (NAN, NAN), NAN, note
-    values = _per_picture(metric, cell, ok, judged, among)
-    floor = _per_picture(metric, (FLOOR, cell[1], cell[2]), missing, judged, among)
-    with_blank = np.concatenate([values, floor])
+    values = _per_picture(metric, ok, answers, among)
+    with_blank = np.concatenate([values, _per_picture(metric, missing, floor, among)])
     objects = ok["object"].to_numpy()
     if metric == "retrieval":
         per_object = pd.Series(values).groupby(objects, sort=True).mean().to_numpy()
@@ -466,31 +462,33 @@ def _controlled(
     return float(np.median(values)), interval, float(np.median(with_blank)), ""
 
 
+def _pictures(records: pd.DataFrame) -> list[Picture]:
+    return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
+
+
+def _answers(cell: tuple[str, str, str], records: pd.DataFrame, judged: Features) -> NDArray[Any]:
+    """What the judge says of each record's picture, in their order."""
+    return np.empty(0) if records.empty else judged.of(*cell, _pictures(records))
+
+
 def _per_picture(
-    metric: str,
-    cell: tuple[str, str, str],
-    records: pd.DataFrame,
-    judged: Features,
-    among: control.Gallery,
+    metric: str, records: pd.DataFrame, answers: NDArray[Any], among: control.Gallery
 ) -> NDArray[np.float64]:
     """The error or the hit of each record's picture, in their order."""
     if records.empty:
         return np.empty(0)
-    names, views = records["object"].tolist(), records["view"].tolist()
-    pictures: list[Picture] = list(zip(names, views, strict=True))
-    answers = judged.of(*cell, pictures)
     if metric == "azimuth-error-deg":
         return control.azimuth_error_deg(answers, records["azimuth_deg"].to_numpy())
     if metric == "elevation-error-deg":
         return control.elevation_error_deg(answers, records["elevation_deg"].to_numpy())
-    return control.found(among, answers, pictures)
+    return control.found(among, answers, _pictures(records))
 
 
 def set_table(
     name: str,
     title: str,
     records: pd.DataFrame,
-    features: Mapping[str, Features],
+    features: Mapping[str, MeasuredFeatures],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
@@ -510,31 +508,23 @@ def set_table(
 
 
 class SetDistance(NamedTuple):
-    """A distance of two sets of features of the same views.
+    """A distance between images of a cell and the true ones of the same views.
 
-    whole     of features [n, d] and [n, d]
-    left_out  of features and the objects [n] that they are of: the distance, and those without each
-              block of objects
+    between   features, cell and images: the distance, and those without each block of objects
     interval  95 %, from these two
     """
 
-    whole: Callable[[Any, Any], float]
-    left_out: Callable[[Any, Any, NDArray[np.str_]], tuple[float, Floats]]
+    between: Callable[[MeasuredFeatures, CellKey, Sequence[Picture]], tuple[float, Floats]]
     interval: Callable[[float, Floats], tuple[float, float]]
 
 
-def _frechet(x: Any, y: Any, objects: NDArray[np.str_]) -> tuple[float, Floats]:
-    left_out, true = LeftOut(x, objects), LeftOut(y, objects)
-    return centred_to_frechet(left_out.whole, true.whole), left_out_distances(left_out, true)
-
-
-FRECHET = SetDistance(frechet_distance, _frechet, interval_of_left_out)
+FRECHET = SetDistance(MeasuredFeatures.distance, interval_of_left_out)
 
 
 def set_rows(
     metric: str,
     records: pd.DataFrame,
-    features: Features | None,
+    features: MeasuredFeatures | None,
     skipped: str,
     suite: Suite,
     published: Published,
@@ -553,25 +543,19 @@ def set_rows(
 
 
 def _distances(
-    cell: tuple[str, str, str], features: Features, distance: SetDistance
+    cell: tuple[str, str, str], features: MeasuredFeatures, distance: SetDistance
 ) -> tuple[float, Floats, float, str]:
-    """Value, without each block of objects, with the floor's pictures for failed ones, why none.
-
-    In memory are the features of this cell, of the same true pictures and of the floor's.
-    """
+    """Value, without each block of objects, with the floor's pictures for failed ones, why none."""
     _, condition, class_name = cell
-    drawn, truth = features.pictures(*cell), (GROUND_TRUTH, "", class_name)
+    drawn = features.pictures(*cell)
     if len(drawn) < 2:
         return NAN, np.empty(0), NAN, "fewer than two pictures"
-    x, objects = features.of(*cell, drawn), np.array([obj for obj, _ in drawn])
-    value, left_out = distance.left_out(x, features.of(*truth, drawn), objects)
-    floor = (FLOOR, condition, class_name)
-    wanted = set(features.pictures(*truth)) - set(drawn)
-    missing = sorted(wanted & set(features.pictures(*floor)))
-    if not missing:
-        return value, left_out, value, ""
-    filled = np.concatenate([x, features.of(*floor, missing)])
-    with_blank = distance.whole(filled, features.of(*truth, [*drawn, *missing]))
+    value, left_out = distance.between(features, cell, drawn)
+    wanted = set(features.pictures(GROUND_TRUTH, "", class_name)) - set(drawn)
+    missing = wanted & set(features.pictures(FLOOR, condition, class_name)) if wanted else wanted
+    with_blank = value
+    if missing:
+        with_blank, _ = distance.between(features, cell, sorted([*drawn, *missing]))
     return value, left_out, with_blank, ""
 
 
@@ -599,7 +583,8 @@ def make_row(
     """
     method, condition, class_name = cell
     outcomes = records["outcome"].tolist()
-    reasons = Counter(records.loc[records["outcome"] == "failed", "reason"].tolist())
+    pairs = zip(outcomes, records["reason"].tolist(), strict=True)
+    reasons = Counter(reason for outcome, reason in pairs if outcome == "failed")
     told = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if undefined:
         told.append(f"{undefined} x {NO_VALUE}: {UNDEFINED[metric]}")

@@ -16,7 +16,7 @@ from bench.records.job import Job
 from bench.records.journal import write_manifest
 from bench.records.parquet import JobRow, write_features, write_jobs, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
-from bench.tables.build import write_cost, write_tables
+from bench.tables.build import scored_run, write_outputs
 from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View
 from data_prep.whole_files import write_whole
@@ -177,6 +177,5 @@ def write_run(directory: Path, **changes) -> Path:
     write_jobs(directory, [JobRow(job.key, job.item, "0" * 64) for job in jobs])
     for extractor in EXTRACTORS:
         write_features(directory, extractor, [job.made for job in jobs])
-    write_tables(directory)
-    write_cost(directory)
+    write_outputs(scored_run(directory, manifest))
     return directory

@@ -14,7 +14,7 @@ from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.report.build import read_page
 from bench.running.protocol import Options
-from bench.tables.build import beyond, tables, write_beyond, write_tables
+from bench.tables.build import beyond, make_outputs, read_scored, tables, write_outputs
 
 from .builders import write_run
 
@@ -32,7 +32,7 @@ def written(tmp_path_factory):
 
 def test_leads_follow_from_the_records(written):
     records = pd.read_parquet(written / "records.parquet")
-    made = write_beyond(written)
+    made = write_outputs(read_scored(written)).beyond
     assert made is not None
     assert made.crossings is not None
     text = (written / "tables" / "crossings.csv").read_text()
@@ -58,7 +58,7 @@ def test_leads_follow_from_the_records(written):
 
 
 def test_the_tables_again(written, command):
-    write_beyond(written)
+    write_outputs(read_scored(written))
     path = written / "tables" / "crossings.csv"
     before = path.read_bytes()
     path.unlink()
@@ -69,8 +69,7 @@ def test_the_tables_again(written, command):
 
 
 def test_check_sees_a_table_that_is_not_what_the_records_give(written, monkeypatch):
-    write_tables(written)
-    write_beyond(written)
+    write_outputs(read_scored(written))
     protocol = {"dataset": "procedural", "objects": 3, "views": 2, "seed": 0}
     columns = [*protocol, "method", "condition", "class", "metric", "value"]
     values = [*protocol.values(), "none", "none", "chair", "ssim", 0.5]
@@ -86,13 +85,13 @@ def test_check_sees_a_table_that_is_not_what_the_records_give(written, monkeypat
 
 
 def test_courses_are_of_all_methods(written):
-    made = beyond(written)
+    made = beyond(read_scored(written))
     assert made is not None
     assert list(dict.fromkeys(c.method for c in made.courses)) == METHODS
     assert len(made.courses) == 3 * 3 * len(METHODS)
     distances = {
         (row.method, row.condition): row.value
-        for table in tables(written)
+        for table in tables(read_scored(written))
         for row in table.rows
         if row.metric == "fd-views"
     }
@@ -103,7 +102,7 @@ def test_courses_are_of_all_methods(written):
 
 
 def test_titles_are_not_the_papers(written):
-    made = tables(written)
+    made = tables(read_scored(written))
     assert [table.name for table in made] == ["table_ssim", "table_frechet", "table_detail"]
     assert not any("Table " in table.title for table in made)
     assert "thin parts" in made[2].title
@@ -111,7 +110,7 @@ def test_titles_are_not_the_papers(written):
 
 
 def test_report(written):
-    page = read_page(written)
+    page = read_page(make_outputs(read_scored(written)))
     assert page.curves_title == "Beyond training"
     assert [plot.title for plot in page.curves] == [
         f"{metric} against {family}, class chair"
@@ -127,20 +126,20 @@ def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
     directory = write_run(
         tmp_path, suite=SUITE.id, methods=["splat", "blank"], conditions=CONDITIONS
     )
-    made = write_beyond(directory)
+    made = write_outputs(read_scored(directory)).beyond
     assert made is not None
     assert made.crossings is None
     assert len(made.courses) == 3 * 3 * 2
     assert not (directory / "tables" / "crossings.csv").exists()
-    assert len(read_page(directory).curves) == 9
+    assert len(read_page(make_outputs(read_scored(directory))).curves) == 9
 
 
 def test_without_a_family_the_report_is_as_any_other(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id, conditions=["2048", "density-3"])
-    made = beyond(directory)
+    made = beyond(read_scored(directory))
     assert made is not None
     assert (made.courses, made.crossings) == ((), None)
-    page = read_page(directory)
+    page = read_page(make_outputs(read_scored(directory)))
     assert page.curves_title == "Robustness"
     assert page.curves[0].title == "ssim against the conditions, class chair"
 
@@ -148,15 +147,15 @@ def test_without_a_family_the_report_is_as_any_other(tmp_path):
 def test_without_features_there_is_no_distance(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
     (directory / "features" / "fd-views.parquet").unlink()
-    made = beyond(directory)
+    made = beyond(read_scored(directory))
     assert made is not None
     assert list(dict.fromkeys(c.metric for c in made.courses)) == ["ssim", "silhouette-iou"]
 
 
 def test_other_suites_have_none(tmp_path):
     directory = write_run(tmp_path)
-    assert beyond(directory) is None
-    assert write_beyond(directory) is None
+    assert beyond(read_scored(directory)) is None
+    assert write_outputs(read_scored(directory)).beyond is None
     assert not (directory / "tables" / "crossings.csv").exists()
 
 

@@ -16,7 +16,7 @@ from bench.catalogue.suites import SUITES
 from bench.checking.golden import bless, check
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.journal import read_manifest, write_manifest
-from bench.tables.build import write_tables
+from bench.tables.build import read_scored, write_outputs
 from bench.tables.published import golden, published
 from data_prep.failures import BadInput
 
@@ -104,7 +104,7 @@ def test_golden_values_are_the_tables_with_tolerances(run, results):
 
 
 def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_nought(run, results, monkeypatch):
-    first, *_ = bench.checking.golden.tables(run)
+    first, *_ = bench.checking.golden.tables(read_scored(run))
     below = replace(first.rows[0], metric="kd-views", value=-2.0)
     table = replace(first, rows=(*first.rows, below))
     monkeypatch.setattr(bench.checking.golden, "tables", lambda directory: [table, table])
@@ -223,20 +223,20 @@ def test_an_altered_record_is_a_regression(run, command):
     assert "REGRESSION ssim of splat at 512: " in out
     # and the tables no longer say what the records say
     assert f"REGRESSION {run}/tables/table3_ssim.csv: not what the records give" in out
-    write_tables(run)
+    write_outputs(read_scored(run))
     assert len(check(run).regressions) == 1
 
 
 def test_a_metric_that_has_become_nan_is_a_regression(run):
     alter_records(run, "structure", lambda values: float("nan"))
-    write_tables(run)
+    write_outputs(read_scored(run))
     (line,) = check(run).regressions
     assert line.startswith("structure of splat at 512: nothing, golden 0.")
 
 
 def test_pictures_that_have_gone_missing_are_a_regression(run):
     alter_records(run, "outcome", lambda values: "failed")
-    write_tables(run)
+    write_outputs(read_scored(run))
     assert [line.split(",")[0] for line in check(run).regressions] == [
         f"{metric} of splat at 512: nothing" for metric in (*SSIM, *DETAIL, *CONTROL)
     ]
@@ -246,7 +246,7 @@ def test_a_cell_that_is_not_there_is_a_regression(run, results):
     path = run / "records.parquet"
     frame = pd.read_parquet(path)
     frame[~((frame["method"] == "splat") & (frame["condition"] == "512"))].to_parquet(path)
-    write_tables(run)
+    write_outputs(read_scored(run))
     lines = check(run).regressions
     assert [line.split(",")[0] for line in lines] == [
         f"{metric} of splat at 512: nothing" for metric in (*SSIM, *DISTANCES, *DETAIL, *CONTROL)
@@ -347,7 +347,7 @@ def test_fid_is_never_golden(tmp_path, results):
     (directory / "features" / "fid.parquet").write_bytes(
         (directory / "features" / "fd-views.parquet").read_bytes()
     )
-    write_tables(directory)
+    write_outputs(read_scored(directory))
     bless(directory)
     assert "fid" not in set(golden(SUITE)["metric"])
     assert check(directory).regressions == ()
@@ -380,7 +380,7 @@ def test_remarks_say_which_road_is_ahead(tmp_path, results, command):
     alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", "2048")
     alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", "512")
     alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", "512")
-    write_tables(directory)
+    write_outputs(read_scored(directory))
     bless(directory)
     status, out, _ = command("check", directory)
     assert status == 0  # the paper is no criterion

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from bench.analysis.comparison import Estimate
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
@@ -118,7 +119,7 @@ def test_distances_are_ahead_where_they_are_smaller():
     )
     values = rng.random((len(frame), 3), np.float32)
     values[frame["method"] == "surface-apss"] += 2.0
-    made = table({"fd-views": FeaturesAtHand(frame, values)})
+    made = table({"fd-views": MeasuredFeatures(FeaturesAtHand(frame, values))})
     found = row(made, "car", "fd-views")
     objects = np.repeat(OBJECTS, 2)
     chosen = {

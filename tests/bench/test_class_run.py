@@ -19,7 +19,7 @@ from bench.records.artifacts import read_artifact
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.protocol import Options
-from bench.tables.build import class_orderings, read_scored, tables
+from bench.tables.build import class_orderings, make_outputs, read_scored, tables
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
@@ -120,7 +120,7 @@ def test_its_files(measured):
 
 
 def test_its_report(measured, with_classifier):
-    page = read_page(measured.directory)
+    page = read_page(make_outputs(read_scored(measured.directory)))
     assert page.curves_title == "Class by class"
     assert [group.title for group in page.tables] == [
         "SSIM and its components against the true mesh (higher is better)",
@@ -134,7 +134,7 @@ def test_its_report(measured, with_classifier):
     assert [line.name for line in leads.lines] == ["chair", "table", "average"]
     # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
     assert [line.cells[1].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]
-    made = class_orderings(measured.directory)
+    made = class_orderings(read_scored(measured.directory))
     assert made is not None
     ssim = [row.lead.value for row in made.rows if row.metric == "ssim"]
     column = [name for name, _ in leads.columns].index("ssim")
@@ -196,17 +196,19 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
     assert scored.skipped["class-confidence"] == (
         "skipped: the features are not of the bundled weights of fd-views; start the run again"
     )
-    (_, made, _) = tables(measured.directory)
+    (_, made, _) = tables(read_scored(measured.directory))
     rows = [row for row in made.rows if row.metric == "class-confidence"]
     assert len(rows) == 12
     assert all(math.isnan(row.value) for row in rows)
 
 
 def test_the_tables_come_again_from_the_records(measured, with_classifier):
-    ordered = class_orderings(measured.directory)
+    ordered = class_orderings(read_scored(measured.directory))
     assert ordered is not None
     assert ordered.network.startswith("pc2pix@")
-    assert _stale_tables(measured.directory, [*tables(measured.directory), ordered]) == []
+    assert (
+        _stale_tables(measured.directory, [*tables(read_scored(measured.directory)), ordered]) == []
+    )
     path = measured.directory / "tables" / "table5_orderings.csv"
     kept = path.read_bytes()
     path.write_bytes(kept.replace(b"chair", b"sofa!"))

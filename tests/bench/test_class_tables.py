@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_distances, interval_of_means
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.lookup import find
@@ -65,7 +66,7 @@ def records(**changes):
 def table(of=None, skipped=SKIPPED, features=None, suite=SUITE):
     features = features or FeaturesAtHand(*random_features())
     frame = with_confidence(to_frame(of or records()), features, HEAD)
-    return class_table(frame, {"fd-views": features}, skipped, suite, PUBLISHED)
+    return class_table(frame, {"fd-views": MeasuredFeatures(features)}, skipped, suite, PUBLISHED)
 
 
 def cell(made, **chosen):

@@ -13,6 +13,7 @@ from bench.analysis.comparison import (
     lead,
     milliseconds,
 )
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.metrics.frechet import frechet_distance, frechet_interval
 from bench.records.record import GROUND_TRUTH, to_frame
@@ -154,7 +155,9 @@ def distances(without="", objects=OBJECTS):
         for obj in objects
         for view in range(VIEWS)
     ]
-    comparison = only(to_frame(made), ["fd-views"], {"fd-views": features(without)})
+    comparison = only(
+        to_frame(made), ["fd-views"], {"fd-views": MeasuredFeatures(features(without))}
+    )
     return comparison.qualities["fd-views"]
 
 

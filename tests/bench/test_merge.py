@@ -14,7 +14,7 @@ from bench.commands.publish import merge_shards, run_suite
 from bench.records.journal import open_journal, read_lines, read_manifest, write_manifest
 from bench.records.parquet import read_jobs, write_jobs
 from bench.running.protocol import Options, Shard
-from bench.tables.build import tables
+from bench.tables.build import read_scored, tables
 from data_prep.failures import BadInput
 
 COUNT = 2
@@ -70,7 +70,7 @@ def test_a_shard_has_its_objects_and_tables_of_them(made):
     assert first == ["chair/test-0000", "chair/test-0002"]
     assert second == ["chair/test-0001"]
     assert set(values(made[1])["object"]) == {"test-0001"}
-    assert all(row.n == 4 for row in tables(made[0])[0].rows)
+    assert all(row.n == 4 for row in tables(read_scored(made[0]))[0].rows)
     assert (made[1] / "report.html").is_file()
 
 

@@ -23,7 +23,7 @@ from bench.records.parquet import read_records
 from bench.records.record import GROUND_TRUTH
 from bench.report.build import read_page, write_report
 from bench.running.protocol import artifact_path
-from bench.tables.build import tables
+from bench.tables.build import make_outputs, read_scored, tables
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
 
@@ -32,7 +32,7 @@ BIDI = "name\u202ereversed"
 
 
 def page_of(directory):
-    return parse(write_report(directory).read_text(encoding="utf-8"))
+    return parse(write_report(make_outputs(read_scored(directory))).read_text(encoding="utf-8"))
 
 
 def number_tables(document):
@@ -66,7 +66,7 @@ def test_every_value_of_the_tables_is_in_the_page(tmp_path):
     directory = write_run(tmp_path, methods=["surface-apss", "splat", "true-mesh", "blank"])
     shown = number_tables(page_of(directory))
     checked = 0
-    for table in tables(directory):
+    for table in tables(read_scored(directory)):
         for row in table.rows:
             better = "(higher is better)" if _higher(row.metric) else "(lower is better)"
             columns, lines = shown[f"{row.metric}, chair {better}"]
@@ -183,7 +183,7 @@ def test_failures_are_told_with_their_reasons(tmp_path):
 
 
 def test_the_page_loads_nothing(finished, tmp_path):
-    path = write_report(finished[0], tmp_path / "report.html")
+    path = write_report(make_outputs(read_scored(finished[0])), tmp_path / "report.html")
     document = parse(path.read_text(encoding="utf-8"))
     for element in document.all():
         for name, value in element.attributes.items():
@@ -230,7 +230,7 @@ def test_names_and_reasons_are_only_shown(tmp_path):
             ),
         ],
     )
-    text = write_report(directory).read_text(encoding="utf-8")
+    text = write_report(make_outputs(read_scored(directory))).read_text(encoding="utf-8")
     document = parse(text)
     assert len(document.all("script")) == 1
     assert not [img for img in document.all("img") if img.attributes["src"] == "x"]
@@ -245,9 +245,9 @@ def test_names_and_reasons_are_only_shown(tmp_path):
 
 
 def test_the_same_run_gives_the_same_bytes(finished, tmp_path):
-    first = write_report(finished[0], tmp_path / "a.html").read_bytes()
+    first = write_report(make_outputs(read_scored(finished[0])), tmp_path / "a.html").read_bytes()
     elsewhere = shutil.copytree(finished[0], tmp_path / "elsewhere")
-    assert write_report(elsewhere).read_bytes() == first
+    assert write_report(make_outputs(read_scored(elsewhere))).read_bytes() == first
     assert (elsewhere / "report.html").is_file()
 
 
@@ -289,7 +289,7 @@ def _grid_pictures(directory, index=0):
 
 
 def test_pictures_are_those_of_the_run_to_the_last_bit(copied):
-    write_report(copied)
+    write_report(make_outputs(read_scored(copied)))
     shown = _grid_pictures(copied, index=1)
     network = next(m for m in read_manifest(copied)["methods"] if m.startswith("pc2pix@"))
     assert list(shown) == ["2048", "noise-0.10"]
@@ -319,7 +319,7 @@ def test_a_run_that_was_stopped_and_changed_shows_what_its_records_measured(copi
         later = [r | {"prepare_s": factor * r["prepare_s"]} for r in entry["records"]]
         line = {"key": other, "artifact_sha256": "0" * 64, "records": later}
         _write_line(copied / "journal" / f"{number:04d}.jsonl", line)
-    write_report(copied)
+    write_report(make_outputs(read_scored(copied)))
     np.testing.assert_array_equal(_grid_pictures(copied)["2048"]["splat"], kept[0])
 
 
@@ -342,7 +342,7 @@ def test_missing_pictures_are_named_and_the_rest_is_there(copied):
 def test_an_unreadable_picture_is_a_missing_one(copied, content):
     path = artifact_path(copied, _entry(copied, "splat", "2048", "test-0000")["key"])
     path.write_bytes(content)
-    write_report(copied)
+    write_report(make_outputs(read_scored(copied)))
     shown = _grid_pictures(copied)
     assert shown["2048"]["splat"] is None
     assert shown["noise-0.10"]["splat"] is not None
@@ -374,25 +374,26 @@ def test_runs_that_write_their_own_tables_are_refused_by_name(tmp_path, suite):
     write_run(tmp_path)
     write_manifest(tmp_path, read_manifest(tmp_path) | {"suite": suite})
     with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
-        write_report(tmp_path)
+        write_report(make_outputs(read_scored(tmp_path)))
     assert not (tmp_path / "report.html").exists()
 
 
 def test_an_unfinished_run_is_refused(tmp_path):
     write_run(tmp_path, finished=None)
     with pytest.raises(BadInput, match="not finished"):
-        write_report(tmp_path)
+        write_report(make_outputs(read_scored(tmp_path)))
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path):
     directory = write_run(tmp_path / "run")
     (tmp_path / "file").write_text("")
     with pytest.raises(CannotWrite, match=r"file/r\.html: cannot be written .*another --out"):
-        write_report(directory, tmp_path / "file" / "r.html")
+        write_report(make_outputs(read_scored(directory)), tmp_path / "file" / "r.html")
 
 
 def test_what_a_run_was_started_with_can_be_typed_again(tmp_path):
     words = ["some/folder/bench", "run", "--suite", "chair-robustness", "--out", "my run"]
     directory = write_run(tmp_path, command=words)
-    assert read_page(directory).command == "bench run --suite chair-robustness --out 'my run'"
-    assert replace(read_page(directory), command="") == replace(read_page(directory), command="")
+    page, again = (read_page(make_outputs(read_scored(directory))) for _ in range(2))
+    assert page.command == "bench run --suite chair-robustness --out 'my run'"
+    assert replace(page, command="") == replace(again, command="")

@@ -15,6 +15,7 @@ from playwright.sync_api import sync_playwright
 
 from bench.records.parquet import read_records
 from bench.report.build import write_report
+from bench.tables.build import make_outputs, read_scored
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
@@ -41,7 +42,7 @@ def report(finished, tmp_path_factory):
             made = make_failed(made.method, made.condition, obj, made.view, reason=FAILED_REASON)
         records.append(made)
     write_all(directory, records)
-    return write_report(directory)
+    return write_report(make_outputs(read_scored(directory)))
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from bench.judges import JUDGE_WEIGHTS
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import Options, default_name, protocol_of
-from bench.tables.build import tables
+from bench.tables.build import read_scored, tables
 from data_prep.failures import BadInput, MissingDependency
 
 from .conftest import BENCH
@@ -116,7 +116,7 @@ def test_records_of_a_run(finished, tiny_weights):
 
 
 def test_ceiling_and_floor(finished):
-    images, sets, detail, _ = tables(finished[0])
+    images, sets, detail, _ = tables(read_scored(finished[0]))
     rows = {(r.method, r.condition, r.metric): r for r in (*images.rows, *sets.rows)}
     for condition in ("2048", "noise-0.10"):
         for metric in ("ssim", "luminance", "contrast", "structure"):
@@ -369,7 +369,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
     good = frame[frame["object"].isin(["good.obj", "tall.obj"])]
     assert set(good["outcome"]) == {"ok"}
     assert set(good["class"]) == {"meshes"}
-    row = tables(out)[0].rows[0]
+    row = tables(read_scored(out))[0].rows[0]
     assert (row.method, row.value, row.n_ok, row.n) == ("true-mesh", 1.0, 4, 14)
     assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
     (lines,) = journal(out).values()

@@ -18,7 +18,7 @@ from bench.running.protocol import Options
 from bench.suites.speed.measure import Unit
 from bench.suites.speed.run import lost, run
 from bench.suites.speed.samples import Sample, read_measurement
-from bench.tables.build import tables
+from bench.tables.build import read_scored, tables
 from data_prep.conditions import Unchanged
 from data_prep.failures import BadInput
 
@@ -105,7 +105,7 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     assert len(read(out / "tables" / "amortised.csv")) == 4 * len(SMALL.amortised)
     assert [r["cheaper"] for r in read(out / "tables" / "break_even.csv")] == ["always"] * 2
     with pytest.raises(BadInput, match="writes its tables itself"):
-        tables(out)
+        tables(read_scored(out))
 
 
 def test_one_after_the_other(tmp_path, taken):

@@ -16,7 +16,7 @@ from bench.suites.stability.figures import ACROSS, MISSING, matrix_figure, sheet
 from bench.suites.stability.run import run
 from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
-from bench.tables.build import tables
+from bench.tables.build import read_scored, tables
 from bench.tables.figure import save
 from data_prep.failures import BadInput
 
@@ -75,7 +75,7 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path, quick):
     (regression,) = check(out).regressions
     assert regression.startswith("blank, plain: pictures, 0.0 % not white; stated was: ")
     with pytest.raises(BadInput, match="writes its tables itself"):
-        tables(out)
+        tables(read_scored(out))
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,13 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import bench.tables.build
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.catalogue.suites import SUITES
 from bench.metrics import frechet_distance
 from bench.metrics.frechet import frechet_interval
 from bench.records.record import GROUND_TRUTH, to_frame
-from bench.tables.build import cost_table, tables, write_tables
+from bench.tables.build import cost_table, read_scored, tables, write_outputs
 from bench.tables.quality import (
     as_published,
     control_table,
@@ -295,7 +296,7 @@ def test_without_a_judge_the_table_says_why():
 
 def test_the_ceiling_is_judged_like_any_method(tmp_path):
     run = write_run(tmp_path)
-    rows = [r for r in tables(run)[3].rows if r.method == "true-mesh"]
+    rows = [r for r in tables(read_scored(run))[3].rows if r.method == "true-mesh"]
     assert len(rows) == 2 * 3
     assert all(0 <= row.value <= 180 for row in rows)
     by_condition = {c: [r.value for r in rows if r.condition == c] for c in ("2048", "512")}
@@ -335,7 +336,7 @@ def distances(without=(), skipped=None):
         for method in ("splat", "blank")
         for obj, view in PICTURES
     ]
-    taken = {"fd-views": features(without)}
+    taken = {"fd-views": MeasuredFeatures(features(without))}
     taken["fd-views-grey"] = taken["fd-views"]
     skipped = {"fid": "skipped: weights"} if skipped is None else skipped
     return set_table("table4_fid", "Table 4", to_frame(records), taken, skipped, SUITE, {})
@@ -518,7 +519,7 @@ def test_markdown_of_a_skipped_metric_is_one_line():
 def test_tables_come_from_records_and_features(tmp_path):
     run = write_run(tmp_path)
     records = pd.read_parquet(run / "records.parquet")
-    images, sets, detail, controls = tables(run)
+    images, sets, detail, controls = tables(read_scored(run))
     assert (images.name, sets.name) == ("table3_ssim", "table4_fid")
     assert (detail.name, controls.name) == ("table_detail", "table_control")
     for method in ("splat", "blank"):
@@ -537,7 +538,7 @@ def test_tables_come_from_records_and_features(tmp_path):
 
 def test_rows_have_the_order_of_the_manifest(tmp_path):
     run = write_run(tmp_path, methods=["true-mesh", "blank", "splat"], conditions=["512", "2048"])
-    for table in tables(run):
+    for table in tables(read_scored(run)):
         assert list(dict.fromkeys(row.method for row in table.rows)) == [
             "true-mesh",
             "blank",
@@ -560,7 +561,7 @@ def test_tables_are_reproduced_to_the_byte(tmp_path):
     before = [file.read_bytes() for file in files]
     for file in files:
         file.unlink()
-    write_tables(run)
+    write_outputs(read_scored(run))
     assert [file.read_bytes() for file in files] == before
 
 
@@ -574,14 +575,14 @@ def test_tables_are_made_with_one_thread(tmp_path, monkeypatch):
 
     monkeypatch.setattr(bench.tables.build, "image_table", table)
     with threadpool_limits(2):
-        tables(run)
+        tables(read_scored(run))
     assert set(seen) == {1}
 
 
 def test_a_metric_without_features_says_so(tmp_path):
     run = write_run(tmp_path)
     (run / "features" / "fd-views.parquet").unlink()
-    sets = tables(run)[1]
+    sets = tables(read_scored(run))[1]
     row = cell(sets, method="splat", condition="512", metric="fd-views")
     assert row.note == "skipped: no features in this run"
 
@@ -593,12 +594,12 @@ def test_a_run_of_an_unknown_suite(tmp_path):
     )
     assert make_manifest()["suite"] == "chair-robustness"
     with pytest.raises(BadInput, match="unknown suite 'chairs': did you mean 'chair-robustness'"):
-        tables(run)
+        tables(read_scored(run))
 
 
 def test_the_published_values_are_quoted(tmp_path):
     run = write_run(tmp_path, methods=["surface-apss", "pc2pix", "blank"])
-    images, sets, *_ = tables(run)
+    images, sets, *_ = tables(read_scored(run))
     # Table 3 and Table 4 of the paper, column 512
     assert cell(images, method="surface-apss", condition="512", metric="ssim").paper == 0.63
     assert cell(images, method="pc2pix", condition="512", metric="structure").paper == 0.78

@@ -17,7 +17,7 @@ from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import Options
-from bench.tables.build import read_comparisons, write_trade
+from bench.tables.build import read_scored, write_outputs
 from data_prep.failures import BadInput
 
 from .builders import write_run
@@ -153,7 +153,7 @@ def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, monkeypat
 def test_metrics_without_features_have_no_places(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id)
     (directory / "features" / "fd-views.parquet").unlink()
-    trade = write_trade(directory)
+    trade = write_outputs(read_scored(directory)).trade
     assert trade is not None
     metrics = dict.fromkeys(place.metric for place in trade.frontier.places)
     assert list(metrics) == ["ssim", "structure", "silhouette-iou"]
@@ -161,7 +161,7 @@ def test_metrics_without_features_have_no_places(tmp_path):
 
 def test_other_suites_have_no_frontier(tmp_path):
     directory = write_run(tmp_path)
-    assert write_trade(directory) is None
+    assert write_outputs(read_scored(directory)).trade is None
     assert not (directory / "tables" / "frontier.csv").exists()
 
 
@@ -171,7 +171,7 @@ def test_runs_without_scores(tmp_path, suite):
     manifest = directory / "manifest.json"
     manifest.write_text(manifest.read_text().replace("chair-robustness", suite))
     with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
-        read_comparisons(directory, ["ssim"])
+        read_scored(directory).compared(["ssim"])
 
 
 # --- bench recommend ------------------------------------------------------------------------------
@@ -252,6 +252,6 @@ def test_recommend_where_no_run_is(tmp_path, command):
 
 
 def test_the_truth_is_no_method(finished):
-    for comparison in read_comparisons(finished.directory, ["ssim"]):
+    for comparison in read_scored(finished.directory).compared(["ssim"]):
         assert GROUND_TRUTH not in comparison.prepare_s
         assert np.isfinite(list(comparison.prepare_s.values())).all()
