@@ -261,7 +261,7 @@ def write_parquet(
     seconds   gets what it took, and goes on in what is returned
     """
     artifacts = artifacts_of(directory, jobs)
-    with timed("records", seconds):
+    with timed("tables", seconds):
         write_records(directory, [job for job in jobs if job.item.method != GROUND_TRUTH], records)
         write_jobs(directory, jobs)
         for metric in features:
@@ -271,10 +271,10 @@ def write_parquet(
 
 @contextmanager
 def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
-    """Within, time goes to `seconds[stage]`, rounded to tenths."""
+    """Within, time is added to `seconds[stage]`, rounded to tenths."""
     start = time.perf_counter()
     yield
-    seconds[stage] = round(time.perf_counter() - start, 1)
+    seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
 
 
 def _check_any_truth(todo: Plan, truths: Mapping[str, Settled]) -> None:
