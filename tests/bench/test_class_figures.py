@@ -9,7 +9,7 @@ from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import read_artifact
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
-from bench.tables.classes import ClassTable
+from bench.tables.classes import table_of_classes
 from bench.tables.figure import save
 from bench.tables.published import published
 from bench.tables.quality import Row
@@ -33,7 +33,7 @@ def drawn(monkeypatch, tmp_path):
     monkeypatch.setattr(bench.report.classes, "save", keep)
 
     def draw(rows, jobs):
-        table = ClassTable("table5_classes", "", tuple(rows), 3)
+        table = table_of_classes(rows, "")
         write_class_figures(tmp_path, table, PAPER, [job.made for job in jobs])
         return kept
 

@@ -8,7 +8,7 @@ import bench.report.robustness
 from bench.records.artifacts import read_artifact
 from bench.report.robustness import THIN_TINT, write_figures
 from bench.tables.figure import save
-from bench.tables.quality import Row, Table
+from bench.tables.quality import Row, quality_table
 
 from .builders import make_job, make_truth, write_artifact
 
@@ -40,7 +40,7 @@ def make_row(metric, method, condition, value, low=NAN, high=NAN):
 
 
 CURVES = [
-    Table(
+    quality_table(
         "table3_ssim",
         "",
         (
@@ -51,7 +51,7 @@ CURVES = [
         ),
         3,
     ),
-    Table(
+    quality_table(
         "table4_fid",
         "",
         (

@@ -5,9 +5,10 @@ from report_parser import parse
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.crossings import Course
 from bench.catalogue.families import FAMILIES
-from bench.report.families import crossings_group, family_curves
+from bench.report.families import family_curves
 from bench.report.styles import looks
-from bench.tables.crossings import CrossingsTable
+from bench.report.tables import table_group
+from bench.tables.crossings import crossings_table
 
 from .test_crossings import contest
 
@@ -51,34 +52,32 @@ LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
 
 def test_who_is_ahead_stands_beside_the_leads():
     never = contest([(NAN, NAN, NAN), 0.1, (0.3, 0.2, 0.4)])
-    group = crossings_group(CrossingsTable("s", (contest(LEADS), never, contest(LEADS, "missing"))))
-    noise, missing = group.tables
-    assert (noise.caption, missing.caption) == (
-        "lead along noise, chair",
-        "lead along missing, chair",
+    made = crossings_table("s", (contest(LEADS), never, contest(LEADS, "missing")))
+    ends, noise, missing = table_group(made).tables
+    assert (ends.caption, noise.caption, missing.caption) == (
+        "from end to end, chair",
+        "lead along noise: standard deviation, in radii of the unit sphere, chair",
+        "lead along missing on one side: share of the points, chair",
     )
-    assert (noise.unfolded, missing.unfolded) == (True, False)
-    assert [name for name, _ in noise.columns] == [
-        *("2048", "noise-0.05", "noise-0.10", "curves cross at"),
-    ]
-    assert [tags.condition for _, tags in noise.columns] == ["2048", "noise-0.05", "noise-0.10", ""]
+    assert [table.unfolded for table in (ends, noise, missing)] == [False, True, False]
+    assert [name for name, _ in noise.columns] == ["first", "second", "0", "0.05", "0.1"]
+    conditions = ["", "", "2048", "noise-0.05", "noise-0.10"]
+    assert [tags.condition for _, tags in noise.columns] == conditions
     first, second = noise.lines
-    assert (first.name, first.about) == ("splat-net against pc2pix", "ssim")
-    assert [(c.text, c.beside, c.mark, c.gap) for c in first.cells] == [
+    assert [first.name, *(c.text for c in first.cells[:2])] == ["ssim", "splat-net", "pc2pix"]
+    assert [(c.text, c.beside, c.mark, c.gap) for c in first.cells[2:]] == [
         ("+0.100", "+0.050 to +0.150", "ahead", ""),
         ("+0.025", "-0.025 to +0.075", "", ""),
         ("-0.100", "-0.150 to -0.050", "", "behind"),
-        ("0.06 [0.0333, 0.08]", "", "", ""),
     ]
-    assert [c.value for c in first.cells[:3]] == [0.1, 0.025, -0.1]
-    assert [(c.text, c.beside, c.mark) for c in second.cells] == [
+    assert [c.value for c in first.cells[2:]] == [0.1, 0.025, -0.1]
+    assert [(c.text, c.beside, c.mark) for c in second.cells[2:]] == [
         ("-", "", ""),
         ("+0.100", "", ""),
         ("+0.300", "+0.200 to +0.400", "ahead"),
-        ("none within", "", ""),
     ]
-    assert [c.value for c in second.cells] == [None, 0.1, 0.3, None]
-    assert noise.notes == (
-        "noise: standard deviation, in radii of the unit sphere; in training: splat-net 0 to 0.12, "
-        "pc2pix 0 to 0.1",
-    )
+    assert [c.value for c in second.cells[2:]] == [None, 0.1, 0.3]
+    assert noise.remark == "In training: splat-net 0 to 0.12, pc2pix 0 to 0.1."
+    assert [name for name, _ in ends.columns][-1] == "ssim"
+    text = ends.lines[1].cells[-1].text
+    assert text.startswith("splat-net, then pc2pix; crosses at ")

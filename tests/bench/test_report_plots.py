@@ -10,14 +10,16 @@ import pytest
 from report_parser import parse
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.catalogue.metrics import higher_is_better
 from bench.report.inline import COLOURS
-from bench.report.pareto import cost_plots, cost_table
+from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves, robustness_figure
-from bench.report.styles import higher_is_better, looks
+from bench.report.styles import looks
 from bench.tables.figure import NAMES_APART
+from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
-from bench.tables.quality import Table
-from bench.tables.table import NAN, Row
+from bench.tables.quality import Row, quality_table
+from bench.tables.table import NAN
 
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 
@@ -30,7 +32,7 @@ def row(method, condition, value, metric="ssim", class_name="chair", low=None, h
 
 
 def table(*rows):
-    return Table("t", "T", rows, decimals=3)
+    return quality_table("t", "T", rows, decimals=3)
 
 
 def drawn_svg(plot):
@@ -213,7 +215,7 @@ def test_a_cheaper_and_better_method_is_marked():
     worse = QUALITIES | {"surface-apss": 0.55}
     (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, looks(METHODS))
     assert titles(plot)[1] == "surface-apss: 1000 ms, 0.550"
-    table = cost_table([comparison(COSTS, worse)], "ssim", 2)
+    table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
     assert table is not None
     marks = {line.name: line.cells[0].mark for line in table.lines}
     assert marks == dict.fromkeys(METHODS, "") | {"splat": "frontier"}
@@ -236,7 +238,7 @@ def test_without_times_there_is_no_cost():
     nothing = dict.fromkeys(METHODS, (np.nan, np.nan))
     made = [comparison(nothing, QUALITIES)]
     assert cost_plots(made, ["ssim"], 2, looks(METHODS)) == ()
-    assert cost_table(made, "ssim", 2) is None
+    assert cost_grid(made, "ssim", 2) is None
 
 
 def test_methods_differ_in_form_and_settings_of_a_knob_do_not():

@@ -118,7 +118,7 @@ def test_distances_are_those_of_the_table(finished):
     expected = {(row.method, row.condition): row.value for row in sets.rows}
     found = {
         (p.method, p.condition): p.quality.value
-        for p in finished.outputs.trade.frontier.places
+        for p in finished.outputs.trade.frontier.rows
         if p.metric == "fd-views"
     }
     assert found == expected
@@ -155,7 +155,7 @@ def test_metrics_without_features_have_no_places(tmp_path):
     (directory / "features" / "fd-views.parquet").unlink()
     trade = write_outputs(read_scored(directory)).trade
     assert trade is not None
-    metrics = dict.fromkeys(place.metric for place in trade.frontier.places)
+    metrics = dict.fromkeys(place.metric for place in trade.frontier.rows)
     assert list(metrics) == ["ssim", "structure", "silhouette-iou"]
 
 
