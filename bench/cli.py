@@ -26,6 +26,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "table": ("results:table", "Make the tables again, from the records alone."),
     "check": ("results:check", "Compare a run with the golden values: exit 1 if one differs."),
     "report": ("results:report", "Make one HTML file of a run: tables, curves, pictures; offline."),
+    "compare": ("results:compare", "Two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Which method to take for a budget, or a quality."),
     "score": ("score:score_run", "Take metrics of other packages of a finished run's pictures."),
     "render": ("render:render_cloud", "Draw a point cloud in a file."),

@@ -131,15 +131,20 @@ def candidates(methods: Iterable[str]) -> list[str]:
 
 
 def lead(a: Quality, b: Quality) -> Estimate:
-    """How much better a is than b, over 0 if it is, by pairing the two object by object.
+    """How much better a is than b: their difference, over 0 where a is better."""
+    return difference(a, b) if is_similarity(a.metric) else difference(b, a)
+
+
+def difference(a: Quality, b: Quality) -> Estimate:
+    """a - b in units of the metric, by pairing the two object by object.
 
     Image metrics by the bootstrap of `bench.analysis.intervals`, Fréchet distances by the jackknife
     of `bench.metrics.frechet`; the interval is NaN where there are too few objects for either.
     """
+    per_object = a.per_object - b.per_object
     if is_similarity(a.metric):
-        difference = a.per_object - b.per_object
-        return Estimate(_mean(difference), *mean_interval(difference))
-    return _jackknife(b.estimate.value - a.estimate.value, b.per_object - a.per_object)
+        return Estimate(_mean(per_object), *mean_interval(per_object))
+    return _jackknife(a.estimate.value - b.estimate.value, per_object)
 
 
 def decimals(metric: str) -> int:

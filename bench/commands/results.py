@@ -1,4 +1,4 @@
-"""The commands that read finished runs: merge, table, report, check, recommend."""
+"""The commands that read finished runs: merge, table, report, check, compare, recommend."""
 
 from __future__ import annotations
 
@@ -12,10 +12,14 @@ import typer
 
 from bench.analysis.comparison import Estimate, decimals, milliseconds
 from bench.analysis.recommend import METRIC, Advice, Choice, Wish, advise, at_condition
-from bench.commands.options import RunDirectory
+from bench.commands.options import RunDirectory, names
+from bench.running.protocol import file_name
 from bench.tables.build import how_timed, read_scored
 from bench.tables.markdown import visible
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.whole_files import write_whole
+
+COMPARISONS = "comparisons"
 
 
 def merge(
@@ -101,6 +105,45 @@ def _check_claims(directories: list[Path]) -> None:
     made = check_claims(directories)
     print(to_markdown(made))
     print(f"written to {write_checklist(made, directories[0])}", file=sys.stderr)
+
+
+def compare(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR [DIR]", help="One finished run, or two: a and b.")
+    ],
+    methods: Annotated[
+        str | None,
+        typer.Option(help="Of one run: the two methods a,b. Of two: which ones; default: all."),
+    ] = None,
+    metric: Annotated[
+        str | None, typer.Option(help="Comma-separated; default: ssim and the set metrics.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: comparisons/A-B in the last run.")
+    ] = None,
+) -> None:
+    """Two runs, or two methods of one, object by object: what differs and what is a tie."""
+    from bench.report.differences import write_differences
+    from bench.tables.differences import methods_of_run, runs
+    from bench.tables.table import table_files
+
+    if len(directories) > 2:
+        raise BadInput(f"{len(directories)} folders: two runs are compared; give one or two")
+    if len(directories) == 1:
+        found = methods_of_run(directories[0], names(methods) or (), names(metric))
+    else:
+        first, second = directories
+        found = runs(first, second, names(methods), names(metric))
+    folder = out or directories[-1] / COMPARISONS / file_name(found.a, found.b)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(f"{folder}: cannot be made ({error.strerror}); give --out") from error
+    for name, text in table_files([found.table]).items():
+        write_whole(folder / name, text.encode())
+    write_differences(folder / "differences", found.cells, found.a, found.b)
+    print(found.table.to_markdown())
+    print(f"written to {folder}", file=sys.stderr)
 
 
 def recommend(

@@ -300,6 +300,11 @@ def default_name(suite: str, dataset: str, shard: Shard | None = None) -> str:
     parts = [suite, kind, Path(location).resolve().name] if location else [suite, kind]
     if shard is not None:
         parts.append(f"shard-{shard.number}-of-{shard.count}")
+    return file_name(*parts)
+
+
+def file_name(*parts: str) -> str:
+    """The parts as one file name; what a name should not have is a hyphen."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", "-".join(parts))
 
 

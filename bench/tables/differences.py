@@ -1,0 +1,277 @@
+"""`bench compare`: two runs, or two methods of one run, paired object by object."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from bench.analysis.comparison import Comparison, compare, decimals
+from bench.analysis.paired import (
+    SIGNIFICANCE,
+    Pair,
+    PairedDifference,
+    Side,
+    paired_differences,
+)
+from bench.catalogue.methods import FLOOR
+from bench.catalogue.metrics import IMAGE_METRICS, is_similarity
+from bench.tables import markdown
+from bench.tables.build import ScoredRun, read_scored
+from bench.tables.table import (
+    BOLD,
+    NOTHING,
+    Block,
+    Cell,
+    Mark,
+    Table,
+    columns,
+    number,
+    ordered,
+    pivot,
+    shown,
+)
+from data_prep.failures import BadInput
+
+SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
+NAMED = 3  # objects in a message
+
+
+@dataclass(frozen=True)
+class Differences:
+    """What `bench compare` says.
+
+    a, b     names of the two sides: methods of one run, or folders of two
+    remarks  what was left out, a sentence each
+    """
+
+    a: str
+    b: str
+    cells: tuple[PairedDifference, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def table(self) -> Table[PairedDifference]:
+        """One row a cell; people see a grid for each metric and class."""
+        made = (
+            *columns("metric", "condition", ("class", "class_name")),
+            *columns(("run_a", "a.run"), ("method_a", "a.method")),
+            *columns(("run_b", "b.run"), ("method_b", "b.method"), "value_a", "value_b"),
+            *columns(("difference", "difference.value"), ("ci_low", "difference.low")),
+            *columns(("ci_high", "difference.high"), "p", "p_holm", "ahead", "objects"),
+        )
+        title = f"{self.b} against {self.a}"
+        return Table("differences", title, made, self.cells, self._layout)
+
+    def _layout(self, rows: Sequence[PairedDifference]) -> Iterator[Block]:
+        yield (
+            "Each cell: value of a, value of b, and b - a with its 95 % interval, paired object by "
+            "object, failed images scored as blank ones. **Bold**: the two differ (p below "
+            f"{SIGNIFICANCE} after Holm's correction for {sum(r.p == r.p for r in rows)} cells). "
+            "`=`: a tie, no difference is shown."
+        )
+        yield from self.remarks
+        for metric, class_name in ordered((row.metric, row.class_name) for row in rows):
+            of_grid = [r for r in rows if (r.metric, r.class_name) == (metric, class_name)]
+            better = "higher" if is_similarity(metric) else "lower"
+            yield f"## {markdown.cell(f'{metric}, {class_name}')} ({better} is better)"
+            yield pivot(of_grid, "b.method", "condition", _cell, corner="method", named=_methods)
+
+
+def _methods(row: PairedDifference) -> str:
+    if row.a.method == row.b.method:
+        return row.b.method
+    return f"{row.b.method} against {row.a.method}"
+
+
+def _cell(row: PairedDifference) -> Cell:
+    digits = decimals(row.metric)
+
+    def signed(value: float) -> str:
+        return f"{value:+.{digits}f}"
+
+    if not math.isfinite(row.difference.value):
+        return NOTHING
+    values = f"{shown(row.value_a, digits)} to {shown(row.value_b, digits)}: "
+    cell = number(row.difference, signed, special=_MARKS.get(row.ahead))
+    return replace(cell, text=values + cell.text)
+
+
+_MARKS = {
+    "a": BOLD,
+    "b": BOLD,
+    "tie": Mark("tie", "{value}{interval} ="),
+}
+
+
+def methods_of_run(
+    directory: Path, methods: Sequence[str], metrics: Sequence[str] | None
+) -> Differences:
+    """Two methods of one finished run, method b against method a, in every condition and class.
+
+    Raises BadInput where there are not two methods, for methods and metrics that the run does not
+    have, and for a run of which there are no scores.
+    """
+    if len(set(methods)) != 2:
+        raise BadInput(
+            "--methods: one run is compared by two methods; give a,b, or a second folder"
+        )
+    run = read_scored(directory)
+    _refuse_unknown("--methods", methods, run.manifest["methods"])
+    remarks: list[str] = []
+    chosen = _metrics([run], metrics, remarks)
+    one, other = methods
+    pairs = [
+        _pair(metric, of, of, Side(str(directory), one), Side(str(directory), other))
+        for of in _compare(run, methods, chosen)
+        for metric in chosen
+    ]
+    return Differences(one, other, tuple(paired_differences(_by_metric(pairs, chosen))), ())
+
+
+def runs(
+    first: Path, second: Path, methods: Sequence[str] | None, metrics: Sequence[str] | None
+) -> Differences:
+    """Each method of two finished runs, run b against run a, in every condition and class.
+
+    Methods and conditions that only one of them has are left out, with a remark. Raises BadInput
+    where the runs did not see the same objects from the same views, naming what differs; where they
+    have no method or condition in common; and as `methods_of_run`.
+    """
+    a, b = read_scored(first), read_scored(second)
+    _refuse_other_objects(first, a.records, second, b.records)
+    remarks: list[str] = []
+    common = {
+        name: _common(name, a.manifest[name], b.manifest[name], remarks)
+        for name in ("methods", "conditions")
+    }
+    if methods is not None:
+        _refuse_unknown("--methods", methods, common["methods"])
+    names = methods or common["methods"]
+    chosen = _metrics([a, b], metrics, remarks)
+    in_a, in_b = (
+        {(of.condition, of.class_name): of for of in _compare(run, names, chosen)} for run in (a, b)
+    )
+    pairs = [
+        _pair(metric, of, in_b[cell], Side(str(first), name), Side(str(second), name))
+        for cell, of in in_a.items()
+        if cell in in_b
+        for metric in chosen
+        for name in names
+    ]
+    cells = tuple(paired_differences(_by_metric(pairs, chosen)))
+    return Differences(str(first), str(second), cells, tuple(remarks))
+
+
+def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> list[Comparison]:
+    wanted = run.records[run.records["method"].isin([*methods, FLOOR])]
+    with threadpool_limits(1):  # the same digits on any number of cores
+        return compare(wanted, run.features, metrics)
+
+
+def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> Pair:
+    return Pair(
+        condition=in_a.condition,
+        class_name=in_a.class_name,
+        a=a,
+        b=b,
+        quality_a=in_a.qualities[metric][a.method],
+        quality_b=in_b.qualities[metric][b.method],
+        objects=len(in_a.objects),
+    )
+
+
+def _by_metric(pairs: Sequence[Pair], metrics: Sequence[str]) -> list[Pair]:
+    return sorted(pairs, key=lambda pair: metrics.index(pair.quality_a.metric))
+
+
+def _metrics(
+    scored: Sequence[ScoredRun], wanted: Sequence[str] | None, remarks: list[str]
+) -> list[str]:
+    """The metrics of all runs: those wanted, else ssim and the set metrics with features."""
+    suite = scored[0].suite
+    every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
+    there = [
+        metric
+        for metric in every
+        if all(metric in IMAGE_METRICS or metric in run.features for run in scored)
+    ]
+    if len({_identity(run) for run in scored}) > 1:
+        remarks.append("Features were taken by different extractors; set metrics are left out.")
+        there = [metric for metric in there if metric in IMAGE_METRICS]
+    if wanted is not None:
+        _refuse_unknown("--metric", wanted, there)
+        return list(wanted)
+    return [metric for metric in there if metric == "ssim" or metric not in IMAGE_METRICS]
+
+
+def _identity(run: ScoredRun) -> str:
+    return repr(sorted(run.manifest.get("feature_identity", {}).items()))
+
+
+def _common(name: str, a: Sequence[str], b: Sequence[str], remarks: list[str]) -> list[str]:
+    common = [one for one in a if one in b]
+    if not common:
+        raise BadInput(f"the runs have no {name} in common: {', '.join(a)}; {', '.join(b)}")
+    if alone := [one for one in (*a, *b) if one not in common]:
+        remarks.append(f"Only one of the runs has the {name} {', '.join(dict.fromkeys(alone))}.")
+    return common
+
+
+def _refuse_unknown(option: str, wanted: Sequence[str], there: Sequence[str]) -> None:
+    for name in wanted:
+        if name not in there:
+            raise BadInput(
+                f"{option} {name}: cannot be compared here; there are {', '.join(there)}"
+            )
+
+
+class _Seen(NamedTuple):
+    """Where an image is seen from, and the ssim of a blank one with the true one."""
+
+    azimuth_deg: float
+    elevation_deg: float
+    blank_ssim: float
+
+
+def _refuse_other_objects(first: Path, a: pd.DataFrame, second: Path, b: pd.DataFrame) -> None:
+    """Raises BadInput where two runs did not see the same objects from the same views."""
+    in_a, in_b = _seen(a), _seen(b)
+    objects_a, objects_b = ({name for name, _ in seen} for seen in (in_a, in_b))
+    for own, other, folder in ((objects_a, objects_b, first), (objects_b, objects_a, second)):
+        if alone := sorted(own - other):
+            raise BadInput(f"different objects: only {folder} has {_named(alone)}; run both alike")
+    if in_a.keys() != in_b.keys():
+        of_each = f"{len(in_a) // len(objects_a)} and {len(in_b) // len(objects_b)}"
+        raise BadInput(f"different views: {of_each} of an object; give both the same --views")
+    for (name, view), of_a in in_a.items():
+        of_b = in_b[name, view]
+        if of_a[:2] != of_b[:2]:
+            raise BadInput(
+                f"different views: view {view} of {name} is at azimuth {of_a.azimuth_deg:.2f} and "
+                f"{of_b.azimuth_deg:.2f} degrees; give both the same --seed"
+            )
+        if abs(of_a.blank_ssim - of_b.blank_ssim) > SAME_TRUTH:  # not for NaN: a blank that failed
+            raise BadInput(
+                f"different true images: {name} is not the same object in both runs (a blank image "
+                f"has ssim {of_a.blank_ssim:.3f} and {of_b.blank_ssim:.3f}); give both the same "
+                "--dataset"
+            )
+
+
+def _seen(records: pd.DataFrame) -> dict[tuple[str, int], _Seen]:
+    """What a run saw, by "class/object" and view."""
+    blank = records[records["method"] == FLOOR]
+    names = blank["class"].astype(str) + "/" + blank["object"].astype(str)
+    seen = map(_Seen, blank["azimuth_deg"], blank["elevation_deg"], blank["ssim"])
+    return dict(zip(zip(names, blank["view"], strict=True), seen, strict=True))
+
+
+def _named(objects: Sequence[str]) -> str:
+    more = f" and {len(objects) - NAMED} more" if len(objects) > NAMED else ""
+    return ", ".join(objects[:NAMED]) + more
