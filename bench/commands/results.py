@@ -134,7 +134,7 @@ def compare(
     else:
         first, second = directories
         found = runs(first, second, names(methods), names(metric))
-    folder = out or directories[-1] / COMPARISONS / file_name(found.a, found.b)
+    folder = out or directories[-1] / COMPARISONS / file_name(Path(found.a).name, Path(found.b).name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
