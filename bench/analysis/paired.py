@@ -129,6 +129,11 @@ def sign_flip_p(differences: Floats) -> float:
     return float(min(found.pvalue, 1.0))
 
 
+def smallest_p(objects: int) -> float:
+    """The least p value that so many objects can have: all signs alike, both ways."""
+    return min(1.0, 2.0 ** (1 - objects))
+
+
 def holm(p_values: Sequence[float]) -> list[float]:
     """P values corrected for their number, in their order; NaN stays and does not count."""
     known = sorted((p, i) for i, p in enumerate(p_values) if not math.isnan(p))

@@ -134,7 +134,9 @@ def compare(
     else:
         first, second = directories
         found = runs(first, second, names(methods), names(metric))
-    folder = out or directories[-1] / COMPARISONS / file_name(Path(found.a).name, Path(found.b).name)
+    folder = out or directories[-1] / COMPARISONS / file_name(
+        Path(found.a).name, Path(found.b).name
+    )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -18,6 +18,7 @@ from bench.analysis.paired import (
     PairedDifference,
     Side,
     paired_differences,
+    smallest_p,
 )
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_similarity
@@ -40,6 +41,7 @@ from data_prep.failures import BadInput
 
 SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
 NAMED = 3  # objects in a message
+ENOUGH = 6  # objects; with fewer, p values by sign flips stay above SIGNIFICANCE
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,11 @@ class Differences:
             "`=`: a tie, no difference is shown."
         )
         yield from self.remarks
+        if rows and (fewest := min(row.objects for row in rows)) < ENOUGH:
+            yield (
+                f"With {fewest} objects no p value of an image metric is below "
+                f"{smallest_p(fewest):.2g}: too few to show a difference."
+            )
         for metric, class_name in ordered((row.metric, row.class_name) for row in rows):
             of_grid = [r for r in rows if (r.metric, r.class_name) == (metric, class_name)]
             better = "higher" if is_similarity(metric) else "lower"
@@ -118,9 +125,7 @@ def methods_of_run(
     have, and for a run of which there are no scores.
     """
     if len(set(methods)) != 2:
-        raise BadInput(
-            "--methods: one run is compared by two methods; give a,b, or a second folder"
-        )
+        raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
     run = read_scored(directory)
     _refuse_unknown("--methods", methods, run.manifest["methods"])
     remarks: list[str] = []
