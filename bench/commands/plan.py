@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from bench.catalogue.lookup import find
@@ -20,156 +19,167 @@ from bench.commands.options import RUN_OPTIONS, names, takes
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import (
     Amount,
-    Cell,
-    Cost,
-    Estimate,
-    Measurements,
     Pilot,
     Sample,
+    core_s,
     estimate,
-    half_width,
+    loading_s,
     measure,
-    widest,
+    peak_mib,
+    ssim_deviations,
 )
+from bench.running.pilot import Cell as Place
 from bench.running.protocol import Options, Protocol, protocol_of
 from bench.running.run import Prospect, look_ahead, refuse_small
 from bench.tables.markdown import cell, code, document
-from bench.tables.table import BOLD, Block, grid
-from bench.tables.table import Cell as TableCell
+from bench.tables.table import BOLD, Block, Cell, Table, columns, grid, number
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
-NO_VALUE = "–"
+LIMITS = (10, 25, 50, 100, 250, 500, 1000)  # of which the three largest that limit anything
+RECONSTRUCTIONS = ("surface-apss", "surface-fit", "surface-bpa", "poisson", "alpha-shape")
+NO_VALUE = "-"
 
 
-@dataclass(frozen=True)
-class Saving:
-    """What a change of the run would leave to do and save, in seconds of a core; what it costs."""
+def forecast(
+    options: Options, objects: int, also: tuple[str, ...] = (), samples: Path | None = None
+) -> str:
+    """The plan of a run, in Markdown.
 
-    what: str
-    core_s: float
-    saved_s: float
-    note: str
+    objects  to measure
+    also     methods to measure that the run does not have: what would they save?
+    samples  where to keep what was measured, as CSV with the fields of `Sample`; None: nowhere
 
-
-@dataclass(frozen=True)
-class Forecast:
-    """All that the text says.
-
-    shard       as in --shard; None: the whole
-    there       items done before
-    measured    objects of the pilot
-    starting_s  seconds of all workers until their first job
-    on_gpu      methods that would draw on a GPU
-    to_measure  methods that could stand for some of the run's
+    Raises BadInput as the run would, for the suites that are not made of items, and as
+    `bench.running.pilot.measure`.
     """
+    suite = find(options.suite, ALL_SUITES, "suite")
+    if not isinstance(suite, Suite):
+        raise refuse_small(suite.id, "bench plan")
+    for method in also:
+        find_method(method)
+    if samples is not None and not samples.absolute().parent.is_dir():
+        raise BadInput(f"--samples {samples}: its folder is not there; make it first")
+    protocol, _ = protocol_of(suite, options)
+    run = look_ahead(options, protocol)
+    if not any(run.left.values()):
+        return f"{run.directory}: nothing is left to do; the run would make its tables."
+    methods = tuple(dict.fromkeys((*protocol.methods, *also)))
+    pilot = measure(replace(protocol, methods=methods), objects, run.workers)
+    if samples is not None:
+        names_of_fields = (field.name for field in fields(Sample))
+        table = Table("samples", "", columns(*names_of_fields, digits=""), pilot.samples)
+        write_whole(samples, table.to_csv().encode())
+    return document(plan_of(run, pilot, also)).removesuffix("\n")
 
-    suite: str
-    dataset: str
-    shard: str | None
-    folder: str
-    objects: int
-    conditions: int
-    views: int
-    there: int
-    workers: int
-    measured: int
-    estimate: Estimate
-    starting_s: float
-    on_gpu: frozenset[str]
-    savings: Sequence[Saving]
-    to_measure: Sequence[str]
 
-
-def to_markdown(found: Forecast) -> str:
+def plan_of(run: Prospect, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterator[Block]:
     """Headline, a table by method, wall time and memory, and what would save."""
-    return document(_blocks(found)).removesuffix("\n")
-
-
-def _blocks(found: Forecast) -> Iterator[Block]:
-    total, wall = found.estimate.total, found.estimate.wall_s
-    part = f", shard {found.shard}" if found.shard else ""
-    methods = [method for method in found.estimate.methods if method != GROUND_TRUTH]
-    yield f"# Plan of {cell(found.suite)} on {cell(found.dataset)}{part}"
+    protocol, left = run.protocol, run.left
+    total = core_s(pilot, left, run.workers)
+    items = sum(left.values()) - left[GROUND_TRUTH, ""]
+    there = len(run.todo.items) - items
+    measured = {(s.class_name, s.object_id) for s in pilot.samples}
+    workers = "one worker" if run.workers == 1 else f"{run.workers} workers"
+    shard = f", shard {protocol.shard}" if protocol.shard else ""
+    yield f"# Plan of {cell(protocol.suite.id)} on {cell(protocol.dataset)}{shard}"
     yield (
-        f"{found.objects:,} objects x {found.views} views x {found.conditions} conditions x "
-        f"{len(methods)} methods: {total.items:,} items to do"
-        + (f", {found.there:,} there in {code(found.folder)}" if found.there else "")
-        + f". Measured just now on {found.measured} objects with {_workers(found.workers)}; "
-        "[95 % intervals]."
+        f"{len(protocol.objects):,} objects x {protocol.views} views x "
+        f"{len(protocol.conditions)} conditions x {len(protocol.methods)} methods: "
+        f"{items:,} items to do"
+        + (f", {there:,} there in {code(str(run.directory))}" if there else "")
+        + f". Measured just now on {len(measured)} objects with {workers}; [95 % intervals]."
     )
+    on_gpu = _on_gpu(protocol)
+    starting = loading_s(pilot, left, run.workers)
     yield grid(
-        [
-            *("method", "items", "core-s an item", "core-hours", "GPU-hours", "disk, MB"),
-            "worker, MiB",
-        ],
+        ["method", "items", "core-s an item", "core-hours", "GPU-hours", "disk, MB", "worker, MiB"],
         [
             *(
-                _line(method, cost, cost.method_s if method in found.on_gpu else None)
-                for method, cost in found.estimate.methods.items()
+                _line(method, pilot, _only(left, (method,)), method in on_gpu)
+                for method in (GROUND_TRUTH, *protocol.methods)
             ),
-            ["start of workers", "", "", _number(found.starting_s / 3600), NO_VALUE, "", ""],
-            _line(TableCell("all", special=BOLD), total, _gpu_s(found)),
+            ["start and loading", "", "", _digits(starting / 3600), NO_VALUE, "", ""],
+            [
+                Cell("all", special=BOLD),
+                f"{items:,}",
+                "",
+                _hours(total),
+                _gpu_hours(pilot, _only(left, on_gpu)) if on_gpu else NO_VALUE,
+                _megabytes(pilot, left),
+                _mebibytes(pilot, left),
+            ],
         ],
     )
+    busy = min(run.workers, sum(left.values()))
+    wall, low, high = (_span(seconds / busy) for seconds in total)
     yield (
-        f"With {_workers(found.workers)}: **{_span(wall.value)}**"
-        + (f" [{_span(wall.low)}, {_span(wall.high)}]" if math.isfinite(wall.low) else "")
+        f"With {workers}: **{wall}**"
+        + (f" [{low}, {high}]" if math.isfinite(total.low) else "")
         + ", tables and figures at its end not included; "
-        f"memory {found.workers} x {total.peak_mib:,.0f} MiB at most."
+        f"memory {run.workers} x {_mebibytes(pilot, left)} MiB at most."
     )
-    if total.failed:
-        yield f"{total.failed} of the pilot's items failed; they are counted as they were."
-    if found.savings:
+    if failed := sum(bool(s.reason) for s in pilot.samples if (s.method, s.condition) in left):
+        yield f"{failed} of the pilot's items failed; they are counted as they were."
+    if savings := list(_savings(run, pilot, also, total.value)):
         yield "## What would save"
         yield grid(
             ["instead", "core-hours", "saved", "share", "at what price"],
-            (_saving_line(saving, total.core_s.value) for saving in found.savings),
+            ([what, *_saved(seconds, total.value), price] for what, seconds, price in savings),
         )
-    if found.to_measure:
+    kinds = {_kind(method) for method in protocol.methods}
+    related = [m.id for m in METHODS if m.id not in protocol.methods and _kind(m.id) in kinds]
+    if related and not also:
         yield (
             "What a cheaper method of the same kind would save: `--also` with some of "
-            f"{code(','.join(found.to_measure))}."
+            f"{code(','.join(related))}."
         )
 
 
-def _line(name: str | TableCell, cost: Cost, gpu_s: float | None) -> list[str | TableCell]:
-    each = cost.core_s.value / cost.items if cost.items else math.nan
+def _line(method: str, pilot: Pilot, left: Mapping[Place, int], on_gpu: bool) -> list[str | Cell]:
+    items, seconds = sum(left.values()), estimate(pilot, left)
     return [
-        name,
-        f"{cost.items:,}",
-        _number(each) if isinstance(name, str) else "",
-        _hours(cost.core_s),
-        NO_VALUE if gpu_s is None else _number(gpu_s / 3600),
-        f"{cost.size_b / 1e6:,.0f}",
-        f"{cost.peak_mib:,.0f}" if math.isfinite(cost.peak_mib) else NO_VALUE,
+        method,
+        f"{items:,}",
+        _digits(seconds.value / items) if items else NO_VALUE,
+        _hours(seconds),
+        _gpu_hours(pilot, left) if on_gpu else NO_VALUE,
+        _megabytes(pilot, left),
+        _mebibytes(pilot, left),
     ]
 
 
-def _gpu_s(found: Forecast) -> float | None:
-    if not found.on_gpu:
-        return None
-    return sum(found.estimate.methods[method].method_s for method in found.on_gpu)
+def _hours(seconds: Amount) -> Cell:
+    return number(seconds, lambda value: _digits(value / 3600))
 
 
-def _saving_line(saving: Saving, whole_s: float) -> list[str]:
-    share = f"{saving.saved_s / whole_s:.0%}" if whole_s > 0 else NO_VALUE
-    hours = (_number(seconds / 3600) for seconds in (saving.core_s, saving.saved_s))
-    return [saving.what, *hours, share, saving.note]
+def _gpu_hours(pilot: Pilot, left: Mapping[Place, int]) -> str:
+    return _digits(estimate(pilot, left, "method_s").value / 3600)
 
 
-def _hours(seconds: Amount) -> TableCell:
-    value, low, high = (_number(s / 3600) for s in (seconds.value, seconds.low, seconds.high))
-    return TableCell(value, interval=(low, high) if math.isfinite(seconds.low) else None)
+def _megabytes(pilot: Pilot, left: Mapping[Place, int]) -> str:
+    value = estimate(pilot, left, "size_b").value
+    return f"{value / 1e6:,.0f}" if math.isfinite(value) else NO_VALUE
 
 
-def _number(value: float) -> str:
+def _mebibytes(pilot: Pilot, left: Mapping[Place, int]) -> str:
+    value = peak_mib(pilot, left)
+    return f"{value:,.0f}" if math.isfinite(value) else NO_VALUE
+
+
+def _saved(seconds: float, whole: float) -> list[str]:
+    share = f"{(whole - seconds) / whole:.0%}" if whole > 0 else NO_VALUE
+    return [_digits(seconds / 3600), _digits((whole - seconds) / 3600), share]
+
+
+def _digits(value: float) -> str:
     """To two or three digits; no exponent."""
     if not math.isfinite(value):
         return NO_VALUE
     if abs(value) >= 100:
         return f"{value:,.0f}"
-    return f"{value:.2g}" if abs(value) < 10 else f"{value:.3g}"
+    digits = 2 if abs(value) < 10 else 3
+    return np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
 def _span(seconds: float) -> str:
@@ -178,168 +188,73 @@ def _span(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def _workers(count: int) -> str:
-    return "one worker" if count == 1 else f"{count} workers"
+def _only(left: Mapping[Place, int], methods: tuple[str, ...]) -> dict[Place, int]:
+    return {place: items for place, items in left.items() if place[0] in methods}
 
 
-LIMITS = (10, 25, 50, 100, 250, 500, 1000)  # of which the three largest that limit anything
-RECONSTRUCTIONS = ("surface-apss", "surface-fit", "surface-bpa", "poisson", "alpha-shape")
-
-
-@dataclass(frozen=True)
-class Wish:
-    """Beside what `bench run` takes.
-
-    pilot    objects to measure
-    also     methods to measure that the run does not have: what would they save?
-    samples  where to keep what was measured, as CSV with the fields of `Sample`; None: nowhere
-    """
-
-    pilot: int
-    also: tuple[str, ...] = ()
-    samples: Path | None = None
-
-
-def forecast(options: Options, wish: Wish) -> str:
-    """The plan of a run, in Markdown.
-
-    Raises BadInput as the run would, for the suites that are not made of items, and as
-    `bench.running.pilot.measure`.
-    """
-    suite = find(options.suite, ALL_SUITES, "suite")
-    if not isinstance(suite, Suite):
-        raise refuse_small(suite.id, "bench plan")
-    for method in wish.also:
-        find_method(method)
-    if wish.samples is not None and not wish.samples.absolute().parent.is_dir():
-        raise BadInput(f"--samples {wish.samples}: its folder is not there; make it first")
-    protocol, _ = protocol_of(suite, options)
-    prospect = look_ahead(options, protocol)
-    if not any(prospect.left.values()):
-        return f"{prospect.directory}: nothing is left to do; the run would make its tables."
-    methods = tuple(dict.fromkeys((*protocol.methods, *wish.also)))
-    found = measure(replace(protocol, methods=methods), wish.pilot, prospect.workers)
-    if wish.samples is not None:
-        write_samples(wish.samples, found.pilot)
-    return to_markdown(_forecast(prospect, found, wish.also))
-
-
-def write_samples(path: Path, pilot: Pilot) -> None:
-    """The pilot's samples as CSV, whole or not at all. Raises OSError where there is no place."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, [field.name for field in fields(Sample)], lineterminator="\n")
-    table.writeheader()
-    table.writerows(asdict(sample) for sample in pilot.samples)
-    write_whole(path, text.getvalue().encode())
-
-
-def _forecast(prospect: Prospect, found: Measurements, also: tuple[str, ...]) -> Forecast:
-    protocol, left, pilot = prospect.protocol, prospect.left, found.pilot
-    whole = estimate(pilot, left, prospect.workers)
-    objects = {(s.class_name, s.object_id) for s in pilot.samples}
-    return Forecast(
-        suite=protocol.suite.id,
-        dataset=protocol.dataset,
-        shard=str(protocol.shard) if protocol.shard else None,
-        folder=str(prospect.directory),
-        objects=len(protocol.objects),
-        conditions=len(protocol.conditions),
-        views=protocol.views,
-        there=len(prospect.todo.items) - whole.total.items,
-        workers=prospect.workers,
-        measured=len(objects),
-        estimate=whole,
-        starting_s=whole.total.core_s.value
-        - sum(c.core_s.value for c in whole.methods.values() if c.items),
-        on_gpu=_on_gpu(protocol),
-        savings=(
-            *_limits(prospect, pilot, whole),
-            *_leave_out_dearest(prospect, pilot, whole),
-            *_optional(prospect, found, whole),
-            *_cheaper(prospect, pilot, whole, also),
-        ),
-        to_measure=() if also else _kin_to_measure(protocol.methods),
-    )
-
-
-def _on_gpu(protocol: Protocol) -> frozenset[str]:
+def _on_gpu(protocol: Protocol) -> tuple[str, ...]:
     """The methods that would draw on a GPU: networks, where there is one and it is not refused."""
-    networks = frozenset(m for m in protocol.methods if find_method(m).weights_file is not None)
+    networks = tuple(m for m in protocol.methods if find_method(m).weights_file is not None)
     if not networks or protocol.device == "cpu":
-        return frozenset()
+        return ()
     import torch
 
-    return networks if torch.cuda.is_available() else frozenset()
+    return networks if torch.cuda.is_available() else ()
 
 
-def _limits(prospect: Prospect, pilot: Pilot, whole: Estimate) -> list[Saving]:
-    """Fewer objects. Of a shard nothing: a limit would deal its objects anew."""
-    protocol = prospect.protocol
-    if protocol.shard is not None:
-        return []
-    classes = Counter(obj.class_name for obj in protocol.objects)
-    savings = []
-    for limit in [n for n in LIMITS if n < max(classes.values())][-3:]:
-        objects = sum(min(limit, of_class) for of_class in classes.values())
-        part = estimate(pilot, prospect.left_of_first(limit), prospect.workers)
-        savings.append(_saving(f"--limit {limit}", whole, part, _width(pilot, prospect, objects)))
-    return savings
+# --- what would save ------------------------------------------------------------------------------
 
 
-def _width(pilot: Pilot, prospect: Prospect, objects: int) -> str:
-    cells = [cell for cell in prospect.left if cell[0] not in (GROUND_TRUTH, FLOOR)]
-    cell = widest(pilot, cells)
-    if cell is None:
-        return ""
-    now = half_width(pilot, cell, len(prospect.protocol.objects))
-    return (
-        f"mean SSIM of {cell[0]} at {cell[1]}, the least certain: about "
-        f"±{half_width(pilot, cell, objects):.3f} in place of ±{now:.3f}"
-    )
-
-
-def _leave_out_dearest(prospect: Prospect, pilot: Pilot, whole: Estimate) -> list[Saving]:
-    costs = {m: c.core_s.value for m, c in whole.methods.items() if m not in (GROUND_TRUTH, FLOOR)}
-    if not costs:
-        return []
-    dearest = max(costs, key=lambda method: costs[method])
-    part = estimate(pilot, _without(prospect.left, dearest), prospect.workers)
-    return [_saving(f"without {dearest}", whole, part, "the dearest method")]
-
-
-def _optional(prospect: Prospect, found: Measurements, whole: Estimate) -> list[Saving]:
-    if found.optional_s is None:
-        return []
-    seconds = found.optional_s * sum(prospect.left.values())
-    return [
-        Saving(
-            "without fid",
-            whole.total.core_s.value - seconds,
-            seconds,
-            "Inception features, taken only where their weights are at hand",
-        )
-    ]
-
-
-def _cheaper(
-    prospect: Prospect, pilot: Pilot, whole: Estimate, also: tuple[str, ...]
-) -> list[Saving]:
-    """What was measured beside the run, in place of what it has of the same kind and is dearer."""
-    savings = []
-    for method in prospect.protocol.methods:
+def _savings(
+    run: Prospect, pilot: Pilot, also: tuple[str, ...], whole: float
+) -> Iterator[tuple[str, float, str]]:
+    """Changes of the run, the seconds of a core that it would take with them, and their price."""
+    protocol, left = run.protocol, run.left
+    if protocol.shard is None:  # a limit would distribute the objects of a shard anew
+        classes = Counter(obj.class_name for obj in protocol.objects)
+        for limit in [n for n in LIMITS if n < max(classes.values())][-3:]:
+            objects = sum(min(limit, of_class) for of_class in classes.values())
+            first = core_s(pilot, run.left_of_first(limit), run.workers)
+            yield f"--limit {limit}", first.value, _certainty(run, pilot, objects)
+    costs = {m: estimate(pilot, _only(left, (m,))).value for m in protocol.methods if m != FLOOR}
+    if costs:
+        expensive = max(costs, key=lambda method: costs[method])
+        others = {place: items for place, items in left.items() if place[0] != expensive}
+        rest = core_s(pilot, others, run.workers)
+        yield f"without {expensive}", rest.value, "the most expensive method"
+    optional = [s.optional_s for s in pilot.samples if s.optional_s is not None]
+    if optional:
+        saved = sum(left.values()) * sum(optional) / len(optional)
+        price = "Inception features, taken only where their weights are at hand"
+        yield "without fid", whole - saved, price
+    for method in protocol.methods:
         for other in also:
-            if other in prospect.protocol.methods or _kind(other) != _kind(method):
+            if other in protocol.methods or _kind(other) != _kind(method):
                 continue
-            left = {
+            swapped = {
                 (other if name == method else name, condition): items
-                for (name, condition), items in prospect.left.items()
+                for (name, condition), items in left.items()
             }
-            part = estimate(pilot, left, prospect.workers)
-            if part.total.core_s.value < whole.total.core_s.value:
-                savings.append(
-                    _saving(f"{other} for {method}", whole, part, _scores(pilot, method, other))
-                )
-    return savings
+            seconds = core_s(pilot, swapped, run.workers).value
+            if seconds < whole:
+                yield f"{other} for {method}", seconds, _scores(pilot, method, other)
+
+
+def _certainty(run: Prospect, pilot: Pilot, objects: int) -> str:
+    """How wide the 95 % interval of a mean SSIM over so many objects is, of the least certain."""
+    places = [place for place in run.left if place[0] not in (GROUND_TRUTH, FLOOR)]
+    deviations = ssim_deviations(pilot, places)
+    if not deviations:
+        return ""
+    method, condition = least = max(deviations, key=lambda place: deviations[place])
+    then, now = (
+        1.96 * deviations[least] / math.sqrt(count)
+        for count in (objects, len(run.protocol.objects))
+    )
+    return (
+        f"mean SSIM of {method} at {condition}, the least certain: about "
+        f"±{then:.3f} in place of ±{now:.3f}"
+    )
 
 
 def _scores(pilot: Pilot, method: str, other: str) -> str:
@@ -352,25 +267,10 @@ def _scores(pilot: Pilot, method: str, other: str) -> str:
     return f"mean SSIM in the pilot {means[0]:.3f} in place of {means[1]:.3f}"
 
 
-def _kin_to_measure(methods: tuple[str, ...]) -> tuple[str, ...]:
-    """What there is of the kinds that the run has, and it does not have."""
-    kinds = {_kind(method) for method in methods}
-    return tuple(m.id for m in METHODS if m.id not in methods and _kind(m.id) in kinds)
-
-
 def _kind(method: str) -> str:
     """Methods of one kind may stand for each other; variants are of their method's kind."""
     base = method.partition("@")[0]
     return "reconstruction" if base in RECONSTRUCTIONS else base
-
-
-def _without(left: dict[Cell, int], method: str) -> dict[Cell, int]:
-    return {cell: items for cell, items in left.items() if cell[0] != method}
-
-
-def _saving(what: str, whole: Estimate, part: Estimate, note: str) -> Saving:
-    costs = part.total.core_s.value
-    return Saving(what, costs, whole.total.core_s.value - costs, note)
 
 
 @takes(Options, RUN_OPTIONS, leave_out=("fresh", "ray"))
@@ -388,4 +288,4 @@ def plan(
     ] = None,
 ) -> None:
     """What a run costs, or what is left of one: time, disk, memory; and what saves."""
-    print(forecast(options, Wish(pilot, names(also) or (), samples)))
+    print(forecast(options, pilot, names(also) or (), samples))

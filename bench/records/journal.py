@@ -148,7 +148,7 @@ class Journal:
             path.parent.mkdir(exist_ok=True)
             self._shard = path.open("xb")
             sync_folder(path.parent)
-        line, offset = _to_line(result), self._shard.tell()
+        line, offset = to_line(result), self._shard.tell()
         self._shard.write(line)
         self._shard.flush()
         os.fsync(self._shard.fileno())
@@ -297,7 +297,8 @@ def set_aside(directory: Path) -> Path | None:
             raise _not_writable(directory.parent, error) from error
 
 
-def _to_line(result: Result) -> bytes:
+def to_line(result: Result) -> bytes:
+    """A result as it stands in the journal: the checksum of its JSON, the JSON, a line feed."""
     body = json.dumps(
         {
             "key": result.key,

@@ -11,7 +11,17 @@ from scipy import stats
 
 from bench.records.record import GROUND_TRUTH
 from bench.running.isolation import TASKS_PER_WORKER
-from bench.running.pilot import Pilot, Sample, estimate, half_width, mean_at, spread, widest
+from bench.running.pilot import (
+    Pilot,
+    Sample,
+    core_s,
+    estimate,
+    loading_s,
+    mean_at,
+    peak_mib,
+    spread,
+    ssim_deviations,
+)
 
 SIZES = (100.0, 200.0, 300.0, 400.0)
 
@@ -23,8 +33,8 @@ def sample(method="splat", condition="2048", number=0, seconds=1.0, **changes) -
     return replace(made, **changes)
 
 
-def pilot(*samples, loading=None, start_s=0.0, sizes=SIZES) -> Pilot:
-    return Pilot(samples, loading or {}, start_s, sizes)
+def pilot(*samples) -> Pilot:
+    return Pilot(samples, SIZES)
 
 
 # --- the mean of all from a few -------------------------------------------------------------------
@@ -104,80 +114,67 @@ def test_the_line_is_nearer_than_the_mean_where_costs_go_by_size():
 def test_cost_is_items_times_seconds_summed_over_conditions():
     samples = [sample(number=n, seconds=2.0) for n in range(4)]
     samples += [sample(condition="512", number=n, seconds=3.0) for n in range(4)]
-    found = estimate(pilot(*samples), {("splat", "2048"): 10, ("splat", "512"): 4}, 2)
-    assert found.methods["splat"].core_s.value == pytest.approx(10 * 2 + 4 * 3)
-    assert found.methods["splat"].core_s.low == pytest.approx(32)
-    assert found.methods["splat"].items == found.total.items == 14
-    assert found.methods["splat"].method_s == pytest.approx(14 * 0.5)
-    assert found.total.size_b == pytest.approx(14_000)
-    assert found.total.peak_mib == 300.0
-    assert found.wall_s.value == pytest.approx(16)
+    left = {("splat", "2048"): 10, ("splat", "512"): 4}
+    assert estimate(pilot(*samples), left) == pytest.approx((32, 32, 32))
+    assert estimate(pilot(*samples), left, "method_s").value == pytest.approx(14 * 0.5)
+    assert estimate(pilot(*samples), left, "size_b").value == pytest.approx(14_000)
+    assert peak_mib(pilot(*samples), left) == 300.0
 
 
 def test_sum_of_the_methods_is_the_whole():
     rng = np.random.default_rng(1)
+    cells = [(m, c) for m in ("splat", "blank") for c in ("2048", "512")]
+    left = dict.fromkeys([(GROUND_TRUTH, ""), *cells], 7)
+    loading = {"splat": 3.0, "blank": 1.0, GROUND_TRUTH: 2.0}
     samples = [
-        sample(m, c, n, float(rng.uniform(1, 9)))
-        for m in ("splat", "blank")
-        for c in ("2048", "512")
+        sample(m, c, n, float(rng.uniform(1, 9)), loading_s=None if n else loading[m])
+        for m, c in left
         for n in range(4)
     ]
-    samples += [sample(GROUND_TRUTH, "", n, float(rng.uniform(1, 2))) for n in range(4)]
-    left = {(GROUND_TRUTH, ""): 7} | {
-        (m, c): 7 for m in ("splat", "blank") for c in ("2048", "512")
-    }
-    loading = {"splat": 3.0, "blank": 1.0, GROUND_TRUTH: 2.0}
-    found = estimate(pilot(*samples, loading=loading, start_s=0.25), left, 2)
-    parts = sum(cost.core_s.value for cost in found.methods.values())
-    assert found.total.core_s.value == pytest.approx(parts + 4 * 0.25)
-    assert found.total.items == 28  # ground truths are no items
+    measured = pilot(*samples)
+    parts = sum(estimate(measured, {cell: 7}).value for cell in left)
+    assert estimate(measured, left).value == pytest.approx(parts)
+    whole = core_s(measured, left, 2)
+    assert whole.value == pytest.approx(parts + 2 * 2.0 + 2 * (3.0 + 1.0))
+    assert whole.low < whole.value < whole.high
 
 
-def test_loading_is_paid_once_a_process():
-    samples = [sample(number=n, seconds=0.0) for n in range(4)]
-    few = pilot(*samples, loading={"splat": 5.0})
+def test_loading_is_paid_once_a_process_as_the_mean_of_processes():
+    few = pilot(*(sample(number=n, loading_s=s) for n, s in enumerate((4.0, 6.0, None))))
     many = 10 * TASKS_PER_WORKER + 1
     for items, workers, births in ((1, 4, 1), (3, 4, 3), (100, 4, 4), (many, 4, 11), (0, 4, 0)):
-        cost = estimate(few, {("splat", "2048"): items}, workers).total
-        assert cost.core_s.value == pytest.approx(5.0 * births)
+        assert loading_s(few, {("splat", "2048"): items}, workers) == pytest.approx(5.0 * births)
 
 
 def test_nothing_left_costs_nothing():
-    found = estimate(pilot(sample()), {("splat", "2048"): 0}, 2)
-    assert found.total.core_s.value == found.wall_s.value == found.total.size_b == 0.0
+    nothing = {("splat", "2048"): 0}
+    assert core_s(pilot(sample(loading_s=1.0)), nothing, 2).value == 0.0
+    assert estimate(pilot(sample()), nothing, "size_b").value == 0.0
+    assert math.isnan(peak_mib(pilot(sample()), nothing))
 
 
 def test_a_worker_that_died_leaves_the_mean_of_the_others():
+    died = {"seconds": math.nan, "reason": "crash: the worker died (SIGSEGV)"}
     samples = [sample(number=n, seconds=2.0) for n in range(3)]
-    samples.append(sample(number=3, seconds=math.nan, reason="crash: the worker died (SIGSEGV)"))
-    found = estimate(pilot(*samples), {("splat", "2048"): 10}, 1)
-    assert found.total.core_s.value == pytest.approx(20.0)
-    assert found.total.failed == 1
-    alone = estimate(pilot(sample(seconds=math.nan, reason="crash")), {("splat", "2048"): 10}, 1)
-    assert math.isnan(alone.total.core_s.value)
+    samples.append(sample(number=3, **died))
+    left = {("splat", "2048"): 10}
+    assert estimate(pilot(*samples), left).value == pytest.approx(20.0)
+    elsewhere = [sample(condition="512", number=n, **died) for n in range(4)]
+    left[("splat", "512")] = 10
+    assert estimate(pilot(*samples, *elsewhere), left).value == pytest.approx(40.0)
+    assert math.isnan(estimate(pilot(sample(**died)), left).value)
 
 
-def test_no_more_workers_than_jobs_share_the_time():
-    found = estimate(pilot(sample(seconds=6.0)), {("splat", "2048"): 2}, 8)
-    assert found.wall_s.value == pytest.approx(6.0)
+# --- how far SSIM is spread -----------------------------------------------------------------------
 
 
-# --- how wide the mean SSIM's interval is ---------------------------------------------------------
-
-
-def test_half_width_falls_with_the_square_root():
-    known = pilot(*(sample(number=n, ssim=s) for n, s in enumerate((0.2, 0.4, 0.6, 0.8))))
-    deviation = np.std([0.2, 0.4, 0.6, 0.8], ddof=1)
-    assert half_width(known, ("splat", "2048"), 100) == pytest.approx(0.196 * deviation)
-    assert half_width(known, ("splat", "2048"), 25) == pytest.approx(0.392 * deviation)
-
-
-def test_widest_is_the_cell_with_the_largest_spread():
-    samples = [sample(number=n, ssim=0.5 + n / 100) for n in range(4)]
-    samples += [sample("blank", number=n, ssim=0.5 + n / 10) for n in range(4)]
+def test_ssim_deviations_are_of_cells_with_two_objects():
+    scores = (0.2, 0.4, 0.6, 0.8)
+    samples = [sample(number=n, ssim=score) for n, score in enumerate(scores)]
+    samples += [sample("blank", ssim=0.5), sample("constant", ssim=None)]
     cells = [("splat", "2048"), ("blank", "2048"), ("constant", "2048")]
-    assert widest(pilot(*samples), cells) == ("blank", "2048")
-    assert widest(pilot(sample(ssim=None)), cells) is None
+    found = ssim_deviations(pilot(*samples), cells)
+    assert found == {("splat", "2048"): pytest.approx(np.std(scores, ddof=1))}
 
 
 # --- which objects are measured -------------------------------------------------------------------

@@ -5,21 +5,25 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 
 import pytest
+import torch
+from harness_objects import Tetrahedron
 
 import bench.metrics.inception_weights
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.commands.plan import Forecast, Saving, to_markdown
+from bench.commands.plan import plan_of
 from bench.commands.run import describe_run
 from bench.metrics.inception_weights import WEIGHTS_SHA256
 from bench.records.job import failed
 from bench.records.journal import open_journal, write_manifest
 from bench.records.record import GROUND_TRUTH
-from bench.running.pilot import Amount, Cost, Estimate
-from bench.running.protocol import Options, describe, plan, protocol_of
-from bench.running.run import look_ahead
+from bench.running.pilot import Pilot, Sample
+from bench.running.protocol import Options, Protocol, describe, plan, protocol_of
+from bench.running.run import Prospect, look_ahead
+from bench.tables.markdown import document
 
 from .builders import SUITE
 
@@ -208,50 +212,95 @@ def test_plan_refuses(command, arguments, told, tmp_path):
 # --- the text -------------------------------------------------------------------------------------
 
 
-def make_forecast(**changes) -> Forecast:
-    cost = Cost(40, Amount(7200.0, 3600.0, 10800.0), 1800.0, 5e6, 512.0, 0)
-    truth = Cost(8, Amount(360.0, 360.0, 360.0), 0.0, 1e6, 256.0, 0)
-    total = Cost(40, Amount(7596.0, 3996.0, 11196.0), 1800.0, 6e6, 512.0, 0)
-    values = {
-        "suite": SUITE,
-        "dataset": "folder:a|b",
-        "shard": None,
-        "folder": "runs/x",
-        "objects": 8,
-        "conditions": 5,
-        "views": 20,
-        "there": 0,
-        "workers": 2,
-        "measured": 6,
-        "estimate": Estimate(
-            {GROUND_TRUTH: truth, "pc2pix": cost}, total, Amount(3798.0, 1998.0, 5598.0)
-        ),
-        "starting_s": 36.0,
-        "on_gpu": frozenset(),
-        "savings": (),
-        "to_measure": (),
-    }
-    return Forecast(**(values | changes))
+def make_run(tmp_path, objects=8, there=0, **changes) -> Prospect:
+    """A run of two workers; of its items the first `there` are done."""
+    conditions = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
+    protocol = Protocol(
+        suite=find(SUITE, SUITES, "suite"),
+        dataset="folder:a|b",
+        methods=("pc2pix", "blank"),
+        conditions=conditions,
+        objects=tuple(Tetrahedron(str(number)) for number in range(objects)),
+        views=20,
+        seed=0,
+        device="auto",
+        features=(),
+        feature_identity={},
+        environment={},
+    )
+    protocol = replace(protocol, **changes)
+    todo = plan(protocol, tmp_path)
+    done = frozenset(job.key for job in todo.items[:there])
+    return Prospect(protocol, tmp_path, todo, done, 2)
 
 
-def test_markdown_has_hours_gpu_hours_disk_and_memory():
-    lines = to_markdown(make_forecast(on_gpu=frozenset({"pc2pix"}))).splitlines()
+def make_pilot(run, *methods, **changes) -> Pilot:
+    """Of four objects: 180 s an item (45 s of them the method's), 45 s a ground truth."""
+    common = {"peak_mib": 512.0, "reason": "", "method_s": 45.0}
+    item = common | {"seconds": 180.0, "size_b": 125_000.0} | changes
+    cells = [(m, c) for m in (*run.protocol.methods, *methods) for c in run.protocol.conditions]
+    samples = []
+    for number in range(4):
+        place = {"class_name": "chair", "object_id": str(number), "size": 50.0 * number}
+        truth = common | place | {"seconds": 45.0, "size_b": 125_000.0, "peak_mib": 256.0}
+        loading = None if number else 18.0
+        samples.append(Sample(GROUND_TRUTH, "", **truth, ssim=None, loading_s=loading))
+        for method, condition in cells:
+            values = item | place | ({"seconds": 0.0, "size_b": 0.0} if method == "blank" else {})
+            samples.append(Sample(method, condition, **values, ssim=0.1 * number))
+    return Pilot(tuple(samples), (0.0, 50.0, 100.0, 150.0))
+
+
+def text_of(run, pilot, also=()) -> str:
+    return document(plan_of(run, pilot, also))
+
+
+def test_plan_has_hours_gpu_hours_disk_and_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    run = make_run(tmp_path)
+    lines = text_of(run, make_pilot(run)).splitlines()
     assert lines[0] == r"# Plan of chair-robustness on folder:a\|b"
-    assert "| ground-truth | 8 | 45 | 0.1 [0.1, 0.1] | – | 1 | 256 |" in lines
-    assert "| pc2pix | 40 | 180 | 2 [1, 3] | 0.5 | 5 | 512 |" in lines
-    assert "| start of workers |  |  | 0.01 | – |  |  |" in lines
-    assert "| **all** | 40 |  | 2.1 [1.1, 3.1] | 0.5 | 6 | 512 |" in lines
-    assert any(line.startswith("With 2 workers: **63 min** [33 min, 93 min], ") for line in lines)
-    assert not any(line.startswith("## ") for line in lines)
+    assert "| ground-truth | 8 | 45 | 0.1 [0.1, 0.1] | - | 1 | 256 |" in lines
+    assert "| pc2pix | 40 | 180 | 2 [2, 2] | 0.5 | 5 | 512 |" in lines
+    assert "| start and loading |  |  | 0.01 | - |  |  |" in lines
+    assert "| **all** | 80 |  | 2.1 [2.1, 2.1] | 0.5 | 6 | 512 |" in lines
+    assert any(line.startswith("With 2 workers: **63 min** [63 min, 63 min], ") for line in lines)
+    assert not any("pilot's items failed" in line for line in lines)
+    refused = make_run(tmp_path, device="cpu")
+    text = text_of(refused, make_pilot(refused))
+    assert "| pc2pix | 40 | 180 | 2 [2, 2] | - | 5 | 512 |" in text
 
 
-def test_markdown_without_a_gpu_has_no_gpu_hours():
-    assert "| pc2pix | 40 | 180 | 2 [1, 3] | – | 5 | 512 |" in to_markdown(make_forecast())
+def test_plan_of_the_rest_and_of_failures(tmp_path):
+    run = make_run(tmp_path, there=10)
+    text = text_of(run, make_pilot(run, reason="draw: no"))
+    assert f"70 items to do, 10 there in `{tmp_path}`." in text
+    assert "40 of the pilot's items failed; they are counted as they were." in text
+    few = make_run(tmp_path, objects=1, there=10)
+    assert "With 2 workers: **63 s** [63 s, 63 s], " in text_of(few, make_pilot(few))
 
 
-def test_markdown_of_savings_and_of_what_could_be_measured():
-    saving = Saving("--limit 4", 3798.0, 3798.0, "less certain")
-    text = to_markdown(make_forecast(savings=(saving,), to_measure=("pc2pix@bf16",), there=10))
-    assert "| --limit 4 | 1.1 | 1.1 | 50% | less certain |" in text
-    assert "`--also` with some of `pc2pix@bf16`." in text
-    assert "40 items to do, 10 there in `runs/x`." in text
+def test_plan_says_what_would_save(tmp_path):
+    run = make_run(tmp_path, objects=20)
+    text = text_of(run, make_pilot(run, optional_s=18.0))
+    assert (
+        "| --limit 10 | 2.6 | 2.6 | 50% | mean SSIM of pc2pix at 2048, the least certain: "
+        "about ±0.080 in place of ±0.057 |"
+    ) in text
+    assert re.search(r"^\| without pc2pix \| 0.26 \| 5 \| 95% \| the most expensive", text, re.M)
+    assert re.search(r"^\| without fid \| 4.2 \| 1.1 \| 21% \|", text, re.M)
+    assert "`--also` with some of `pc2pix@" in text
+
+
+def test_plan_compares_with_cheaper_methods_of_the_same_kind(tmp_path):
+    run = make_run(tmp_path)
+    also = ("pc2pix@bf16", "splat")
+    found = make_pilot(run, *also)
+    cheaper = [replace(s, seconds=90.0, ssim=0.5) if "@" in s.method else s for s in found.samples]
+    text = text_of(run, replace(found, samples=tuple(cheaper)), also)
+    assert (
+        "| pc2pix@bf16 for pc2pix | 1.1 | 1 | 47% "
+        "| mean SSIM in the pilot 0.500 in place of 0.150 |"
+    ) in text
+    assert "splat" not in text
+    assert "`--also`" not in text
