@@ -161,11 +161,8 @@ SSIM_CASES = (
         "identical",
         ("identical-noise", lambda: twice(noise(1)), _IDENTICAL | NOTHING_THIN),
         ("identical-leg", lambda: twice(leg()), _IDENTICAL | WHOLE_LEG),
-        (
-            "identical-white",
-            lambda: twice(flat(255)),
-            near("identical", 1.0, *SSIM) | undefined("ssim-object", *THIN),
-        ),
+        ("identical-white", lambda: twice(flat(255)),
+         near("identical", 1.0, *SSIM) | undefined("ssim-object", *THIN)),
         ("identical-black", lambda: twice(flat(0)), _IDENTICAL | NOTHING_THIN),
     ),
     *cases(
@@ -175,14 +172,9 @@ SSIM_CASES = (
         _flat_pair("black-against-one-level", 0, 1, "C1 / (1 + C1)"),
         _flat_pair("grey-against-one-level-less", 128, 127, "(2 p q + C1) / (p^2 + q^2 + C1)"),
         _flat_pair("light-against-dark", 200, 7, "(2 p q + C1) / (p^2 + q^2 + C1)"),
-        (
-            "noise-against-its-negative",
-            lambda: (noise(2, WINDOW), 255 - noise(2, WINDOW)),
-            {
-                "contrast": Near("equal variances", 1.0, ONE_WINDOW),
-                "structure": _of_one_window("structure"),
-            },
-        ),
+        ("noise-against-its-negative", lambda: (noise(2, WINDOW), 255 - noise(2, WINDOW)),
+         {"contrast": Near("equal variances", 1.0, ONE_WINDOW),
+          "structure": _of_one_window("structure")}),
     ),
     *cases(
         "one pixel",
@@ -197,16 +189,10 @@ SSIM_CASES = (
             )
             for where, at in (("middle", 64), ("corner", 0))
         ),
-        (
-            "true-object-of-one-pixel",
-            lambda: (speck(255, 0, 64), flat(255)),
-            {"ssim-object": _CENTRED_ON_THE_PIXEL} | NOTHING_THIN,
-        ),
-        (
-            "true-object-in-the-corner",
-            lambda: (speck(255, 0, 0), flat(255)),
-            undefined("ssim-object", *THIN),
-        ),
+        ("true-object-of-one-pixel", lambda: (speck(255, 0, 64), flat(255)),
+         {"ssim-object": _CENTRED_ON_THE_PIXEL} | NOTHING_THIN),
+        ("true-object-in-the-corner", lambda: (speck(255, 0, 0), flat(255)),
+         undefined("ssim-object", *THIN)),
     ),
     *cases(
         "small images",
@@ -214,7 +200,7 @@ SSIM_CASES = (
         ("strip-of-1x30", lambda: (noise(3, 30)[:, :1], noise(4, 30)[:, :1]), _STRIP),
         ("strip-of-30x1", lambda: (noise(3, 30)[:, :, :1], noise(4, 30)[:, :, :1]), _STRIP),
     ),
-)
+)  # fmt: skip
 
 
 _LEG_IS_GONE = near("nothing of it is drawn", 0.0, "thin-recall") | undefined("thin-precision")
@@ -226,23 +212,13 @@ _NEAR_LEG = 120 + 2 * 4 * 40 + 2 * 4 * 3 + 4 * 8
 THIN_CASES = cases(
     "thin parts",
     ("leg-not-drawn", lambda: (leg(), flat(255)), _LEG_IS_GONE),
-    (
-        "leg-half-drawn",
-        lambda: (leg(), _HALF_A_LEG),
-        near("20 of 40 rows", 0.5, "thin-recall")
-        | near("nothing beside it", 1.0, "thin-precision"),
-    ),
-    (
-        "leg-one-pixel-off",
-        lambda: (leg(), _LEG_MOVED),
-        near("2 of 3 columns", 2 / 3, *THIN, within=U),
-    ),
-    (
-        "leg-on-black",
-        lambda: (leg(), flat(0)),
-        near("all is painted", 1.0, "thin-recall")
-        | near("120 px of all within 4 px", 120 / _NEAR_LEG, "thin-precision", within=U),
-    ),
+    ("leg-half-drawn", lambda: (leg(), _HALF_A_LEG),
+     near("20 of 40 rows", 0.5, "thin-recall") | near("nothing beside it", 1.0, "thin-precision")),
+    ("leg-one-pixel-off", lambda: (leg(), _LEG_MOVED),
+     near("2 of 3 columns", 2 / 3, *THIN, within=U)),
+    ("leg-on-black", lambda: (leg(), flat(0)),
+     near("all is painted", 1.0, "thin-recall")
+     | near("120 px of all within 4 px", 120 / _NEAR_LEG, "thin-precision", within=U)),
     ("faintest-leg", lambda: (leg(254), leg(254)), WHOLE_LEG),
     ("faintest-leg-not-drawn", lambda: (leg(254), flat(255)), _LEG_IS_GONE),
     ("light-leg-half-as-dark", lambda: (leg(235), leg(245)), WHOLE_LEG),
@@ -250,7 +226,7 @@ THIN_CASES = cases(
     ("stub-of-8-px", lambda: twice(leg(80, slice(40, 44), slice(60, 62))), WHOLE_LEG),
     ("stub-of-7-px", lambda: twice(leg(80, slice(40, 47), slice(60, 61))), NOTHING_THIN),
     ("leg-along-the-frame", lambda: twice(leg(columns=slice(0, 3))), WHOLE_LEG),
-)
+)  # fmt: skip
 
 
 SILHOUETTE = "silhouette-iou"
@@ -262,63 +238,33 @@ SILHOUETTE_CASES = cases_of(
     "silhouettes",
     ("same-leg", lambda: twice(leg()), _SAME_PIXELS),
     ("same-noise", lambda: twice(noise(3)), _SAME_PIXELS),
-    (
-        "nothing-on-nothing",
-        lambda: twice(flat(255)),
-        Near("neither shows anything: they agree", 1.0),
-    ),
+    ("nothing-on-nothing", lambda: twice(flat(255)),
+     Near("neither shows anything: they agree", 1.0)),
     ("nothing-of-a-leg", lambda: (leg(), flat(255)), Near("nothing of 120 px", 0.0)),
     ("a-leg-on-nothing", lambda: (flat(255), leg()), Near("120 px where nothing is", 0.0)),
     ("half-a-leg", lambda: (leg(), _HALF_A_LEG), Near("20 of 40 rows", 0.5)),
-    (
-        "shifted-leg",
-        lambda: (leg(), _LEG_MOVED),
-        Near("2 of 3 columns drawn, 1 beside them: 2 / 4", 0.5),
-    ),
+    ("shifted-leg", lambda: (leg(), _LEG_MOVED),
+     Near("2 of 3 columns drawn, 1 beside them: 2 / 4", 0.5)),
     ("a-leg-painted-over", lambda: (leg(), flat(0)), Near("120 px of 128 x 128", _OF_ALL, U)),
-    (
-        "a-leg-in-another-colour",
-        lambda: (leg(0), leg(217)),
-        Near("contrast 38 of the 37.5 asked for: what is in it does not count", 1.0),
-    ),
+    ("a-leg-in-another-colour", lambda: (leg(0), leg(217)),
+     Near("contrast 38 of the 37.5 asked for: what is in it does not count", 1.0)),
     ("a-leg-too-faint", lambda: (leg(0), leg(218)), Near("contrast 37 of the 37.5 asked for", 0.0)),
-    (
-        "haze-around-a-leg",
-        lambda: (leg(), np.minimum(leg(), flat(218))),
-        Near("contrast 37 all over the background is no object", 1.0),
-    ),
-    (
-        "a-light-leg-in-haze",
-        lambda: (leg(235), np.minimum(leg(235), flat(245))),
-        Near("contrast 10, half of the leg's, all over: 120 px of 128 x 128", _OF_ALL, U),
-    ),
-    (
-        "faintest-haze-on-nothing",
-        lambda: (flat(255), flat(218)),
-        Near("contrast 37 of the 37.5 asked for where nothing is", 1.0),
-    ),
+    ("haze-around-a-leg", lambda: (leg(), np.minimum(leg(), flat(218))),
+     Near("contrast 37 all over the background is no object", 1.0)),
+    ("a-light-leg-in-haze", lambda: (leg(235), np.minimum(leg(235), flat(245))),
+     Near("contrast 10, half of the leg's, all over: 120 px of 128 x 128", _OF_ALL, U)),
+    ("faintest-haze-on-nothing", lambda: (flat(255), flat(218)),
+     Near("contrast 37 of the 37.5 asked for where nothing is", 1.0)),
     ("silhouettes-of-no-images", lambda: twice(flat(0, 0)), _NO_VALUES),
-    (
-        "silhouettes-of-two-images",
-        lambda: (np.concatenate([leg(), leg()]), np.concatenate([leg(), flat(255)])),
-        Near("each by itself", lambda a, b: [1.0, 0.0]),
-    ),
-    (
-        "silhouettes-in-0-to-1",
-        lambda: (flat(255) / 255, leg() / 255),
-        Refused(ValueError, "images must be uint8"),
-    ),
-    (
-        "silhouettes-without-a-stack",
-        lambda: twice(leg()[0]),
-        Refused(ValueError, "[128, 128, 3]"),
-    ),
-    (
-        "silhouettes-of-another-size",
-        lambda: (flat(0, side=64), flat(0)),
-        Refused(ValueError, "of truths [1, 64, 64, 3]"),
-    ),
-)
+    ("silhouettes-of-two-images",
+     lambda: (np.concatenate([leg(), leg()]), np.concatenate([leg(), flat(255)])),
+     Near("each by itself", lambda a, b: [1.0, 0.0])),
+    ("silhouettes-in-0-to-1", lambda: (flat(255) / 255, leg() / 255),
+     Refused(ValueError, "images must be uint8")),
+    ("silhouettes-without-a-stack", lambda: twice(leg()[0]), Refused(ValueError, "[128, 128, 3]")),
+    ("silhouettes-of-another-size", lambda: (flat(0, side=64), flat(0)),
+     Refused(ValueError, "of truths [1, 64, 64, 3]")),
+)  # fmt: skip
 
 
 _WHOLE = "pictures must be uint8 [N, 128, 128, 3]"
@@ -335,80 +281,43 @@ _BLACK_ON_WHITE = luminance_of_flat(0, 255)
 INPUT_CASES = (
     *cases(
         "number of images",
-        (
-            "no-images",
-            lambda: twice(flat(0, 0)),
-            refused("nothing to compare", *SSIMS)
-            | dict.fromkeys((*THIN, JUDGE), _NO_VALUES)
-            | refused("[0, 64]", *FD_VIEWS, error=TooFewSamples),
-        ),
-        (
-            "one-image",
-            lambda: (flat(0), flat(255)),
-            near("one value", lambda a, b: [_BLACK_ON_WHITE], "ssim", within=SUMS)
-            | refused("[1, 64]", *FD_VIEWS, error=TooFewSamples)
-            | {JUDGE: UNIT_CODES},
-        ),
-        (
-            "two-images",
-            lambda: (np.concatenate([flat(0), leg()]), np.concatenate([flat(255), leg()])),
-            near(
-                "each by itself",
-                lambda a, b: [_BLACK_ON_WHITE, 1.0],
-                "ssim",
-                "ssim-object",
-                within=SUMS,
-            )
-            | near("each by itself", lambda a, b: [math.nan, 1.0], *THIN)
-            | {JUDGE: UNIT_CODES},
-        ),
+        ("no-images", lambda: twice(flat(0, 0)),
+         refused("nothing to compare", *SSIMS)
+         | dict.fromkeys((*THIN, JUDGE), _NO_VALUES)
+         | refused("[0, 64]", *FD_VIEWS, error=TooFewSamples)),
+        ("one-image", lambda: (flat(0), flat(255)),
+         near("one value", lambda a, b: [_BLACK_ON_WHITE], "ssim", within=SUMS)
+         | refused("[1, 64]", *FD_VIEWS, error=TooFewSamples)
+         | {JUDGE: UNIT_CODES}),
+        ("two-images",
+         lambda: (np.concatenate([flat(0), leg()]), np.concatenate([flat(255), leg()])),
+         near("each by itself", lambda a, b: [_BLACK_ON_WHITE, 1.0], "ssim", "ssim-object",
+              within=SUMS)
+         | near("each by itself", lambda a, b: [math.nan, 1.0], *THIN)
+         | {JUDGE: UNIT_CODES}),
     ),
     *cases(
         "not pictures",
-        (
-            "nan-pixels",
-            lambda: (flat(255) / 255, np.full((1, IMAGE_SIZE, IMAGE_SIZE, 3), np.nan)),
-            _NOT_UINT8,
-        ),
-        (
-            "floats-in-0-to-1",
-            lambda: (flat(255).astype(np.float32) / 255, leg().astype(np.float32) / 255),
-            _NOT_UINT8,
-        ),
-        (
-            "whole-numbers-of-64-bits",
-            lambda: (flat(255).astype(np.int64), leg().astype(np.int64)),
-            _NOT_UINT8,
-        ),
+        ("nan-pixels", lambda: (flat(255) / 255, np.full((1, IMAGE_SIZE, IMAGE_SIZE, 3), np.nan)),
+         _NOT_UINT8),
+        ("floats-in-0-to-1",
+         lambda: (flat(255).astype(np.float32) / 255, leg().astype(np.float32) / 255), _NOT_UINT8),
+        ("whole-numbers-of-64-bits", lambda: (flat(255).astype(np.int64), leg().astype(np.int64)),
+         _NOT_UINT8),
         ("only-one-is-uint8", lambda: (flat(255), leg() / 255), _NOT_UINT8),
-        (
-            "image-without-a-stack",
-            lambda: twice(flat(0)[0]),
-            refused("[128, 128, 3]", *SSIMS, *THIN) | _refused_by_networks(_WHOLE),
-        ),
-        (
-            "two-dimensions",
-            lambda: twice(flat(0)[0, :, :, 0]),
-            refused("[128, 128]", *SSIMS, *THIN) | _refused_by_networks(),
-        ),
-        (
-            "another-size",
-            lambda: (flat(0, side=64), flat(0)),
-            refused("must have the same shape", *SSIMS)
-            | refused("of truths [1, 64, 64, 3]", *THIN)
-            | refused("[1, 64, 64, 3]", *FD_VIEWS),
-        ),
-        (
-            "another-number-of-images",
-            lambda: (flat(0), flat(0, 2)),
-            refused("must have the same shape", *SSIMS)
-            | refused("of truths [1, 128, 128, 3]", *THIN),
-        ),
-        (
-            "four-channels",
-            lambda: twice(np.zeros((2, 128, 128, 4), np.uint8)),
-            _refused_by_networks(),
-        ),
+        ("image-without-a-stack", lambda: twice(flat(0)[0]),
+         refused("[128, 128, 3]", *SSIMS, *THIN) | _refused_by_networks(_WHOLE)),
+        ("two-dimensions", lambda: twice(flat(0)[0, :, :, 0]),
+         refused("[128, 128]", *SSIMS, *THIN) | _refused_by_networks()),
+        ("another-size", lambda: (flat(0, side=64), flat(0)),
+         refused("must have the same shape", *SSIMS)
+         | refused("of truths [1, 64, 64, 3]", *THIN)
+         | refused("[1, 64, 64, 3]", *FD_VIEWS)),
+        ("another-number-of-images", lambda: (flat(0), flat(0, 2)),
+         refused("must have the same shape", *SSIMS)
+         | refused("of truths [1, 128, 128, 3]", *THIN)),
+        ("four-channels", lambda: twice(np.zeros((2, 128, 128, 4), np.uint8)),
+         _refused_by_networks()),
         ("no-channels", lambda: twice(flat(0)[..., :0]), refused("nothing to compare", *SSIMS)),
     ),
-)
+)  # fmt: skip
