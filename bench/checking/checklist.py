@@ -24,7 +24,7 @@ from bench.checking.claim_rules import (
     Timed,
     Verdict,
 )
-from bench.checking.claims import CHAIRS, CLAIMS, CLASSES, LATENT, SPEED, Claim
+from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
 from bench.records.features import Features
 from bench.records.journal import read_finished
 from bench.records.record import GROUND_TRUTH
@@ -71,7 +71,7 @@ def check_claims(directories: Sequence[Path]) -> list[Checked]:
 def checked(runs: Sequence[Run]) -> list[Checked]:
     """Every claim against every run of its suite; a line of its own where there is none."""
     made = []
-    for claim in CLAIMS:
+    for claim in claims():
         asked = [run for run in runs if claim.rule is not None and run.suite == claim.suite]
         if not asked:
             reason = claim.why_not or f"give a run of {claim.suite}"

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from bench.analysis.comparison import Comparison, Estimate, Quality
 from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
 from bench.catalogue.metrics import is_similarity
-from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals
+from bench.tables.classes import NETWORK, SURFACE, decimals
 from bench.tables.orderings import Ordering
 from bench.tables.table import Table
 
 Floats = NDArray[np.float64]
 Verdict = Literal["supported", "not supported", "not testable here"]
-Ahead = Literal["surface", "network", "equal"]
+Ahead = Literal["surface", "network", "equal", "undecided"]
 FULL = "2048"
 CHAIR = "chair"
 EQUAL = 0.01  # what two scores that are printed alike, with two decimals, differ by at most
@@ -117,12 +117,8 @@ def ordering(run: Scored, metric: str, condition: str, ahead: Ahead) -> list[Fin
     found = []
     for network in run.networks:
         a, b = (run.quality(metric, m, condition, CHAIR) for m in (network, SURFACE))
-        sign = 1 if is_similarity(metric) else -1
-        lead = combined([(sign, a), (-sign, b)])
-        numbers = (
-            f"{metric} {_number(metric, a.estimate.value)}, SR "
-            f"{_number(metric, b.estimate.value)}; ahead by {_told(metric, lead)}"
-        )
+        lead = _lead(a, b)
+        numbers = _compared(metric, a.estimate.value, "SR", b.estimate.value, "ahead", lead)
         found.append(_judged(network, numbers, lead, ahead, _stand_in(metric)))
     return found
 
@@ -163,9 +159,9 @@ def above_blank(run: Scored) -> list[Finding]:
     for network in run.networks:
         leads = {}
         for metric in ("ssim", run.distance):
-            sign = 1 if is_similarity(metric) else -1
-            a, b = (run.quality(metric, m, FULL, CHAIR) for m in (network, "blank"))
-            leads[metric] = combined([(sign, a), (-sign, b)])
+            leads[metric] = _lead(
+                *(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank"))
+            )
         numbers = "; ".join(f"{m}: ahead by {_told(m, lead)}" for m, lead in leads.items())
         lacking = [m for m, lead in leads.items() if not lead.low > 0]
         why = f"not surely ahead of a blank picture by {', '.join(lacking)}"
@@ -176,24 +172,13 @@ def above_blank(run: Scored) -> list[Finding]:
 # --- classes --------------------------------------------------------------------------------------
 
 
-def class_ordering(run: Scored, class_name: str, ahead: Ahead) -> list[Finding]:
-    """Who is ahead in one class of Table 5, or on average."""
-    row, network = _ordering(run, run.distance, class_name)
-    return [_judged(network, _of_row(row), row.lead, ahead, _stand_in(row.metric))]
-
-
-def insignificant(run: Scored, class_name: str) -> list[Finding]:
-    """SR and the network differ by nothing that the objects could tell."""
-    row, network = _ordering(run, run.distance, class_name)
-    holds = row.lead.low <= 0 <= row.lead.high
-    why = "the interval does not hold 0"
-    return [_finding(network, _of_row(row), [row.lead], holds, why, _stand_in(row.metric))]
-
-
-def more_similar_class(run: Scored) -> list[Finding]:
-    """The classifier gives the true class more to the network's pictures than to SR's."""
-    row, network = _ordering(run, CONFIDENCE, AVERAGE)
-    return [_judged(network, _of_row(row), row.lead, "network", "")]
+def class_ordering(
+    run: Scored, class_name: str, ahead: Ahead, metric: str | None = None
+) -> list[Finding]:
+    """Who is ahead in one class, or on average; by the run's distance without another metric."""
+    row = _ordering(run, metric or run.distance, class_name)
+    numbers = _compared(row.metric, row.network, "SR", row.surface, "ahead", row.lead)
+    return [_judged(row.method, numbers, row.lead, ahead, _stand_in(row.metric))]
 
 
 def unrecognisable(run: Scored) -> list[Finding]:
@@ -216,11 +201,8 @@ def gains_from_others(run: Scored, alone: str, together: str) -> list[Finding]:
     """Chairs: the network of all classes is nearer to the truth than that of chairs alone."""
     metric = run.distance
     a, b = (run.quality(metric, m, FULL, CHAIR) for m in (alone, together))
-    gain = combined([(1, a), (-1, b)])
-    numbers = (
-        f"{metric} {_number(metric, b.estimate.value)}, alone "
-        f"{_number(metric, a.estimate.value)}; better by {_told(metric, gain)}"
-    )
+    gain = _lead(b, a)
+    numbers = _compared(metric, b.estimate.value, "alone", a.estimate.value, "better", gain)
     return [_judged(together, numbers, gain, "network", _stand_in(metric))]
 
 
@@ -242,10 +224,7 @@ def good_where_thin(run: Scored, thin: Sequence[str]) -> list[Finding]:
         variance += (high - value) ** 2
     gap, reach = values[1] - values[0], math.sqrt(variance)
     estimate = Estimate(gap, gap - reach, gap + reach)
-    numbers = (
-        f"{metric} {_number(metric, values[0])}, others {_number(metric, values[1])}; nearer by "
-        f"{_told(metric, estimate)}"
-    )
+    numbers = _compared(metric, values[0], "others", values[1], "nearer", estimate)
     return [_judged(SURFACE, numbers, estimate, "network", _stand_in(metric))]
 
 
@@ -318,15 +297,19 @@ def mean_above(run: Latent, metric: str, what: str, than: str | None = None) -> 
         at = rows[rows["method"] == method].set_index("what")
         if lacking := [w for w in (what, than) if w is not None and w not in at.index]:
             raise Lacking(f"the run has no {metric} of {', '.join(lacking)}")
-        own = Estimate(*(float(at.loc[what, c]) for c in ("value", "ci_low", "ci_high")))  # type: ignore[arg-type]
+        own = _estimate(at, what)
         numbers, bar = f"{metric} of {what} {_figures(own)}", 0.0
         if than is not None:
-            other = Estimate(*(float(at.loc[than, c]) for c in ("value", "ci_low", "ci_high")))  # type: ignore[arg-type]
+            other = _estimate(at, than)
             numbers, bar = f"{numbers}, of {than} {_figures(other)}", other.high
         holds = own.low > bar
         why = "not surely above it" if than else "not surely above 0"
         found.append(_finding(str(method), numbers, [own], holds, why))
     return found
+
+
+def _estimate(rows: pd.DataFrame, what: str) -> Estimate:
+    return Estimate(*(float(rows.loc[what, c]) for c in ("value", "ci_low", "ci_high")))  # type: ignore[arg-type]
 
 
 # --- in common ------------------------------------------------------------------------------------
@@ -347,6 +330,12 @@ def combined(terms: Sequence[tuple[float, Quality]]) -> Estimate:
     return Estimate(value, *interval_of_distances(value, [per_object]))
 
 
+def _lead(a: Quality, b: Quality) -> Estimate:
+    """How much better a is than b."""
+    sign = 1 if is_similarity(a.metric) else -1
+    return combined([(sign, a), (-sign, b)])
+
+
 def _loss(run: Scored, metric: str, method: str, condition: str) -> list[tuple[float, Quality]]:
     """The terms of how much worse a method is at a condition than with the full cloud."""
     sign = 1.0 if is_similarity(metric) else -1.0
@@ -354,24 +343,29 @@ def _loss(run: Scored, metric: str, method: str, condition: str) -> list[tuple[f
     return [(sign, full), (-sign, less)]
 
 
-def _ordering(run: Scored, metric: str, class_name: str) -> tuple[Ordering, str]:
+def _ordering(run: Scored, metric: str, class_name: str) -> Ordering:
     if run.orderings is None:
         raise Lacking("the run has not both SR and pc2pix")
     for row in run.orderings.rows:
         if (row.condition, row.class_name, row.metric) == (FULL, class_name, metric):
-            return row, row.method
+            return row
     raise Lacking(f"the run has no {metric} of class {class_name} at {FULL}")
 
 
 def _judged(subject: str, numbers: str, lead: Estimate, ahead: Ahead, remark: str) -> Finding:
     """By the interval of how much the network is ahead."""
-    if ahead == "equal":
-        holds = lead.low >= -EQUAL and lead.high <= EQUAL
-        why = f"not surely within {EQUAL} of each other"
-    else:
-        holds = lead.low > 0 if ahead == "network" else lead.high < 0
-        other = lead.high < 0 if ahead == "network" else lead.low > 0
-        why = "the other way round" if other else "the interval holds 0"
+    before, behind = lead.low > 0, lead.high < 0
+    between = "the interval holds 0"
+    match ahead:
+        case "network":
+            holds, why = before, "the other way round" if behind else between
+        case "surface":
+            holds, why = behind, "the other way round" if before else between
+        case "equal":
+            holds = lead.low >= -EQUAL and lead.high <= EQUAL
+            why = f"not surely within {EQUAL} of each other"
+        case "undecided":
+            holds, why = not before and not behind, "the interval does not hold 0"
     return _finding(subject, numbers, [lead], holds, why, remark)
 
 
@@ -399,10 +393,10 @@ def _stand_in(metric: str) -> str:
     return f"{metric} stands in for {DISTANCES[0]}" if metric == DISTANCES[1] else ""
 
 
-def _of_row(row: Ordering) -> str:
+def _compared(metric: str, own: float, other: str, value: float, how: str, lead: Estimate) -> str:
     return (
-        f"{row.metric} {_number(row.metric, row.network)}, SR {_number(row.metric, row.surface)}; "
-        f"ahead by {_told(row.metric, row.lead)}"
+        f"{metric} {_number(metric, own)}, {other} {_number(metric, value)}; "
+        f"{how} by {_told(metric, lead)}"
     )
 
 

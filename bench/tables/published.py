@@ -18,12 +18,23 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 def published(suite: str) -> Published:
     """The paper's values by (class, metric, condition, method); empty for a suite without any."""
-    path = RESULTS / "paper" / f"{suite}.csv"
-    if not path.is_file():
+    if not _published_path(suite).is_file():
         return {}
-    rows = pd.read_csv(path, dtype={"condition": str})
+    rows = published_rows(suite)
     keys = zip(rows["class"], rows["metric"], rows["condition"], rows["method"], strict=True)
     return dict(zip(keys, rows["value"].astype(float), strict=True))
+
+
+def published_rows(suite: str) -> pd.DataFrame:
+    """The paper's values as printed, all columns text. Raises BadInput where there are none."""
+    path = _published_path(suite)
+    if not path.is_file():
+        raise BadInput(f"{path}: no published values; run from a checkout that has them")
+    return pd.read_csv(path, dtype=str)
+
+
+def _published_path(suite: str) -> Path:
+    return RESULTS / "paper" / f"{suite}.csv"
 
 
 def golden_path(suite: str) -> Path:

@@ -215,10 +215,12 @@ def test_classes():
     assert found.numbers == "fd-views 5.0, SR 20.0; ahead by +15.0 [+10.0, +20.0]"
     assert verdicts(rules.class_ordering(run, "car", "surface")) == ["not supported"]
     assert verdicts(rules.class_ordering(run, "rifle", "surface")) == ["not supported"]
-    assert verdicts(rules.insignificant(run, "rifle")) == ["supported"]
-    assert verdicts(rules.insignificant(run, "car")) == ["not supported"]
-    assert verdicts(rules.insignificant(run, "sofa")) == ["not supported"]
-    assert verdicts(rules.more_similar_class(run)) == ["supported"]
+    assert verdicts(rules.class_ordering(run, "rifle", "undecided")) == ["supported"]
+    assert verdicts(rules.class_ordering(run, "car", "undecided")) == ["not supported"]
+    assert verdicts(rules.class_ordering(run, "sofa", "undecided")) == ["not supported"]
+    assert verdicts(rules.class_ordering(run, "average", "network", "class-confidence")) == [
+        "supported"
+    ]
     with pytest.raises(Lacking, match="no fd-views of class lamp"):
         rules.class_ordering(run, "lamp", "surface")
 
@@ -228,7 +230,7 @@ def test_no_interval_is_no_verdict():
     (found,) = rules.class_ordering(run, "car", "network")
     assert found.verdict == "not testable here"
     assert found.reason.startswith("too few objects for an interval")
-    assert verdicts(rules.insignificant(run, "car")) == ["not testable here"]
+    assert verdicts(rules.class_ordering(run, "car", "undecided")) == ["not testable here"]
 
 
 def test_unrecognisable():

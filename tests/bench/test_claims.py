@@ -13,13 +13,15 @@ from bench.catalogue.suites import LATENT, SPEED, SUITES
 from bench.checking import checklist as claims_check
 from bench.checking.checklist import Checked, Run, checked, read_run, spreads, to_markdown
 from bench.checking.claim_rules import Finding, Latent, Scored, Timed
-from bench.checking.claims import CLAIMS
+from bench.checking.claims import claims
 from bench.records.record import GROUND_TRUTH
+from bench.tables import published as published_values
 from bench.tables.published import published
 from data_prep.failures import BadInput
 
 from .builders import FeaturesAtHand, make_manifest, write_manifest, write_run
 
+CLAIMS = claims()
 FOUND = Finding("pc2pix", "supported", "ssim 0.7", "")
 
 
@@ -33,33 +35,44 @@ def test_the_table_of_claims():
         assert claim.rule is None or claim.suite in suites
 
 
-@pytest.mark.parametrize("suite", ["chair-robustness", "thirteen-classes"])
-def test_quoted_values_are_the_published_ones(suite):
-    """What the claims quote from Tables 3 to 5 is what the ledger has, and who is ahead in it."""
-    values = published(suite)
-    quoted = 0
-    for claim in CLAIMS:
-        told = re.fullmatch(r"(\S+) of SR and PC2PIX: (\S+), (\S+)", claim.quoted)
-        if told is None or claim.suite != suite:
-            continue
-        quoted += 1
-        place = claim.where.partition(", ")[2]
-        in_chairs = suite == "chair-robustness"
-        class_name, condition = ("chair", place) if in_chairs else (place, "2048")
-        network = "pc2pix" if in_chairs else "pc2pix@all"
-        metric = told[1].lower()
-        sr, own = (values[class_name, metric, condition, m] for m in ("surface-apss", network))
-        assert (sr, own) == (float(told[2]), float(told[3]))
-        higher = metric != "fid"
-        ahead = "equal" if sr == own else "network" if (own > sr) == higher else "surface"
-        assert claim.rule.keywords["ahead"] == ahead
-        assert claim.id.startswith(f"table-{claim.where[6]}-")
-    assert quoted == {"chair-robustness": 25, "thirteen-classes": 14}[suite]
+@pytest.mark.parametrize(
+    ("claim_id", "quoted", "ahead", "measured"),
+    [
+        ("3-ssim-noise-005", "ssim: 0.46, 0.63", "network", "pc2pix is ahead by ssim on chairs"),
+        ("3-contrast-512", "contrast: 0.82, 0.79", "surface", "SR is ahead by contrast on chairs"),
+        ("3-luminance-512", "luminance: 0.94, 0.94", "equal", "they are equal by luminance"),
+        ("4-noise-010", "FID: 294.2, 39.0", "network", "pc2pix is ahead by FID on chairs"),
+        ("5-rifle", "FID: 26.3, 29.0", "surface", "SR is ahead by FID"),
+        ("5-average", "FID: 114.4, 57.2", "network", "pc2pix is ahead by FID"),
+    ],
+)
+def test_claims_made_of_published_values(claim_id, quoted, ahead, measured):
+    (claim,) = (claim for claim in CLAIMS if claim.id == f"table-{claim_id}")
+    assert claim.quoted == quoted.replace(":", " of SR and PC2PIX:")
+    assert claim.rule.keywords["ahead"] == ahead
+    expected = f"{measured} on chairs, within 0.01" if ahead == "equal" else measured
+    assert claim.measured == expected
+
+
+def test_every_published_pair_is_a_claim():
+    for suite, count in (("chair-robustness", 25), ("thirteen-classes", 14)):
+        made = [c for c in CLAIMS if c.suite == suite and c.id.startswith("table-")]
+        assert len(made) == count == len(published(suite)) / 2
+    assert len(CLAIMS) == 64
+    where = {claim.id: claim.where for claim in CLAIMS}
+    assert where["table-3-ssim-noise-005"] == "Table 3, noise-0.05"
+    assert where["table-5-rifle"] == "Table 5, rifle"
+
+
+def test_no_claims_without_the_published_values(monkeypatch, tmp_path):
+    monkeypatch.setattr(published_values, "RESULTS", tmp_path)
+    with pytest.raises(BadInput, match=r"chair-robustness.csv: no published values"):
+        claims()
 
 
 def test_claims_without_a_run():
     made = checked([])
-    assert [entry.claim for entry in made] == list(CLAIMS)
+    assert [entry.claim.id for entry in made] == [claim.id for claim in CLAIMS]
     assert {entry.finding.verdict for entry in made} == {"not testable here"}
     reasons = {entry.claim.id: entry.finding.reason for entry in made}
     assert reasons["table-5-car"] == "give a run of thirteen-classes"
@@ -184,7 +197,7 @@ def test_findings_are_those_of_the_rule(monkeypatch):
         return [FOUND, replace(FOUND, subject="pc2pix@acgan")]
 
     claim = replace(CLAIMS[0], rule=rule)
-    monkeypatch.setattr(claims_check, "CLAIMS", (claim,))
+    monkeypatch.setattr(claims_check, "claims", lambda: (claim,))
     evidence = Scored({}, None, {})
     runs = [Run("one", claim.suite, evidence), Run("two", "speed", Timed(pd.DataFrame()))]
     made = checked(runs)

@@ -1,9 +1,9 @@
 """What each method is expected to make of each case of the suite `stability`, and the verdict.
 
-An expectation is a picture, the picture of another case to within a tolerance, a change of stated
-size, or a failure of a stated name. For methods that nobody has stated anything about (those of
-other packages) every picture and every named failure is in order; only what has no name is not: an
-exception of Python, a crash, a time or memory limit.
+An expectation is a picture, the picture of the case's `like` to within a tolerance, a change of
+stated size against that, or a failure of a stated name. For methods that nobody has stated anything
+about (those of other packages) every picture and every named failure is in order; only what has no
+name is not: an exception of Python, a crash, a time or memory limit.
 
 What a method made of a case is an observation: small values, taken from records and pictures. One
 `Outcome` is one cell of a matrix cases x subjects, whatever the subject is: a method, a metric, a
@@ -134,33 +134,21 @@ ROUNDED = ("float16", "millimetres")
 class Draws:
     """Pictures of the right shape, finite, none of one colour throughout."""
 
-    def __str__(self) -> str:
-        return "pictures"
-
 
 @dataclass(frozen=True)
 class Agrees:
-    """The pictures of another case, to within grey levels 0..255."""
+    """The pictures of the case's `like`, to within grey levels 0..255."""
 
-    like: str
     mean: float
     most: int | None = None
-
-    def __str__(self) -> str:
-        most = "" if self.most is None else f", at most {self.most}"
-        return f"as {self.like}: mean change up to {self.mean:g} grey levels{most}"
 
 
 @dataclass(frozen=True)
 class Changes:
-    """Not the pictures of another case, though one might think so."""
+    """Not the pictures of the case's `like`, though one might think so."""
 
-    like: str
     mean: float
     why: str
-
-    def __str__(self) -> str:
-        return f"not as {self.like} (mean change above {self.mean:g}): {self.why}"
 
 
 @dataclass(frozen=True)
@@ -170,9 +158,6 @@ class Fails:
     reason: str
     kind: Kind = "refused"
 
-    def __str__(self) -> str:
-        return f"failed: {self.reason.rstrip(': ')}"
-
 
 @dataclass(frozen=True)
 class Either:
@@ -181,208 +166,167 @@ class Either:
     options: tuple[Expectation, ...]
     why: str
 
-    def __str__(self) -> str:
-        return " or ".join(map(str, self.options)) + f" ({self.why})"
-
 
 @dataclass(frozen=True)
 class Unstated:
     """Whatever has a name."""
 
-    like: str | None
-
-    def __str__(self) -> str:
-        return "pictures or a named failure" + (f", as {self.like}" if self.like else "")
-
 
 Expectation = Draws | Agrees | Changes | Fails | Either | Unstated
 
-_BLANK = Fails("draw: 4 of 4 pictures are blank")
 _SMALL = ("scale-1e-30", "scale-1e-9", "scale-1e-3")
 _LARGE = ("scale-1e3", "scale-1e9", "scale-1e30")
 _SHIFTS = ("shift-1e3", "shift-1e6")
-_NOT_FINITE = ("outlier-nan", "outlier-inf", "outlier--inf")
-_CHAOS = "another order or a rounding error, and the surface has its spikes elsewhere"
-_POSE = "the network knows chairs in one pose only"
-_UNIT = "coordinates are taken as they are, and the camera stands where it does"
 _FAR = ("outlier-1e3", "outlier-1e6", "outlier-1e30")
+_NOT_FINITE = ("outlier-nan", "outlier-inf", "outlier--inf")
+_REPEATED = ("rows-twice", "rows-4-times")
+_EXACT = Agrees(EXACT_MEAN, EXACT_MOST)
+_BLANK = Fails("draw: 4 of 4 pictures are blank")
+_SOME_BLANK = Fails("draw: . of 4 pictures are blank")
+_CHAOS = Changes(0.5, "another order or a rounding error, and the surface has its spikes elsewhere")
+_UNIT = Changes(1.0, "coordinates are taken as they are, and the camera stands where it does")
+_FEW_IN_SIGHT = Either((Draws(), _SOME_BLANK), "few points are in sight")
+_WRONG_NORMALS = Changes(1.0, "ten neighbours are fewer places, and normals go wrong")
+_OFF = Fails("encode: the code lies ")
+_FINITE_ONLY = dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite"))
+
+
+def _at_least(count: int, what: str) -> dict[str, Expectation]:
+    return {f"{n}-points": Fails(f"input: {n} points; {what} need") for n in range(count)}
+
+
+def _slow(why: str) -> Either:
+    return Either((Fails("timeout: ", "contained"), Draws()), why)
 
 
 def _surface() -> dict[str, Expectation]:
-    inside = Either(
-        (Draws(), Fails("draw: . of 4 pictures are blank")),
-        "a camera may stand inside the surface",
-    )
-    slow = Either((Fails("timeout: ", "contained"), Draws()), "APSS takes minutes for many points")
+    inside = Either((Draws(), _SOME_BLANK), "a camera may stand inside the surface")
+    slow = _slow("APSS takes minutes for many points")
     return {
-        **{f"{n}-points": Fails(f"input: {n} points; normals need") for n in range(5)},
+        **_at_least(5, "normals"),
         **dict.fromkeys(("100000-points", "1000000-points"), slow),
-        "all-equal": Fails("apss: no faces"),
+        **dict.fromkeys(("all-equal", "coplanar", "int"), Fails("apss: no faces")),
         "collinear": Fails("ball-pivoting: no faces"),
-        "coplanar": Fails("apss: no faces"),
-        "int": Fails("apss: no faces"),
         **dict.fromkeys(_FAR, Fails("ball-pivoting: ")),
-        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
+        **_FINITE_ONLY,
         **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS), _BLANK),
         **dict.fromkeys(("noise-1", "noise-2", "noise-5", "noise-10"), inside),
-        **_repeated("ten neighbours are fewer places, and normals go wrong"),
-        **{
-            case: Changes(like, 0.5, _CHAOS)
-            for case, like in (
-                ("float16", "plain"),
-                ("shuffled", "plain"),
-                ("turned", "plain"),
-                ("millimetres", "normalised"),
-            )
-        },
-    }
-
-
-def _repeated(why: str) -> dict[str, Expectation]:
-    return {
-        "rows-twice": Changes("every-2nd", 1.0, why),
-        "rows-4-times": Changes("every-4th", 1.0, why),
+        **dict.fromkeys(_REPEATED, _WRONG_NORMALS),
+        **dict.fromkeys(("float16", "shuffled", "turned", "millimetres"), _CHAOS),
     }
 
 
 def _surface_fit() -> dict[str, Expectation]:
     left = Fails(r"input: \d+ of \d+ points are left")
     return {
-        **{f"{n}-points": Fails(f"input: {n} points; normals need") for n in range(5)},
+        **_at_least(5, "normals"),
         **dict.fromkeys(("all-equal", "int", *_SMALL, *_LARGE, *_SHIFTS), left),
         "collinear": Fails("ball-pivoting: no faces"),
         "coplanar": Fails("apss: no faces"),
         # What lies beyond the camera is left out; the cubes of the others stay where they are.
-        **dict.fromkeys(_FAR, Agrees("plain", 0.1)),
-        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
-        "rows-twice": Agrees("every-2nd", EXACT_MEAN, EXACT_MOST),
-        "rows-4-times": Agrees("every-4th", EXACT_MEAN, EXACT_MOST),
-        **{
-            case: Changes(like, 0.5, _CHAOS)
-            for case, like in (("float16", "plain"), ("turned", "plain"))
-        },
-        "millimetres": Changes("normalised", 0.5, _CHAOS),
+        **dict.fromkeys(_FAR, Agrees(0.1)),
+        **_FINITE_ONLY,
+        **dict.fromkeys(_REPEATED, _EXACT),
+        **dict.fromkeys(("float16", "turned", "millimetres"), _CHAOS),
     }
 
 
 def _mesh_of_the_points() -> dict[str, Expectation]:
     """Of ball pivoting and what is built on it."""
-    slow = Either((Fails("timeout: ", "contained"), Draws()), "ball pivoting takes minutes")
-    far = Either((Draws(), Fails("draw: . of 4 pictures are blank")), "few points are in sight")
+    slow = _slow("ball pivoting takes minutes")
     return {
-        **{f"{n}-points": Fails(f"input: {n} points; normals need") for n in range(5)},
+        **_at_least(5, "normals"),
         **dict.fromkeys(("100000-points", "1000000-points"), slow),
         **dict.fromkeys(("collinear", *_FAR), Fails("ball-pivoting: no faces")),
-        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
+        **_FINITE_ONLY,
         **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS), _BLANK),
-        **dict.fromkeys(("noise-5", "noise-10"), far),
-        **_repeated("ten neighbours are fewer places, and normals go wrong"),
-        **{
-            case: Changes(like, 0.5, _CHAOS)
-            for case, like in (
-                ("float16", "plain"),
-                ("shuffled", "plain"),
-                ("turned", "plain"),
-                ("millimetres", "normalised"),
-            )
-        },
+        **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
+        **dict.fromkeys(_REPEATED, _WRONG_NORMALS),
+        **dict.fromkeys(("float16", "shuffled", "turned", "millimetres"), _CHAOS),
     }
 
 
 def _surface_bpa() -> dict[str, Expectation]:
-    return _mesh_of_the_points() | {"all-equal": _BLANK, "int": _BLANK}
+    return _mesh_of_the_points() | dict.fromkeys(("all-equal", "int"), _BLANK)
 
 
 def _poisson() -> dict[str, Expectation]:
-    return _mesh_of_the_points() | {
-        "all-equal": Fails("poisson: no faces"),
-        "int": Fails("poisson: no faces"),
-    }
+    no_faces = Fails("poisson: no faces")
+    return _mesh_of_the_points() | dict.fromkeys(("all-equal", "int"), no_faces)
 
 
 def _alpha_shape() -> dict[str, Expectation]:
     flat = Fails("delaunay: QH")
-    slow = Either((Fails("timeout: ", "contained"), Draws()), "Delaunay takes a minute")
+    larger = Changes(1.0, "alpha grows with the box")
     return {
-        **{f"{n}-points": Fails(f"input: {n} points; tetrahedra need") for n in range(4)},
+        **_at_least(4, "tetrahedra"),
         **dict.fromkeys(("4-points", "16-points"), Fails("alpha-shape: no triangle fits")),
         **dict.fromkeys(("all-equal", "collinear", "coplanar", "int", "outlier-1e30"), flat),
-        **dict.fromkeys(
-            ("outlier-1e3", "outlier-1e6"), Changes("plain", 1.0, "alpha grows with the box")
-        ),
-        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
+        **dict.fromkeys(("outlier-1e3", "outlier-1e6"), larger),
+        **_FINITE_ONLY,
         **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _BLANK),
-        "rows-twice": Agrees("every-2nd", EXACT_MEAN, EXACT_MOST),
-        "rows-4-times": Agrees("every-4th", EXACT_MEAN, EXACT_MOST),
-        "1000000-points": slow,
+        **dict.fromkeys(_REPEATED, _EXACT),
+        "1000000-points": _slow("Delaunay takes a minute"),
         # Rounding decides which of several balls through nearly the same points is the empty one.
-        "turned": Agrees("plain", 0.5),
+        "turned": Agrees(0.5),
     }
 
 
 def _pc2pix() -> dict[str, Expectation]:
-    off = Fails("encode: the code lies ")
     return {
         "0-points": Fails("encode: the cloud is empty"),
         **dict.fromkeys(_NOT_FINITE, Fails("encode: the cloud has non-finite points")),
-        **dict.fromkeys((*_FAR, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), off),
-        **dict.fromkeys(_SMALL, Changes("plain", 1.0, _UNIT)),
+        **dict.fromkeys((*_FAR, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _OFF),
+        **dict.fromkeys(_SMALL, _UNIT),
         # Of a larger cloud random parts are seen, here with some rows twice.
-        "rows-twice": Agrees("every-2nd", 1.0),
-        "rows-4-times": Agrees("every-4th", 1.0),
-        "turned": Changes("plain", 1.0, _POSE),
+        **dict.fromkeys(_REPEATED, Agrees(1.0)),
+        "turned": Changes(1.0, "the network knows chairs in one pose only"),
     }
 
 
 def _pc2pix_bf16() -> dict[str, Expectation]:
     # The same code but for the seventh digit, and bfloat16 has three: single pixels move by more.
-    return _pc2pix() | {
-        "all-equal": Agrees("1-points", EXACT_MEAN),
-        "azimuth+180": Agrees("azimuth-180", EXACT_MEAN),
-    }
+    return _pc2pix() | dict.fromkeys(("all-equal", "azimuth+180"), Agrees(EXACT_MEAN))
 
 
 def _pc2pix_acgan() -> dict[str, Expectation]:
-    scalar = "the azimuth is one number, with a jump at 180"
-    order = "the paper's encoder goes along the order of the points"
     return _pc2pix() | {
-        "noise-2": Fails("encode: the code lies "),
-        "azimuth+180": Changes("azimuth-180", 1.0, scalar),
-        "shuffled": Changes("plain", 1.0, order),
+        "noise-2": _OFF,
+        "azimuth+180": Changes(1.0, "the azimuth is one number, with a jump at 180"),
+        "shuffled": Changes(1.0, "the paper's encoder goes along the order of the points"),
         # Its encoder takes 2,048 points: it is given rows as often as that in any case.
-        "rows-twice": Agrees("every-2nd", EXACT_MEAN, EXACT_MOST),
-        "rows-4-times": Agrees("every-4th", EXACT_MEAN, EXACT_MOST),
+        **dict.fromkeys(_REPEATED, _EXACT),
+    }
+
+
+def _points() -> dict[str, Expectation]:
+    """Of what draws the points themselves."""
+    return {
+        "0-points": Fails("input: no points"),
+        **_FINITE_ONLY,
+        # One of 2,048 is out of sight: of a disc some 9 pixels by up to 165 levels in 16,384.
+        **dict.fromkeys(_FAR, Agrees(0.1)),
+        **dict.fromkeys((*_SMALL, *_LARGE), _UNIT),
     }
 
 
 def _splat() -> dict[str, Expectation]:
+    why = "the nearest other point is at no distance, and discs are the smallest"
     return {
-        "0-points": Fails("input: no points"),
-        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
-        # One of 2,048 discs is out of sight: some 9 pixels by up to 165 levels in 16,384.
-        **dict.fromkeys(_FAR, Agrees("plain", 0.1)),
-        **dict.fromkeys((*_SMALL, *_LARGE), Changes("plain", 1.0, _UNIT)),
+        **_points(),
         **dict.fromkeys(_SHIFTS, _BLANK),
-        **_repeated("the nearest other point is at no distance, and discs are the smallest"),
+        **dict.fromkeys(_REPEATED, Changes(1.0, why)),
     }
 
 
 def _splat_net() -> dict[str, Expectation]:
-    blank = Fails("draw: . of 4 pictures are blank")
-    empty = Either(
-        (Changes("plain", 1.0, _UNIT), blank), "what it draws where it sees nothing is left open"
-    )
-    far = Either((Draws(), blank), "few points are in sight")
+    empty = Either((_UNIT, _SOME_BLANK), "what it draws where it sees nothing is left open")
     return {
-        "0-points": Fails("input: no points"),
-        **dict.fromkeys(_NOT_FINITE, Fails("input: 1 of 2048 points are not finite")),
-        # One of 2,048 points is out of sight.
-        **dict.fromkeys(_FAR, Agrees("plain", 0.1)),
-        **dict.fromkeys((*_SMALL, *_LARGE), Changes("plain", 1.0, _UNIT)),
+        **_points(),
         **dict.fromkeys(_SHIFTS, empty),
-        **dict.fromkeys(("noise-5", "noise-10"), far),
+        **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
         # The points are seen as before, but for rounding, of which bfloat16 shows the more.
-        "turned": Agrees("plain", 0.02),
+        "turned": Agrees(0.02),
     }
 
 
@@ -394,7 +338,7 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
     "poisson": _poisson(),
     "alpha-shape": _alpha_shape(),
     "pc2pix": _pc2pix(),
-    "pc2pix@all": _pc2pix() | {"noise-2": Fails("encode: the code lies ")},
+    "pc2pix@all": _pc2pix() | {"noise-2": _OFF},
     "pc2pix@bf16": _pc2pix_bf16(),
     "pc2pix@acgan": _pc2pix_acgan(),
     "splat-net": _splat_net(),
@@ -412,14 +356,30 @@ def expectation(method: str, case: Case) -> Expectation:
     """What is stated about a method and a case."""
     stated = STATED.get(method)
     if stated is None:
-        return Unstated(case.like)
+        return Unstated()
     if case.id in stated:
         return stated[case.id]
     if case.like is None:
         return Draws()
-    if case.id in ROUNDED:
-        return Agrees(case.like, ROUNDED_MEAN)
-    return Agrees(case.like, EXACT_MEAN, EXACT_MOST)
+    return Agrees(ROUNDED_MEAN) if case.id in ROUNDED else _EXACT
+
+
+def in_words(expected: Expectation, like: str | None) -> str:
+    """An expectation for people; `like` is that of its case."""
+    match expected:
+        case Draws():
+            return "pictures"
+        case Agrees(mean, most):
+            at_most = "" if most is None else f", at most {most}"
+            return f"as {like}: mean change up to {mean:g} grey levels{at_most}"
+        case Changes(mean, why):
+            return f"not as {like} (mean change above {mean:g}): {why}"
+        case Fails(reason):
+            return f"failed: {reason.rstrip(': ')}"
+        case Either(options, why):
+            return " or ".join(in_words(option, like) for option in options) + f" ({why})"
+        case Unstated():
+            return "pictures or a named failure" + (f", as {like}" if like else "")
 
 
 def outcome(observation: Observation) -> Outcome:
@@ -430,8 +390,8 @@ def outcome(observation: Observation) -> Outcome:
         case=case.id,
         group=case.group,
         subject=observation.method,
-        expected=str(expected),
-        observed=_in_words(observation),
+        expected=in_words(expected, case.like),
+        observed=_seen_in_words(observation),
         kind=_verdict(expected, observation),
     )
 
@@ -448,7 +408,7 @@ def _verdict(expected: Expectation, seen: Observation) -> Kind:
                     return kind
             return "unexpected"
         case Unstated():
-            return _verdict_of_unstated(expected, seen)
+            return _verdict_of_unstated(seen)
         case _ if seen.reason:
             return "unexpected"
         case Draws():
@@ -462,17 +422,17 @@ def _verdict(expected: Expectation, seen: Observation) -> Kind:
             return "differs" if change is not None and change > expected.mean else "unexpected"
 
 
-def _verdict_of_unstated(expected: Unstated, seen: Observation) -> Kind:
+def _verdict_of_unstated(seen: Observation) -> Kind:
     if seen.reason:
         # A stage is named in kebab-case; Python's exceptions and lost workers are no stages.
         stage = re.match(r"(?!timeout|memory|crash)[a-z][a-z0-9-]*: ", seen.reason)
         return "refused" if stage else "unexpected"
-    if expected.like is None or seen.mean_change is None:
+    if seen.mean_change is None:
         return "holds"
     return "holds" if seen.mean_change <= ROUNDED_MEAN else "differs"
 
 
-def _in_words(seen: Observation) -> str:
+def _seen_in_words(seen: Observation) -> str:
     if seen.reason:
         return f"failed: {seen.reason}"
     words = f"pictures, {100 * (seen.shown or 0):.1f} % not white"

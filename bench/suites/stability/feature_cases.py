@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +22,18 @@ from bench.suites.stability.metric_cases import (
     Array,
     Case,
     Near,
-    Pair,
+    Number,
     Pictures,
     Refused,
     Stated,
     U,
     boxes,
+    cases,
+    cases_of,
     flat,
     grey,
     largest_move,
+    near,
     noise,
     rounding,
     speck,
@@ -94,6 +98,11 @@ def _of_two_rows(x: Floats, y: Floats) -> float:
     return _shift_and_traces(x, y) - 2 * abs(float(a @ b))
 
 
+def _in_3_by_eigenvalues(x: Array, y: Array) -> float:
+    del x, y
+    return _by_eigenvalues(_IN_3, _ALSO_IN_3)
+
+
 def _repeated(x: Floats, y: Floats) -> float:
     """y has every row of x twice: S2 = c S1, c = 2 (n - 1) / (2 n - 1), tr S1 (1 - sqrt(c))^2."""
     del y
@@ -107,145 +116,142 @@ def _with(x: Array, value: float) -> Array:
     return x
 
 
-def _features(case_id: str, group: str, given: Callable[[], Pair], stated: Stated) -> Case:
-    return Case(case_id, group, given, {FRECHET: stated})
+def _plain(x: Array, y: Array) -> float:
+    """The distance of the plain features, whatever was made of them."""
+    del x, y
+    return frechet_distance(*_pair())
+
+
+def _as_plain(words: str = "that of the plain features") -> Near:
+    return Near(words, _plain, rounding)
+
+
+def _times_4_to_the_30(factor: float) -> Near:
+    words = "4^30 times that of the plain features: powers of two round nothing"
+    return Near(words, lambda x, y: _plain(x, y) * factor)
+
+
+def _not_real(dtype: str) -> Refused:
+    return Refused(ValueError, f"features must be real numbers, got {dtype}")
+
+
+def _not_finite(count: int) -> Refused:
+    return Refused(ValueError, f"{count} of 320 feature values are not finite")
 
 
 def _scaled(scale: float) -> Near:
     """Multiplying all features by a number multiplies the distance by its square."""
     return Near(
         f"{scale:g}^2 times that of the plain features",
-        lambda x, y: frechet_distance(*_pair()) * scale * scale,
+        lambda x, y: _plain(x, y) * scale * scale,
         lambda x, y: rounding(*_pair()) * scale * scale,
     )
 
 
-_PLAIN_TIMES = "4^30 times that of the plain features: powers of two round nothing"
 _FAR = 2.0**-53 * 2.0**27  # half a unit in the last place of 1e8, which is below 2^27
-_BAD = "1 of 320 feature values are not finite"
 _SPREAD = 10.0 ** np.arange(-8, 9)  # deviations
+_X, _Y = _pair()
+_ROWS = _normal(0, 40, 8)
+_IN_3, _ALSO_IN_3 = _normal(4, 50, 3), 2 * _normal(5, 60, 3)
+_AXES = _rotation(40)
+_ZERO = Near("0, not less", 0.0, rounding)
+_LINE = Near("(m1 - m2)^2 + (s1 - s2)^2", _on_a_line, rounding)
+
 
 FRECHET_CASES = (
-    _features("no-rows", "few rows", lambda: (_normal(0, 0, 8), _normal(1, 9, 8)),
-              Refused(TooFewSamples, "[0, 8]")),
-    _features("one-row", "few rows", lambda: (_normal(0, 9, 8), _normal(1, 1, 8)),
-              Refused(TooFewSamples, "[1, 8]")),
-    _features("two-rows", "few rows", lambda: (_normal(0, 2, 8), _normal(1, 2, 8)),
-              Near("|shift|^2 + |a|^2 + |b|^2 - 2 |a'b|", _of_two_rows, rounding)),
-    _features("two-rows-of-one-feature", "few rows",
-              lambda: (_normal(0, 2, 1), 3 + 5 * _normal(1, 2, 1)),
-              Near("(m1 - m2)^2 + (s1 - s2)^2", _on_a_line, rounding)),
-    _features("one-feature", "few rows", lambda: (_normal(0, 50, 1), 3 + 5 * _normal(1, 70, 1)),
-              Near("(m1 - m2)^2 + (s1 - s2)^2", _on_a_line, rounding)),
-    _features("fewer-rows-than-features", "few rows",
-              lambda: ((x := _normal(0, 20, 256)) - x.mean(axis=0), 3 * (x - x.mean(axis=0))),
-              Near("y = 3 x: 4 tr S", lambda x, y: 4 * trace(x), rounding)),
-    _features("identical", "identical sets", lambda: twice(_normal(0, 40, 8)),
-              Near("0, not less", 0.0, rounding)),
-    _features("identical-fewer-rows-than-features", "identical sets",
-              lambda: twice(_normal(0, 20, 256)),
-              Near("0, not less", 0.0, rounding)),
-    _features("identical-in-another-order", "identical sets",
-              lambda: ((x := _normal(0, 40, 8)), np.random.default_rng(1).permutation(x)),
-              Near("0, not less", 0.0, rounding)),
-    _features("another-order", "identical sets", lambda: (_pair()[0][::-1], _pair()[1]),
-              Near("that of the first order", lambda x, y: frechet_distance(*_pair()), rounding)),
-    _features("swapped", "identical sets", lambda: (_pair()[1], _pair()[0]),
-              Near("symmetric", lambda x, y: frechet_distance(*_pair()), rounding)),
-    _features("every-row-twice", "identical sets",
-              lambda: ((x := _normal(0, 40, 8)), np.repeat(x, 2, axis=0)),
-              Near("tr S (1 - sqrt(c))^2, c = 2 (n - 1) / (2 n - 1)", _repeated, rounding)),
-    _features("constant", "rank", lambda: (np.full((10, 3), 2.0), np.full((4, 3), 5.0)),
-              Near("3 (2 - 5)^2", 27.0)),
-    _features("constant-tenth", "rank", lambda: (np.full((7, 3), 0.1), np.full((13, 3), 0.1)),
-              # Means of n equal values are off by n u of them, and so are the deviations.
-              Near("0, not less", 0.0, 4 * 3 * (13 * U * 0.1) ** 2)),
-    _features("constant-against-normal", "rank",
-              lambda: (np.full((9, 8), 2.0), _normal(0, 40, 8)),
-              Near("|shift|^2 + tr S2", _shift_and_traces, rounding)),
-    _features("diagonal", "rank",
-              lambda: (_diagonal(np.arange(1.0, 9), 0.0), _diagonal(np.arange(8.0, 0, -1), 0.5)),
-              Near("8 / 4 + sum of (s1 - s2)^2 = 2 + 168", 170.0, rounding)),
-    _features("diagonal-of-all-magnitudes", "rank",
-              lambda: (_diagonal(_SPREAD, 0.0), _diagonal(2 * _SPREAD, 0.0)),
-              Near("sum of s^2, s = 1e-8 ... 1e8", float((_SPREAD**2).sum()), rounding)),
-    _features("full-rank", "rank", lambda: (_normal(4, 200, 8), 1.5 * _normal(5, 90, 8) + 1),
-              Near("by eigenvalues of the covariances", _by_eigenvalues, rounding)),
-    _features("subspace-of-3-in-40", "rank",
-              lambda: (_normal(4, 50, 3) @ _rotation(40)[:3], 2 * _normal(5, 60, 3)
-                       @ _rotation(40)[:3]),
-              Near("by eigenvalues, in the 3 coordinates",
-                   lambda x, y: _by_eigenvalues(_normal(4, 50, 3), 2 * _normal(5, 60, 3)),
-                   rounding)),
-    _features("subspaces-that-do-not-meet", "rank",
-              lambda: (_normal(4, 50, 3) @ _rotation(40)[:3], _normal(5, 60, 4)
-                       @ _rotation(40)[3:7]),
-              Near("|shift|^2 + tr S1 + tr S2", _shift_and_traces, rounding)),
-    _features("rotated", "rank",
-              lambda: (_pair()[0] @ _rotation(8), _pair()[1] @ _rotation(8)),
-              Near("that of the plain features", lambda x, y: frechet_distance(*_pair()),
-                   rounding)),
-    _features("scaled-by-1e8", "magnitude", lambda: _pair(1e8), _scaled(1e8)),
-    _features("scaled-by-1e-8", "magnitude", lambda: _pair(1e-8), _scaled(1e-8)),
-    _features("scaled-by-a-power-of-two", "magnitude", lambda: _pair(2.0**30),
-              Near(_PLAIN_TIMES, lambda x, y: frechet_distance(*_pair()) * 2.0**60)),
-    _features("divided-by-a-power-of-two", "magnitude", lambda: _pair(2.0**-30),
-              Near(_PLAIN_TIMES, lambda x, y: frechet_distance(*_pair()) * 2.0**-60)),
-    _features("scaled-by-1e149", "magnitude", lambda: _pair(1e149), _scaled(1e149)),
-    _features("largest-constants", "magnitude",
-              lambda: (np.full((4, 3), 1e150), np.full((5, 3), -1e150)),
-              Near("3 (2e150)^2", 1.2e301, ROUNDING * 1.2e301)),
-    _features("overflow-when-squared", "magnitude", lambda: _pair(1e200),
-              Refused(ValueError, "no finite covariance; scale them down")),
-    _features("underflow-when-squared", "magnitude", lambda: _pair(1e-200),
-              Near("1e-400 is no float64", 0.0)),
-    _features("subnormal-features", "magnitude", lambda: _pair(1e-310),
-              Near("1e-620 is no float64", 0.0)),
-    _features("one-value-of-1e100", "magnitude",
-              lambda: (np.concatenate([_normal(0, 9, 1), [[1e100]]]), _normal(1, 10, 1)),
-              Near("(m1 - m2)^2 + (s1 - s2)^2", _on_a_line, rounding)),
-    _features("whole-numbers-shifted-by-1e8", "magnitude", lambda: _whole(1e8),
-              Near("that of the plain features: nothing is rounded",
-                   lambda x, y: frechet_distance(*_whole()))),
-    _features("shifted-by-1e8", "magnitude", lambda: _pair(shift=1e8),
-              Near("that of the plain features",
-                   lambda x, y: frechet_distance(*_pair()),
-                   # Features are rounded by half a unit, and their means, sums of 40, by 40.
-                   lambda x, y: largest_move(math.sqrt(frechet_distance(*_pair())), 8, 40,
-                                             41 * _FAR))),
-    _features("float16", "types",
-              lambda: (_pair()[0].astype(np.float16), _pair()[1].astype(np.float16)),
-              Near("that of the same values in float64",
-                   lambda x, y: frechet_distance(x.astype(float), y.astype(float)))),
-    _features("float16-squares-overflow", "types",
-              lambda: (np.array([[-6e4], [6e4]], np.float16), np.zeros((2, 1), np.float16)),
-              Near("2 (6e4)^2", 7.2e9, ROUNDING * 7.2e9)),
-    _features("int8-ends", "types",
-              lambda: (np.array([[-128], [127]], np.int8), np.array([[127], [127]], np.int8)),
-              Near("127.5^2 + 255^2 / 2", 127.5**2 + 255**2 / 2, ROUNDING * 48768.75)),
-    _features("complex", "types", lambda: (_pair()[0].astype(complex), _pair()[1]),
-              Refused(ValueError, "features must be real numbers, got complex128")),
-    _features("truth-values", "types", lambda: (_pair()[0] > 0, _pair()[1] > 0),
-              Refused(ValueError, "features must be real numbers, got bool")),
-    _features("texts", "types", lambda: (_pair()[0].astype(str), _pair()[1]),
-              Refused(ValueError, "features must be real numbers, got <U")),
-    _features("one-dimension", "types", lambda: (_pair()[0][:, 0], _pair()[1]),
-              Refused(ValueError, "features must be [n, d], got float64 [40]")),
-    _features("no-features", "types", lambda: (_normal(0, 9, 0), _normal(1, 9, 0)),
-              Refused(ValueError, "features must be [n, d], got float64 [9, 0]")),
-    _features("another-number-of-features", "types",
-              lambda: (_normal(0, 9, 4), _normal(1, 9, 5)),
-              Refused(ValueError, "sets of 4 and 5 features")),
-    _features("nan", "not finite", lambda: (_with(_pair()[0], math.nan), _pair()[1]),
-              Refused(ValueError, _BAD)),
-    _features("infinite", "not finite", lambda: (_pair()[0], _with(_pair()[1], math.inf)),
-              Refused(ValueError, _BAD)),
-    _features("float16-overflowed", "not finite",
-              lambda: (_pair()[0], _with(_pair()[1].astype(np.float16), -math.inf)),
-              Refused(ValueError, _BAD)),
-    _features("longdouble-beyond-float64", "not finite",
-              lambda: (_pair()[0], _pair()[1].astype(np.longdouble) * np.longdouble("1e400")),
-              Refused(ValueError, "320 of 320 feature values are not finite")),
+    *cases_of(FRECHET, "few rows",
+        ("no-rows", lambda: (_normal(0, 0, 8), _normal(1, 9, 8)), Refused(TooFewSamples, "[0, 8]")),
+        ("one-row", lambda: (_normal(0, 9, 8), _normal(1, 1, 8)), Refused(TooFewSamples, "[1, 8]")),
+        ("two-rows", lambda: (_normal(0, 2, 8), _normal(1, 2, 8)),
+         Near("|shift|^2 + |a|^2 + |b|^2 - 2 |a'b|", _of_two_rows, rounding)),
+        ("two-rows-of-one-feature", lambda: (_normal(0, 2, 1), 3 + 5 * _normal(1, 2, 1)), _LINE),
+        ("one-feature", lambda: (_normal(0, 50, 1), 3 + 5 * _normal(1, 70, 1)), _LINE),
+        ("fewer-rows-than-features",
+         lambda: ((x := _normal(0, 20, 256)) - x.mean(axis=0), 3 * (x - x.mean(axis=0))),
+         Near("y = 3 x: 4 tr S", lambda x, y: 4 * trace(x), rounding)),
+    ),
+    *cases_of(FRECHET, "identical sets",
+        ("identical", lambda: twice(_ROWS), _ZERO),
+        ("identical-fewer-rows-than-features", lambda: twice(_normal(0, 20, 256)), _ZERO),
+        ("identical-in-another-order", lambda: (_ROWS, np.random.default_rng(1).permutation(_ROWS)),
+         _ZERO),
+        ("another-order", lambda: (_X[::-1], _Y), _as_plain("that of the first order")),
+        ("swapped", lambda: (_Y, _X), _as_plain("symmetric")),
+        ("every-row-twice", lambda: (_ROWS, np.repeat(_ROWS, 2, axis=0)),
+         Near("tr S (1 - sqrt(c))^2, c = 2 (n - 1) / (2 n - 1)", _repeated, rounding)),
+    ),
+    *cases_of(FRECHET, "rank",
+        ("constant", lambda: (np.full((10, 3), 2.0), np.full((4, 3), 5.0)),
+         Near("3 (2 - 5)^2", 27.0)),
+        # Means of n equal values are off by n u of them, and so are the deviations.
+        ("constant-tenth", lambda: (np.full((7, 3), 0.1), np.full((13, 3), 0.1)),
+         Near("0, not less", 0.0, 4 * 3 * (13 * U * 0.1) ** 2)),
+        ("constant-against-normal", lambda: (np.full((9, 8), 2.0), _ROWS),
+         Near("|shift|^2 + tr S2", _shift_and_traces, rounding)),
+        ("diagonal",
+         lambda: (_diagonal(np.arange(1.0, 9), 0.0), _diagonal(np.arange(8.0, 0, -1), 0.5)),
+         Near("8 / 4 + sum of (s1 - s2)^2 = 2 + 168", 170.0, rounding)),
+        ("diagonal-of-all-magnitudes",
+         lambda: (_diagonal(_SPREAD, 0.0), _diagonal(2 * _SPREAD, 0.0)),
+         Near("sum of s^2, s = 1e-8 ... 1e8", float((_SPREAD**2).sum()), rounding)),
+        ("full-rank", lambda: (_normal(4, 200, 8), 1.5 * _normal(5, 90, 8) + 1),
+         Near("by eigenvalues of the covariances", _by_eigenvalues, rounding)),
+        ("subspace-of-3-in-40", lambda: (_IN_3 @ _AXES[:3], _ALSO_IN_3 @ _AXES[:3]),
+         Near("by eigenvalues, in the 3 coordinates", _in_3_by_eigenvalues, rounding)),
+        ("subspaces-that-do-not-meet", lambda: (_IN_3 @ _AXES[:3], _normal(5, 60, 4) @ _AXES[3:7]),
+         Near("|shift|^2 + tr S1 + tr S2", _shift_and_traces, rounding)),
+        ("rotated", lambda: (_X @ _rotation(8), _Y @ _rotation(8)), _as_plain()),
+    ),
+    *cases_of(FRECHET, "magnitude",
+        ("scaled-by-1e8", lambda: _pair(1e8), _scaled(1e8)),
+        ("scaled-by-1e-8", lambda: _pair(1e-8), _scaled(1e-8)),
+        ("scaled-by-a-power-of-two", lambda: _pair(2.0**30), _times_4_to_the_30(2.0**60)),
+        ("divided-by-a-power-of-two", lambda: _pair(2.0**-30), _times_4_to_the_30(2.0**-60)),
+        ("scaled-by-1e149", lambda: _pair(1e149), _scaled(1e149)),
+        ("largest-constants", lambda: (np.full((4, 3), 1e150), np.full((5, 3), -1e150)),
+         Near("3 (2e150)^2", 1.2e301, ROUNDING * 1.2e301)),
+        ("overflow-when-squared", lambda: _pair(1e200),
+         Refused(ValueError, "no finite covariance; scale them down")),
+        ("underflow-when-squared", lambda: _pair(1e-200), Near("1e-400 is no float64", 0.0)),
+        ("subnormal-features", lambda: _pair(1e-310), Near("1e-620 is no float64", 0.0)),
+        ("one-value-of-1e100",
+         lambda: (np.concatenate([_normal(0, 9, 1), [[1e100]]]), _normal(1, 10, 1)), _LINE),
+        ("whole-numbers-shifted-by-1e8", lambda: _whole(1e8),
+         Near("that of the plain features: nothing is rounded",
+              lambda x, y: frechet_distance(*_whole()))),
+        # Features are rounded by half a unit, and their means, sums of 40, by 40.
+        ("shifted-by-1e8", lambda: _pair(shift=1e8),
+         Near("that of the plain features", _plain,
+              lambda x, y: largest_move(math.sqrt(_plain(x, y)), 8, 40, 41 * _FAR))),
+    ),
+    *cases_of(FRECHET, "types",
+        ("float16", lambda: (_X.astype(np.float16), _Y.astype(np.float16)),
+         Near("that of the same values in float64",
+              lambda x, y: frechet_distance(x.astype(float), y.astype(float)))),
+        ("float16-squares-overflow",
+         lambda: (np.array([[-6e4], [6e4]], np.float16), np.zeros((2, 1), np.float16)),
+         Near("2 (6e4)^2", 7.2e9, ROUNDING * 7.2e9)),
+        ("int8-ends",
+         lambda: (np.array([[-128], [127]], np.int8), np.array([[127], [127]], np.int8)),
+         Near("127.5^2 + 255^2 / 2", 127.5**2 + 255**2 / 2, ROUNDING * 48768.75)),
+        ("complex", lambda: (_X.astype(complex), _Y), _not_real("complex128")),
+        ("truth-values", lambda: (_X > 0, _Y > 0), _not_real("bool")),
+        ("texts", lambda: (_X.astype(str), _Y), _not_real("<U")),
+        ("one-dimension", lambda: (_X[:, 0], _Y),
+         Refused(ValueError, "features must be [n, d], got float64 [40]")),
+        ("no-features", lambda: (_normal(0, 9, 0), _normal(1, 9, 0)),
+         Refused(ValueError, "features must be [n, d], got float64 [9, 0]")),
+        ("another-number-of-features", lambda: (_normal(0, 9, 4), _normal(1, 9, 5)),
+         Refused(ValueError, "sets of 4 and 5 features")),
+    ),
+    *cases_of(FRECHET, "not finite",
+        ("nan", lambda: (_with(_X, math.nan), _Y), _not_finite(1)),
+        ("infinite", lambda: (_X, _with(_Y, math.inf)), _not_finite(1)),
+        ("float16-overflowed", lambda: (_X, _with(_Y.astype(np.float16), -math.inf)),
+         _not_finite(1)),
+        ("longdouble-beyond-float64",
+         lambda: (_X, _Y.astype(np.longdouble) * np.longdouble("1e400")), _not_finite(320)),
+    ),
 )  # fmt: skip
 
 
@@ -267,66 +273,43 @@ def _rounding_of(name: str, a: Pictures, b: Pictures) -> float:
     return rounding(features(a), features(b))
 
 
-def _on_networks(stated: Callable[[str], Near]) -> dict[str, Stated]:
-    return {name: stated(name) for name in FD_VIEWS}
+def _move_of_constants(name: str, a: Pictures, b: Pictures) -> float:
+    return largest_move(math.sqrt(_of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES)
+
+
+OfNetwork = float | Callable[[str, Any, Any], float]  # or from its name and both stacks
+
+
+def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, Stated]:
+    """What both networks' distances are; and the judge answers with codes."""
+
+    def number(of: OfNetwork, name: str) -> Number:
+        return functools.partial(of, name) if callable(of) else of
+
+    stated: dict[str, Stated] = {
+        name: Near(words, number(value, name), number(within, name)) for name in FD_VIEWS
+    }
+    return stated | {JUDGE: UNIT_CODES}
 
 
 _SAME = "0, not less, of 6 pictures and 64 features"
 
-NETWORK_CASES = (
-    Case(
-        "identical-pictures",
-        "features of pictures",
-        lambda: twice(boxes()),
-        _on_networks(lambda name: Near(_SAME, 0.0, functools.partial(_rounding_of, name)))
-        | {JUDGE: UNIT_CODES},
-    ),
-    Case(
-        "pictures-in-reverse",
-        "features of pictures",
-        lambda: (boxes(), boxes()[::-1]),
-        _on_networks(lambda name: Near(_SAME, 0.0, largest_move(0.0, 64, 6, FLOAT32_FEATURES)))
-        | {JUDGE: UNIT_CODES},
-    ),
-    Case(
-        "white-pictures",
-        "features of pictures",
-        lambda: twice(flat(255, 3)),
-        _on_networks(lambda name: Near(_SAME, 0.0, largest_move(0.0, 64, 3, FLOAT32_FEATURES)))
-        | {JUDGE: UNIT_CODES},
-    ),
-    Case(
-        "white-pictures-against-black",
-        "features of pictures",
-        lambda: (flat(255, 3), flat(0, 3)),
-        _on_networks(
-            lambda name: Near(
-                "nothing varies: the squared distance of two feature vectors",
-                functools.partial(_of_constants, name),
-                lambda a, b: largest_move(
-                    math.sqrt(_of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES
-                ),
-            )
-        )
-        | {JUDGE: UNIT_CODES},
-    ),
-    Case(
-        "colour-against-its-grey",
-        "features of pictures",
-        lambda: (boxes(), grey(boxes())),
-        {
-            "fd-views-grey": Near(
-                "0: colour does not count", 0.0, functools.partial(_rounding_of, "fd-views-grey")
-            )
-        },
-    ),
-    Case(
-        "noise-and-one-pixel",
-        "features of pictures",
-        lambda: (flat(255, 2), np.concatenate([noise(5), speck(255, 0, 0)])),
-        {JUDGE: UNIT_CODES},
-    ),
-)
+NETWORK_CASES = cases(
+    "features of pictures",
+    ("identical-pictures", lambda: twice(boxes()), _on_networks(_SAME, 0.0, _rounding_of)),
+    ("pictures-in-reverse", lambda: (boxes(), boxes()[::-1]),
+     _on_networks(_SAME, 0.0, largest_move(0.0, 64, 6, FLOAT32_FEATURES))),
+    ("white-pictures", lambda: twice(flat(255, 3)),
+     _on_networks(_SAME, 0.0, largest_move(0.0, 64, 3, FLOAT32_FEATURES))),
+    ("white-pictures-against-black", lambda: (flat(255, 3), flat(0, 3)),
+     _on_networks("nothing varies: the squared distance of two feature vectors",
+                  _of_constants, _move_of_constants)),
+    ("colour-against-its-grey", lambda: (boxes(), grey(boxes())),
+     near("0: colour does not count", 0.0, "fd-views-grey",
+          within=functools.partial(_rounding_of, "fd-views-grey"))),
+    ("noise-and-one-pixel", lambda: (flat(255, 2), np.concatenate([noise(5), speck(255, 0, 0)])),
+     {JUDGE: UNIT_CODES}),
+)  # fmt: skip
 
 
 def _answers(azimuth_deg: list[float], elevation_deg: float = 0.0) -> NDArray[np.float32]:

@@ -108,14 +108,27 @@ class Case:
     stated: Mapping[str, Stated]
 
 
-def twice(values: Array) -> Pair:
-    """The same array two times."""
-    return values, values.copy()
+Given = Callable[[], Pair]
 
 
-def ones(words: str, *metrics: str) -> dict[str, Stated]:
-    """A score of exactly 1."""
-    return {metric: Near(words, 1.0) for metric in metrics}
+def cases(group: str, *rows: tuple[str, Given, Mapping[str, Stated]]) -> tuple[Case, ...]:
+    """Cases of a group, a row each: id, arrays, and by metric what it makes of them."""
+    return tuple(Case(case_id, group, given, stated) for case_id, given, stated in rows)
+
+
+def cases_of(metric: str, group: str, *rows: tuple[str, Given, Stated]) -> tuple[Case, ...]:
+    """Cases of a group about one metric, a row each: id, arrays, and what it makes of them."""
+    return cases(group, *((case_id, given, {metric: stated}) for case_id, given, stated in rows))
+
+
+def near(words: str, value: Number, *metrics: str, within: Number = 0.0) -> dict[str, Stated]:
+    """The same value of several metrics."""
+    return {metric: Near(words, value, within) for metric in metrics}
+
+
+def refused(says: str, *metrics: str, error: type[Exception] = ValueError) -> dict[str, Stated]:
+    """The same failure of several metrics."""
+    return {metric: Refused(error, says) for metric in metrics}
 
 
 def undefined(*metrics: str) -> dict[str, Stated]:
@@ -128,7 +141,11 @@ def luminance_of_flat(p: int, q: int) -> float:
     return (2 * p * q + C1) / (p * p + q * q + C1)
 
 
-WHOLE_LEG = ones("all of it, and nothing else, is drawn", *THIN)
+def twice(values: Array) -> Pair:
+    """The same array two times."""
+    return values, values.copy()
+
+
 UNIT_CODES = Near("a code of length 1, and finite angles", 1.0, CODE_LENGTH)
 
 

@@ -1,7 +1,7 @@
 """Metrics at the edges of their domain: cases x metrics, and the value or refusal of each.
 
-`bench.suites.stability.metric_cases` says what a case is; the cases stand in `bench.metric_cases_*`
-by the metrics that they are about.
+`bench.suites.stability.metric_cases` says what a case is; the cases are the rows of `image_cases`
+and `feature_cases`, by the metrics that they are about.
 """
 
 from __future__ import annotations
