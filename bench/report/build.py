@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +24,22 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import Item
 from bench.report.families import family_curves
-from bench.report.page import Choice, Page, html
+from bench.report.page import Choice, Failure, FailureGroup, Page, TableGroup, html
 from bench.report.pareto import cost_plots
 from bench.report.pictures import cases, extremes, grids, shown_objects
 from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
 from bench.report.styles import looks
-from bench.report.tables import failure_groups, table_group
 from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
+from bench.tables.table import Table, Tags
 from data_prep.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
 
 REPORT = "report.html"
+MOST_LISTED = 200  # failures listed for one reason
+_MARKUP = re.compile(r"`|\*\*|\\(.)")  # what remarks have, and escapes
 QUALITY = "ssim"  # what cost is compared with where a suite names no metric
 
 
@@ -230,3 +234,44 @@ def _source(method: str) -> str:
         return find_method(method).source
     except BadInput as error:
         return f"no longer there: {error}"
+
+
+def table_group(table: Table[Any], folded: bool = True) -> TableGroup:
+    """The grids of a table; `folded`: all but the first that has values."""
+    grids = table.grids()
+    first = next((i for i, grid in enumerate(grids) if grid.valued), 0)
+    return TableGroup(
+        table.title,
+        _MARKUP.sub(r"\1", table.remark),
+        tuple(replace(g, unfolded=not folded or i == first) for i, g in enumerate(grids)),
+    )
+
+
+def failure_groups(records: pd.DataFrame) -> tuple[FailureGroup, ...]:
+    """Pictures that are not there, by reason, the most frequent first.
+
+    Each listed is one method on one cloud, with the views that it lacks.
+    """
+    failed = records[records["outcome"] != "ok"]
+    groups = []
+    for (outcome, reason), of_reason in failed.groupby(["outcome", "reason"], sort=True):  # type: ignore[misc]
+        items = of_reason.groupby(["method", "condition", "class", "object"], sort=False)
+        listed = [
+            Failure(
+                f"{method}/{condition}/{class_name}/{obj}",
+                _views(group["view"].tolist()),
+                Tags(str(method), str(condition), str(class_name), (str(outcome),)),
+            )
+            for (method, condition, class_name, obj), group in items  # type: ignore[misc]
+        ]
+        count = f"{len(of_reason)} pictures of {len(listed)} clouds"
+        kept = tuple(listed[:MOST_LISTED])
+        group = FailureGroup(str(reason), count, kept, len(listed) - len(kept))
+        groups.append((-len(of_reason), group))
+    return tuple(group for _, group in sorted(groups, key=lambda pair: pair[0]))
+
+
+def _views(views: Sequence[int]) -> str:
+    if len(views) > 1 and list(views) == list(range(views[0], views[0] + len(views))):
+        return f"views {views[0]} to {views[-1]}"
+    return f"view{'s' * (len(views) > 1)} {', '.join(map(str, views))}"

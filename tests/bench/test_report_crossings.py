@@ -5,9 +5,9 @@ from report_parser import parse
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.crossings import Course
 from bench.catalogue.families import FAMILIES
+from bench.report.build import table_group
 from bench.report.families import family_curves
 from bench.report.styles import looks
-from bench.report.tables import table_group
 from bench.tables.crossings import crossings_table
 
 from .test_crossings import contest

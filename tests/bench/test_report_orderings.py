@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from bench.analysis.comparison import NAN, Estimate
-from bench.report.tables import table_group
+from bench.report.build import table_group
 from bench.tables.orderings import Ordering, orderings_table
 
 

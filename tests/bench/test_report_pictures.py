@@ -4,8 +4,8 @@ import pytest
 from builders import make_failed, make_record
 
 from bench.records.record import to_frame
+from bench.report.build import failure_groups
 from bench.report.pictures import EACH, MOST_CASES, extremes, shown_objects
-from bench.report.tables import failure_groups
 
 
 def frame(scores, method="splat", condition="2048", class_name="chair"):

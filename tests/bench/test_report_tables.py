@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import math
 
-from bench.report.tables import table_group
+from bench.report.build import table_group
 from bench.tables.classes import table_of_classes
 from bench.tables.quality import Row, quality_table
 from bench.tables.table import NAN
