@@ -1,0 +1,246 @@
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.analysis.comparison import (
+    NAN,
+    Estimate,
+    Quality,
+    candidates,
+    compare,
+    lead,
+    milliseconds,
+)
+from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.intervals import mean_interval, median_interval
+from bench.metrics.frechet import frechet_distance, frechet_interval
+from bench.records.record import GROUND_TRUTH, to_frame
+
+from ..builders import FeaturesAtHand, make_failed, make_record
+
+# Seconds to prepare and to draw a view, and the ssim of two views, of each object.
+SPLAT = {
+    "a": (0.010, 0.001, (0.5, 0.7)),
+    "b": (0.030, 0.002, (0.9, 0.9)),
+    "c": (0.020, 0.009, (0.3, 0.1)),
+}
+BLANK = {"a": (0.4, 0.6), "b": (0.5, 0.5), "c": (0.2, 0.6)}
+
+
+def records(failed=()):
+    """splat and blank on three objects; splat failed on those."""
+    made = [
+        make_record("blank", obj=obj, view=view, ssim=ssim, prepare_s=0.0, draw_s=0.0)
+        for obj, scores in BLANK.items()
+        for view, ssim in enumerate(scores)
+    ]
+    for obj, (prepare_s, draw_s, scores) in SPLAT.items():
+        for view, ssim in enumerate(scores):
+            if obj in failed:
+                made.append(make_failed("splat", obj=obj, view=view))
+            else:
+                times = {"prepare_s": prepare_s, "draw_s": draw_s}
+                made.append(make_record("splat", obj=obj, view=view, ssim=ssim, **times))
+    return made
+
+
+def only(frame, metrics=("ssim",), features=None):
+    (comparison,) = compare(frame, features or {}, metrics)
+    return comparison
+
+
+@pytest.mark.parametrize(
+    ("views", "cost_ms"),
+    [
+        (0, (10.0, 30.0, 20.0)),
+        (1, (11.0, 32.0, 29.0)),
+        (20, (30.0, 70.0, 200.0)),  # c draws so slowly that it is the dearest by now
+    ],
+)
+def test_cost_is_the_median_over_clouds(views, cost_ms):
+    cost = only(to_frame(records())).cost_ms("splat", views)
+    assert cost.value == pytest.approx(np.median(cost_ms), rel=1e-12)  # two roundings
+    expected = median_interval(np.array(cost_ms), np.arange(3))
+    assert (cost.low, cost.high) == pytest.approx(expected, rel=1e-12)
+
+
+def test_cost_is_that_of_the_clouds_it_managed():
+    comparison = only(to_frame(records(failed="c")))
+    assert comparison.cost_ms("splat", 20).value == pytest.approx((30.0 + 70.0) / 2, rel=1e-12)
+    assert comparison.pictures["splat"] == (4, 6)
+    never = only(to_frame(records(failed="abc")))
+    assert np.isnan(never.cost_ms("splat", 20)).all()
+    assert never.pictures["splat"] == (0, 6)
+
+
+def test_scores_are_means_over_objects_with_blanks_for_failures():
+    whole = only(to_frame(records())).qualities["ssim"]["splat"]
+    np.testing.assert_allclose(whole.per_object, [0.6, 0.9, 0.2], atol=1e-15)
+    assert whole.estimate.value == pytest.approx(1.7 / 3, abs=1e-15)
+    np.testing.assert_allclose(whole.estimate[1:], mean_interval(np.array([0.6, 0.9, 0.2])))
+    comparison = only(to_frame(records(failed="b")))
+    np.testing.assert_allclose(
+        comparison.qualities["ssim"]["splat"].per_object, [0.6, 0.5, 0.2], atol=1e-15
+    )
+
+
+def test_of_an_object_that_failed_in_part_the_other_pictures_count():
+    made = [r for r in records() if (r.method, r.object, r.view) != ("splat", "a", 1)]
+    made.append(make_failed("splat", obj="a", view=1))
+    per_object = only(to_frame(made)).qualities["ssim"]["splat"].per_object
+    np.testing.assert_allclose(per_object, [(0.5 + 0.6) / 2, 0.9, 0.2], atol=1e-15)
+
+
+def test_objects_without_true_pictures_are_left_out():
+    reason = {"reason": "input: no faces"}
+    lost = [make_failed(method, obj="d", **reason) for method in ("splat", "blank")]
+    comparison = only(to_frame([*records(), *lost]))
+    assert comparison.objects == ("a", "b", "c")
+    assert comparison.pictures["splat"] == (6, 7)
+    assert compare(to_frame(lost), {}, ["ssim"]) == []
+
+
+def test_a_comparison_for_each_condition_and_class():
+    frame = to_frame(records())
+    made = compare(
+        pd.concat([frame, frame.assign(condition="512"), frame.assign(**{"class": "car"})]),
+        {},
+        ["ssim"],
+    )
+    assert [(c.condition, c.class_name) for c in made] == [
+        ("2048", "chair"),
+        ("512", "chair"),
+        ("2048", "car"),
+    ]
+
+
+def test_who_could_be_chosen():
+    methods = ["splat", "true-mesh", "pc2pix@gone.safetensors", "constant", "poisson", "blank"]
+    assert candidates(methods) == ["splat", "pc2pix@gone.safetensors", "poisson"]
+
+
+# --- Fréchet distances ----------------------------------------------------------------------------
+
+OBJECTS, VIEWS, WIDTH = "abcde", 4, 3
+RNG = np.random.default_rng(0)
+FEATURES = {
+    name: RNG.normal(scale=scale, size=(len(OBJECTS) * VIEWS, WIDTH)).astype(np.float32)
+    for name, scale in ((GROUND_TRUTH, 1.0), ("splat", 2.0), ("poisson", 2.5), ("blank", 0.1))
+}
+SHOWN = np.repeat(list(OBJECTS), VIEWS)
+
+
+def features(without=""):
+    """The features above, splat's without an object."""
+    rows, values = [], []
+    for name, array in FEATURES.items():
+        for i, obj in enumerate(SHOWN):
+            if name == "splat" and obj in without:
+                continue
+            condition = "" if name == GROUND_TRUTH else "2048"
+            rows.append((name, condition, "chair", obj, i % VIEWS))
+            values.append(array[i])
+    index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
+    return FeaturesAtHand(index, np.array(values))
+
+
+def distances(without="", objects=OBJECTS):
+    made = [
+        (make_failed if method == "splat" and obj in without else make_record)(
+            method, obj=obj, view=view
+        )
+        for method in ("splat", "poisson", "blank")
+        for obj in objects
+        for view in range(VIEWS)
+    ]
+    comparison = only(
+        to_frame(made), ["fd-views"], {"fd-views": MeasuredFeatures(features(without))}
+    )
+    return comparison.qualities["fd-views"]
+
+
+def test_distances_are_those_of_the_tables():
+    for method, quality in distances().items():
+        x, y = FEATURES[method], FEATURES[GROUND_TRUTH]
+        assert quality.estimate.value == frechet_distance(x, y)
+        # the same sums in another order, a distance of some 1
+        expected = frechet_interval(x, y, SHOWN, SHOWN)
+        np.testing.assert_allclose(quality.estimate[1:], expected, atol=1e-12)
+
+
+def test_the_interval_of_a_distance_ends_at_0(monkeypatch):
+    """All of it is the doing of one object: 1.96 standard errors reach below."""
+    truth = FEATURES[GROUND_TRUTH]
+    monkeypatch.setitem(FEATURES, "splat", truth + 3 * (SHOWN == "e")[:, None].astype(np.float32))
+    found = distances()["splat"].estimate
+    assert found.low == 0
+    assert 2 * found.value - found.high < -1
+
+
+def test_the_distance_of_failed_pictures_is_that_of_blank_ones():
+    mixed = np.where((SHOWN == "c")[:, None], FEATURES["blank"], FEATURES["splat"])
+    found = distances(without="c")["splat"].estimate.value
+    assert found == frechet_distance(mixed, FEATURES[GROUND_TRUTH])
+    none = distances(without=OBJECTS)
+    assert none["splat"].estimate == none["blank"].estimate
+
+
+def test_a_lead_in_distance_is_the_jackknife_of_the_difference():
+    made = distances()
+    a, b = made["splat"], made["poisson"]
+    found = lead(a, b)
+    truth = FEATURES[GROUND_TRUTH]
+
+    def difference(rows):
+        return frechet_distance(FEATURES["poisson"][rows], truth[rows]) - frechet_distance(
+            FEATURES["splat"][rows], truth[rows]
+        )
+
+    without = np.array([difference(obj != SHOWN) for obj in OBJECTS])
+    # Efron and Stein 1981, as the standard deviation of the pseudo-values
+    pseudo = 5 * difference(SHOWN != "") - 4 * without
+    reach = 1.96 * pseudo.std(ddof=1) / np.sqrt(5)
+    assert found.value == pytest.approx(b.estimate.value - a.estimate.value, abs=1e-12)
+    assert found.high - found.value == pytest.approx(reach, abs=1e-9)
+    assert found.value - found.low == pytest.approx(reach, abs=1e-9)
+    assert lead(b, a).value == -found.value
+
+
+@pytest.mark.parametrize("objects", ["a", "ab"])
+def test_too_few_objects_give_a_distance_without_an_interval(objects):
+    made = distances(objects=objects)["splat"]
+    assert np.isfinite(made.estimate.value)
+    assert np.isnan(made.estimate[1:]).all()
+    assert np.isnan(lead(made, made)[1:]).all()
+
+
+# --- leads, ranks, numbers ------------------------------------------------------------------------
+
+
+def quality(*per_object, metric="ssim"):
+    values = np.array(per_object)
+    return Quality(metric, Estimate(float(values.mean()), NAN, NAN), values)
+
+
+def test_a_lead_is_paired():
+    a, b = quality(0.91, 0.31, 0.61), quality(0.9, 0.3, 0.6)
+    found = lead(a, b)  # 0.01 on each object, though the objects are far apart
+    np.testing.assert_allclose(found, [0.01, 0.01, 0.01], atol=1e-12)
+    np.testing.assert_allclose(lead(b, a), [-0.01, -0.01, -0.01], atol=1e-12)
+
+
+def test_ranks_are_values_as_they_are_printed():
+    assert quality(0.81449).rank == quality(0.8136).rank == 0.814
+    assert quality(0.8146).rank == 0.815
+    assert quality(4.62, metric="fd-views").rank == quality(4.58, metric="fd-views").rank == -4.6
+    assert np.isnan(quality(NAN).rank)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.4239, "0.42"), (7.31, "7.3"), (61.42, "61.4"), (1240.4, "1240"), (NAN, "-")],
+)
+def test_milliseconds(value, text):
+    assert milliseconds(value) == text

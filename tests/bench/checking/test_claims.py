@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.catalogue.suites import LATENT, SPEED, SUITES
+from bench.checking import checklist as claims_check
+from bench.checking.checklist import Checked, Run, checked, read_run, spreads, to_markdown
+from bench.checking.claim_rules import Finding, Latent, Scored, Timed
+from bench.checking.claims import claims
+from bench.records.record import GROUND_TRUTH
+from bench.tables import published as published_values
+from bench.tables.published import published
+from data_prep.failures import BadInput
+
+from ..builders import FeaturesAtHand, make_manifest, write_manifest, write_run
+
+CLAIMS = claims()
+FOUND = Finding("pc2pix", "supported", "ssim 0.7", "")
+
+
+def test_the_table_of_claims():
+    assert len({claim.id for claim in CLAIMS}) == len(CLAIMS)
+    suites = {suite.id for suite in SUITES} | {LATENT.id, SPEED.id}
+    for claim in CLAIMS:
+        assert re.fullmatch(r"[a-z0-9-]+", claim.id)
+        assert (claim.rule is None) == bool(claim.why_not)
+        assert (claim.rule is None) == (claim.suite == "")
+        assert claim.rule is None or claim.suite in suites
+
+
+@pytest.mark.parametrize(
+    ("claim_id", "quoted", "ahead", "measured"),
+    [
+        ("3-ssim-noise-005", "ssim: 0.46, 0.63", "network", "pc2pix is ahead by ssim on chairs"),
+        ("3-contrast-512", "contrast: 0.82, 0.79", "surface", "SR is ahead by contrast on chairs"),
+        ("3-luminance-512", "luminance: 0.94, 0.94", "equal", "they are equal by luminance"),
+        ("4-noise-010", "FID: 294.2, 39.0", "network", "pc2pix is ahead by FID on chairs"),
+        ("5-rifle", "FID: 26.3, 29.0", "surface", "SR is ahead by FID"),
+        ("5-average", "FID: 114.4, 57.2", "network", "pc2pix is ahead by FID"),
+    ],
+)
+def test_claims_made_of_published_values(claim_id, quoted, ahead, measured):
+    (claim,) = (claim for claim in CLAIMS if claim.id == f"table-{claim_id}")
+    assert claim.quoted == quoted.replace(":", " of SR and PC2PIX:")
+    assert claim.rule.keywords["ahead"] == ahead
+    expected = f"{measured} on chairs, within 0.01" if ahead == "equal" else measured
+    assert claim.measured == expected
+
+
+def test_every_published_pair_is_a_claim():
+    for suite, count in (("chair-robustness", 25), ("thirteen-classes", 14)):
+        made = [c for c in CLAIMS if c.suite == suite and c.id.startswith("table-")]
+        assert len(made) == count == len(published(suite)) / 2
+    assert len(CLAIMS) == 64
+    where = {claim.id: claim.where for claim in CLAIMS}
+    assert where["table-3-ssim-noise-005"] == "Table 3, noise-0.05"
+    assert where["table-5-rifle"] == "Table 5, rifle"
+
+
+def test_no_claims_without_the_published_values(monkeypatch, tmp_path):
+    monkeypatch.setattr(published_values, "RESULTS", tmp_path)
+    with pytest.raises(BadInput, match=r"chair-robustness.csv: no published values"):
+        claims()
+
+
+def test_claims_without_a_run():
+    made = checked([])
+    assert [entry.claim.id for entry in made] == [claim.id for claim in CLAIMS]
+    assert {entry.finding.verdict for entry in made} == {"not testable here"}
+    reasons = {entry.claim.id: entry.finding.reason for entry in made}
+    assert reasons["table-5-car"] == "give a run of thirteen-classes"
+    assert reasons["nine-times-faster"] == "give a run of speed"
+    assert reasons["better-than-points2pix"] == "points2pix is not implemented here"
+
+
+def test_claims_of_a_run_that_lacks_something(tmp_path):
+    """splat, true-mesh and blank: no side of any claim was measured."""
+    run = read_run(write_run(tmp_path / "run"))
+    made = [entry for entry in checked([run]) if entry.run]
+    assert len(made) == sum(claim.suite == "chair-robustness" for claim in CLAIMS)
+    assert {entry.run for entry in made} == {"chair-robustness on procedural"}
+    reasons = {entry.claim.id: entry.finding.reason for entry in made}
+    assert reasons["table-3-ssim-2048"] == "the run has no pc2pix"
+    assert {entry.finding.verdict for entry in made} == {"not testable here"}
+
+
+def test_claims_of_a_run(tmp_path):
+    """Random scores: nothing is ahead of anything, and the numbers are those of the tables."""
+    run = write_run(
+        tmp_path / "run",
+        methods=["surface-apss", "pc2pix", "true-mesh", "blank"],
+        conditions=["2048", "1024", "512", "noise-0.05", "noise-0.10"],
+        objects=[f"chair/{name}" for name in "abcdefghijkl"],
+    )
+    made = {entry.claim.id: entry.finding for entry in checked([read_run(run)]) if entry.run}
+    with (run / "tables" / "table3_ssim.csv").open() as file:
+        rows = {
+            (r["method"], r["condition"], r["metric"]): float(r["value"])
+            for r in csv.DictReader(file)
+        }
+    found = made["table-3-ssim-1024"]
+    own, sr = (rows[m, "1024", "ssim"] for m in ("pc2pix", "surface-apss"))
+    assert found.numbers.startswith(f"ssim {own:.3f}, SR {sr:.3f}; ahead by {own - sr:+.3f} [")
+    assert found.verdict == "not supported"
+    assert made["table-4-512"].reason.endswith("fd-views stands in for fid")
+
+
+def test_speed_and_latent_runs(tmp_path):
+    for name in ("speed", "latent"):
+        (tmp_path / name / "tables").mkdir(parents=True)
+        write_manifest(tmp_path / name, make_manifest(suite=name))
+    header = "method,condition,threads,cloud,round,stage,views,wall_s,core_s\n"
+    (tmp_path / "speed/tables/speed_samples.csv").write_text(
+        header + "splat,2048,1,x,1,draw,1,2,2\n"
+    )
+    for name in ("interpolation", "arithmetic"):
+        text = f"what,metric,kind,method,value,ci_low,ci_high\n{name},m,all,pc2pix,1,1,1\n"
+        (tmp_path / f"latent/tables/latent_{name}.csv").write_text(text)
+    speed, latent = (read_run(tmp_path / name) for name in ("speed", "latent"))
+    assert isinstance(speed.evidence, Timed)
+    assert speed.evidence.samples["condition"].tolist() == ["2048"]
+    assert isinstance(latent.evidence, Latent)
+    assert latent.evidence.means["what"].tolist() == ["interpolation", "arithmetic"]
+    (tmp_path / "speed/tables/speed_samples.csv").unlink()
+    with pytest.raises(BadInput, match=r"speed_samples.csv: cannot be read"):
+        read_run(tmp_path / "speed")
+    write_manifest(tmp_path / "speed", make_manifest(suite="stability"))
+    with pytest.raises(BadInput, match="no claim of the paper is about stability"):
+        read_run(tmp_path / "speed")
+
+
+def test_spreads():
+    """Two views each: the means are (0, 0), (2, 0), (4, 3); variances 4 and 3."""
+    index = pd.DataFrame(
+        [(GROUND_TRUTH, "", "lamp", obj, view) for obj in "abc" for view in (0, 1)],
+        columns=["method", "condition", "class", "object", "view"],
+    )
+    means = np.repeat([[0.0, 0.0], [2.0, 0.0], [4.0, 3.0]], 2, axis=0)
+    views = np.tile([[1.0, -5.0], [-1.0, 5.0]], (3, 1))
+    found = spreads(FeaturesAtHand(index, (means + views).astype(np.float32)), ["lamp"])
+    value, left_out = found["lamp"]
+    assert value == pytest.approx(4 + 3, abs=1e-12)
+    # of (2, 0) and (4, 3): 2 + 4.5; (0, 0) and (4, 3): 8 + 4.5; (0, 0) and (2, 0): 2
+    assert left_out == pytest.approx([6.5, 12.5, 2.0], abs=1e-12)
+    two = index[index["object"] != "c"]
+    assert spreads(FeaturesAtHand(two, means[:4].astype(np.float32)), ["lamp"]) == {}
+
+
+def test_the_checklist_in_markdown():
+    claim, other = CLAIMS[0], CLAIMS[1]
+    made = [
+        Checked(claim, "run 1", FOUND),
+        Checked(claim, "run 2", replace(FOUND, verdict="not supported", reason="a | b")),
+        Checked(other, "", Finding("-", "not testable here", "", "give a run of x")),
+    ]
+    lines = to_markdown(made).splitlines()
+    assert lines[0] == "# The paper's claims"
+    assert "| pc2pix | run 1 | 1 | 0 | 0 |" in lines
+    assert "| pc2pix | run 2 | 0 | 1 | 0 |" in lines
+    first = next(line for line in lines if line.startswith(f"| {claim.id} |"))
+    start = f"| {claim.id} | **supported** | pc2pix (run 1) | ssim 0.7 "
+    assert first == f"{start}| “{claim.quoted}” ({claim.where}) | {claim.measured} |"
+    second = lines[lines.index(first) + 1]
+    told = "not supported: a \\| b | pc2pix (run 2) | ssim 0.7"
+    assert second == f"| {claim.id} | {told} |  |  |"  # the quotation stands above
+    third = lines[lines.index(second) + 1]
+    assert third.startswith(f"| {other.id} | not testable here: give a run of x | - |  | “")
+
+
+def test_the_command(command, tmp_path):
+    run = write_run(tmp_path / "run")
+    again = tmp_path / "again"
+    shutil.copytree(run, again)
+    status, out, err = command("check", "--claims", run, again)
+    assert status == 0
+    assert out.startswith("# The paper's claims\n")
+    assert (run / "claims.md").read_text() == out.removesuffix("\n")
+    assert not (again / "claims.md").exists()
+    assert err == f"written to {run / 'claims.md'}\n"
+    status, out, err = command("check", run, again)
+    assert (status, out) == (2, "")
+    assert "2 folders: golden values are of one run; or give --claims" in err
+
+
+def test_findings_are_those_of_the_rule(monkeypatch):
+    asked = []
+
+    def rule(evidence):
+        asked.append(evidence)
+        return [FOUND, replace(FOUND, subject="pc2pix@acgan")]
+
+    claim = replace(CLAIMS[0], rule=rule)
+    monkeypatch.setattr(claims_check, "claims", lambda: (claim,))
+    evidence = Scored({}, None, {})
+    runs = [Run("one", claim.suite, evidence), Run("two", "speed", Timed(pd.DataFrame()))]
+    made = checked(runs)
+    assert [(entry.run, entry.finding.subject) for entry in made] == [
+        ("one", "pc2pix"),
+        ("one", "pc2pix@acgan"),
+    ]
+    assert asked == [evidence]

@@ -1,0 +1,388 @@
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import bench.checking.golden
+import bench.tables.published
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import FLOORS
+from bench.catalogue.suites import SUITES
+from bench.checking.golden import bless, check
+from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
+from bench.records.journal import read_manifest, write_manifest
+from bench.tables.build import read_scored, write_outputs
+from bench.tables.published import golden, published
+from data_prep.failures import BadInput
+
+from ..builders import SUITE, write_run
+
+SSIM, DETAIL = SUITES[0].image_metrics, SUITES[0].detail_metrics
+DISTANCES = ("fd-views", "fd-views-grey")  # fid is skipped
+CONTROL = SUITES[0].control_metrics
+GOLDEN = (*DETAIL, *SSIM, *DISTANCES, *CONTROL)
+
+
+@pytest.fixture
+def results(tmp_path, monkeypatch):
+    folder = tmp_path / "results"
+    monkeypatch.setattr(bench.tables.published, "RESULTS", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def blessed(tmp_path_factory):
+    """A folder with a finished run, and results whose golden values are its own."""
+    folder = tmp_path_factory.mktemp("blessed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.tables.published, "RESULTS", folder / "results")
+        bless(write_run(folder / "run"))
+    return folder
+
+
+@pytest.fixture
+def run(blessed, tmp_path, results):
+    """Copies of both, to be altered."""
+    shutil.copytree(blessed / "results", results)
+    return Path(shutil.copytree(blessed / "run", tmp_path / "run"))
+
+
+def alter_records(run, column, change, method="splat", condition="512"):
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    chosen = (frame["method"] == method) & (frame["condition"] == condition)
+    frame.loc[chosen, column] = change(frame.loc[chosen, column])
+    frame.to_parquet(path)
+
+
+def alter_golden(results, metric, change, method="splat", condition="512"):
+    path = results / "golden" / f"{SUITE}.csv"
+    frame = pd.read_csv(path, dtype={"condition": str})
+    chosen = (frame["method"] == method) & (frame["condition"] == condition)
+    chosen &= frame["metric"] == metric
+    assert chosen.sum() == 1
+    frame.loc[chosen, "value"] = change(frame.loc[chosen, "value"])
+    frame.to_csv(path, index=False)
+
+
+def test_a_run_agrees_with_itself(run, command):
+    verdict = check(run)
+    assert verdict.regressions == ()
+    assert verdict.compared == 3 * 2 * len(GOLDEN)  # methods x conditions x metrics
+    status, out, err = command("check", run)
+    assert (status, err) == (0, "")
+    assert out == f"{6 * len(GOLDEN)} golden values compared, 0 regressions\n"
+
+
+def test_golden_values_are_the_tables_with_tolerances(run, results):
+    frame = golden(SUITE)
+    assert list(frame.columns) == [
+        *("dataset", "objects", "views", "seed"),
+        *("method", "condition", "class", "metric", "value", "tolerance", "reason"),
+    ]
+    names = ("table3_ssim", "table4_fid", "table_detail", "table_control")
+    tables = pd.concat(pd.read_csv(run / "tables" / f"{name}.csv") for name in names)
+    tables = tables[tables["metric"].isin(GOLDEN)]
+    assert frame["value"].tolist() == tables["value"].tolist()
+    for row in frame.to_dict("records"):
+        assert (row["dataset"], row["objects"], row["views"], row["seed"]) == (
+            "procedural",
+            3,
+            2,
+            0,
+        )
+        rule = tolerance(row["method"], row["metric"])
+        # both columns have six decimals
+        expected = rule.absolute + rule.relative * row["value"]
+        assert row["tolerance"] == pytest.approx(expected, abs=6e-7)
+        assert row["reason"] == rule.reason
+
+
+def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_nought(run, results, monkeypatch):
+    first, *_ = bench.checking.golden.tables(read_scored(run))
+    below = replace(first.rows[0], metric="kd-views", value=-2.0)
+    table = replace(first, rows=(*first.rows, below))
+    monkeypatch.setattr(bench.checking.golden, "tables", lambda directory: [table, table])
+    frame = pd.read_csv(bless(run))
+    assert len(frame) == len(table.rows)
+    (found,) = frame[frame["metric"] == "kd-views"].to_dict("records")
+    assert found["value"] == -2.0
+    rule = OF_CLASSES["kd-views"]
+    assert found["tolerance"] == pytest.approx(rule.absolute + 2.0 * rule.relative, abs=6e-7)
+
+
+def test_the_ceiling_has_no_leeway(run):
+    frame = golden(SUITE).set_index("method").loc["true-mesh"]
+    frame = frame[~frame["metric"].isin(CONTROL)]
+    assert frame["tolerance"].max() <= 1e-6
+    distances = frame["metric"].isin(["fd-views", "fd-views-grey"])
+    assert set(frame.loc[distances, "value"]) == {0.0}
+    assert set(frame.loc[~distances, "value"]) == {1.0}
+
+
+def test_the_golden_values_of_this_project():
+    """Every cell of the default run; the ceiling exact, the floor the same whatever the cloud."""
+    suite = SUITES[0]
+    frame = golden(suite.id)
+    protocol = frame[["dataset", "objects", "views", "seed"]].drop_duplicates()
+    assert protocol.to_numpy().tolist() == [["procedural", suite.endless_limit, suite.views, 0]]
+    metrics = GOLDEN
+    cells = frame[["method", "condition", "class", "metric"]].apply(tuple, axis=1)
+    assert sorted(cells) == sorted(
+        (method, condition, "chair", metric)
+        for method in suite.methods
+        for condition in suite.conditions
+        for metric in metrics
+        if (method, metric) != ("blank", "thin-precision")  # nothing is drawn
+    )
+    for row in frame.to_dict("records"):
+        rule = tolerance(row["method"], row["metric"])
+        allowed = rule.absolute + rule.relative * row["value"]
+        # Value and tolerance are rounded to six digits, each by up to 5e-7.
+        rounded = 5e-7 * (1 + rule.relative) + 1e-9
+        assert row["tolerance"] == pytest.approx(allowed, abs=rounded)
+        assert row["reason"] == rule.reason
+    for metric in metrics:
+        values = frame[frame["metric"] == metric].set_index("method")["value"]
+        if metric not in CONTROL:
+            assert set(values["true-mesh"]) == {0.0 if metric in DISTANCES else 1.0}
+        for floor in FLOORS:
+            assert len(set(values.loc[values.index == floor])) <= 1
+
+
+def test_the_golden_values_of_the_classes():
+    """Every class and their average; true pictures exact but for what only a classifier says."""
+    suite = find("thirteen-classes", SUITES, "suite")
+    frame = golden(suite.id)
+    protocol = frame[["dataset", "objects", "views", "seed"]].drop_duplicates()
+    objects = suite.endless_limit * len(suite.classes)
+    assert protocol.to_numpy().tolist() == [["procedural", objects, suite.views, 0]]
+    by_class = {"fd-views", "kd-views", "class-confidence"}
+    plain = {"ssim", "luminance", "contrast", "structure", "silhouette-iou"}
+    assert set(frame["metric"]) == by_class | plain
+    cells = frame[["method", "class", "metric"]]
+    for metric in ("ssim", "silhouette-iou", *by_class):
+        found = cells[cells["metric"] == metric].drop(columns="metric").apply(tuple, axis=1)
+        assert set(found) == {(m, c) for m in suite.methods for c in (*suite.classes, "average")}
+    true = frame[frame["method"] == "true-mesh"]
+    assert set(true.loc[true["metric"].isin(plain), "value"]) == {1.0}
+    assert set(true.loc[true["metric"] == "fd-views", "value"]) == {0.0}
+    assert true.loc[true["metric"] == "class-confidence", "value"].between(0.7, 1).all()
+    assert (frame["tolerance"] > 0).all()
+    assert not cells.duplicated().any()
+
+
+def test_a_tolerance_of_a_value_below_nought_is_positive():
+    """An unbiased kernel distance may fall below 0."""
+    frame = golden("thirteen-classes")
+    below = frame[frame["value"] < 0]
+    assert set(below["metric"]) == {"kd-views"}
+    rule = OF_CLASSES["kd-views"]
+    allowed = rule.absolute + rule.relative * below["value"].abs()
+    # six decimals each
+    assert (below["tolerance"] - allowed).abs().max() < 1.1e-6
+
+
+def test_every_default_metric_has_a_tolerance():
+    for table in (RENDERING, RECONSTRUCTION):
+        assert {*table, *JUDGED} == set(GOLDEN)
+    assert tolerance("splat", "fid") is None
+    assert tolerance("true-mesh", "retrieval") == JUDGED["retrieval"]  # it errs even there
+    assert tolerance("surface-apss", "ssim") == RECONSTRUCTION["ssim"]
+    assert tolerance("pc2pix", "ssim") == RENDERING["ssim"]
+
+
+@pytest.mark.parametrize("metric", GOLDEN)
+def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, metric):
+    rows = golden(SUITE)
+    row = rows[
+        (rows["method"] == "splat") & (rows["condition"] == "512") & (rows["metric"] == metric)
+    ].iloc[0]
+    alter_golden(results, metric, lambda value: value + 0.98 * row["tolerance"])
+    assert check(run).regressions == ()
+    alter_golden(results, metric, lambda value: value + 0.04 * row["tolerance"])
+    status, out, err = command("check", run)
+    assert (status, err) == (1, "")
+    verdict, total = out.splitlines()
+    moved = row["value"] + 1.02 * row["tolerance"]
+    assert verdict.startswith(f"REGRESSION {metric} of splat at 512: {row['value']:.6f}, golden ")
+    assert float(verdict.split("golden ")[1].split()[0]) == pytest.approx(moved, abs=2e-6)
+    assert verdict.endswith(f"+- {row['tolerance']:.6f} ({row['reason']})")
+    assert total == f"{6 * len(GOLDEN)} golden values compared, 1 regressions"
+
+
+def test_an_altered_record_is_a_regression(run, command):
+    alter_records(run, "ssim", lambda values: values + 0.01)
+    status, out, _ = command("check", run)
+    assert status == 1
+    assert "REGRESSION ssim of splat at 512: " in out
+    # and the tables no longer say what the records say
+    assert f"REGRESSION {run}/tables/table3_ssim.csv: not what the records give" in out
+    write_outputs(read_scored(run))
+    assert len(check(run).regressions) == 1
+
+
+def test_a_metric_that_has_become_nan_is_a_regression(run):
+    alter_records(run, "structure", lambda values: float("nan"))
+    write_outputs(read_scored(run))
+    (line,) = check(run).regressions
+    assert line.startswith("structure of splat at 512: nothing, golden 0.")
+
+
+def test_pictures_that_have_gone_missing_are_a_regression(run):
+    alter_records(run, "outcome", lambda values: "failed")
+    write_outputs(read_scored(run))
+    assert [line.split(",")[0] for line in check(run).regressions] == [
+        f"{metric} of splat at 512: nothing" for metric in (*SSIM, *DETAIL, *CONTROL)
+    ]
+
+
+def test_a_cell_that_is_not_there_is_a_regression(run, results):
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    frame[~((frame["method"] == "splat") & (frame["condition"] == "512"))].to_parquet(path)
+    write_outputs(read_scored(run))
+    lines = check(run).regressions
+    assert [line.split(",")[0] for line in lines] == [
+        f"{metric} of splat at 512: nothing" for metric in (*SSIM, *DISTANCES, *DETAIL, *CONTROL)
+    ]
+
+
+@pytest.mark.parametrize("name", ["table3_ssim.csv", "table4_fid.md"])
+@pytest.mark.parametrize("harm", ["altered", "missing"])
+def test_table_files_have_to_say_what_the_records_say(run, command, name, harm):
+    path = run / "tables" / name
+    if harm == "missing":
+        path.unlink()
+    else:
+        path.write_text(path.read_text().replace("0.", "0.9", 1))
+    status, out, _ = command("check", run)
+    assert status == 1
+    assert out.splitlines()[0] == (
+        f"REGRESSION {path}: not what the records give; 'bench table {run}' restores it"
+    )
+    assert command("table", run)[0] == 0
+    assert command("check", run)[0] == 0
+
+
+def test_a_part_of_the_methods_can_be_checked(tmp_path, run):
+    part = write_run(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
+    verdict = check(part)
+    assert (verdict.compared, verdict.regressions) == (len(GOLDEN), ())
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"dataset": "folder:x"}, "dataset folder:x (golden: procedural)"),
+        ({"views": 3}, "views 3 (golden: 2)"),
+        ({"seed": 1}, "seed 1 (golden: 0)"),
+        ({"objects": ["chair/a", "chair/b"]}, "objects 2 (golden: 3)"),
+        ({"seed": 1, "views": 3}, "views 3 (golden: 2), seed 1 (golden: 0)"),
+    ],
+)
+def test_another_protocol_cannot_be_compared(tmp_path, run, command, change, told):
+    other = write_run(tmp_path / "other", **change)
+    status, out, err = command("check", other)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {other}: no golden values for this protocol: {told}; "
+        f"check a run of 'bench run --suite {SUITE}' with its defaults\n"
+    )
+
+
+def test_no_golden_values(tmp_path, results, command):
+    directory = write_run(tmp_path / "run")
+    status, out, err = command("check", directory)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {results}/golden/{SUITE}.csv: no golden values for '{SUITE}'; "
+        "run from a checkout that has them\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["nowhere", "results", "file"])
+def test_a_wrong_path(tmp_path, run, command, name):
+    (tmp_path / "file").touch()
+    status, out, err = command("check", tmp_path / name)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {tmp_path / name}: no run here (manifest.json is missing); give a run's folder\n"
+    )
+
+
+@pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"]])
+def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
+    write_manifest(run, read_manifest(run) | {"finished": None})
+    status, out, err = command(*arguments, run)
+    assert (status, out) == (2, "")
+    assert err == f"bench: {run}: the run is not finished; start it again with its command\n"
+
+
+def test_bless_says_where(tmp_path, results, command):
+    directory = write_run(tmp_path / "run")
+    status, out, err = command("check", "--bless", directory)
+    assert (status, err) == (0, "")
+    assert out == f"golden values written to {results}/golden/{SUITE}.csv\n"
+    assert command("check", directory)[0] == 0
+
+
+def test_bless_replaces_what_was_golden(tmp_path, run):
+    other = write_run(tmp_path / "other", seed=5)
+    with pytest.raises(BadInput, match="seed 5"):
+        check(other)
+    bless(other)
+    assert check(other).regressions == ()
+    with pytest.raises(BadInput, match="seed 0"):
+        check(run)
+
+
+def test_fid_is_never_golden(tmp_path, results):
+    directory = write_run(tmp_path / "run", skipped_metrics={})
+    (directory / "features" / "fid.parquet").write_bytes(
+        (directory / "features" / "fd-views.parquet").read_bytes()
+    )
+    write_outputs(read_scored(directory))
+    bless(directory)
+    assert "fid" not in set(golden(SUITE)["metric"])
+    assert check(directory).regressions == ()
+
+
+# --- the paper ------------------------------------------------------------------------------------
+
+
+def test_published_values_are_those_of_the_paper():
+    values = published(SUITE)
+    assert len(values) == 5 * 5 * 2  # metrics x conditions x roads
+    assert values["chair", "ssim", "noise-0.10", "surface-apss"] == 0.30
+    assert values["chair", "fid", "2048", "pc2pix"] == 31.5
+    assert published("another-suite") == {}
+
+
+def test_remarks_say_which_road_is_ahead(tmp_path, results, command):
+    paper = results / "paper" / f"{SUITE}.csv"
+    paper.parent.mkdir(parents=True)
+    paper.write_text(
+        "table,class,metric,condition,method,value\n"
+        "3,chair,ssim,2048,surface-apss,0.9\n"
+        "3,chair,ssim,2048,pc2pix,0.1\n"
+        "3,chair,ssim,512,surface-apss,0.1\n"
+        "3,chair,ssim,512,pc2pix,0.9\n"
+        "3,chair,contrast,512,pc2pix,0.9\n"
+    )
+    directory = write_run(tmp_path / "run", methods=["surface-apss", "pc2pix", "blank"])
+    alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", "2048")
+    alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", "2048")
+    alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", "512")
+    alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", "512")
+    write_outputs(read_scored(directory))
+    bless(directory)
+    status, out, _ = command("check", directory)
+    assert status == 0  # the paper is no criterion
+    assert out.splitlines()[0] == "paper: ssim: the same method is ahead in 1 of 2 cells"
+    assert json.loads((directory / "manifest.json").read_text())["methods"][0] == "surface-apss"

@@ -1,0 +1,190 @@
+"""The suite beyond-training: what a finished run of it leaves behind."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pandas as pd
+import pytest
+
+import bench.checking.golden
+import bench.running.protocol
+from bench.catalogue.suites import SUITES
+from bench.commands.publish import run_suite
+from bench.report.build import read_page
+from bench.running.protocol import Options
+from bench.tables.build import beyond, make_outputs, read_scored, tables, write_outputs
+
+from ..builders import write_run
+
+SUITE = next(suite for suite in SUITES if suite.id == "beyond-training")
+METHODS = ["surface-apss", "pc2pix", "splat", "true-mesh", "blank"]
+CONDITIONS = ["512", "2048", "noise-0.05", "noise-0.20", "missing-0.50"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Random scores, 3 objects x 2 views."""
+    directory = tmp_path_factory.mktemp("beyond")
+    return write_run(directory, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
+
+
+def test_leads_follow_from_the_records(written):
+    records = pd.read_parquet(written / "records.parquet")
+    made = write_outputs(read_scored(written)).beyond
+    assert made is not None
+    assert made.crossings is not None
+    text = (written / "tables" / "crossings.csv").read_text()
+    rows = list(csv.DictReader(io.StringIO(text)))
+    # points 2048 and 512; noise 0, 0.05 and 0.20; missing 0 and 0.50; one pair, three metrics
+    assert len(rows) == 3 * (2 + 3 + 2)
+    means = records.groupby(["method", "condition"])[["ssim", "silhouette_iou"]].mean()
+    for row in rows:
+        assert (row["method"], row["rival"]) == ("pc2pix", "surface-apss")
+        if row["metric"] != "fd-views":
+            name, condition = row["metric"].replace("-", "_"), row["condition"]
+            network, surface = (means.loc[(m, condition), name] for m in ("pc2pix", "surface-apss"))
+            expected = (network, surface, network - surface)
+            found = [float(row[field]) for field in ("value", "rival_value", "lead")]
+            assert found == pytest.approx(expected, abs=1e-6)  # rounded to 6 decimals
+    steps = [(r["family"], r["condition"], r["at"]) for r in rows if r["metric"] == "ssim"]
+    assert steps == [
+        *(("points", "2048", "2048"), ("points", "512", "512")),
+        *(("noise", "2048", "0"), ("noise", "noise-0.05", "0.05"), ("noise", "noise-0.20", "0.2")),
+        *(("missing", "2048", "0"), ("missing", "missing-0.50", "0.5")),
+    ]
+    assert (written / "tables" / "crossings.md").read_text() == made.crossings.to_markdown()
+
+
+def test_the_tables_again(written, command):
+    write_outputs(read_scored(written))
+    path = written / "tables" / "crossings.csv"
+    before = path.read_bytes()
+    path.unlink()
+    status, out, err = command("table", written)
+    assert (status, err) == (0, "")
+    assert path.read_bytes() == before
+    assert (written / "tables" / "crossings.md").read_text() in out
+
+
+def test_check_sees_a_table_that_is_not_what_the_records_give(written, monkeypatch):
+    write_outputs(read_scored(written))
+    protocol = {"dataset": "procedural", "objects": 3, "views": 2, "seed": 0}
+    columns = [*protocol, "method", "condition", "class", "metric", "value"]
+    values = [*protocol.values(), "none", "none", "chair", "ssim", 0.5]
+    golden = pd.DataFrame([dict(zip(columns, values, strict=True))])
+    monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
+    assert bench.checking.golden.check(written).regressions == ()
+    path = written / "tables" / "crossings.csv"
+    kept = path.read_bytes()
+    path.write_bytes(kept.replace(b"pc2pix", b"pc2pax", 1))
+    (told,) = bench.checking.golden.check(written).regressions
+    path.write_bytes(kept)
+    assert "crossings.csv: not what the records give" in told
+
+
+def test_courses_are_of_all_methods(written):
+    made = beyond(read_scored(written))
+    assert made is not None
+    assert list(dict.fromkeys(c.method for c in made.courses)) == METHODS
+    assert len(made.courses) == 3 * 3 * len(METHODS)
+    distances = {
+        (row.method, row.condition): row.value
+        for table in tables(read_scored(written))
+        for row in table.rows
+        if row.metric == "fd-views"
+    }
+    for course in made.courses:
+        if course.metric == "fd-views":
+            found = [of.value for of in course.estimates]
+            assert found == [distances[course.method, c] for c in course.family.conditions]
+
+
+def test_titles_are_not_the_papers(written):
+    made = tables(read_scored(written))
+    assert [table.name for table in made] == ["table_ssim", "table_frechet", "table_detail"]
+    assert not any("Table " in table.title for table in made)
+    assert "thin parts" in made[2].title
+    assert not any("the paper's layout" in table.to_markdown() for table in made)
+
+
+def test_report(written):
+    page = read_page(make_outputs(read_scored(written)))
+    assert page.curves_title == "Beyond training"
+    assert [plot.title for plot in page.curves] == [
+        f"{metric} against {family}, class chair"
+        for family in ("points", "noise", "missing")
+        for metric in SUITE.crossings
+    ]
+    assert page.tables[0].title == "Beyond what the networks were trained on"
+    assert len(page.tables[0].tables) == 1 + 3
+    assert len(page.tables) == 4
+
+
+def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
+    directory = write_run(
+        tmp_path, suite=SUITE.id, methods=["splat", "blank"], conditions=CONDITIONS
+    )
+    made = write_outputs(read_scored(directory)).beyond
+    assert made is not None
+    assert made.crossings is None
+    assert len(made.courses) == 3 * 3 * 2
+    assert not (directory / "tables" / "crossings.csv").exists()
+    assert len(read_page(make_outputs(read_scored(directory))).curves) == 9
+
+
+def test_without_a_family_the_report_is_as_any_other(tmp_path):
+    directory = write_run(tmp_path, suite=SUITE.id, conditions=["2048", "density-3"])
+    made = beyond(read_scored(directory))
+    assert made is not None
+    assert (made.courses, made.crossings) == ((), None)
+    page = read_page(make_outputs(read_scored(directory)))
+    assert page.curves_title == "Robustness"
+    assert page.curves[0].title == "ssim against the conditions, class chair"
+
+
+def test_without_features_there_is_no_distance(tmp_path):
+    directory = write_run(tmp_path, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
+    (directory / "features" / "fd-views.parquet").unlink()
+    made = beyond(read_scored(directory))
+    assert made is not None
+    assert list(dict.fromkeys(c.metric for c in made.courses)) == ["ssim", "silhouette-iou"]
+
+
+def test_other_suites_have_none(tmp_path):
+    directory = write_run(tmp_path)
+    assert beyond(read_scored(directory)) is None
+    assert write_outputs(read_scored(directory)).beyond is None
+    assert not (directory / "tables" / "crossings.csv").exists()
+
+
+def test_a_run(tmp_path, monkeypatch):
+    """1 object x 3 conditions x 2 methods, 2 views."""
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
+    done = run_suite(
+        Options(
+            suite=SUITE.id,
+            methods=("splat", "blank"),
+            conditions=("2048", "outliers-0.10", "missing-0.50"),
+            limit=1,
+            views=2,
+            workers=1,
+            out=tmp_path / "run",
+        )
+    )
+    assert (done.done, done.failed) == (6, 0)
+    assert done.outputs.beyond is not None
+    found = {
+        path.name
+        for folder in ("tables", "figures")
+        for path in (tmp_path / "run" / folder).iterdir()
+    }
+    assert found == {
+        *(
+            f"table_{name}.{kind}"
+            for name in ("ssim", "frechet", "detail")
+            for kind in ("csv", "md")
+        ),
+        *("beyond.png", "beyond.svg", "beyond-pictures.png"),
+    }

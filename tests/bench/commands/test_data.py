@@ -1,0 +1,157 @@
+"""`bench data inspect`, and runs on trees in the paper's layout."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from bench.commands.data import inspect
+from data_prep.datasets import ProceduralObject
+
+from ...data_prep.dataset_trees import write_paper_tree
+from ..conftest import BENCH
+
+CHAIR = "03001627"
+
+
+def write_meshes(folder: Path, count: int) -> None:
+    """Procedural chairs as files."""
+    folder.mkdir(parents=True)
+    for i in range(count):
+        mesh = ProceduralObject("chair", "test", i).load()
+        made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=mesh.face_colors)
+        (folder / f"test-{i:04d}.ply").write_bytes(made.export(file_type="ply"))
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("paper") / "tree"
+    write_paper_tree(out, [ProceduralObject("chair", "test", i) for i in range(2)])
+    return out
+
+
+@pytest.fixture
+def copied(tree, tmp_path) -> Path:
+    return Path(shutil.copytree(tree, tmp_path / "tree"))
+
+
+# --- runs -----------------------------------------------------------------------------------------
+
+
+def run(dataset: str, out: Path, methods: str) -> dict[str, bytes]:
+    """The tables of a run of two objects, without those of times.
+
+    All 20 views: fewer are others where they are drawn at random, and the first of 20 on a tree.
+    """
+    done = subprocess.run(
+        [
+            *(*BENCH, "run", "--suite", "chair-robustness", "--dataset", dataset, "--limit", "2"),
+            *("--methods", methods, "--conditions", "2048,noise-0.10"),
+            *("--workers", "1", "--out", str(out)),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"XDG_CACHE_HOME": str(out.parent)},  # no weights for fid
+    )
+    assert done.returncode == 0, done.stderr
+    return {path.name: path.read_bytes() for path in (out / "tables").glob("*.csv")}
+
+
+def test_a_run_on_the_tree_is_the_run_on_its_source(tree, tmp_path):
+    methods = "splat,pc2pix,blank"
+    there = run("procedural", tmp_path / "there", methods)
+    here = run(f"paper:{tree}", tmp_path / "here", methods)
+    assert "table3_ssim.csv" in there
+    assert there == here
+
+
+# --- inspect --------------------------------------------------------------------------------------
+
+
+def test_a_regular_tree(tree, command):
+    status, out, _ = command("data", "inspect", tree, "--workers", "1")
+    assert status == 0
+    lines = out.splitlines()
+    assert lines[:5] == [
+        "layout       the paper's clouds and pictures, split by chair_exp.json",
+        "orientation  +Z up, front +X: (x, y, z) becomes (-y, z, -x), twice as large",
+        "class        chair: train 0, test 2",
+        "class        all: train 0, test 2",
+        "read         2 objects",
+    ]
+    assert lines[5].startswith("angles       9")
+    assert lines[6:] == [f"use          --dataset paper:{tree}"]
+
+
+def test_an_irregular_tree(copied):
+    renders = copied / "shapenet_release" / "renders" / CHAIR
+    (renders / "test-0000" / "render_3_128.png").unlink()
+    (renders / "test-0000" / "render_4_128.png").unlink()
+    (renders / "test-0001" / "view.txt").unlink()
+    (copied / "shape_net_core_uniform_samples_2048" / CHAIR / "extra.ply").touch()
+    found = inspect(f"paper:{copied}", 10, 1)
+    assert found.irregular == (
+        "chair, clouds: 1 are in no split and left out: extra",
+        "1 objects lack pictures: chair/test-0000 (2)",
+        "1 objects lack view.txt: chair/test-0001",
+        "1 of 2 read: a picture cannot be used (first chair/test-0000: render_3_128.png: no such "
+        "file)",
+        "1 of 2 read: the cameras cannot be read (first chair/test-0001: no such file)",
+    )
+    assert len(inspect(str(copied), 0, 1).irregular) == 3  # nothing is read
+
+
+def test_angles_in_the_other_sense(copied):
+    for path in (copied / "shapenet_release").rglob("view.txt"):
+        pairs = [line.split() for line in path.read_text().splitlines()]
+        path.write_text("".join(f"{-float(a)!r} {e}\n" for a, e in pairs))
+    (line,) = inspect(str(copied), 2, 1).irregular
+    assert line.startswith("angles do not fit: ")
+    assert line.endswith("(the other sense, turned by 0 degrees)")
+
+
+def test_a_folder(tmp_path, command):
+    write_meshes(tmp_path / "my meshes" / "chair", 3)
+    (tmp_path / "my meshes" / "chair" / "bad.ply").write_text("nonsense")
+    status, out, _ = command("data", "inspect", tmp_path / "my meshes", "--workers", "1")
+    assert status == 1
+    *lines, irregular, use = out.splitlines()
+    assert lines == [
+        "layout       a folder of meshes, sub-folders are classes",
+        "orientation  +Y up, front -Z: taken as it is",
+        "class        chair: objects 4",
+        "class        all: objects 4",
+        "splits       none: all objects are taken",
+        "read         4 objects",
+    ]
+    assert irregular.startswith("IRREGULAR    1 of 4 read: it cannot be used (first chair/bad.ply")
+    assert use == f"use          --dataset 'folder:{tmp_path / 'my meshes'}'"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (("nowhere",), "nowhere: no such folder"),
+        (("shapenet:.",), "no ShapeNetCore here"),
+        ((".", "--sample", "-1"), "--sample -1: must be at least 0"),
+        ((".", "--workers", "0"), "--workers 0: must be at least 1"),
+    ],
+)
+def test_what_cannot_be_inspected(command, monkeypatch, tmp_path, arguments, problem):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = command("data", "inspect", *arguments)
+    assert (status, out) == (2, "")
+    assert problem in err
+
+
+def test_the_embedded_set(command):
+    status, out, _ = command("data", "inspect", "procedural", "--sample", "0")
+    assert status == 0
+    assert "as many objects as one asks for" in out
+    assert out.endswith("use          --dataset procedural\n")

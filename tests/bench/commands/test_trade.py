@@ -1,0 +1,257 @@
+"""The suite speed-accuracy and `bench recommend`: a small run, and the command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bench.running.protocol
+from bench.catalogue.methods import find_method
+from bench.catalogue.parameters import find_setting
+from bench.catalogue.suites import SUITES
+from bench.commands.publish import run_suite
+from bench.records.journal import read_manifest
+from bench.records.record import GROUND_TRUTH
+from bench.running.protocol import Options
+from bench.tables.build import read_scored, write_outputs
+from data_prep.failures import BadInput
+
+from ..builders import write_run
+
+SUITE = next(suite for suite in SUITES if suite.id == "speed-accuracy")
+
+
+# --- the suite ------------------------------------------------------------------------------------
+
+
+def test_every_method_of_the_suite_is_known():
+    assert len(set(SUITE.methods)) == len(SUITE.methods)
+    assert [find_method(method).id for method in SUITE.methods] == list(SUITE.methods)
+    metrics = {*SUITE.image_metrics, *SUITE.detail_metrics, *SUITE.set_metrics}
+    assert set(SUITE.frontier) <= metrics
+
+
+def test_settings_of_a_knob_stand_in_their_order():
+    """The figure joins them so."""
+    values: dict[str, list[float]] = {}
+    for method in SUITE.methods:
+        if (setting := find_setting(method)) is not None:
+            values.setdefault(setting.knob.method, []).append(setting.value)
+    assert {"surface-apss", "surface-bpa", "poisson", "alpha-shape", "splat"} == values.keys()
+    assert all(len(of_method) >= 3 for of_method in values.values())
+    assert all(of_method == sorted(of_method) for of_method in values.values())
+
+
+# --- a run ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, tiny_weights):
+    """2 objects x 2 conditions x 4 methods, 2 views."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.running.protocol, "environment", dict)
+        return run_suite(
+            Options(
+                suite=SUITE.id,
+                methods=("splat@spread=2", "splat", f"pc2pix@{tiny_weights}", "blank"),
+                conditions=("2048", "512"),
+                limit=2,
+                views=2,
+                out=tmp_path_factory.mktemp("trade") / "run",
+            )
+        )
+
+
+def test_one_worker_does_all(finished):
+    assert (finished.done, finished.failed) == (16, 0)
+    assert read_manifest(finished.directory)["workers"] == 1
+    assert ", nothing beside it; all 2 views of a cloud drawn in one call." in finished.outputs.cost
+
+
+def test_what_the_run_leaves_behind(finished):
+    for folder, expected in {
+        "tables": {
+            f"{name}.{kind}"
+            for name in ("table_ssim", "table_frechet", "table_detail", "frontier", "points")
+            for kind in ("csv", "md")
+        },
+        "figures": {
+            f"{name}.{kind}"
+            for name in ("frontier", *(f"frontier-{metric}" for metric in SUITE.frontier[1:]))
+            for kind in ("png", "svg")
+        },
+    }.items():
+        assert {path.name for path in (finished.directory / folder).iterdir()} == expected
+
+
+def test_places_follow_from_the_records(finished, tiny_weights):
+    records = pd.read_parquet(finished.directory / "records.parquet")
+    text = (finished.directory / "tables" / "frontier.csv").read_text()
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert len(rows) == 2 * 2 * len(SUITE.frontier) * 4  # views x conditions x metrics x methods
+    for row in rows:
+        of_cell = (records["method"] == row["method"]) & (records["condition"] == row["condition"])
+        own = records[of_cell]
+        per_object = own.groupby("object")
+        cost = per_object["prepare_s"].first() + int(row["views"]) * per_object["draw_s"].first()
+        # both are rounded to 6 decimals
+        assert float(row["cost_ms"]) == pytest.approx(1000 * cost.median(), abs=1e-6)
+        if row["metric"] != "fd-views":
+            expected = own[row["metric"].replace("-", "_")].mean()
+            assert float(row["value"]) == pytest.approx(expected, abs=1e-6)
+        assert (row["n_ok"], row["n"]) == ("4", "4")
+        assert (row["verdict"] == "reference") == (row["method"] == "blank")
+    cheapest = {}
+    for row in rows:
+        if row["method"] != "blank":
+            cell = row["condition"], row["views"], row["metric"]
+            cheapest[cell] = min(cheapest.get(cell, row), row, key=lambda r: float(r["cost_ms"]))
+    assert {row["verdict"] for row in cheapest.values()} == {"frontier"}
+
+
+def test_distances_are_those_of_the_table(finished):
+    (sets,) = (table for table in finished.outputs.tables if table.name == "table_frechet")
+    expected = {(row.method, row.condition): row.value for row in sets.rows}
+    found = {
+        (p.method, p.condition): p.quality.value
+        for p in finished.outputs.trade.frontier.rows
+        if p.metric == "fd-views"
+    }
+    assert found == expected
+
+
+def test_the_tables_again(finished, command):
+    path = finished.directory / "tables" / "frontier.csv"
+    before = path.read_bytes()
+    path.unlink()
+    status, out, err = command("table", finished.directory)
+    assert (status, err) == (0, "")
+    assert path.read_bytes() == before
+    for name in ("frontier", "points"):
+        assert (finished.directory / "tables" / f"{name}.md").read_text() in out
+
+
+def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, monkeypatch):
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
+    arguments = ("run", "--suite", SUITE.id, "--methods", "blank", "--out", tmp_path / "run")
+    assert command(*arguments, "--workers", "2") == (
+        2,
+        "",
+        "bench: --workers: has no meaning for the suite speed-accuracy, whose times are taken with "
+        "nothing beside them; leave it\n",
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- other runs -----------------------------------------------------------------------------------
+
+
+def test_metrics_without_features_have_no_places(tmp_path):
+    directory = write_run(tmp_path, suite=SUITE.id)
+    (directory / "features" / "fd-views.parquet").unlink()
+    trade = write_outputs(read_scored(directory)).trade
+    assert trade is not None
+    metrics = dict.fromkeys(place.metric for place in trade.frontier.rows)
+    assert list(metrics) == ["ssim", "structure", "silhouette-iou"]
+
+
+def test_other_suites_have_no_frontier(tmp_path):
+    directory = write_run(tmp_path)
+    assert write_outputs(read_scored(directory)).trade is None
+    assert not (directory / "tables" / "frontier.csv").exists()
+
+
+@pytest.mark.parametrize("suite", ["stability", "latent"])
+def test_runs_without_scores(tmp_path, suite):
+    directory = write_run(tmp_path)
+    manifest = directory / "manifest.json"
+    manifest.write_text(manifest.read_text().replace("chair-robustness", suite))
+    with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
+        read_scored(directory).compared(["ssim"])
+
+
+# --- bench recommend ------------------------------------------------------------------------------
+
+
+def test_recommend(tmp_path, command):
+    """Every method takes 250 ms a cloud and 125 ms a view, and has random scores."""
+    directory = write_run(
+        tmp_path, methods=["splat", "poisson", "true-mesh", "blank"], workers=2,
+        machine={"cpu": "Abacus"},
+    )  # fmt: skip
+    records = pd.read_parquet(directory / "records.parquet")
+    records = records[records["method"].isin(["splat", "poisson"])]
+    means = records.groupby(["condition", "method"])["ssim"].mean()
+    best = {condition: means[condition].idxmax() for condition in ("2048", "512")}
+    status, out, err = command("recommend", directory, "--budget-ms", "500.5")
+    assert (status, err) == (0, "")
+    head, *lines = out.splitlines()
+    assert head == (
+        "Wall time of one thread on Abacus, 2 workers at a time: compare costs within this run "
+        "only; all 2 views of a cloud drawn in one call."
+    )
+    for condition, line in zip(("2048", "512"), lines, strict=True):
+        value = f"{means[condition].max():.3f}"
+        assert line.startswith(
+            f"{condition}: best within 500 ms: {best[condition]}, ssim {value} ["
+        )
+        assert line.endswith("], 500 ms [500, 500] a cloud, 250 ms a picture")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--budget-ms", "499"), "2048: no method within 499 ms; the cheapest: splat, ssim 0."),
+        (("--budget-ms", "10", "--views", "1"), ", 375 ms [375, 375] a cloud, 375 ms a picture"),
+        (("--min-ssim", "1"), "512: no method with an ssim of at least 1; the nearest: splat, ss"),
+    ],
+)
+def test_a_wish_that_no_method_meets(tmp_path, command, arguments, told):
+    status, out, err = command("recommend", write_run(tmp_path), *arguments)
+    assert (status, err) == (1, "")
+    assert told in out
+    assert "true-mesh" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((), "nothing to go by; give --budget-ms, --min-ssim, or both"),
+        (("--budget-ms", "0"), "--budget-ms 0: must be a number over 0"),
+        (("--budget-ms", "1", "--views", "0"), "--views 0: must be at least 1"),
+        (
+            ("--budget-ms", "1", "--condition", "256"),
+            "--condition 256: not in this run; there are 2048, 512",
+        ),
+    ],
+)
+def test_wishes_to_be_mended(tmp_path, command, arguments, told):
+    assert command("recommend", write_run(tmp_path), *arguments) == (2, "", f"bench: {told}\n")
+
+
+def test_recommend_in_full(tmp_path, command):
+    directory = write_run(tmp_path, methods=["splat", "poisson", "blank"])
+    arguments = ("--budget-ms", "600", "--min-ssim", "0.01", "--condition", "512")
+    status, out, _ = command("recommend", directory, *arguments)
+    assert status == 0
+    assert "it is not known what ran beside it" in out
+    kinds = [line.strip().partition(":")[0] for line in out.splitlines()[1:]]
+    assert kinds == [
+        *("512", "512", "surely that good, by the lower end of the interval", "next", "regret"),
+    ]
+
+
+def test_recommend_where_no_run_is(tmp_path, command):
+    status, out, err = command("recommend", tmp_path, "--budget-ms", "1")
+    assert (status, out) == (2, "")
+    assert "no run here" in err
+
+
+def test_the_truth_is_no_method(finished):
+    for comparison in read_scored(finished.directory).compared(["ssim"]):
+        assert GROUND_TRUTH not in comparison.prepare_s
+        assert np.isfinite(list(comparison.prepare_s.values())).all()

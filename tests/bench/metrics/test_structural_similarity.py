@@ -1,0 +1,465 @@
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.lib.stride_tricks import sliding_window_view
+from skimage.metrics import structural_similarity
+from threadpoolctl import threadpool_limits
+
+from bench.metrics import ssim
+from bench.metrics.structural_similarity import (
+    C1,
+    C2,
+    C3,
+    Ssim,
+    ssim_per_image,
+    ssim_per_image_and_box,
+)
+
+REFERENCE = Path(
+    os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[4] / "shared" / "reference")
+)
+
+# Error budget. A variance in float64 errs by at most about 1e-11 (moments of up to 255^2 = 6.5e4
+# with 2^-53 = 1.1e-16 each, a few roundings). `ssim` divides by C2 = 58.5 and more: 1e-12 a window,
+# less in the mean. In `structure` and `contrast` a window of small variance v errs by
+# 1e-11 / (2 sqrt(v)) * sqrt(v2) / C3: 2e-8 in the worst window that is not flat (v = 1e-6, v2 =
+# 1e4), and such windows are rare: 1e-9 in the mean. Flat windows are exact.
+TOLERANCE = Ssim(ssim=1e-10, luminance=1e-10, contrast=1e-9, structure=1e-9)
+
+
+def assert_close(found: Ssim, expected: Ssim) -> None:
+    for name in Ssim._fields:
+        error = abs(getattr(found, name) - getattr(expected, name))
+        assert error <= getattr(TOLERANCE, name), f"{name} is off by {error:.2e}"
+
+
+# --- images, by the recipes of the reference file -------------------------------------------------
+
+
+def rnd(seed, h=128, w=128, c=3):
+    return np.random.default_rng(seed).integers(0, 256, size=(h, w, c), dtype=np.uint8)
+
+
+def hgrad():
+    row = ((255 * np.arange(128)) // 127).astype(np.uint8)
+    return np.tile(row[None, :, None], (128, 1, 3))
+
+
+def vgrad():
+    return hgrad().transpose(1, 0, 2)
+
+
+def disc(cx=64, cy=64, r=40, fg=(200, 60, 30), bg=255):
+    image = np.full((128, 128, 3), bg, dtype=np.uint8)
+    y, x = np.mgrid[:128, :128]
+    image[(x - cx) ** 2 + (y - cy) ** 2 <= r**2] = fg
+    return image
+
+
+def noise(image, sigma, seed):
+    values = image.astype(np.float64)
+    values += sigma * np.random.default_rng(seed).standard_normal(image.shape)
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def const(v):
+    return np.full((128, 128, 3), v, dtype=np.uint8)
+
+
+def chairish(k):
+    image = const(255)
+    for y0, y1, x0, x1, color in (
+        (30, 70, 44, 52, (120, 80, 40)),
+        (66, 74, 44, 86, (150, 100, 50)),
+        (74, 104, 46, 50, (90, 60, 30)),
+        (74, 104, 80, 84, (90, 60, 30)),
+    ):
+        image[y0:y1, x0 + k : x1 + k] = color
+    return image
+
+
+MAKERS = {f.__name__: f for f in (rnd, hgrad, vgrad, disc, noise, const, chairish)}
+
+
+class _CallBareNames(ast.NodeTransformer):
+    """`disc` is written for `disc()`; anything but calls, numbers and slices is refused."""
+
+    ALLOWED = (
+        *(ast.Expression, ast.Call, ast.Name, ast.Load, ast.Constant, ast.keyword, ast.Tuple),
+        *(ast.BinOp, ast.operator, ast.UnaryOp, ast.USub, ast.Subscript, ast.Slice),
+    )
+
+    def visit(self, node):
+        assert isinstance(node, self.ALLOWED), f"recipe contains {ast.dump(node)}"
+        return super().visit(node)
+
+    def visit_Call(self, node):
+        node.args = [self.visit(arg) for arg in node.args]
+        node.keywords = [self.visit(keyword) for keyword in node.keywords]
+        return node
+
+    def visit_Name(self, node):
+        return ast.Call(node, [], []) if node.id in MAKERS else node
+
+
+def draw(expression, **names):
+    tree = _CallBareNames().visit(ast.parse(expression.strip(), mode="eval"))
+    code = compile(ast.fix_missing_locations(tree), expression, "eval")
+    return eval(code, {"__builtins__": {}, **MAKERS, **names})
+
+
+def draw_pair(recipe):
+    recipe = recipe.split(";")[0]
+    indices = [0]
+    if stack := re.fullmatch(r"stack_i (.*), i=(\d+)\.\.(\d+)", recipe):
+        recipe = stack[1]
+        indices = range(int(stack[2]), int(stack[3]) + 1)
+    left, right = recipe.split(" vs ")
+    a = [draw(left, i=i) for i in indices]
+    right = right.replace("(.,", "(left,")
+    b = [draw(right, i=i, left=image) for i, image in zip(indices, a, strict=True)]
+    return np.stack(a), np.stack(b)
+
+
+def reference_cases():
+    path = REFERENCE / "ssim_reference.json"
+    if not path.is_file():
+        skip = pytest.mark.skip(reason=f"no conformance vectors at {path}; set PC2PIX_REFERENCE")
+        return [pytest.param(None, marks=skip)]
+    cases = json.loads(path.read_text())["cases"]
+    return [pytest.param(case, id=name) for name, case in cases.items()]
+
+
+@pytest.mark.parametrize("case", reference_cases())
+def test_conforms_to_reference(case):
+    a, b = draw_pair(case["recipe"])
+    assert hashlib.sha256(a.tobytes()).hexdigest() == case["sha256_img1"]
+    assert hashlib.sha256(b.tobytes()).hexdigest() == case["sha256_img2"]
+    exact = case["direct_longdouble"]
+    assert_close(ssim(a, b), Ssim(exact["ssim"], exact["l"], exact["c"], exact["s"]))
+
+
+# --- independent implementations ------------------------------------------------------------------
+
+
+def window(size, dtype):
+    x = np.arange(size, dtype=dtype) - dtype(size - 1) / 2
+    sigma = dtype(size) * dtype(1.5) / 11
+    weights = np.exp(-(x**2) / (2 * sigma**2))
+    return weights / weights.sum()
+
+
+def components(mean_a, mean_b, var_a, var_b, cov):
+    deviations = np.sqrt(var_a) * np.sqrt(var_b)
+    luminance = (2 * mean_a * mean_b + C1) / (mean_a**2 + mean_b**2 + C1)
+    contrast = (2 * deviations + C2) / (var_a + var_b + C2)
+    structure = (cov + C3) / (deviations + C3)
+    maps = (luminance * contrast * structure, luminance, contrast, structure)
+    return Ssim(*(float(values.mean()) for values in maps))
+
+
+def two_pass(a, b):
+    """The definition, window by window about its own mean, in the longest float there is."""
+    size = min(*a.shape[:2], 11)
+    weights = window(size, np.longdouble)
+    weights = weights[:, None] * weights
+    a, b = (
+        sliding_window_view(image.astype(np.longdouble), (size, size), axis=(0, 1))
+        for image in (a, b)
+    )
+    mean_a, mean_b = ((weights * x).sum((-2, -1)) for x in (a, b))
+    off_a, off_b = a - mean_a[..., None, None], b - mean_b[..., None, None]
+    var_a, var_b, cov = (
+        (weights * product).sum((-2, -1)) for product in (off_a**2, off_b**2, off_a * off_b)
+    )
+    # What a longdouble leaves of a flat window's variance is 1e-36 here and does not matter.
+    return components(mean_a, mean_b, var_a, var_b, cov)
+
+
+def textbook(a, b, dtype):
+    """E[x^2] - E[x]^2 in the given precision: what most libraries do."""
+    weights = window(min(*a.shape[:2], 11), dtype)
+
+    def blur(x):
+        for axis in (0, 1):
+            n = x.shape[axis] - len(weights) + 1
+            x = sum(w * np.take(x, range(k, k + n), axis) for k, w in enumerate(weights))
+        return x
+
+    a, b = a.astype(dtype), b.astype(dtype)
+    mean_a, mean_b = blur(a), blur(b)
+    var_a = np.maximum(blur(a * a) - mean_a**2, 0)
+    var_b = np.maximum(blur(b * b) - mean_b**2, 0)
+    return components(mean_a, mean_b, var_a, var_b, blur(a * b) - mean_a * mean_b)
+
+
+def specks(image, step, offset, by=1):
+    image = image.copy()
+    image[offset::step, offset::step] += np.uint8(by)
+    return image
+
+
+def shape(v, side=60):
+    return np.full((side, side, 3), v, dtype=np.uint8)
+
+
+HARD = {
+    "coloured-flat-against-noise": (disc(30, 30, 20)[:60, :60], rnd(1, 60, 60)),
+    "mid-grey-against-texture": (shape(128), rnd(2, 60, 60)),
+    "dark-grey-against-texture": (shape(3), rnd(3, 60, 60)),
+    "one-pixel-in-one-image": (shape(77), specks(shape(77), 100, 31)),
+    "one-pixel-against-noise": (specks(shape(130), 100, 31), rnd(4, 60, 60)),
+    # every window differs from flat by one level in one pixel, often in a corner
+    "faint-specks-on-black-against-noise": (specks(shape(0), 11, 5), rnd(5, 60, 60)),
+    "faint-specks-on-white-against-noise": (specks(shape(254), 11, 5), rnd(6, 60, 60)),
+    "faint-against-faint": (specks(shape(90), 11, 5), specks(shape(200), 11, 2)),
+    "one-level-step": (np.sort(rnd(7, 60, 60) // 128 + 100, axis=1), rnd(8, 60, 60)),
+    "even-window": (rnd(9, 10, 60), rnd(10, 10, 60)),
+    "flat-even-window": (shape(61, 8), rnd(11, 8, 8)),
+    "window-of-two": (rnd(12, 2, 30), rnd(13, 2, 30)),
+    "window-of-one": (rnd(14, 1, 30), rnd(15, 1, 30)),
+    "one-row-of-windows": (rnd(16, 11, 60), rnd(17, 11, 60)),
+    "tile-and-one-window": (rnd(18, 35, 36), rnd(19, 35, 36)),
+    "four-channels": (rnd(20, 40, 50, 4), rnd(21, 40, 50, 4)),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_agrees_with_two_pass_longdouble(name):
+    a, b = HARD[name]
+    assert_close(ssim(a[None], b[None]), two_pass(a, b))
+
+
+# scikit-image refuses sides below 11
+@pytest.mark.parametrize("name", [name for name, (a, _) in HARD.items() if min(a.shape[:2]) >= 11])
+def test_agrees_with_scikit_image(name):
+    a, b = HARD[name]
+    expected = structural_similarity(
+        *(a, b),
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=255,
+        channel_axis=-1,
+    )
+    assert ssim(a[None], b[None]).ssim == pytest.approx(expected, abs=1e-11)  # see error budget
+
+
+def test_float32_would_be_caught():
+    # Measured on the original's formulas: structure off by 8.9e-3 in float32.
+    a = disc()
+    b = noise(a, 25, seed=11)
+    exact = textbook(a, b, np.longdouble)
+    assert abs(textbook(a, b, np.float32).structure - exact.structure) > 1e-3
+    assert_close(ssim(a[None], b[None]), two_pass(a, b))
+
+
+def test_rounding_of_flat_windows_would_be_caught():
+    # float64 alone is not enough: a flat colour's variance of 1e-11 moves structure by 1e-6.
+    a, b = HARD["mid-grey-against-texture"]
+    naive = textbook(a, b, np.float64)
+    assert abs(naive.structure - two_pass(a, b).structure) > 10 * TOLERANCE.structure
+
+
+def test_sample_covariance_would_be_caught():
+    a, b = rnd(0), noise(rnd(0), 20, seed=1)
+    wrong = structural_similarity(
+        a, b, gaussian_weights=True, sigma=1.5, data_range=255, channel_axis=-1
+    )
+    assert abs(ssim(a[None], b[None]).ssim - wrong) > 1e-6
+
+
+# --- closed form ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("p", "q"), [(0, 255), (255, 254), (128, 7), (1, 0)])
+def test_two_flat_images_differ_in_luminance_only(p, q):
+    found = ssim(const(p)[None], const(q)[None])
+    expected = (2 * p * q + C1) / (p * p + q * q + C1)
+    # exact up to the rounding of one quotient and of a sum of 41,772 equal terms
+    assert found.luminance == pytest.approx(expected, rel=1e-12)
+    assert found.ssim == pytest.approx(expected, rel=1e-12)
+    assert (found.contrast, found.structure) == (1.0, 1.0)
+
+
+def test_one_bright_pixel_in_the_only_window():
+    a = np.full((1, 11, 11, 1), 100, dtype=np.uint8)
+    b = a.copy()
+    b[0, 5, 5, 0] = 180
+    w = float(window(11, np.float64)[5]) ** 2
+    mean, var = 100 + 80 * w, 80**2 * w * (1 - w)
+    found = ssim(a, b)
+    assert found.luminance == pytest.approx((200 * mean + C1) / (1e4 + mean**2 + C1), abs=1e-13)
+    assert found.contrast == pytest.approx(C2 / (var + C2), abs=1e-12)
+    assert found.structure == 1.0  # neither the covariance nor a variance with a flat image
+
+
+def test_negative_has_full_contrast_and_opposite_structure():
+    a = rnd(0)[None]
+    found = ssim(a, 255 - a)
+    assert found.contrast == pytest.approx(1.0, abs=1e-12)  # equal variances
+    # (C3 - v) / (C3 + v) with v near the variance of uniform noise, 5,461: about -0.99
+    assert -1.0 < found.structure < -0.98
+
+
+# --- invariants -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stacks():
+    a = np.stack([*(chairish(k) for k in (-9, 0, 5)), disc(), rnd(0), const(255), hgrad()])
+    b = np.stack([*(chairish(k) for k in (-7, 0, 9)), disc(50), rnd(1), disc(), vgrad()])
+    return a, b
+
+
+def test_identical_images_score_exactly_one(stacks):
+    for stack in stacks:
+        assert ssim(stack, stack.copy()) == (1.0, 1.0, 1.0, 1.0)
+
+
+def test_is_symmetric(stacks):
+    a, b = stacks
+    for left, right in zip(ssim_per_image(a, b), ssim_per_image(b, a), strict=True):
+        np.testing.assert_array_equal(left, right)
+
+
+def test_lies_in_range(stacks):
+    per_image = ssim_per_image(*stacks)
+    for values in per_image:
+        assert values.dtype == np.float64
+        assert np.all(values <= 1.0 + 1e-12)  # the rounding of a mean of values of at most 1
+        assert np.all(values > -1.0)
+    assert np.all(per_image.luminance > 0)
+    assert np.all(per_image.contrast > 0)
+
+
+def test_does_not_depend_on_the_batch(stacks):
+    a, b = stacks
+    together = np.array(ssim_per_image(a, b))
+    alone = np.array([ssim(a[i : i + 1], b[i : i + 1]) for i in range(len(a))]).T
+    np.testing.assert_array_equal(together, alone)
+    order = np.random.default_rng(0).permutation(len(a))
+    np.testing.assert_array_equal(np.array(ssim_per_image(a[order], b[order])), together[:, order])
+    # the mean of a stack is the mean over its images
+    np.testing.assert_array_equal(np.array(ssim(a, b)), together.mean(axis=1))
+
+
+def test_does_not_depend_on_the_number_of_threads(stacks):
+    with threadpool_limits(1):
+        one = np.array(ssim_per_image(*stacks))
+    with threadpool_limits(2):
+        np.testing.assert_array_equal(np.array(ssim_per_image(*stacks)), one)
+
+
+def test_does_not_depend_on_the_memory_layout(stacks):
+    a, b = stacks
+    planes = [np.ascontiguousarray(x.transpose(0, 3, 1, 2)).transpose(0, 2, 3, 1) for x in (a, b)]
+    assert ssim(*planes) == ssim(a, b)
+    assert ssim(a.repeat(2, axis=0)[::2], b) == ssim(a, b)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda x: x[:, ::-1], lambda x: x[:, :, ::-1], lambda x: x.transpose(0, 2, 1, 3)],
+    ids=["upside-down", "mirrored", "transposed"],
+)
+def test_does_not_depend_on_the_orientation(stacks, change):
+    a, b = stacks
+    assert_close(ssim(change(a), change(b)), ssim(a, b))
+
+
+def test_falls_with_noise():
+    image = chairish(0)[None]
+    values = [ssim(image, noise(image, sigma, seed=1)).ssim for sigma in (0, 2, 5, 10, 20, 40, 80)]
+    assert values == sorted(values, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "named"),
+    [
+        (np.zeros((1, 16, 16, 3), np.float32), np.zeros((1, 16, 16, 3), np.float32), "float32"),
+        (np.zeros((1, 16, 16, 3), np.uint8), np.zeros((1, 16, 16, 3), np.int64), "int64"),
+        (np.zeros((16, 16, 3), np.uint8), np.zeros((16, 16, 3), np.uint8), "[16, 16, 3]"),
+        (np.zeros((1, 16, 16, 3), np.uint8), np.zeros((2, 16, 16, 3), np.uint8), "[2, 16, 16, 3]"),
+        (np.zeros((0, 16, 16, 3), np.uint8), np.zeros((0, 16, 16, 3), np.uint8), "[0, 16, 16, 3]"),
+        (np.zeros((1, 16, 16, 0), np.uint8), np.zeros((1, 16, 16, 0), np.uint8), "[1, 16, 16, 0]"),
+    ],
+)
+def test_names_what_it_refuses(a, b, named):
+    with pytest.raises(ValueError, match=re.escape(named)):
+        ssim(a, b)
+
+
+# --- within a box ---------------------------------------------------------------------------------
+
+
+def map_of(a, b):
+    """The SSIM map [118, 118] of one pair, mean over channels, by scikit-image."""
+    _, full = structural_similarity(
+        a,
+        b,
+        full=True,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=255,
+        truncate=3.5,
+    )
+    return full[5:-5, 5:-5].mean(axis=-1)
+
+
+def test_a_box_is_the_part_of_the_map_centred_in_it():
+    a = np.stack([rnd(1), chairish(0), disc(), disc(40, 90, 20)])
+    b = np.stack([rnd(2), chairish(3), noise(disc(), 20, 3), disc(44, 80, 20)])
+    boxes = np.array([[0, 128, 0, 128], [30, 104, 44, 86], [20, 30, 64, 65], [100, 128, 0, 9]])
+    whole, found = ssim_per_image_and_box(a, b, boxes)
+    np.testing.assert_array_equal(np.array(whole), np.array(ssim_per_image(a, b)))
+    for i, (top, bottom, left, right) in enumerate(boxes):
+        # the window in row r of the map is centred on pixel r + 5
+        part = map_of(a[i], b[i])[max(top - 5, 0) : bottom - 5, max(left - 5, 0) : right - 5]
+        assert found[i] == pytest.approx(part.mean(), abs=TOLERANCE.ssim)
+    # the map has no window that the box of the whole frame has not
+    assert found[0] == pytest.approx(whole.ssim[0], abs=1e-15)
+
+
+def test_one_pixel_is_one_window():
+    a, b = rnd(4)[None], rnd(5)[None]
+    window = (slice(None), slice(40, 51), slice(70, 81))
+    _, found = ssim_per_image_and_box(a, b, np.array([[45, 46, 75, 76]]))
+    assert found[0] == pytest.approx(ssim(a[window], b[window]).ssim, abs=TOLERANCE.ssim)
+
+
+def test_a_box_without_windows_has_no_value():
+    boxes = np.array([[0, 0, 0, 0], [0, 5, 0, 128], [60, 70, 123, 128], [5, 6, 122, 123]])
+    pair = np.repeat(rnd(6)[None], 4, axis=0), np.repeat(rnd(7)[None], 4, axis=0)
+    assert np.isnan(ssim_per_image_and_box(*pair, boxes)[1]).tolist() == [True, True, True, False]
+
+
+def test_identical_images_score_exactly_one_in_any_box():
+    a = np.stack([rnd(8), disc(), const(255)])
+    boxes = np.array([[7, 99, 3, 64], [24, 105, 24, 105], [0, 128, 60, 61]])
+    assert ssim_per_image_and_box(a, a, boxes)[1].tolist() == [1.0, 1.0, 1.0]
+
+
+def test_white_around_the_object_does_not_count():
+    """The same object in a corner and a third of the windows white: only the frame's mean rises."""
+    small, larger = (disc(64, 64, r) for r in (20, 25))
+    box = np.array([[39, 90, 39, 90]])
+    whole, found = ssim_per_image_and_box(larger[None], small[None], box)
+    assert found[0] < whole.ssim[0] - 0.1
+    cut = (slice(34, 95), slice(34, 95))  # the box and half a window around it
+    assert found[0] == pytest.approx(ssim(larger[cut][None], small[cut][None]).ssim, abs=1e-10)
+
+
+def test_boxes_of_another_number():
+    with pytest.raises(ValueError, match=r"1 pairs need boxes of shape \[1, 4\], got \(2, 4\)"):
+        ssim_per_image_and_box(rnd(1)[None], rnd(2)[None], np.zeros((2, 4), int))

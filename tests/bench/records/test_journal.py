@@ -1,0 +1,456 @@
+from __future__ import annotations
+
+import gc
+import json
+import os
+import subprocess
+import sys
+import tracemalloc
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from bench.records.job import Result, failed
+from bench.records.journal import (
+    FIXED,
+    Settled,
+    check_directory,
+    open_journal,
+    read_finished,
+    read_manifest,
+    set_aside,
+    write_manifest,
+)
+from bench.records.record import SCHEMA_VERSION
+from data_prep.failures import BadInput
+
+from ..builders import make_job, make_manifest, make_record, write_artifact
+
+
+def one_line(error):
+    message = str(error.value)
+    assert "\n" not in message
+    return message
+
+
+def finish(job, seed=0):
+    """The result of a job whose artifact has been written."""
+    return Result(job.key, (make_record(ssim=1 / 3),), write_artifact(job, seed))
+
+
+def summary(result):
+    """What a journal keeps of it in memory."""
+    reason = "" if result.artifact_sha256 else result.records[0].reason
+    return Settled(result.artifact_sha256, reason)
+
+
+def shards(directory):
+    return sorted((directory / "journal").glob("*.jsonl"))
+
+
+# --- journal --------------------------------------------------------------------------------------
+
+
+def test_what_was_appended_is_there_again(tmp_path):
+    job, broken = make_job(tmp_path), make_job(tmp_path, method="blank")
+    done, reason = finish(job), failed(broken, 'crash: "ä" \u2028 died')
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is None
+        journal.append(done)
+        journal.append(reason)
+        assert journal.usable(job) == summary(done)
+        assert journal.lines.result(job.key) == done
+    with open_journal(tmp_path) as journal:
+        assert journal.lines.result(job.key) == done  # 1/3 to the last bit
+        assert journal.lines.result(broken.key) == reason
+        assert journal.usable(job) == summary(done)
+        assert journal.usable(broken) == summary(reason) == Settled(None, 'crash: "ä" \u2028 died')
+        assert journal.damage == []
+        assert journal.added == set()
+
+
+def test_lines_of_an_older_schema_are_passed_over(tmp_path):
+    """A folder of an earlier version is gone on with: what it holds is done again."""
+    old, new = make_job(tmp_path), make_job(tmp_path, method="blank")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(old))
+    (shard,) = shards(tmp_path)
+    body = json.loads(shard.read_text().split(" ", 1)[1])
+    for record in body["records"]:
+        del record["thin_recall"]
+    text = json.dumps(body)
+    shard.write_text(f"{sha256(text.encode()).hexdigest()} {text}\n")
+    with open_journal(tmp_path) as journal:
+        assert (journal.usable(old), journal.damage) == (None, [])
+        journal.append(finish(new))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(new) is not None
+
+
+def test_every_start_that_writes_has_a_file_of_its_own(tmp_path):
+    for method in ("splat", "blank"):
+        with open_journal(tmp_path) as journal:
+            journal.append(finish(make_job(tmp_path, method=method)))
+            assert journal.added == {make_job(tmp_path, method=method).key}
+        with open_journal(tmp_path):
+            pass  # reads only
+    assert [path.name for path in shards(tmp_path)] == ["0001.jsonl", "0002.jsonl"]
+
+
+def test_a_result_is_on_disk_before_append_returns(tmp_path, monkeypatch):
+    job = make_job(tmp_path)
+    done, synced = finish(job), []
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle)))
+    with open_journal(tmp_path) as journal:
+        journal.append(done)
+        (shard,) = shards(tmp_path)
+        # the file's name, then its contents
+        assert [found.st_ino for found in synced] == [
+            p.stat().st_ino for p in (shard.parent, shard)
+        ]
+        assert synced[1].st_size == shard.stat().st_size
+        (line,) = shards(tmp_path)[0].read_bytes().splitlines()
+    checksum, _, body = line.partition(b" ")
+    assert sha256(body).hexdigest() == checksum.decode()
+    assert json.loads(body)["key"] == job.key
+
+
+def test_later_results_replace_earlier_ones(tmp_path):
+    job = make_job(tmp_path)
+    for seed in (0, 1):
+        with open_journal(tmp_path) as journal:
+            journal.append(finish(job, seed))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) == summary(finish(job, seed=1))
+        assert journal.lines.result(job.key) == finish(job, seed=1)
+
+
+@pytest.mark.parametrize("length", [1, 64, 65, 200, -2])
+def test_a_torn_line_is_done_again(tmp_path, length):
+    whole, torn = make_job(tmp_path), make_job(tmp_path, method="blank")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(whole))
+        journal.append(finish(torn))
+    (shard,) = shards(tmp_path)
+    first, second = shard.read_bytes().splitlines(keepends=True)
+    shard.write_bytes(first + second[:length])
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(whole) is not None
+        assert journal.usable(torn) is None
+        aside = shard.parent / "set-aside" / shard.name
+        assert journal.damage == [
+            f"{shard}: line 2 was cut short by the end of its run; its job is done again",
+            f"{shard}: kept for you to look at as {aside}",
+        ]
+        journal.append(finish(torn))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(torn) is not None
+
+
+def test_a_whole_line_without_its_newline_counts(tmp_path):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    (shard,) = shards(tmp_path)
+    shard.write_bytes(shard.read_bytes().rstrip(b"\n"))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is not None
+        assert journal.damage == []
+
+
+@pytest.mark.parametrize("change", [(b'"ssim": 0.33', b'"ssim": 0.34'), (b" ", b""), (b"{", b"\n")])
+def test_a_damaged_line_is_done_again_and_the_others_stay(tmp_path, change):
+    jobs = [make_job(tmp_path, method=method) for method in ("splat", "blank", "true-mesh")]
+    with open_journal(tmp_path) as journal:
+        for job in jobs:
+            journal.append(finish(job))
+    (shard,) = shards(tmp_path)
+    lines = shard.read_bytes().splitlines(keepends=True)
+    lines[1] = lines[1].replace(*change, 1)
+    shard.write_bytes(b"".join(lines))
+    with open_journal(tmp_path) as journal:
+        assert [journal.usable(job) is not None for job in jobs] == [True, False, True]
+        for job in (jobs[0], jobs[2]):  # from the file that took the place of the damaged one
+            assert journal.lines.result(job.key) == finish(job)
+        assert journal.damage[0].startswith(f"{shard}: line 2 is damaged")
+        journal.append(finish(jobs[1]))
+    kept = shard.parent / "set-aside" / shard.name
+    assert kept.read_bytes() == b"".join(lines)
+    found = shards(tmp_path)
+    assert [path.name for path in found] == ["0002.jsonl", "0003.jsonl"]
+    assert found[0].read_bytes() == lines[0] + lines[2]
+    with open_journal(tmp_path) as journal:
+        assert [journal.usable(job) is not None for job in jobs] == [True] * 3
+        assert journal.damage == []  # said once
+
+
+@pytest.mark.parametrize("contents", [b"\0" * 4096, b"\xff\xfe\n\n", b"[" * 10_000, b" {}\n"])
+def test_a_journal_file_of_rubbish_is_set_aside(tmp_path, contents):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    rubbish = tmp_path / "journal" / "0002.jsonl"
+    rubbish.write_bytes(contents)
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is not None
+        assert journal.damage[0].startswith(f"{rubbish}: line 1 ")
+    assert (tmp_path / "journal" / "set-aside" / "0002.jsonl").read_bytes() == contents
+    assert [path.name for path in shards(tmp_path)] == ["0001.jsonl"]
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    assert [path.name for path in shards(tmp_path)] == ["0001.jsonl", "0003.jsonl"]
+
+
+def test_other_files_beside_the_journal_are_left_alone(tmp_path):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+    copy = tmp_path / "journal" / "0001-copy.jsonl"
+    copy.write_text("mine")
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is not None
+        assert journal.damage == []
+    assert copy.read_text() == "mine"
+
+
+@pytest.mark.parametrize("harm", ["missing", "altered", "cut"])
+def test_a_harmed_artifact_is_made_again(tmp_path, harm):
+    job, other = make_job(tmp_path), make_job(tmp_path, method="blank")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+        journal.append(finish(other))
+    data = bytearray(job.artifact.read_bytes())
+    data[100] ^= 1
+    if harm == "missing":
+        job.artifact.unlink()
+    else:
+        job.artifact.write_bytes(data if harm == "altered" else data[:-1])
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) is None
+        assert journal.usable(other) is not None
+        assert journal.damage == [f"{job.artifact}: missing or altered; its job is done again"]
+
+
+def test_a_failed_job_needs_no_artifact(tmp_path):
+    job = make_job(tmp_path)
+    with open_journal(tmp_path) as journal:
+        journal.append(failed(job, "timeout"))
+    with open_journal(tmp_path) as journal:
+        assert journal.usable(job) == Settled(None, "timeout")
+
+
+def test_records_are_read_back_from_the_file_and_not_kept(tmp_path):
+    """What is kept of a job does not grow with its pictures."""
+    job, other = make_job(tmp_path), make_job(tmp_path, method="blank")
+    records = tuple(make_record(view=view, notes="n" * 500) for view in range(400))
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(other))
+        journal.append(replace(finish(job), records=records))
+    (shard,) = shards(tmp_path)
+    tracemalloc.start()
+    try:
+        with open_journal(tmp_path) as journal:
+            gc.collect()
+            held, _ = tracemalloc.get_traced_memory()
+            assert journal.lines.result(job.key).records == records
+    finally:
+        tracemalloc.stop()
+    assert shard.stat().st_size > 200_000
+    assert held < 30_000
+
+
+@pytest.mark.parametrize("harm", ["altered", "shorter", "gone", "another"])
+def test_a_line_that_has_changed_since_is_no_result(tmp_path, harm):
+    job, other = make_job(tmp_path), make_job(tmp_path, method="other")
+    with open_journal(tmp_path) as journal:
+        journal.append(finish(job))
+        journal.append(finish(other))
+        (shard,) = shards(tmp_path)
+        first, second = shard.read_bytes().splitlines(keepends=True)
+        assert len(first) == len(second)
+        if harm == "gone":
+            shard.unlink()
+        else:
+            altered = first.replace(b'"ssim": 0.33', b'"ssim": 0.34', 1)
+            changed = {"altered": altered, "shorter": b"", "another": second}
+            shard.write_bytes(changed[harm] + b"\n" * (harm == "shorter"))
+        with pytest.raises(BadInput) as error:
+            journal.lines.result(job.key)
+        told = "cannot be read" if harm == "gone" else "the line at byte 0 has changed; run again"
+        assert one_line(error).startswith(f"{shard}: {told}")
+        with pytest.raises(KeyError):
+            journal.lines.result("a key without a line")
+
+
+HOLD = """
+import sys
+from pathlib import Path
+from bench.records.journal import open_journal
+with open_journal(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_process_is_refused(tmp_path):
+    write_manifest(tmp_path, make_manifest())
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with holder:
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(BadInput) as error, open_journal(tmp_path):
+            pass
+        assert one_line(error) == (f"{tmp_path}: another run is writing here; wait, or give --out")
+        with pytest.raises(BadInput, match="another run is writing here"):
+            set_aside(tmp_path)
+        holder.kill()
+    with open_journal(tmp_path):  # the lock has died with its process
+        pass
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(BadInput) as error, open_journal(tmp_path / "file" / "run"):
+        pass
+    assert "file/run: cannot be written (Not a directory); give --out" in one_line(error)
+
+
+# --- directories ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [lambda path: None, Path.mkdir])
+def test_new_and_empty_directories_are_welcome(tmp_path, make):
+    make(tmp_path / "run")
+    check_directory(tmp_path / "run", make_manifest())
+    assert set_aside(tmp_path / "run") is None
+
+
+def test_a_lock_alone_is_no_stranger(tmp_path):
+    with open_journal(tmp_path):
+        check_directory(tmp_path, make_manifest())
+
+
+def test_the_same_run_is_welcome_whatever_grows(tmp_path):
+    write_manifest(tmp_path, make_manifest())
+    more = make_manifest(methods=["splat"], conditions=["noise-0.05"], objects=["chair/z"])
+    check_directory(tmp_path, more)
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_another_run_is_refused(tmp_path, name):
+    write_manifest(tmp_path, make_manifest())
+    other = make_manifest(**{name: "another"})
+    with pytest.raises(BadInput) as error:
+        check_directory(tmp_path, other)
+    assert one_line(error) == (
+        f"{tmp_path}: holds a run of {name} {make_manifest()[name]!r}, not 'another'; "
+        "give another --out, or --fresh to start over"
+    )
+
+
+def test_what_is_fixed():
+    assert set(FIXED) == {"suite", "dataset", "views", "seed", "device"}
+
+
+def test_a_newer_run_is_refused_everywhere(tmp_path):
+    write_manifest(tmp_path, make_manifest(schema_version=SCHEMA_VERSION + 1))
+    for read in (read_manifest, read_finished, lambda path: check_directory(path, make_manifest())):
+        with pytest.raises(BadInput) as error:
+            read(tmp_path)
+        assert one_line(error).startswith(
+            f"{tmp_path}: written by a newer version (schema {SCHEMA_VERSION + 1}, this one reads "
+            f"up to {SCHEMA_VERSION}); update"
+        )
+
+
+@pytest.mark.parametrize("refuse", [lambda p: check_directory(p, make_manifest()), set_aside])
+def test_other_peoples_directories_are_left_alone(tmp_path, refuse):
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(BadInput) as error:
+        refuse(tmp_path)
+    assert one_line(error) == f"{tmp_path}: not empty and not a run; give a new --out"
+    with pytest.raises(BadInput) as error:
+        refuse(tmp_path / "thesis.tex")
+    assert one_line(error).endswith("thesis.tex: is a file; give a folder with --out")
+    assert (tmp_path / "thesis.tex").exists()
+
+
+@pytest.mark.parametrize("read", [read_manifest, read_finished])
+def test_no_manifest(tmp_path, read):
+    for place in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(BadInput) as error:
+            read(place)
+        assert one_line(error) == (
+            f"{place}: no run here (manifest.json is missing); give a run's folder"
+        )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{", "[]", "{}", "\xff", "[" * 10_000),
+        *('{"schema_version": "new"}', '{"schema_version": 1e999}'),
+    ],
+)
+def test_a_damaged_manifest(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text, encoding="latin-1")
+    with pytest.raises(BadInput) as error:
+        read_manifest(tmp_path)
+    assert one_line(error).startswith(f"{tmp_path / 'manifest.json'}: not a manifest (")
+
+
+@pytest.mark.parametrize("finished", [{"finished": None}, {}])
+def test_a_run_that_was_stopped_is_not_finished(tmp_path, finished):
+    manifest = make_manifest()
+    del manifest["finished"]
+    write_manifest(tmp_path, manifest | finished)
+    with pytest.raises(BadInput) as error:
+        read_finished(tmp_path)
+    assert one_line(error) == (
+        f"{tmp_path}: the run is not finished; start it again with its command"
+    )
+
+
+@pytest.mark.parametrize("name", ["suite", "dataset", "views", "seed", "device"])
+def test_a_manifest_that_lacks_something(tmp_path, name):
+    manifest = make_manifest()
+    del manifest[name]
+    write_manifest(tmp_path, manifest)
+    with pytest.raises(BadInput, match=f"not a manifest \\(no {name}\\); move it away"):
+        read_manifest(tmp_path)
+
+
+def test_manifests_are_kept_to_the_letter(tmp_path):
+    manifest = make_manifest(note="Fréchet", seed=2**40)
+    write_manifest(tmp_path, manifest)
+    assert read_manifest(tmp_path) == read_finished(tmp_path) == manifest
+    assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]  # nothing temporary
+
+
+def test_old_runs_are_renamed_not_deleted(tmp_path):
+    run = tmp_path / "run"
+    for number in (1, 2):
+        run.mkdir()
+        write_manifest(run, make_manifest(seed=number))
+        assert set_aside(run) == tmp_path / f"run.old-{number}"
+        assert not run.exists()
+    assert read_manifest(tmp_path / "run.old-1")["seed"] == 1
+    assert read_manifest(tmp_path / "run.old-2")["seed"] == 2
+
+
+def test_killed_writers_leave_the_old_file_whole(tmp_path, monkeypatch):
+    write_manifest(tmp_path, make_manifest(seed=1))
+
+    def killed(handle):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", killed)
+    with pytest.raises(KeyboardInterrupt):
+        write_manifest(tmp_path, make_manifest(seed=2))
+    assert read_manifest(tmp_path)["seed"] == 1

@@ -1,0 +1,383 @@
+from __future__ import annotations
+
+import os
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import plugin_methods
+import pytest
+from PIL import Image
+
+import bench.rendering.cloud
+from bench.catalogue.suites import SUITES, Limits
+from bench.commands.render import Wish, remedied, views_of
+from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
+from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from data_prep.cloud_files import save_ply
+from data_prep.dots import draw_dots
+from data_prep.randomness import generator
+from data_prep.scene import PointCloud, View
+
+from ..conftest import BENCH
+
+POINTS = np.array([[0, 0, 0], [4, 0, 0], [0, 2, 0]], np.float32)
+
+
+@pytest.fixture
+def plugins(tmp_path_factory, monkeypatch):
+    with plugin_methods.installed(tmp_path_factory.mktemp("plugins"), monkeypatch):
+        yield
+
+
+@pytest.fixture
+def cloud(tmp_path):
+    path = tmp_path / "cloud.ply"
+    save_ply(POINTS, path)
+    return path
+
+
+def told(path):
+    """What `plugin_methods.Telling` was given: azimuth, elevation, points, ten times the radius."""
+    return read(path)[0, :4, 0].tolist()
+
+
+def read(path):
+    with Image.open(path) as picture:
+        assert (picture.format, picture.mode, picture.size) == ("PNG", "RGB", (128, 128))
+        return np.asarray(picture)
+
+
+def refused(command, *arguments):
+    status, out, err = command("render", *arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith("bench: ")
+    assert err.count("\n") == 1
+    return err.removeprefix("bench: ").rstrip("\n")
+
+
+# --- pictures -------------------------------------------------------------------------------------
+
+
+def test_a_picture_of_a_cloud(command, plugins, cloud, tmp_path):
+    out = tmp_path / "new" / "out.png"
+    assert command("render", cloud, "--method", "fake-healthy", "-o", out) == (0, f"{out}\n", "")
+    assert told(out) == [30, 20, 3, 10]
+    assert [path.name for path in out.parent.iterdir()] == ["out.png"]
+
+
+def test_views_and_clouds_as_they_are(command, plugins, cloud, tmp_path):
+    """Farthest point at 4 from the origin, or (brought to the unit sphere) at 1."""
+    out = tmp_path / "out.png"
+    chosen = ("--azimuth", "170", "--elevation", "90", "--as-is", "-o", out)
+    assert command("render", cloud, "--method", "fake-healthy", *chosen)[0] == 0
+    assert told(out) == [170, 90, 3, 40]
+
+
+def test_the_picture_is_that_of_the_method(command, cloud, tmp_path):
+    out = tmp_path / "out.png"
+    points = generator("test").uniform(-0.5, 0.5, (300, 3)).astype(np.float32)
+    np.save(tmp_path / "cloud.npy", points)
+    chosen = ("--azimuth=-60", "--elevation=-10", "--as-is", "-o", out)
+    assert command("render", tmp_path / "cloud.npy", "--method", "splat", *chosen)[0] == 0
+    here = draw_cloud(PointCloud(points), Drawing("splat", (View(-60.0, -10.0),)))
+    assert not isinstance(here, Failed)
+    assert np.array_equal(read(out), here[0])
+    assert (here < 255).any()
+
+
+def test_random_numbers_are_the_same_each_time(plugins):
+    """The method fails with any but those."""
+    views = (View(30.0, 20.0),)
+    drawing = Drawing("fake-unlucky", views)
+    once, twice = (draw_cloud(PointCloud(POINTS), drawing) for _ in range(2))
+    assert not isinstance(once, Failed)
+    assert np.array_equal(once, twice)
+    other = Drawing("fake-unlucky", views, rng=generator("other"))
+    assert draw_cloud(PointCloud(POINTS), other) == Failed("ValueError: bad luck")
+
+
+def test_views_can_be_drawn_some_a_call(plugins):
+    views = (View(30.0, 20.0), View(40.0, 20.0), View(50.0, 20.0))
+    cloud = PointCloud(POINTS)
+    together = draw_cloud(cloud, Drawing("fake-several-views", views))
+    one_by_one = draw_cloud(cloud, Drawing("fake-several-views", views, batch=1))
+    assert together == Failed("ValueError: one at a time")
+    assert not isinstance(one_by_one, Failed)
+    assert one_by_one[:, 0, 0, 0].tolist() == [30, 40, 50]
+
+
+def test_as_is_keeps_what_float32_can_hold(tmp_path):
+    path = tmp_path / "odd.ply"
+    odd = np.array([[np.nan, np.inf, -np.inf], [1e-45, 3.4e38, -0.0]], np.float32)
+    save_ply(odd, path)
+    assert CloudFile(path, as_is=True).load().points.tobytes() == odd.tobytes()
+    np.savetxt(tmp_path / "large.xyz", [[1e300, -1e300, 0.5]])
+    assert CloudFile(tmp_path / "large.xyz", as_is=True).load().points.tolist() == [
+        [np.inf, -np.inf, 0.5]
+    ]
+
+
+def test_another_package_is_found_by_the_command_itself(cloud, tmp_path):
+    """PYTHONPATH as a user has it; the method's crash is one line."""
+    plugin_methods.announce(tmp_path, {"fake-segfault": "plugin_methods:fake_segfault"})
+    folders = (tmp_path, os.path.dirname(plugin_methods.__file__), os.getcwd())  # noqa: PTH109, PTH120
+    done = subprocess.run(
+        [*BENCH, "render", cloud, "--method", "fake-segfault", "-o", tmp_path / "out.png"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, folders))},
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "bench: fake-segfault: crash: the worker died (SIGSEGV)\n"
+    assert not (tmp_path / "out.png").exists()
+
+
+# --- clouds of other conventions, and large ones --------------------------------------------------
+
+
+def test_axes_of_the_file(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    np.savetxt(path, [[1, 2, 3], [-1, -2, -3]])
+    as_is = CloudFile(path, as_is=True, up="z").load().points
+    assert as_is.tolist() == [[-1, 3, 2], [1, -3, -2]]
+    front = CloudFile(path, as_is=True, up="z", front="x").load().points
+    assert front.tolist() == [[-2, 3, -1], [2, -3, 1]]
+
+
+def test_the_command_turns_the_cloud(command, tmp_path):
+    """The same cloud in another convention is the same picture."""
+    points = generator("test").uniform(-0.5, 0.5, (300, 3))
+    np.save(tmp_path / "ours.npy", points)
+    np.save(tmp_path / "theirs.npy", np.stack([-points[:, 2], -points[:, 0], points[:, 1]], 1))
+    for name, axes in (("ours", ()), ("theirs", ("--up", "z", "--front", "x"))):
+        out = ("-o", tmp_path / f"{name}.png")
+        status = command("render", tmp_path / f"{name}.npy", "--method", "splat", *axes, *out)[0]
+        assert status == 0
+    assert np.array_equal(read(tmp_path / "ours.png"), read(tmp_path / "theirs.png"))
+
+
+def test_some_of_many_points(tmp_path):
+    path = tmp_path / "cloud.npy"
+    np.save(path, np.arange(3000.0).reshape(-1, 3))
+    some = CloudFile(path, as_is=True, most=100).load().points
+    assert len(some) == 100
+    assert (np.diff(some[:, 0]) >= 3).all()  # in the file's order, none twice
+    assert np.ptp(some[:, 0]) > 2400  # from all over it
+    assert np.array_equal(CloudFile(path, as_is=True, most=100).load().points, some)
+    for most in (None, 1000, 1001):
+        assert len(CloudFile(path, as_is=True, most=most).load()) == 1000
+    brought = CloudFile(path, as_is=False, most=100).load().points
+    assert np.linalg.norm(brought, axis=1).max() == pytest.approx(1, abs=1e-6)
+
+
+def test_the_command_takes_some_points(command, plugins, cloud, tmp_path):
+    out = tmp_path / "out.png"
+    some = ("--points", "2", "--as-is", "-o", out)
+    assert command("render", cloud, "--method", "fake-healthy", *some)[0] == 0
+    assert told(out)[2] == 2
+
+
+# --- sheets and turntables ------------------------------------------------------------------------
+
+
+def sheet_tiles(path, frame=0):
+    """Pictures of a sheet of one row, at their own size."""
+    with Image.open(path) as picture:
+        picture.seek(frame)
+        pixels = np.asarray(picture.convert("RGB"))
+    side, step = 256, 256 + MARGIN
+    lefts = range(MARGIN, pixels.shape[1] - side, step)
+    top = MARGIN + LABEL_HEIGHT
+    return [pixels[top : top + side : 2, left : left + side : 2] for left in lefts]
+
+
+def test_a_sheet_shows_the_cloud_and_every_method(command, plugins, cloud, tmp_path):
+    out = tmp_path / "sheet.png"
+    done = command("render", cloud, "--method", "fake-healthy, splat,splat", "-o", out)
+    assert done[:2] == (0, f"{out}\n")
+    assert done[2].startswith("drawing: 3/3 done, 0 failed")
+    dots, healthy, splat = sheet_tiles(out)
+    points = CloudFile(cloud, as_is=False).load()
+    view = (View(30.0, 20.0),)
+    assert np.array_equal(dots, draw_dots(points.points, view)[0])
+    assert healthy[0, :4, 0].tolist() == [30, 20, 3, 10]
+    alone = draw_cloud(points, Drawing("splat", view))
+    assert not isinstance(alone, Failed)
+    assert np.array_equal(splat, alone[0])
+
+
+def test_of_several_some_may_fail(command, plugins, cloud, tmp_path):
+    """Like the items of a run: named, shown, and no error of the command."""
+    out = tmp_path / "sheet.png"
+    methods = "fake-healthy,fake-segfault,fake-exception"
+    status, printed, err = command("render", cloud, "--method", methods, "-o", out)
+    assert (status, printed) == (0, f"{out}\n")
+    assert err.splitlines()[-2:] == [
+        "bench: fake-segfault: crash: the worker died (SIGSEGV)",
+        "bench: fake-exception: ValueError: 12 of 34 parts are missing",
+    ]
+    _, healthy, *failed = sheet_tiles(out)
+    assert healthy[0, 0, 0] == 30
+    assert [tuple(tile[0, 0]) for tile in failed] == [PROBLEM_GROUND] * 2
+
+
+def test_where_all_fail_nothing_is_written(command, plugins, cloud, tmp_path):
+    out = tmp_path / "sheet.png"
+    methods = "fake-exception,fake-blank,fake-exception"
+    status, printed, err = command("render", cloud, "--method", methods, "-o", out)
+    assert (status, printed) == (1, "")
+    *_, first, second = err.splitlines()
+    assert first.startswith("bench: fake-exception: ValueError: ")
+    assert second == "bench: fake-blank: draw: 1 of 1 pictures are blank"
+    assert [path.name for path in tmp_path.iterdir()] == ["cloud.ply"]
+
+
+def test_a_turntable_goes_round_from_the_azimuth(command, plugins, cloud, tmp_path):
+    """The pictures tell the azimuth modulo 256 grey levels; a loop does not repeat its first."""
+    out = tmp_path / "turn.apng"
+    turn = ("--frames", "5", "--azimuth", "-10", "--elevation", "15", "-o", out)
+    assert command("render", cloud, "--method", "fake-round", *turn)[:2] == (0, f"{out}\n")
+    with Image.open(out) as film:
+        assert (film.n_frames, film.size) == (5, (128, 128))
+        told = []
+        for i in range(5):
+            film.seek(i)
+            told.append(np.asarray(film.convert("RGB"))[0, :2, 0].tolist())
+    assert told == [[85 + 72 * i // 2, 15] for i in range(5)]
+
+
+def test_a_turntable_of_several_methods(command, cloud, tmp_path):
+    out = tmp_path / "turn.gif"
+    chosen = ("--method", "splat,blank", "--frames", "4", "-o", out)
+    assert command("render", cloud, *chosen)[:2] == (0, f"{out}\n")
+    points = CloudFile(cloud, as_is=False).load()
+    views = tuple(View(30.0 + 90 * i, 20.0) for i in range(4))
+    splats = draw_cloud(points, Drawing("splat", views))
+    assert not isinstance(splats, Failed)
+    for i, expected in enumerate(splats):  # grey on white: few colours, and the GIF has them all
+        _, splat, blank = sheet_tiles(out, i)
+        assert np.array_equal(splat, expected)
+        assert (blank == 255).all()
+
+
+def test_a_turntable_has_36_frames(cloud):
+    wish = Wish(CloudFile(cloud, as_is=True), ("splat",), 10.0, 0.0, Path("turn.webp"))
+    azimuths = [view.azimuth_deg for view in views_of(wish)]
+    assert azimuths == [10.0 + 10 * i for i in range(36)]
+    assert views_of(replace(wish, out=Path("picture.png"))) == (View(10.0, 0.0),)
+
+
+def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
+    whole, some = CloudFile(cloud, as_is=True), CloudFile(cloud, as_is=True, most=9)
+    late = Failed("timeout: no result within 120 s")
+    assert remedied(late, whole) == f"{late.reason}; --points 20000 would take less"
+    assert remedied(late, some) == late.reason
+    assert remedied(Failed("draw: blank"), whole) == "draw: blank"
+
+
+# --- failures -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("method", "reason"),
+    [
+        ("fake-hang", "timeout: no result within 8 s; --points 20000 would take less"),
+        ("fake-segfault", "crash: the worker died (SIGSEGV)"),
+        (
+            "fake-memory-hog",
+            "memory: the worker used more than 1 GiB; --points 20000 would take less",
+        ),
+        ("fake-exception", "ValueError: 12 of 34 parts are missing"),
+        (
+            "fake-wrong-shape",
+            "draw: pictures of shape (1, 64, 128, 3), expected (1, 128, 128, 3)",
+        ),
+        ("fake-nan", "draw: 384 pixel values are not finite"),
+        ("fake-blank", "draw: 1 of 1 pictures are blank"),
+        ("surface-apss", "input: 3 points; normals need at least 11"),
+    ],
+)
+def test_a_method_that_fails_is_one_line(
+    command, plugins, cloud, tmp_path, monkeypatch, method, reason
+):
+    time_s = 8.0 if method == "fake-hang" else 120.0
+    monkeypatch.setattr(bench.rendering.cloud, "LIMITS", Limits(time_s, 1.0))
+    out = tmp_path / "out.png"
+    out.write_bytes(b"old")
+    done = command("render", cloud, "--method", method, "-o", out)
+    assert done == (1, "", f"bench: {method}: {reason}\n")
+    assert out.read_bytes() == b"old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "out.png"]
+
+
+def test_the_limits_are_those_of_the_paper_suite():
+    assert SUITES[0].limits == bench.rendering.cloud.LIMITS
+
+
+def test_what_cannot_be_used_is_the_users_to_mend(command, plugins, cloud, tmp_path):
+    out = ("-o", tmp_path / "out.png")
+    for method, problem in [
+        ("splta", "unknown method 'splta': did you mean 'splat'? there are "),
+        ("true-mesh", "method 'true-mesh' draws the mesh behind a cloud, and bare points have "),
+        ("fake-no-licence", "no licence; buy one"),
+        ("fake-no-library", "no libGL: install libgl1"),
+        ("fake-no-weights", "weights: cut short; fetch them again"),
+    ]:
+        assert refused(command, cloud, "--method", method, *out).startswith(problem)
+    blank = ("--method", "blank")
+    for wrong, problem in [
+        (("--azimuth", "inf"), "no such view: azimuth_deg must be finite, got inf"),
+        (("--elevation", "91"), "no such view: elevation_deg must lie in -90..90, got 91.0"),
+        (("--elevation", "nan"), "no such view: elevation_deg must lie in -90..90, got nan"),
+        (("--azimuth", "left"), "Invalid value for '--azimuth': "),
+        (("--up", "w"), "up 'w': no axis; give one of x, -x, y, -y, z, -z"),
+        (("--up", "z", "--front", "-z"), "front '-z': along up, which is 'z'; give one of x, "),
+        (("--points", "0"), "--points 0: must be at least 1"),
+        (("--frames", "12"), f"--frames 12: {out[1]} is one picture; give a turntable's name, .g"),
+        (("--frames", "1", "-o", "turn.gif"), "--frames 1: must be 2 to 120"),
+        (("--frames", "121", "-o", "turn.gif"), "--frames 121: must be 2 to 120"),
+        (("--method", " , "), "' , ': expected names separated by commas"),
+        (("--method", "blank,splta"), "unknown method 'splta': did you mean 'splat'?"),
+        (("--method", "fake-healthy,fake-no-library"), "no libGL: install libgl1"),
+    ]:
+        assert refused(command, cloud, *blank, *out, *wrong).startswith(problem)
+    jpeg = tmp_path / "out.jpg"
+    assert refused(command, cloud, *blank, "-o", jpeg) == (
+        f"{jpeg}: pictures are written as PNG, turntables as GIF, WebP or APNG; give a name that "
+        "ends in .png, .gif, .webp or .apng"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["cloud.ply"]
+
+
+def test_files_that_are_no_clouds(command, tmp_path):
+    out = ("--method", "blank", "-o", tmp_path / "out.png")
+    (tmp_path / "text.xyz").write_text("1 2\n")
+    (tmp_path / "nan.csv").write_text("0,0,nan\n0,1,0\n")
+    (tmp_path / "equal.xyz").write_text("1 2 3\n1 2 3\n")
+    for name, problem in [
+        ("gone.ply", f"{tmp_path}/gone.ply: no such file"),
+        ("text.xyz", f"{tmp_path}/text.xyz: line 1 has 2 columns, expected at least 3"),
+        ("nan.csv", f"{tmp_path}/nan.csv: the cloud has 1 non-finite points of 2 (the first is "),
+        ("equal.xyz", f"{tmp_path}/equal.xyz: all 2 points are equal, at [1.0, 2.0, 3.0]; a "),
+    ]:
+        assert refused(command, tmp_path / name, *out).startswith(problem)
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_pictures_that_cannot_be_written(command, cloud, tmp_path):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").touch()
+    for out in (tmp_path / "folder.png", tmp_path / "file" / "out.png"):
+        told = refused(command, cloud, "--method", "blank", "-o", out)
+        assert told.startswith(f"{out}: cannot be written (")
+        assert told.endswith("; make room, or give another -o")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.ply", "file", "folder.png"]
+
+
+def test_a_method_is_looked_for_before_a_worker_is_started(cloud, monkeypatch):
+    monkeypatch.setattr(bench.rendering.cloud, "run_tasks", None)
+    with pytest.raises(ValueError, match="unknown method"):
+        draw_file(CloudFile(cloud, as_is=True), Drawing("splta", (View(0.0, 0.0),)))

@@ -1,0 +1,377 @@
+from __future__ import annotations
+
+import re
+import shlex
+import time
+
+import numpy as np
+import plugin_methods
+import pytest
+
+import bench.rendering.cloud
+import bench.rendering.shrink
+from bench.catalogue.suites import STABILITY, SUITES, Limits
+from bench.records.journal import write_manifest
+from bench.rendering.shrink import fails_alike, find_item, shrink
+from bench.running.work import cloud_of
+from bench.suites.stability.cases import CASES
+from data_prep.cloud_files import load_points
+from data_prep.conditions import Stride
+from data_prep.datasets import ProceduralObject
+from data_prep.failures import BadInput
+from data_prep.scene import View
+
+from ..builders import make_failed, make_manifest, make_record, write_all
+
+LIMITS = Limits(time_s=60.0, memory_gib=4.0)
+
+
+@pytest.fixture
+def plugins(tmp_path_factory, monkeypatch):
+    with plugin_methods.installed(tmp_path_factory.mktemp("plugins"), monkeypatch):
+        yield
+
+
+def write_failures(directory, *records, **changes):
+    """A finished run, of two objects, with these records."""
+    directory.mkdir(parents=True)
+    manifest = {"objects": ["chair/test-0000", "chair/test-0001"], "device": "auto"} | changes
+    write_manifest(directory, make_manifest(**manifest))
+    write_all(directory, records)
+    return directory
+
+
+def failed_item(directory, method, reason, condition="512", obj="test-0001", **changes):
+    """A run in which that item has failed; and its name."""
+    failures = [make_failed(method, condition, obj, view, reason) for view in range(2)]
+    write_failures(directory, *failures, **changes)
+    return f"{directory}:{method}/{condition}/chair/{obj}"
+
+
+def failed_case(directory, method, reason, case):
+    records = [make_failed(method, case, "test-0000", 0, reason, suite="stability")]
+    write_failures(directory, *records, suite="stability")
+    return f"{directory}:{method}/{case}"
+
+
+def shrunk(record, budget_s=600.0, workers=1, out=None):
+    """What becomes of it; what holds of all that is found is checked."""
+    found = shrink(record, budget_s, workers, out)
+    assert found.points.dtype == np.float32
+    assert np.array_equal(load_points(found.path), found.points, equal_nan=True)
+    whole = cloud_of(find_item(record).job).points
+    assert found.before == len(whole)
+    assert {point.tobytes() for point in found.points} <= {point.tobytes() for point in whole}
+    return found
+
+
+# --- what is the same failure ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "alike"),
+    [
+        ("apss: no faces", "apss: no faces", True),
+        ("apss: no faces", "ball-pivoting: no faces", False),
+        ("draw: 3 of 20 pictures are blank", "draw: 1 of 1 pictures are blank", True),
+        ("timeout: no result within 120 s", "timeout: no result within 60.5 s", True),
+        ("E: at -1e-30 and +2.5E7", "E: at 0 and 1,000", True),
+        ("E: shape (2, 128)", "E: shape (1, 64)", True),
+        ("E: <A at 0x7f13AE>", "E: <A at 0x12>", True),
+        ("E: float32 not float64", "E: float16 not float64", False),
+        ("crash: the worker died (SIGUSR1)", "crash: the worker died (SIGUSR2)", False),
+        ("crash: the worker died (exit code 7)", "crash: the worker died (SIGSEGV)", False),
+        ("", "", False),
+        ("", "apss: no faces", False),
+    ],
+)
+def test_reasons_that_differ_in_numbers_only(one, other, alike):
+    assert fails_alike(one, other) is alike
+    assert fails_alike(other, one) is alike
+
+
+# --- records --------------------------------------------------------------------------------------
+
+
+def test_items_are_planned_again(tmp_path):
+    record = failed_item(tmp_path / "run", "splat", "x: y", seed=5, views=3, device="cpu")
+    item = find_item(record)
+    assert (item.directory, item.reason) == (tmp_path / "run", "x: y")
+    assert item.name == "splat/512/chair/test-0001"
+    assert item.limits == SUITES[0].limits
+    job = item.job
+    assert (job.method, job.condition, job.perturbation) == ("splat", "512", Stride(4))
+    assert job.object == ProceduralObject("chair", "test", 1)
+    assert (job.seed, job.device, len(job.views)) == (5, "cpu", 3)
+    assert len(cloud_of(job)) == 512
+
+
+def test_cases_are_planned_again(tmp_path):
+    item = find_item(failed_case(tmp_path / "run", "splat", "x: y", "outlier-1e6"))
+    (case,) = (case for case in CASES if case.id == "outlier-1e6")
+    job = item.job
+    assert (job.perturbation, job.views, job.batch) == (case.perturbation, case.views, case.batch)
+    assert job.object == ProceduralObject(STABILITY.class_name, "test", STABILITY.index)
+    assert cloud_of(job).points[0, 0] == np.float32(1e6)
+    assert item.limits == STABILITY.limits
+
+
+def test_names_with_colons_and_slashes(tmp_path, tiny_weights):
+    """The folder of the run, the weights and the object may all have them."""
+    meshes = tmp_path / "meshes"
+    for name in ("a:b", "a"):
+        (meshes / "chair" / name).mkdir(parents=True)
+        (meshes / "chair" / name / "c.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    weights = tmp_path / "w:1" / "tiny.safetensors"
+    weights.parent.mkdir()
+    weights.write_bytes(tiny_weights.read_bytes())
+    method = f"pc2pix@{weights}"
+    changes = {"dataset": f"folder:{meshes}", "objects": ["chair/a/c.off", "chair/a:b/c.off"]}
+    record = failed_item(tmp_path / "r:1" / "x", method, "x: y", obj="a:b/c.off", **changes)
+    write_failures(tmp_path / "r", make_failed("splat"))  # DIR of the first colon: another run
+    item = find_item(record)
+    assert item.directory == tmp_path / "r:1" / "x"
+    assert item.job.method == method
+    assert item.job.object.object_id == "a:b/c.off"
+
+
+def test_records_that_are_not_there_list_those_that_are(command, tmp_path):
+    records = [make_failed("splat", "512", f"test-{i:04d}") for i in range(11)]
+    ok = make_record("splat", "2048", "test-0000")
+    run = write_failures(tmp_path / "run", *records, ok)
+    names = [f"{run}:splat/512/chair/test-{i:04d}" for i in range(10)]
+    for wrong in (f"{run}", f"{run}:", f"{run}:splat/2048/chair/test-0000", f"{run}:splat/512"):
+        status, out, err = command("shrink", wrong)
+        assert (status, out) == (2, "")
+        assert err == (
+            f"bench: {wrong}: no failed record; there are {', '.join(names)} and 1 more\n"
+        )
+    cases = failed_case(tmp_path / "cases", "splat", "x: y", "0-points")
+    assert command("shrink", f"{tmp_path}/cases:blank/0-points")[2].endswith(
+        f": no failed record; there are {cases}\n"
+    )
+    fine = write_failures(tmp_path / "fine", ok)
+    assert command("shrink", f"{fine}")[2].endswith("; nothing has failed in this run\n")
+
+
+def test_what_cannot_be_shrunk(command, plugins, tmp_path):
+    def refused(record, *arguments):
+        status, out, err = command("shrink", record, *arguments)
+        assert (status, out) == (2, "")
+        assert err.count("\n") == 1
+        return err.removeprefix("bench: ").rstrip("\n")
+
+    assert refused("nowhere:splat/512/chair/a") == (
+        "nowhere:splat/512/chair/a: no run there; give DIR:METHOD/CONDITION/CLASS/OBJECT, of the "
+        "suite stability DIR:METHOD/CASE"
+    )
+    mesh = failed_item(tmp_path / "mesh", "true-mesh", "x: y")
+    assert refused(mesh).startswith("method 'true-mesh' draws the mesh behind a cloud, and ")
+    gone = failed_item(tmp_path / "gone", "splat", "x: y", obj="test-0002")
+    assert refused(gone) == (
+        "splat/512/chair/test-0002: the dataset procedural has no such object any more"
+    )
+    case = failed_case(tmp_path / "case", "splat", "x: y", "5-points")
+    assert refused(case) == "splat/5-points: there is no such case any more; run the suite again"
+    unfinished = failed_item(tmp_path / "unfinished", "splat", "x: y", finished=None)
+    assert "the run is not finished" in refused(unfinished)
+    licence = failed_item(tmp_path / "licence", "fake-no-licence", "x: y")
+    assert refused(licence) == "no licence; buy one"
+    assert refused(gone, "--budget-s", "0") == "--budget-s 0: must be more than 0"
+    assert refused(gone, "--workers", "0") == "--workers 0: must be at least 1"
+    assert not list(tmp_path.rglob("minimal.ply"))
+
+
+def test_an_object_that_is_at_fault_itself(command, tmp_path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "a.off").write_text("OFF\n")
+    changes = {"dataset": f"folder:{tmp_path / 'meshes'}", "objects": ["meshes/a.off"]}
+    failure = make_failed("splat", "512", "a.off", 0, "input: a", class_name="meshes")
+    run = write_failures(tmp_path / "run", failure, **changes)
+    status, _, err = command("shrink", f"{run}:splat/512/meshes/a.off")
+    assert status == 2
+    assert err.startswith("bench: splat/512/meshes/a.off: its cloud cannot be made (input: ")
+    assert err.endswith("); it is the object that is at fault, not the method\n")
+
+
+# --- clouds ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_two_points_that_are_needed_are_found(plugins, tmp_path, workers):
+    reason = "weigh: 7 points left and 8 right"
+    record = failed_item(tmp_path / "run", "fake-left-and-right", reason)
+    found = shrunk(record, workers=workers)
+    assert found.before == 512
+    assert sorted(found.points[:, 0] > 0) == [False, True]
+    assert (np.abs(found.points[:, 0]) > 0.2).all()
+    assert found.reason == found.reproduced == "weigh: 1 points left and 1 right"
+    assert found.minimal
+    assert found.path == (
+        tmp_path / "run/shrunk/fake-left-and-right-512-chair-test-0001/minimal.ply"
+    )
+    first = find_item(record).job.views[0]
+    assert found.drawing.views == (first,)
+    assert found.told.splitlines() == [
+        "fake-left-and-right: weigh: 1 points left and 1 right",
+        f"512 points became 2 ({found.trials} trials, {found.seconds:.0f} s); "
+        "without any one of them it does not fail so",
+        f"bench render {found.path} --as-is --method fake-left-and-right "
+        f"--azimuth {first.azimuth_deg!r} --elevation {first.elevation_deg!r} -o out.png",
+        "reproduced",
+    ]
+
+
+def test_the_number_of_workers_does_not_matter(plugins, tmp_path):
+    reason = "weigh: 7 points left and 8 right"
+    record = failed_item(tmp_path / "run", "fake-left-and-right", reason)
+    one, two = (shrunk(record, workers=workers).points for workers in (1, 2))
+    assert np.array_equal(one, two)
+
+
+def test_the_command_that_is_printed_fails_in_the_same_way(command, plugins, tmp_path):
+    reason = "weigh: 7 points left and 8 right"
+    record = failed_item(tmp_path / "run", "fake-left-and-right", reason, device="cpu")
+    folder = tmp_path / "a folder"
+    status, out, err = command("shrink", record, "--workers", "1", "-o", folder)
+    assert (status, err) == (0, "")
+    assert [path.name for path in folder.iterdir()] == ["minimal.ply"]
+    assert not (tmp_path / "run" / "shrunk").exists()
+    (line,) = (line for line in out.splitlines() if line.startswith("bench render "))
+    _, *arguments = shlex.split(line)
+    assert arguments[1] == str(folder / "minimal.ply")
+    assert arguments[arguments.index("--device") + 1] == "cpu"
+    assert command(*arguments) == (
+        *(1, ""),
+        "bench: fake-left-and-right: weigh: 1 points left and 1 right\n",
+    )
+
+
+def test_crashes(plugins, tmp_path):
+    reason = "crash: the worker died (SIGSEGV)"
+    found = shrunk(failed_case(tmp_path / "run", "fake-crash-where-high", reason, "16-points"))
+    assert found.before == 16
+    assert found.points[:, 1] > 0.3
+    assert found.reason == found.reproduced == reason
+
+
+def test_the_view_that_fails_is_chosen(plugins, tmp_path):
+    reason = "draw: 2 of 4 pictures are blank"
+    record = failed_case(tmp_path / "run", "fake-blank-from-the-left", reason, "16-points")
+    found = shrunk(record)
+    assert found.drawing.views == (View(-60.0, -10.0),)
+    assert "--azimuth -60.0 --elevation -10.0 " in found.command
+    assert len(found.points) == 5
+    assert found.reproduced == "draw: 1 of 1 pictures are blank"
+
+
+@pytest.mark.parametrize(
+    ("method", "reason", "left"),
+    [
+        ("fake-several-views", "ValueError: one at a time", 3),
+        ("fake-unlucky", "ValueError: bad luck", 0),
+    ],
+)
+def test_failures_of_all_views_or_of_the_runs_random_numbers(
+    plugins, tmp_path, method, reason, left
+):
+    found = shrunk(failed_case(tmp_path / "run", method, reason, "16-points"))
+    assert len(found.points) == left
+    assert (found.reason, found.reproduced) == (reason, "")
+    assert found.told.splitlines()[2:] == [
+        "it fails so with the run's random numbers and its 4 views, not with one of them alone; "
+        "the command draws the first",
+        f"bench render {found.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
+        "-o out.png",
+        "not reproduced: the command draws a picture",
+    ]
+
+
+def test_clouds_that_fail_without_a_point(plugins, tmp_path):
+    reason = "draw: 9 pixel values are not finite"
+    found = shrunk(failed_case(tmp_path / "run", "fake-nan", reason, "plain"))
+    assert (found.before, len(found.points)) == (2048, 0)
+    assert found.trials == 2
+    assert found.reproduced == "draw: 384 pixel values are not finite"
+
+
+def test_a_cloud_that_has_no_points_to_lose_is_written_too(plugins, tmp_path):
+    reason = "ValueError: 12 of 34 parts are missing"
+    found = shrunk(failed_case(tmp_path / "run", "fake-exception", reason, "0-points"))
+    assert (found.before, len(found.points), found.minimal) == (0, 0, True)
+    assert found.reproduced == reason
+
+
+def test_points_that_are_not_finite_are_kept_bit_for_bit(tmp_path):
+    reason = "input: 1 of 2048 points are not finite"
+    found = shrunk(failed_case(tmp_path / "run", "splat", reason, "outlier-nan"))
+    (point,) = found.points
+    assert np.isnan(point[0])
+    whole = cloud_of(find_item(f"{tmp_path}/run:splat/outlier-nan").job).points
+    assert point.tobytes() == whole[0].tobytes()
+    assert found.reproduced == "input: 1 of 1 points are not finite"
+
+
+# --- ends -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("method", "now"),
+    [
+        ("fake-healthy", "it is drawn now"),
+        ("fake-exception", "it fails otherwise now: ValueError: 12 of 34 parts are missing"),
+    ],
+)
+def test_failures_that_are_there_no_more(command, plugins, tmp_path, method, now):
+    record = failed_case(tmp_path / "run", method, "weigh: 3 grams", "16-points")
+    assert command("shrink", record, "--workers", "1") == (
+        *(1, ""),
+        f"bench: {method}/16-points: does not fail any more as it did (weigh: 3 grams); {now}\n",
+    )
+    assert not (tmp_path / "run" / "shrunk").exists()
+
+
+def test_when_the_budget_is_spent_the_best_is_kept(plugins, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(bench.rendering.shrink, "PLAIN_EVERY_S", 1.0)
+    record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "plain")
+    found = shrunk(record, budget_s=10.0)
+    assert 1 < len(found.points) < 2048
+    assert not found.minimal
+    assert found.seconds < 40.0
+    assert found.reproduced == "ValueError: at last"
+    assert "; the budget is spent, fewer may do\n" in found.told
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) >= 2
+    told = r"fake-slow/plain: \d+ of 2048 points left, \d+ trials, \d+ s of 10 s"
+    assert all(re.fullmatch(told, line) for line in lines)
+
+
+def test_a_budget_that_does_not_even_show_the_failure(plugins, tmp_path):
+    record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "16-points")
+    with pytest.raises(BadInput, match="spent before the failure was seen again; give more"):
+        shrink(record, 0.01, 1, None)
+
+
+def test_all_trials_share_their_workers(plugins, tmp_path):
+    """A failure is the same in the same process only: with new ones it would not be found again."""
+    record = failed_case(tmp_path / "run", "fake-process-number", "", "16-points")
+    item = find_item(record)
+    points = cloud_of(item.job).points
+    drawing = bench.rendering.cloud.Drawing(item.job.method, item.job.views)
+    with bench.rendering.shrink._Search(item, len(points), 1, time.monotonic(), 600.0) as search:
+        reasons = []
+        for _ in range(3):
+            trial = bench.rendering.shrink._Trial(np.arange(16), points, drawing)
+            assert search.first_failing([trial]) is None
+            reasons.append(search.last)
+    assert len(set(reasons)) == 1
+    assert re.fullmatch(r"process-\d+: here", reasons[0])
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_the_work(command, plugins, tmp_path):
+    reason = "ValueError: 12 of 34 parts are missing"
+    record = failed_case(tmp_path / "run", "fake-exception", reason, "plain")
+    (tmp_path / "file").touch()
+    status, out, err = command("shrink", record, "--workers", "1", "-o", tmp_path / "file")
+    assert (status, out) == (2, "")
+    assert err.startswith(f"bench: {tmp_path}/file/minimal.ply: cannot be written (")

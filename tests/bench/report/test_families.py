@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import math
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from bench.analysis.comparison import Estimate
+from bench.analysis.crossings import Course
+from bench.catalogue.families import FAMILIES
+from bench.report.families import beyond_figure, write_beyond_figures
+from bench.report.styles import looks
+
+from ..builders import make_job, make_truth, write_artifact
+
+METRICS = ("ssim", "fd-views")
+METHODS = ("surface-apss", "splat-net", "pc2pix", "true-mesh", "constant", "blank")
+
+
+def value(method, metric, step):
+    falls = 0.9 - 0.1 * METHODS.index(method) - 0.05 * step
+    return falls if metric == "ssim" else 100 * (1 - falls)
+
+
+def every_course(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name="chair"):
+    return [
+        Course(
+            class_name,
+            family,
+            metric,
+            method,
+            tuple(
+                Estimate(v, v - 0.02, v + 0.03)
+                for v in (value(method, metric, i) for i in range(len(family.steps)))
+            ),
+        )
+        for family in families
+        for metric in metrics
+        for method in methods
+    ]
+
+
+def figure(courses):
+    return beyond_figure(courses, looks(c.method for c in courses)).figure
+
+
+def bands(axis):
+    """(left, right) of each band by its label."""
+    return {
+        patch.get_label(): (patch.get_x(), patch.get_x() + patch.get_width())
+        for patch in axis.patches
+    }
+
+
+def curve(axis, method):
+    """The line of a method, floors included."""
+    (found,) = [line for line in axis.lines if line.get_label() == method]
+    return found
+
+
+def intervals(axis, method):
+    """(least, greatest) of each interval of a method, which are in its colour."""
+    hue = curve(axis, method).get_color()
+    ends = [line for line in axis.lines if line.get_color() == hue and len(line.get_xdata()) == 2]
+    return [tuple(line.get_ydata()) for line in ends if line.get_label().startswith("_")]
+
+
+def test_a_column_for_each_family_and_a_row_for_each_metric():
+    axes = np.array(figure(every_course()).axes).reshape(2, 5)
+    assert [axis.get_title() for axis in axes[0]] == [family.id for family in FAMILIES]
+    assert [axis.get_ylabel() for axis in axes[:, 0]] == [
+        "ssim\n(higher is better)",
+        "fd-views\n(lower is better)",
+    ]
+    assert [axis.get_yscale() for axis in axes[:, 0]] == ["linear", "symlog"]
+    assert {10, 20, 50} <= set(axes[1, 0].get_yticks())
+    assert axes[1, 0].yaxis.get_major_formatter()(50.0, 0) == "50"
+    for axis, family in zip(axes[1], FAMILIES, strict=True):
+        assert [t.get_text() for t in axis.get_xticklabels()] == [f"{v:g}" for v in family.values]
+        assert axis.get_xlabel() == family.axis
+    assert len({axis.get_ylim() for axis in axes[0]}) == 1
+
+
+def test_lines_are_the_values_and_their_intervals():
+    axes = np.array(figure(every_course()).axes).reshape(2, 5)
+    for axis_row, metric in zip(axes, METRICS, strict=True):
+        for axis, family in zip(axis_row, FAMILIES, strict=True):
+            places = [math.log2(v) if family.logarithmic else v for v in family.values]
+            for method in ("surface-apss", "splat-net", "pc2pix", "constant", "blank"):
+                x, y = curve(axis, method).get_xydata().T
+                assert x.tolist() == places
+                expected = [value(method, metric, i) for i in range(len(places))]
+                assert y.tolist() == pytest.approx(expected)
+            assert not any(line.get_label() == "true-mesh" for line in axis.lines)
+    low, high = intervals(axes[0, 0], "pc2pix")[1]
+    middle = value("pc2pix", "ssim", 1)
+    assert (low, high) == pytest.approx((middle - 0.02, middle + 0.03))
+
+
+def test_the_worst_stands_at_the_right():
+    for axis, family in zip(figure(every_course(metrics=("ssim",))).axes, FAMILIES, strict=True):
+        left, right = axis.get_xlim()
+        first, last = (
+            math.log2(v) if family.logarithmic else v for v in (family.values[0], family.values[-1])
+        )
+        assert abs(first - left) == pytest.approx(abs(right - last))
+        assert abs(first - left) < abs(last - left) * 0.1
+
+
+def test_bands_are_what_networks_were_shown():
+    points, noise, outliers, *_ = figure(every_course(metrics=("ssim",))).axes
+    own, other = "splat-net was trained here", "pc2pix was trained here"
+    # room of 0.03 of the axis goes to bands that reach its first step, or are one value
+    assert bands(points) == {own: pytest.approx((9, 11.12)), other: pytest.approx((8, 11.12))}
+    assert bands(noise) == {
+        own: pytest.approx((-0.006, 0.12)),
+        other: pytest.approx((-0.006, 0.10)),
+    }
+    assert bands(outliers)[own] == pytest.approx((-0.003, 0.003))
+    for patch, method in zip(points.patches, ("splat-net", "pc2pix"), strict=True):
+        hue = mpl.colors.to_rgb(curve(points, method).get_color())
+        assert patch.get_facecolor()[:3] == pytest.approx(hue)
+
+
+def test_bands_of_networks_that_are_not_in_the_run_are_not_drawn():
+    axes = figure(every_course(methods=("surface-apss", "pc2pix", "blank"))).axes
+    assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
+
+
+def test_each_is_named_once():
+    (legend,) = figure(every_course()).legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert sorted(names) == sorted(
+        [
+            *("surface-apss", "splat-net", "pc2pix", "constant", "blank"),
+            *("splat-net was trained here", "pc2pix was trained here"),
+        ]
+    )
+
+
+def test_several_classes_have_rows_of_their_own():
+    made = [*every_course(metrics=("ssim",)), *every_course(metrics=("ssim",), class_name="sofa")]
+    axes = np.array(figure(made).axes).reshape(2, 5)
+    assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == [
+        *("chair: ssim", "sofa: ssim"),
+    ]
+
+
+def test_steps_without_value_or_interval():
+    nan = float("nan")
+    family = FAMILIES[1]
+    told = (Estimate(0.9, nan, nan), Estimate(nan, nan, nan), *[Estimate(0.5, 0.4, 0.6)] * 3)
+    (axis,) = figure([Course("chair", family, "ssim", "splat", told)]).axes
+    y = curve(axis, "splat").get_ydata()
+    assert np.isnan(y).tolist() == [False, True, False, False, False]
+    assert intervals(axis, "splat") == [(0.4, 0.6)] * 3
+
+
+def test_files(tmp_path):
+    families = FAMILIES[3:4]
+    artifacts = tmp_path / "artifacts"
+    jobs = [make_truth(artifacts)]
+    jobs += [make_job(artifacts, None, m, c) for m in METHODS for c in families[0].conditions[:2]]
+    for number, job in enumerate(jobs):
+        write_artifact(job, seed=number)
+    write_beyond_figures(tmp_path, every_course(families), [job.made for job in jobs])
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {
+        *("beyond.png", "beyond.svg", "beyond-pictures.png"),
+    }
+    with Image.open(tmp_path / "figures" / "beyond-pictures.png") as sheet:
+        # 3 methods that could be chosen; the truth and 3 conditions: inches at 80 dpi
+        assert sheet.size == (round((1.2 * 4 + 1) * 80), round((1.2 * 3 + 0.2) * 80))
+
+
+def test_nothing_but_floors_has_no_pictures(tmp_path):
+    truth = make_truth(tmp_path / "artifacts")
+    write_artifact(truth)
+    write_beyond_figures(tmp_path, every_course(FAMILIES[:1], ("blank",)), [truth])
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"beyond.png", "beyond.svg"}

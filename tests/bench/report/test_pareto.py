@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.text import Annotation
+
+from bench.analysis.comparison import NAN, Estimate
+from bench.report.pareto import _obstacles, covered, frontier_figure, write_frontier
+from bench.report.styles import looks
+
+from ..tables.test_frontier import place
+
+# method, cost, value, verdict
+SHOWN = (
+    ("surface-apss@resolution=25", 20, 0.60, "dominated"),
+    ("surface-apss@resolution=50", 100, 0.70, "dominated"),
+    ("surface-apss", 400, 0.80, "frontier"),
+    ("surface-apss@resolution=300", 800, 0.78, "dominated"),
+    ("pc2pix@bf16", 40, 0.75, "frontier"),
+    ("pc2pix", 80, 0.75, "tied"),
+    ("pc2pix@paper", 90, 0.75, "tied"),
+    ("pc2pix@one-by-one", 95, 0.75, "tied"),
+    ("splat", 10, 0.50, "frontier"),
+    ("true-mesh", 30, 1.00, "reference"),
+    ("constant", 1, 0.70, "reference"),
+    ("blank", 1, 0.65, "reference"),
+)
+
+
+def places(metric="ssim", condition="2048", views=20):
+    made = []
+    for method, cost, value, verdict in SHOWN:
+        shown = value if metric == "ssim" else 100 * (1.1 - value)
+        made.append(
+            place(
+                method,
+                metric,
+                verdict,
+                condition=condition,
+                views=views,
+                cost_ms=Estimate(cost, 0.9 * cost, 1.1 * cost),
+                quality=Estimate(shown, 0.95 * shown, 1.05 * shown),
+            )
+        )
+    return made
+
+
+def figure(shown, metric, views):
+    return frontier_figure(shown, metric, views, looks(p.method for p in shown)).figure
+
+
+def lines(axis, label):
+    return [line for line in axis.lines if line.get_label() == label]
+
+
+def test_a_panel_for_each_condition_with_the_same_axes():
+    made = figure([*places(), *places(condition="512")], "ssim", 20)
+    first, second = made.axes
+    assert [axis.get_title() for axis in made.axes] == ["2048", "512"]
+    assert first.get_xlim() == second.get_xlim()
+    assert first.get_ylim() == second.get_ylim()
+    assert first.get_ylabel() == "ssim (higher is better)"
+    assert first.get_xlabel() == "ms for a cloud with 20 views"
+    assert (first.get_xscale(), first.get_yscale()) == ("log", "linear")
+    names = [text.get_text() for text in made.legends[0].get_texts()]
+    assert names == [
+        *("surface-apss (resolution)", "pc2pix", "splat", "constant", "blank", "frontier"),
+    ]
+
+
+def test_settings_of_a_knob_are_joined_in_their_order():
+    (axis,) = figure(places(), "ssim", 20).axes
+    (sweep,) = lines(axis, "surface-apss (resolution)")
+    assert sweep.get_xydata().tolist() == [[20, 0.6], [100, 0.7], [400, 0.8], [800, 0.78]]
+    assert sweep.get_linestyle() == "-"
+    (variants,) = lines(axis, "pc2pix")
+    assert variants.get_linestyle() == "None"  # precision and width are no knob
+    hues = {line.get_color() for label in ("pc2pix", "splat") for line in lines(axis, label)}
+    assert len(hues | {sweep.get_color()}) == 3
+
+
+def test_the_frontier_is_a_step_to_the_edge():
+    (axis,) = figure(places(), "ssim", 20).axes
+    (steps,) = lines(axis, "frontier")
+    right = axis.get_xlim()[1]
+    assert steps.get_xydata().tolist() == [[10, 0.5], [40, 0.75], [400, 0.8], [right, 0.8]]
+    assert steps.get_drawstyle() == "steps-post"
+    for label, value in (("constant", 0.7), ("blank", 0.65)):
+        (floor,) = lines(axis, label)
+        assert floor.get_ydata() == [value, value]
+    drawn = np.concatenate([np.atleast_1d(line.get_ydata()) for line in axis.lines])
+    assert drawn.max() < 0.9  # the ceiling is not drawn
+
+
+def test_distances_are_logarithmic_and_nought_has_no_place(tmp_path):
+    (axis,) = figure(places("fd-views"), "fd-views", 20).axes
+    assert axis.get_yscale() == "log"
+    assert axis.get_ylabel() == "fd-views (lower is better)"
+    none = [place("splat", "fd-views", quality=Estimate(0.0, 0.0, 0.0))]
+    write_frontier(tmp_path, [*places(), *none])
+    assert {path.name for path in tmp_path.iterdir()} == {"frontier.png", "frontier.svg"}
+
+
+def test_an_interval_down_to_nought_ends_at_the_edge():
+    """On a logarithmic axis its end lies a thousand decades below, and so did its obstacles."""
+    wide = [replace(p, quality=p.quality._replace(low=0.0)) for p in places("fd-views")]
+    (axis,) = figure(wide, "fd-views", 20).axes
+    (left, bottom), (right, top) = axis.bbox.get_points()
+    boxes = _obstacles(axis)
+    assert (boxes[:, 2] >= left).all()
+    assert (boxes[:, 0] <= right).all()
+    assert (boxes[:, 3] >= bottom).all()
+    assert (boxes[:, 1] <= top).all()
+    assert boxes[:, 1].min() < bottom + 3  # down to the edge
+
+
+def test_labels_tell_the_variants_and_cover_nothing():
+    made = figure(places(), "ssim", 20)
+    made.draw_without_rendering()
+    (axis,) = made.axes
+    labels = [t for t in axis.texts if isinstance(t, Annotation) and t.get_text()]
+    assert [label.get_text() for label in labels] == [
+        *("surface-apss", "25", "300", "pc2pix", "bf16", "paper", "one-by-one", "splat"),
+    ]
+    boxes = np.array([label.get_window_extent().extents for label in labels])
+    own = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
+    np.testing.assert_allclose(covered(boxes, boxes), own, rtol=1e-9)
+    points = axis.transData.transform(
+        [(cost, value) for _, cost, value, v in SHOWN if v != "reference"]
+    )
+    assert covered(np.concatenate([points - 2, points + 2], axis=1), boxes).max() == 0
+    edge = np.array(axis.bbox.extents)
+    assert (boxes[:, :2] >= edge[:2]).all()
+    assert (boxes[:, 2:] <= edge[2:]).all()
+
+
+def test_files(tmp_path):
+    failed = Estimate(NAN, NAN, NAN)
+    lost = [place(m, "structure", "no value", quality=failed) for m in ("splat", "pc2pix")]
+    one_view = places(views=1)
+    write_frontier(tmp_path / "figures", [*places(), *places("fd-views"), *lost, *one_view])
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert names == {
+        f"{name}.{kind}" for name in ("frontier", "frontier-fd-views") for kind in ("png", "svg")
+    }
+    assert (tmp_path / "figures" / "frontier.png").read_bytes().startswith(b"\x89PNG")
+    svg = (tmp_path / "figures" / "frontier.svg").read_text()
+    assert "<svg" in svg

@@ -1,0 +1,165 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from harness_objects import Tetrahedron
+
+import bench.report.robustness
+from bench.records.artifacts import read_artifact
+from bench.report.robustness import THIN_TINT, write_figures
+from bench.tables.figure import save
+from bench.tables.quality import Row, quality_table
+
+from ..builders import make_job, make_truth, write_artifact
+
+NAN = float("nan")
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Writes figures and keeps them: the curves and the grid."""
+    kept = []
+
+    def keep(figure, path):
+        kept.append(figure)
+        save(figure, path)
+
+    monkeypatch.setattr(bench.report.robustness, "save", keep)
+
+    def draw(tables, jobs):
+        write_figures(tmp_path, tables, [job.made for job in jobs])
+        for name in ("robustness.png", "pictures.png"):
+            assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
+        return kept
+
+    return draw
+
+
+def make_row(metric, method, condition, value, low=NAN, high=NAN):
+    return Row("s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, "")
+
+
+CURVES = [
+    quality_table(
+        "table3_ssim",
+        "",
+        (
+            make_row("ssim", "splat", "2048", 0.8, 0.7, 0.95),
+            make_row("ssim", "splat", "512", 0.6, 0.5, 0.65),
+            make_row("ssim", "blank", "2048", 0.4),
+            make_row("luminance", "splat", "2048", 0.9),
+        ),
+        3,
+    ),
+    quality_table(
+        "table4_fid",
+        "",
+        (
+            make_row("fid", "splat", "2048", NAN),
+            make_row("fd-views", "splat", "2048", 12.5),
+        ),
+        1,
+    ),
+]
+
+
+@pytest.fixture
+def jobs(tmp_path):
+    made = []
+    for number, obj in enumerate((Tetrahedron("a"), Tetrahedron("b"))):
+        made.append(make_truth(tmp_path, obj))
+        for method in ("splat", "blank"):
+            if (method, obj.object_id) != ("splat", "b"):  # that one failed
+                made.append(make_job(tmp_path, obj, method))
+        for job in made:
+            write_artifact(job, seed=number + len(made))
+    return made
+
+
+def test_curves_show_the_tables(drawn, jobs):
+    curves, _ = drawn(CURVES, jobs)
+    ssim, views = curves.axes  # fid has no value, luminance no curve
+    assert ssim.get_title() == "ssim (higher is better)"
+    assert views.get_title() == "fd-views (lower is better)"
+    assert [text.get_text() for text in ssim.texts] == ["splat", "blank"]
+    splat, *marks, blank = ssim.lines
+    np.testing.assert_array_equal(splat.get_ydata(), [0.8, 0.6])
+    heights = [mark.get_ydata().tolist() for mark in marks]
+    assert heights == [[0.7, 0.95], [0.8], [0.5, 0.65], [0.6]]
+    np.testing.assert_array_equal(blank.get_ydata(), [0.4])
+    assert ssim.get_xticklabels()[0].get_text() == "2048"
+
+
+def test_the_grid_shows_first_pictures_and_failures(drawn, jobs):
+    _, grid = drawn(CURVES, jobs)
+    cells = np.array(grid.axes).reshape(2, 2)  # objects x (truth, condition); the floor is left out
+    assert [axis.get_title() for axis in cells[0]] == ["ground-truth", "2048"]
+    assert [axis.get_ylabel() for axis in cells[:, 0]] == ["a\nsplat", "b\nsplat"]
+    assert [text.get_text() for text in cells[1, 1].texts] == ["failed"]
+    assert not cells[1, 1].images
+    by_cell = {(job.object.object_id, job.method): job for job in jobs}
+    for row, obj in zip(cells, "ab", strict=True):
+        for axis, method in zip(row, ("ground-truth", "splat"), strict=True):
+            if axis.images:
+                shown = np.asarray(axis.images[0].get_array())
+                expected = read_artifact(by_cell[obj, method].artifact)["images"][0]
+                assert np.array_equal(shown, expected)
+    assert sum(len(axis.images) for axis in cells.flat) == 3
+
+
+def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
+    jobs = []
+    for name in "abcdef":
+        jobs += [make_truth(tmp_path, Tetrahedron(name)), make_job(tmp_path, Tetrahedron(name))]
+    for job in jobs:
+        write_artifact(job)
+    _, grid = drawn(CURVES, jobs)
+    labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
+    assert labels == [f"{name}\nsplat" for name in "abcd"]
+
+
+def test_the_sheet_of_thin_parts(drawn, tmp_path):
+    """c has two legs, a has one, b none; of a's views the second shows it."""
+    jobs = []
+    for name, legs in (("a", (0, 1)), ("b", (0, 0)), ("c", (2, 1))):
+        truth = np.full((2, 128, 128, 3), 255, np.uint8)
+        truth[:, 30:50, 30:90] = 120  # a seat
+        for view, count in enumerate(legs):
+            for leg in range(count):
+                truth[view, 50:90, 40 + 20 * leg : 43 + 20 * leg] = 120
+        obj = Tetrahedron(name)
+        jobs += [make_truth(tmp_path, obj), make_job(tmp_path, obj)]
+        jobs += [make_job(tmp_path, obj, "splat", "512"), make_job(tmp_path, obj, "constant")]
+        for number, job in enumerate(jobs[-4:]):
+            write_artifact(job, images=truth // (1 + number))
+    noisy = make_job(tmp_path, Tetrahedron("a"), "splat", "noise-0.05")
+    write_artifact(noisy, images=truth)
+    _, _, sheet = drawn(CURVES, [*jobs, noisy])
+    cells = np.array(sheet.axes).reshape(2, 4)
+    titles = ["ground-truth", "its thin parts", "splat\n2048", "splat\nnoise-0.05"]
+    assert [axis.get_title() for axis in cells[0]] == titles
+    assert [axis.get_ylabel() for axis in cells[:, 0]] == ["c\nview 0", "a\nview 1"]
+    assert [text.get_text() for text in cells[0, 3].texts] == ["failed"]
+    true, tinted, drawn_by_splat = (np.asarray(axis.images[0].get_array()) for axis in cells[1, :3])
+    assert true.shape == (66, 66, 3)  # the seat's box and the leg, 3 px around
+    part = (tinted == THIN_TINT).all(axis=2)
+    assert np.array_equal(tinted[~part], true[~part])
+    assert part[23:63, 13:16].all()
+    assert part.sum() == 40 * 3 + part[:23].sum()
+    assert part[:23].sum() < 12
+    assert np.array_equal(drawn_by_splat, true // 2)
+
+
+def test_nothing_is_drawn_where_all_items_failed(tmp_path):
+    job = make_truth(tmp_path)
+    write_artifact(job)
+    write_figures(tmp_path, [], [job])
+    assert not (tmp_path / "figures").exists()
+
+
+def test_ceiling_and_floor_alone_have_curves_but_no_grid(tmp_path):
+    jobs = [make_truth(tmp_path), *(make_job(tmp_path, method=m) for m in ("true-mesh", "blank"))]
+    for job in jobs:
+        write_artifact(job)
+    write_figures(tmp_path, CURVES, [job.made for job in jobs])
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["robustness.png"]

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from harness_objects import (
+    Calling,
+    Dying,
+    Hanging,
+    Killed,
+    Refusing,
+    TellingItsProcess,
+    TellingTheEnvironment,
+    Tetrahedron,
+)
+
+import bench.running.isolation
+from bench.catalogue.suites import Limits
+from bench.running.executors import JobPool
+from bench.running.isolation import WORKER_ENVIRONMENT, feed
+from bench.running.work import do
+
+from ..builders import make_job, make_truth, write_artifact
+
+AMPLE = Limits(time_s=60.0, memory_gib=8.0)
+
+
+@pytest.fixture
+def jobs_for(tmp_path):
+    """One job per object, of a method that needs neither OpenGL nor a network."""
+
+    def make(*objects):
+        for obj in objects:
+            write_artifact(make_truth(tmp_path, obj))
+        return [make_job(tmp_path, obj, "blank") for obj in objects]
+
+    return make
+
+
+def run_jobs(jobs, workers, limits):
+    with closing(JobPool(len(jobs), workers, limits)) as pool:
+        yield from feed(jobs, pool)
+
+
+def reasons(results):
+    return {r.records[0].object: {record.reason for record in r.records} for r in results}
+
+
+def is_alive(pid):
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] != "Z"  # a zombie waits for nobody but its parent
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_bad_jobs_cost_their_own_records_only(jobs_for):
+    jobs = jobs_for(
+        Tetrahedron("1"),
+        Refusing("2"),
+        Dying("3"),
+        Tetrahedron("4"),
+        Killed("5"),
+        Calling("6"),
+        Tetrahedron("7"),
+    )
+    results = list(run_jobs(jobs, 2, AMPLE))
+    assert sorted(result.key for result in results) == sorted(job.key for job in jobs)
+    assert reasons(results) == {
+        "1": {""},
+        "2": {"input: no such shape; draw one"},
+        "3": {"crash: the worker died (exit code 7)"},
+        "4": {""},
+        "5": {"crash: the worker died (SIGKILL)"},
+        "6": {"SystemExit: enough"},
+        "7": {""},
+    }
+    for result in results:
+        assert {record.outcome for record in result.records} == {
+            "failed" if any(record.reason for record in result.records) else "ok"
+        }
+        assert len(result.records) == 2
+
+
+def test_workers_give_what_this_process_gives(jobs_for):
+    (job,) = jobs_for(Tetrahedron())
+    (result,) = run_jobs([job], 1, AMPLE)
+    here = do(job)
+    assert result.artifact_sha256 == here.artifact_sha256
+    for there, record in zip(result.records, here.records, strict=True):
+        assert (there.ssim, there.structure) == (record.ssim, record.structure)
+
+
+def test_a_job_that_hangs_is_stopped_and_the_others_finish(jobs_for, tmp_path):
+    hanging = Hanging("1", pid_file=tmp_path / "pid")
+    jobs = jobs_for(hanging, Tetrahedron("2"), Tetrahedron("3"))
+    found = reasons(run_jobs(jobs, 1, Limits(4.0, 8.0)))
+    assert found == {"1": {"timeout: no result within 4 s"}, "2": {""}, "3": {""}}
+    assert not is_alive(int((tmp_path / "pid").read_text()))
+
+
+def test_closing_early_stops_all_workers(jobs_for, tmp_path):
+    files = [tmp_path / "pid1", tmp_path / "pid2"]
+    hanging = [Hanging(file.name, pid_file=file) for file in files]
+    jobs = jobs_for(Refusing("0"), *hanging, Tetrahedron("3"))
+    with closing(run_jobs(jobs, 2, AMPLE)) as stream:
+        assert reasons([next(stream)]) == {"0": {"input: no such shape; draw one"}}
+        wait_until(lambda: all(file.is_file() and file.read_text() for file in files))
+        pids = [int(file.read_text()) for file in files]
+        assert all(map(is_alive, pids))
+        start = time.monotonic()
+    assert time.monotonic() - start < AMPLE.time_s / 2  # nobody waited for the time limit
+    assert not any(map(is_alive, pids))
+    assert multiprocessing.active_children() == []
+
+
+RUN_JOBS = """
+import pickle, sys
+from bench.running.isolation import feed
+from bench.running.isolation import Limits
+from bench.running.executors import JobPool
+if __name__ == "__main__":
+    sys.path.append(sys.argv[1])
+    with open(sys.argv[2], "rb") as file:
+        list(feed(pickle.load(file), JobPool(1, 1, Limits(600.0, 8.0))))
+"""
+
+
+def test_workers_do_not_outlive_a_killed_run(jobs_for, tmp_path):
+    (tmp_path / "run_jobs.py").write_text(RUN_JOBS)
+    jobs = jobs_for(Hanging("1", pid_file=tmp_path / "pid"))
+    (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
+    script = (tmp_path / "run_jobs.py", Path(__file__).parents[1], tmp_path / "jobs")
+    with subprocess.Popen([sys.executable, *script]) as process:
+        wait_until(lambda: (tmp_path / "pid").is_file() and (tmp_path / "pid").read_text())
+        pid = int((tmp_path / "pid").read_text())
+        assert is_alive(pid)
+        process.kill()
+    try:
+        wait_until(lambda: not is_alive(pid))
+    finally:
+        if is_alive(pid):
+            os.kill(pid, signal.SIGKILL)
+
+
+def test_workers_have_an_environment_of_their_own(jobs_for, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    for name in WORKER_ENVIRONMENT.keys() - {"OMP_NUM_THREADS"}:
+        monkeypatch.delenv(name, raising=False)
+    before = dict(os.environ)
+    (result,) = run_jobs(jobs_for(TellingTheEnvironment()), 1, AMPLE)
+    told = json.loads(result.records[0].reason.removeprefix("input: "))
+    for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP"):
+        assert told[f"{name}_NUM_THREADS"] == "1"
+    assert WORKER_ENVIRONMENT.items() <= told.items()
+    assert dict(os.environ) == before
+
+
+def test_workers_are_replaced_now_and_then(jobs_for, monkeypatch):
+    monkeypatch.setattr(bench.running.isolation, "TASKS_PER_WORKER", 2)
+    results = run_jobs(jobs_for(*(TellingItsProcess(str(i)) for i in range(4))), 1, AMPLE)
+    processes = [result.records[0].reason for result in results]
+    _, counts = np.unique(processes, return_counts=True)
+    assert counts.tolist() == [2, 2]

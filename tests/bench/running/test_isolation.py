@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from itertools import count, islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bench.running.isolation
+from bench.catalogue.suites import Limits
+from bench.running.isolation import Lost, TaskPool, run_tasks
+
+LIMITS = Limits(time_s=60.0, memory_gib=8.0)
+ROOT = Path(__file__).parents[3]
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def misbehave(how: str) -> str:
+    if how == "segfault":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how == "exit":
+        os._exit(3)
+    if how == "hang":
+        time.sleep(600)
+    if how == "hog":
+        kept = []
+        while True:
+            kept.append(np.ones(2**23))  # 64 MiB, touched
+    if how == "raise":
+        raise KeyError(how)
+    return how
+
+
+def test_tasks_come_with_their_results():
+    assert dict(run_tasks(range(6), square, 2, LIMITS)) == {x: x * x for x in range(6)}
+
+
+def test_whatever_becomes_of_a_worker_is_told_and_the_others_go_on():
+    tasks = ["a", "segfault", "b", "hang", "exit", "hog", "c"]
+    limits = Limits(time_s=10.0, memory_gib=0.75)
+    found = dict(run_tasks(tasks, misbehave, 2, limits))
+    assert found == {
+        "a": "a",
+        "b": "b",
+        "c": "c",
+        "segfault": Lost("crash", "the worker died (SIGSEGV)"),
+        "exit": Lost("crash", "the worker died (exit code 3)"),
+        "hang": Lost("timeout", "no result within 10 s"),
+        "hog": Lost("memory", "the worker used more than 0.75 GiB"),
+    }
+    assert found["hang"].reason == "timeout: no result within 10 s"
+
+
+@pytest.mark.parametrize("when", ["before a result", "after one"])
+def test_a_pool_that_breaks_is_replaced(when):
+    """As Pebble's does where a worker dies before its task is known to have begun."""
+    with closing(TaskPool(square, 2, LIMITS)) as pool:
+        pool.submit(1)
+        found = list(pool.collect()) if when == "after one" else []
+        for x in (2, 3):
+            pool.submit(x)
+        broken = pool._pool
+        broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
+        pool.submit(4)  # which it refuses
+        while len(found) < 4:
+            found += pool.collect()
+        assert pool._pool is not broken
+        assert list(pool.collect()) == []  # nothing is left to wait for
+    assert sorted(found) == [(x, x * x) for x in (1, 2, 3, 4)]
+
+
+def test_tasks_that_a_pool_has_lost_are_done_again(monkeypatch):
+    monkeypatch.setattr(bench.running.isolation, "PATIENCE_S", 0.0)
+    with closing(TaskPool(square, 1, Limits(time_s=2.0, memory_gib=8.0))) as pool:
+        pool._pool._pool_manager.task_manager.register = lambda task: None
+        pool.submit(7)
+        assert list(pool.collect()) == [(7, 49)]
+
+
+def test_a_pool_that_always_breaks_is_given_up(monkeypatch):
+    def breaks(manager):
+        raise BrokenProcessPool("no worker can be started")
+
+    with closing(TaskPool(square, 1, LIMITS)) as pool:
+        monkeypatch.setattr(type(pool._pool._pool_manager), "update_status", breaks)
+        pool.submit(1)
+        with pytest.raises(BrokenProcessPool, match="4 times all workers were lost"):
+            list(pool.collect())
+
+
+def test_what_a_task_raises_is_raised():
+    with pytest.raises(KeyError, match="raise"):
+        list(run_tasks(["raise"], misbehave, 1, LIMITS))
+
+
+REPLACING = """
+import bench.running.isolation
+from bench.running.isolation import Limits, run_tasks
+from data_prep.render import gl_renderer
+def draw(_):
+    return bool(gl_renderer())
+if __name__ == "__main__":
+    bench.running.isolation.TASKS_PER_WORKER = 1  # at the end, another worker is just starting
+    print(len(list(run_tasks(range(3), draw, 2, Limits(60.0, 4.0)))))
+"""
+
+
+def test_workers_come_and_go_without_a_word(tmp_path):
+    (tmp_path / "replacing.py").write_text(REPLACING)
+    command = [sys.executable, str(tmp_path / "replacing.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("3\n", "")
+
+
+def test_tasks_are_taken_as_workers_get_free():
+    taken = []
+
+    def endless():
+        for number in count():
+            taken.append(number)
+            yield number
+
+    with closing(run_tasks(endless(), square, 1, LIMITS)) as stream:
+        assert len(list(islice(stream, 5))) == 5
+    assert len(taken) <= 5 + 2
+
+
+INTERRUPTED = """
+import threading
+import pebble
+from bench.running.isolation import Limits, run_tasks
+
+def half(x):
+    return x / 2
+
+def leave_a_waiter_behind(queue):
+    # `Condition.notify`, interrupted after it has woken a thread and before it has crossed it out.
+    stale = threading.Lock()
+    stale.acquire()
+    queue.not_empty._waiters.appendleft(stale)
+
+pools = []
+class Pool(pebble.ProcessPool):
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        pools.append(self)
+
+if __name__ == "__main__":
+    pebble.ProcessPool = Pool
+    results = run_tasks(range(100), half, 1, Limits(time_s=60.0, memory_gib=8.0))
+    next(results)  # of whichever is done first
+    print("running")
+    queue = pools[0]._context.task_queue
+    while not queue.not_empty._waiters:  # the pool's thread has taken all there is
+        pass
+    with queue.mutex:
+        leave_a_waiter_behind(queue)
+    results.close()
+    print("closed")
+"""
+
+
+def test_an_interrupt_within_a_notification_does_not_keep_the_pool_from_ending(tmp_path):
+    script = tmp_path / "interrupted.py"
+    script.write_text(INTERRUPTED)
+    done = subprocess.run(
+        [sys.executable, script], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.stdout, done.stderr) == ("running\nclosed\n", "")

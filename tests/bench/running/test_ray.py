@@ -1,0 +1,148 @@
+"""Runs on a cluster of two nodes, which are processes of this machine."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from harness_objects import Hanging, Killed, Refusing, Tetrahedron
+
+from bench.records.journal import read_manifest
+
+from ..builders import make_truth
+from ..conftest import BENCH
+
+pytest.importorskip("ray", reason="the extra [ray] is not installed")
+
+TELLING_NOTHING = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    """A head that does no jobs. Workers find the tests' objects."""
+    from ray.cluster_utils import Cluster
+
+    for name, value in TELLING_NOTHING.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]), prepend=os.pathsep)
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+    yield made
+    made.shutdown()
+
+
+def start(arguments, directory, *more):
+    environment = os.environ | TELLING_NOTHING | {"XDG_CACHE_HOME": str(directory.parent)}
+    return subprocess.Popen(
+        [*BENCH, *arguments, *more, "--out", str(directory)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+    )  # fmt: skip
+
+
+def end(process):
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    return out, err
+
+
+def values(directory):
+    frame = pd.read_parquet(directory / "records.parquet")
+    return frame.drop(columns=["prepare_s", "draw_s"])
+
+
+def tables(directory):
+    return {path.name: path.read_bytes() for path in (directory / "tables").iterdir()}
+
+
+def journal_keys(directory):
+    lines = [
+        line
+        for path in (directory / "journal").glob("*.jsonl")
+        for line in path.read_text().splitlines()
+    ]
+    return [line.partition('"key": "')[2][:64] for line in lines]
+
+
+def test_two_nodes_make_the_tables_that_one_machine_makes(cluster, finished, arguments, tmp_path):
+    for _ in range(2):
+        cluster.add_node(num_cpus=1)
+    _, err = end(start(arguments, tmp_path / "run", "--ray", cluster.address))
+    assert "24 items done, 0 from before, 0 failed" in err
+    assert tables(tmp_path / "run") == tables(finished[0])
+    pd.testing.assert_frame_equal(values(tmp_path / "run"), values(finished[0]))
+    told = read_manifest(tmp_path / "run")
+    assert (told["workers"], told["cluster"]["nodes"]) == (2, 3)
+    _, err = end(start(arguments, tmp_path / "run", "--workers", "1"))  # without the cluster
+    assert "0 items done, 24 from before" in err
+
+
+def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):
+    lost = cluster.add_node(num_cpus=1)
+    cluster.add_node(num_cpus=1)
+    directory = tmp_path / "run"
+    process = start(arguments, directory, "--ray", cluster.address)
+    while len(journal_keys(directory)) < 4:  # 3 ground truths, and an item
+        assert process.poll() is None
+        time.sleep(0.01)
+    cluster.remove_node(lost, allow_graceful=False)
+    end(process)
+    keys = journal_keys(directory)
+    assert len(keys) == len(set(keys)) == 27
+    assert tables(directory) == tables(finished[0])
+    pd.testing.assert_frame_equal(values(directory), values(finished[0]))
+
+
+FEED = """
+import os, pickle, sys
+from bench.running.isolation import feed
+from bench.running.isolation import Limits
+from bench.running.environment import environment
+from bench.running.ray import RayPool, connected
+from bench.running.ray import demands
+from bench.running.protocol import Protocol
+from bench.catalogue.suites import SUITES
+from contextlib import closing
+if __name__ == "__main__":
+    with open(sys.argv[1], "rb") as file:
+        jobs = pickle.load(file)
+    protocol = Protocol(SUITES[0], "", (), (), (), 2, 0, "cpu", (), {}, environment())
+    with connected(sys.argv[2], 1) as cluster:
+        with closing(RayPool(cluster, Limits(5.0, 8.0), demands(protocol))) as pool:
+            for result in feed(jobs, pool):
+                print(result.records[0].object, result.records[0].reason)
+"""
+
+
+def test_failures_are_results_and_are_not_tried_again(cluster, tmp_path):
+    cluster.add_node(num_cpus=1)
+    (tmp_path / "feed.py").write_text(FEED)
+    pid_file = tmp_path / "pid"
+    objects = Refusing("1"), Killed("2"), Hanging("3", pid_file=pid_file), Tetrahedron("4")
+    jobs = [make_truth(tmp_path, obj) for obj in objects]
+    (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
+    done = subprocess.run(
+        [sys.executable, tmp_path / "feed.py", tmp_path / "jobs", cluster.address],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert sorted(done.stdout.splitlines()) == [
+        "1 input: no such shape; draw one",
+        "2 crash: the worker died (SIGKILL)",
+        "3 timeout: no result within 5 s",
+        "4 ",
+    ]
+    assert [job.artifact.is_file() for job in jobs] == [False, False, False, True]
+
+
+def test_no_cluster_answers(arguments, tmp_path):
+    process = start(arguments, tmp_path / "run", "--ray", "127.0.0.1:1")
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 2
+    assert err.startswith("bench: --ray 127.0.0.1:1: no cluster answers")
+    assert "ray start --head" in err
+    assert not (tmp_path / "run").exists()

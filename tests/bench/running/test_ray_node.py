@@ -1,0 +1,157 @@
+"""What a node of a cluster does with a job, and when it refuses. Needs no Ray."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import re
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from harness_objects import Killed, Refusing, Tetrahedron
+
+import bench.running.ray
+from bench.catalogue.suites import SUITES, Limits
+from bench.running.protocol import Protocol
+from bench.running.ray import Node, demands, unfit
+from bench.running.work import do
+from data_prep.failures import MissingDependency
+
+from ..builders import make_job, make_truth, write_artifact
+
+LIMITS = Limits(60.0, 8.0)
+
+
+@pytest.fixture(autouse=True)
+def driver(monkeypatch):
+    """Finding out about OpenGL takes seconds; and a node changes its folder."""
+    found = {"gl": "llvmpipe", "numpy": "2"}
+    monkeypatch.setattr(bench.running.ray, "environment", lambda: found)
+    here = Path.cwd()
+    yield found
+    os.chdir(here)
+
+
+@pytest.fixture
+def asked(tmp_path, driver):
+    weights = tmp_path / "views.safetensors"
+    weights.write_bytes(b"weights")
+    protocol = make_protocol(methods=("splat-net", "blank"), features=(("fd-views", str(weights)),))
+    return demands(replace(protocol, environment=dict(driver)))
+
+
+def make_protocol(**changes):
+    values = {
+        "suite": SUITES[0], "dataset": "procedural", "methods": ("blank",), "conditions": ("2048",),
+        "objects": (), "views": 2, "seed": 0, "device": "cpu", "features": (),
+        "feature_identity": {}, "environment": {},
+    }  # fmt: skip
+    return Protocol(**(values | changes))
+
+
+def node(asked):
+    """A node with a process of its own, to be closed."""
+    made = Node(asked, LIMITS)
+    return made, closing(made._pool)
+
+
+def test_a_machine_meets_its_own_demands(asked):
+    assert unfit(asked) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"environment": {"gl": "other"}}, "environment: gl is llvmpipe, not other"),
+        ({"versions": {"torch": "0.1"}}, r"versions: torch is 2\..*, not 0\.1; make it"),
+        ({"code": {"bench": "abc"}}, r"code: bench is [0-9a-f]{16}, not abc"),
+        ({"identities": {"splat-net": "x"}}, "methods: splat-net is .*, not x"),
+        ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
+        ({"weights": {"/none": "x"}}, "weights: /none is no such file"),
+    ],
+)
+def test_what_differs_is_named(asked, change, told):
+    assert re.search(told, unfit(replace(asked, **change)))
+
+
+def test_weights_that_were_exchanged(asked):
+    (path,) = asked.weights
+    Path(path).write_bytes(b"other")
+    assert "weights: " in unfit(asked)
+
+
+def test_a_machine_without_opengl(asked, monkeypatch):
+    def environment():
+        raise MissingDependency("no OpenGL context: install libegl1")
+
+    monkeypatch.setattr(bench.running.ray, "environment", environment)
+    assert unfit(asked) == "no OpenGL context: install libegl1"
+
+
+def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
+    truth = make_truth(tmp_path)
+    write_artifact(truth)
+    job = make_job(tmp_path, method="blank")
+    at_home = do(job)
+    expected = job.artifact.read_bytes()
+    job.artifact.unlink()
+    made, closed = node(asked)
+    with closed:
+        result, artifact = made.do(job, job.object.fingerprint(), truth.artifact.read_bytes())
+        again, _ = made.do(job, job.object.fingerprint(), truth.artifact.read_bytes())
+    assert artifact == expected
+    assert not job.artifact.exists()
+    for found in (result, again):
+        assert [r.ssim for r in found.records] == [r.ssim for r in at_home.records]
+        assert found.artifact_sha256 == at_home.artifact_sha256
+
+
+def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
+    made, closed = node(asked)
+    reasons = []
+    with closed:
+        for obj in (Refusing("1"), Killed("2"), Tetrahedron("3")):
+            truth = make_truth(tmp_path, obj)
+            result, artifact = made.do(truth, obj.fingerprint(), None)
+            reasons.append(result.records[0].reason)
+            assert result.unusable is None
+            assert (artifact is None) == (result.artifact_sha256 is None)
+    assert reasons == [
+        "input: no such shape; draw one",
+        "crash: the worker died (SIGKILL)",
+        "",
+    ]
+
+
+def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
+    job = make_truth(tmp_path)
+    made, closed = node(asked)
+    with closed:
+        result, artifact = made.do(job, "another", None)
+    assert artifact is None
+    assert "chair/a is not what it is in the run (tetrahedron a, not another)" in result.unusable
+    assert "put the same dataset into the same folder on all nodes" in result.unusable
+
+
+def test_an_unfit_node_does_nothing(asked, tmp_path):
+    made, closed = node(replace(asked, versions={"torch": "0.1"}))
+    job = make_truth(tmp_path)
+    with closed:
+        result, _ = made.do(job, job.object.fingerprint(), None)
+    assert result.unusable.startswith("node ")
+    assert "torch is" in result.unusable
+
+
+def test_relative_paths_start_where_the_run_was_started(asked, tmp_path):
+    _, closed = node(replace(asked, folder=str(tmp_path)))
+    with closed:
+        assert Path.cwd() == tmp_path
+    _, closed = node(replace(asked, folder=str(tmp_path / "none")))
+    with closed:
+        assert Path.cwd() == tmp_path
+
+
+def test_demands_are_plain_values(asked):
+    assert pickle.loads(pickle.dumps(asked)) == asked

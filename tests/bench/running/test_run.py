@@ -1,0 +1,445 @@
+"""Whole runs: small, with real worker processes, real pictures and a real network."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+import bench.running.run
+import bench.tables.build
+from bench.commands.publish import run_suite
+from bench.judges import JUDGE_WEIGHTS
+from bench.records.journal import read_manifest
+from bench.records.record import GROUND_TRUTH
+from bench.running.protocol import Options, default_name, protocol_of
+from bench.tables.build import read_scored, tables
+from data_prep.failures import BadInput, MissingDependency
+
+from ..conftest import BENCH
+
+TIMES = ["prepare_s", "draw_s"]
+
+
+@pytest.fixture
+def same_machine(finished, monkeypatch, tmp_path):
+    """In-process runs see the machine as the command line saw it (which takes seconds to ask)."""
+    environment = read_manifest(finished[0])["environment"]
+    monkeypatch.setattr(bench.running.protocol, "environment", lambda: environment)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
+
+
+def options(tiny_weights, out, **changes):
+    """As the fixture `arguments`."""
+    chosen = {
+        "methods": ("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
+        "conditions": ("2048", "noise-0.10"),
+        "limit": 3,
+        "views": 2,
+        "workers": 1,
+    }
+    return Options(suite="chair-robustness", out=out, **(chosen | changes))
+
+
+def table_bytes(directory):
+    return {path.name: path.read_bytes() for path in sorted((directory / "tables").iterdir())}
+
+
+def records(directory):
+    return pd.read_parquet(directory / "records.parquet")
+
+
+def journal(directory):
+    """The lines of the journal, by file."""
+    return {
+        shard.name: [json.loads(line.split(" ", 1)[1]) for line in shard.read_text().splitlines()]
+        for shard in sorted((directory / "journal").iterdir())
+    }
+
+
+# --- what a run leaves behind ---------------------------------------------------------------------
+
+
+def test_files_of_a_run(finished):
+    directory, _ = finished
+    names = {str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file()}
+    assert {name for name in names if not name.startswith("artifacts/")} == {
+        "manifest.json",
+        "records.parquet",
+        "jobs.parquet",
+        "cost.md",
+        "report.html",
+        "lock",
+        "journal/0001.jsonl",
+        *("features/fd-views.parquet", "features/fd-views-grey.parquet"),
+        *("tables/table3_ssim.csv", "tables/table3_ssim.md"),
+        *("tables/table4_fid.csv", "tables/table4_fid.md"),
+        *("tables/table_detail.csv", "tables/table_detail.md"),
+        *("tables/table_control.csv", "tables/table_control.md"),
+        "figures/robustness.png",
+        *("figures/pictures.png", "figures/thin-parts.png"),
+        *(("features/judge.parquet",) if JUDGE_WEIGHTS.is_file() else ()),
+    }
+    assert (
+        len(names) == 20 + JUDGE_WEIGHTS.is_file() + 3 + 24
+    )  # and an artifact for each ground truth and item
+    for name in ("robustness", "pictures", "thin-parts"):
+        with Image.open(directory / "figures" / f"{name}.png") as image:
+            assert np.asarray(image.convert("L")).std() > 10
+
+
+def test_records_of_a_run(finished, tiny_weights):
+    frame = records(finished[0])
+    assert len(frame) == 24 * 2
+    assert set(frame["outcome"]) == {"ok"}
+    counts = frame.groupby(["method", "condition", "object"]).size()
+    assert set(counts) == {2}
+    assert set(frame["method"]) == {"splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"}
+    assert set(frame["object"]) == {"test-0000", "test-0001", "test-0002"}
+    assert not frame.duplicated(["method", "condition", "class", "object", "view"]).any()
+    views = frame.drop_duplicates(["object", "view", "azimuth_deg", "elevation_deg"])
+    assert len(views) == 6  # the same for all methods and conditions
+    assert (frame[[*TIMES]] >= 0).all(axis=None)
+    repeated = frame.groupby(["method", "condition", "object"])["prepare_s"].nunique()
+    assert set(repeated) == {1}
+
+
+def test_ceiling_and_floor(finished):
+    images, sets, detail, _ = tables(read_scored(finished[0]))
+    rows = {(r.method, r.condition, r.metric): r for r in (*images.rows, *sets.rows)}
+    for condition in ("2048", "noise-0.10"):
+        for metric in ("ssim", "luminance", "contrast", "structure"):
+            row = rows["true-mesh", condition, metric]
+            assert (row.value, row.ci_low, row.ci_high) == (1.0, 1.0, 1.0)
+        # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
+        assert 0.0 <= rows["true-mesh", condition, "fd-views"].value < 1e-9
+    # Splats of a noisy cloud may be further away than nothing at all; those of a clean one are not.
+    far, near, noisy = (
+        rows[method, condition, "fd-views"].value
+        for method, condition in (("blank", "2048"), ("splat", "2048"), ("splat", "noise-0.10"))
+    )
+    assert far > near > 0.1
+    assert noisy > near
+    # Blank pictures do not depend on the cloud.
+    for metric in ("ssim", "luminance", "contrast", "structure", "fd-views"):
+        assert rows["blank", "2048", metric].value == rows["blank", "noise-0.10", metric].value
+    order = [rows[method, "2048", "ssim"].value for method in ("blank", "splat", "true-mesh")]
+    assert order == sorted(order)
+    assert rows["splat", "noise-0.10", "ssim"].value < rows["splat", "2048", "ssim"].value
+    assert all(row.n_ok == row.n == 6 for row in rows.values())
+    for row in sets.rows:
+        assert row.note.startswith("skipped: weights; ") == (row.metric == "fid")
+    thin = {(r.method, r.condition, r.metric): r for r in detail.rows}
+    for condition in ("2048", "noise-0.10"):
+        for metric in ("ssim-object", "silhouette-iou", "thin-recall", "thin-precision"):
+            assert thin["true-mesh", condition, metric].value == 1.0
+            assert 0 < thin["splat", condition, metric].value < 1
+        assert thin["blank", condition, "thin-recall"].value == 0.0
+        assert thin["blank", condition, "thin-precision"].n_ok == 0
+        assert thin["blank", condition, "ssim-object"].value < 0.7
+    counted = {r.n_ok for r in detail.rows if r.metric == "thin-recall"}
+    assert len(counted) == 1  # it is the truth that has thin parts or not
+    assert 0 < counted.pop() <= 6
+
+
+def test_what_is_printed(finished):
+    directory, done = finished
+    for name in ("table3_ssim.md", "table4_fid.md", "table_detail.md", "table_control.md"):
+        assert (directory / "tables" / name).read_text() in done.stdout
+    assert (directory / "cost.md").read_text() in done.stdout
+    *progress, summary, shares, where = done.stderr.splitlines()
+    pattern = r"(ground truth|chair-robustness): \d+/\d+ done, 0 failed, \d+ s, about \d+ s left"
+    assert all(re.fullmatch(pattern, line) for line in progress)
+    for end in ("ground truth: 3/3 done, 0 failed, ", "chair-robustness: 24/24 done, 0 failed, "):
+        assert sum(line.startswith(end) for line in progress) == 1
+    assert summary.startswith("24 items done, 0 from before, 0 failed (ground truth ")
+    parts = re.fullmatch(
+        r"time of the workers: methods (\d+)%, metrics (\d+)%, rendering (\d+)%, harness (\d+)%",
+        shares,
+    )
+    assert parts
+    assert 98 <= sum(map(int, parts.groups())) <= 102  # four numbers, each rounded by a half
+    assert where == f"results in {directory}"
+
+
+def test_the_manifest_tells_what_was_run(finished, tiny_weights):
+    manifest = read_manifest(finished[0])
+    assert manifest["suite"] == "chair-robustness"
+    assert manifest["conditions"] == ["2048", "noise-0.10"]
+    assert manifest["objects"] == [f"chair/test-000{i}" for i in range(3)]
+    assert (manifest["views"], manifest["seed"], manifest["workers"]) == (2, 0, 2)
+    assert {"gl", "render", "pyrender", "numpy"} <= manifest["environment"].keys()
+    assert manifest["finished"] >= manifest["started"]
+    assert set(manifest["stage_seconds"]) == {"ground truth", "items", "tables", "figures"}
+    assert manifest["versions"]["numpy"] == np.__version__
+    skipped = ["fid"] if JUDGE_WEIGHTS.is_file() else ["fid", "judge"]
+    assert list(manifest["skipped_metrics"]) == skipped
+
+
+# --- the same tables again ------------------------------------------------------------------------
+
+
+def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_weights):
+    before = journal(copied)
+    again = run_suite(options(tiny_weights, copied))
+    assert (again.done, again.reused, again.failed) == (0, 24, 0)
+    assert journal(copied) == before
+    assert table_bytes(copied) == table_bytes(finished[0])
+    pd.testing.assert_frame_equal(records(copied), records(finished[0]))  # times and all
+    assert read_manifest(copied)["finished"]
+
+
+def test_damage_is_mended_and_growth_added(finished, copied, same_machine, tiny_weights, capsys):
+    """One artifact gone, one altered, and one condition more: only these are done."""
+    places = {p.stem: p for p in copied.glob("artifacts/*/*.npz")}
+    (lines,) = journal(copied).values()
+    methods = {line["key"]: line["records"][0]["method"] for line in lines}
+    truth = next(key for key, method in methods.items() if method == GROUND_TRUTH)
+    splat = next(key for key, method in methods.items() if method == "splat")
+    places[truth].unlink()
+    places[splat].write_bytes(places[splat].read_bytes()[:-1])
+    conditions = ("2048", "noise-0.10", "512")
+    again = run_suite(options(tiny_weights, copied, conditions=conditions))
+    assert (again.done, again.reused, again.failed) == (12 + 1, 23, 0)
+    new = Counter(line["key"] for line in journal(copied)["0002.jsonl"])
+    assert new[truth] == new[splat] == 1
+    assert sum(new.values()) == 1 + 1 + 12
+    err = capsys.readouterr().err
+    for key in (truth, splat):
+        assert f"{places[key]}: missing or altered; its job is done again\n" in err
+    old, grown = (pd.read_csv(d / "tables/table3_ssim.csv") for d in (finished[0], copied))
+    kept = grown[grown["condition"] != "512"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(kept, old)
+    assert len(grown) == len(old) * 3 // 2
+
+
+def test_fresh_starts_over(copied, same_machine, no_networks, capsys):
+    small = {"methods": ("blank",), "conditions": ("2048",), "limit": 1, "views": 2, "workers": 1}
+    with pytest.raises(BadInput, match="must be at least 1"):
+        run_suite(Options("chair-robustness", out=copied, fresh=True, views=0))
+    assert len(records(copied)) == 48  # what is refused leaves all as it was
+    again = run_suite(Options("chair-robustness", out=copied, fresh=True, **small))
+    assert (again.done, again.reused) == (1, 0)
+    old = copied.with_name("run.old-1")
+    assert f"the old run is now {old}\n" in capsys.readouterr().err
+    assert len(records(old)) == 48
+    assert len(records(copied)) == 2
+
+
+# --- stopped runs ---------------------------------------------------------------------------------
+
+
+def start(arguments, directory, code=BENCH[-1]):
+    return subprocess.Popen(
+        [*BENCH[:-1], code, *arguments, "--workers", "1", "--out", str(directory)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)},
+    )
+
+
+def wait_for(process, reached):
+    while not reached():
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.005)
+
+
+def lines_in_journal(directory):
+    return sum(path.read_bytes().count(b"\n") for path in directory.glob("journal/*.jsonl"))
+
+
+def test_killed_three_times(finished, arguments, tmp_path):
+    """SIGKILL while ground truths are drawn, while items are done, and while tables are made.
+
+    The end is that of the run which was not killed and had two workers: same pictures, same
+    records, same tables; and no job has been done twice.
+    """
+    directory = tmp_path / "run"
+    moments = [
+        lambda: lines_in_journal(directory) >= 1,
+        lambda: lines_in_journal(directory) >= 3 + 8,
+        lambda: (directory / "records.parquet").exists(),
+    ]
+    for number, reached in enumerate(moments):
+        with start(arguments, directory) as process:
+            wait_for(process, reached)
+            if number == 1:
+                process.kill()  # the main process alone: its workers have to notice
+            else:
+                os.killpg(process.pid, signal.SIGKILL)
+        assert process.returncode == -signal.SIGKILL
+        assert read_manifest(directory)["finished"] is None
+    assert lines_in_journal(directory) == 3 + 24
+    with start(arguments, directory) as process:
+        _, err = process.communicate()
+    assert process.returncode == 0, err
+    assert "0 items done, 24 from before, 0 failed" in err
+
+    assert table_bytes(directory) == table_bytes(finished[0])
+    pd.testing.assert_frame_equal(
+        records(directory).drop(columns=TIMES), records(finished[0]).drop(columns=TIMES)
+    )
+    pictures = [
+        {path.name: path.read_bytes() for path in place.glob("artifacts/*/[!.]*.npz")}
+        for place in (finished[0], directory)
+    ]
+    assert len(pictures[0]) == 3 + 24
+    assert pictures[0] == pictures[1]
+    done = Counter(line["key"] for lines in journal(directory).values() for line in lines)
+    assert len(done) == 3 + 24
+    assert set(done.values()) == {1}
+
+
+NO_NETWORKS = """
+from dataclasses import replace
+import bench.tables.build, bench.running.run
+bench.running.run.SUITES = bench.tables.build.SUITES = [
+    replace(bench.running.run.SUITES[0], set_metrics=(), control_metrics=())
+]
+"""
+
+
+@pytest.fixture
+def no_networks(monkeypatch):
+    """Without set metrics, workers need no torch and start in a second."""
+    suites = [replace(bench.running.run.SUITES[0], set_metrics=(), control_metrics=())]
+    monkeypatch.setattr(bench.running.run, "SUITES", suites)
+    monkeypatch.setattr(bench.tables.build, "SUITES", suites)
+
+
+def test_interrupted(tmp_path):
+    directory = tmp_path / "run"
+    arguments = ("run", "--suite", "chair-robustness", "--methods", "splat", "--views", "20")
+    # What a shell starts in the background ignores SIGINT, and so do its children.
+    heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    with start(arguments, directory, heeding + NO_NETWORKS + BENCH[-1]) as process:
+        wait_for(process, lambda: lines_in_journal(directory) >= 1)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        _, err = process.communicate()
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "bench: interrupted; the same command goes on from here"
+    assert "Traceback" not in err
+    assert read_manifest(directory)["finished"] is None
+
+
+# --- meshes that are none -------------------------------------------------------------------------
+
+TETRAHEDRON = "v 1 1 1\nv 1 -1 -1\nv -1 1 -1\nv -1 -1 1\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n"
+BAD_MESHES = {
+    "bare.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "the mesh has no faces"),
+    "nan.obj": ("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "1 non-finite vertices of 3"),
+    "infinite.obj": ("v 0 0 0\nv inf 0 0\nv 0 1 0\nf 1 2 3\n", "1 non-finite vertices of 3"),
+    "text.ply": ("this is no mesh\n", "not a readable mesh"),
+    "empty.obj": ("", "the mesh has no faces"),
+}
+
+
+def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    for name, (text, _) in BAD_MESHES.items():
+        (folder / name).write_text(text)
+    (folder / "good.obj").write_text(TETRAHEDRON)
+    (folder / "tall.obj").write_text(TETRAHEDRON.replace("v 1 1 1", "v 1 3 1"))
+    chosen = {"methods": ("true-mesh",), "conditions": ("2048",), "views": 2, "workers": 1}
+    out = tmp_path / "run"
+    done = run_suite(Options("chair-robustness", dataset=f"folder:{folder}", out=out, **chosen))
+    assert (done.done, done.reused, done.failed) == (14, 0, 10)
+    frame = records(out)
+    assert len(frame) == 7 * 2 * 2
+    for name, (_, problem) in BAD_MESHES.items():
+        chosen_rows = frame[frame["object"] == name]
+        assert set(chosen_rows["outcome"]) == {"failed"}
+        (reason,) = set(chosen_rows["reason"])
+        assert reason.startswith(f"input: {folder / name}: ")
+        assert problem in reason
+    good = frame[frame["object"].isin(["good.obj", "tall.obj"])]
+    assert set(good["outcome"]) == {"ok"}
+    assert set(good["class"]) == {"meshes"}
+    row = tables(read_scored(out))[0].rows[0]
+    assert (row.method, row.value, row.n_ok, row.n) == ("true-mesh", 1.0, 4, 14)
+    assert f"2 x input: {folder / 'text.ply'}: not a readable mesh" in row.note
+    (lines,) = journal(out).values()
+    assert len(lines) == 7 + 2 * 2  # without a ground truth nothing is tried
+    again = run_suite(Options("chair-robustness", dataset=f"folder:{folder}", out=out, **chosen))
+    assert (again.done, again.reused, again.failed) == (0, 14, 10)
+
+
+def test_nothing_but_bad_meshes(tmp_path):
+    """By the real command, so that nobody else writes to stderr either."""
+    (tmp_path / "meshes").mkdir()
+    mesh = tmp_path / "meshes" / "bare.obj"
+    mesh.write_text(BAD_MESHES["bare.obj"][0])
+    arguments = ("run", "--suite", "chair-robustness", "--methods", "splat")
+    with start((*arguments, "--dataset", f"folder:{mesh.parent}"), tmp_path / "run") as process:
+        _, err = process.communicate()
+    assert process.returncode == 2
+    assert err == (
+        f"bench: none of the 1 objects can be drawn; the first: {mesh}: "
+        "the mesh has no faces; a bare point cloud cannot be scored\n"
+    )
+
+
+# --- what is refused before anything is done ------------------------------------------------------
+
+
+def test_a_machine_without_opengl(monkeypatch, tmp_path):
+    def environment():
+        raise MissingDependency("no OpenGL context: install libegl1")
+
+    monkeypatch.setattr(bench.running.protocol, "environment", environment)
+    with pytest.raises(BadInput, match="no OpenGL context: install libegl1"):
+        run_suite(Options("chair-robustness", methods=("blank",), out=tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
+    monkeypatch.setattr(bench.running.protocol, "environment", dict)
+    protocol, skipped = protocol_of(bench.running.run.SUITES[0], Options("chair-robustness"))
+    assert protocol.methods == (
+        "surface-apss",
+        "pc2pix",
+        "pc2pix@acgan",
+        "splat-net",
+        "splat-net@grey",
+        "splat",
+        "true-mesh",
+        "constant",
+        "blank",
+    )
+    assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
+    assert (protocol.views, protocol.seed, len(protocol.objects)) == (20, 0, 24)
+    assert "fd-views" in dict(protocol.features)
+    assert set(skipped) <= {"fid", "judge"}
+
+
+@pytest.mark.parametrize(
+    ("dataset", "name"),
+    [
+        ("procedural", "chair-robustness-procedural"),
+        ("folder:my meshes/chairs/", "chair-robustness-folder-chairs"),
+        ("folder:/a b/Stühle", "chair-robustness-folder-St-hle"),
+    ],
+)
+def test_default_folder(dataset, name):
+    assert default_name("chair-robustness", dataset) == name
+
+
+def test_default_folder_of_a_relative_path(tmp_path, monkeypatch):
+    (tmp_path / "meshes").mkdir()
+    monkeypatch.chdir(tmp_path / "meshes")
+    assert default_name("s", "folder:.") == "s-folder-meshes"
+    assert Path("results/runs") == bench.running.protocol.RUNS

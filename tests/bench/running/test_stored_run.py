@@ -1,0 +1,105 @@
+"""A run as an earlier version of the same schema has left it; and the same with a part missing."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from bench.catalogue.suites import SUITES
+from bench.records.journal import read_manifest
+from bench.running import protocol, run
+from bench.running.protocol import Options, protocol_of
+from bench.tables.build import TABLES, make_outputs, read_scored, table_files
+
+STORED = Path(__file__).parents[1] / "data" / "run-of-schema-3"
+
+
+@pytest.fixture
+def stored(tmp_path):
+    return Path(shutil.copytree(STORED, tmp_path / "run"))
+
+
+def test_its_tables_are_made_again_to_the_byte(stored):
+    made = make_outputs(read_scored(stored))
+    files = table_files([*made.tables, *made.further])
+    found = {path.name: path.read_text(encoding="utf-8") for path in (stored / TABLES).iterdir()}
+    csv = [name for name in found if name.endswith(".csv")]
+    assert {name: files[name] for name in csv} == {name: found[name] for name in csv}
+    assert files.keys() == found.keys()
+
+
+def test_its_journal_is_used_again(stored, monkeypatch):
+    # As on the machine that made it: drivers and libraries are part of the keys.
+    manifest = read_manifest(stored)
+    identities = manifest["identities"]
+    monkeypatch.setattr(protocol, "environment", lambda: manifest["environment"])
+    monkeypatch.setattr(protocol, "method_identity", lambda method, device: identities[method])
+    (suite,) = (suite for suite in SUITES if suite.id == manifest["suite"])
+    options = Options(
+        suite.id,
+        methods=("splat",),
+        conditions=tuple(manifest["conditions"]),
+        limit=1,
+        views=manifest["views"],
+        device="cpu",
+        out=stored,
+    )
+    todo = run.look_ahead(options, protocol_of(suite, options)[0])
+    assert set(todo.left.values()) == {0}
+
+
+def no_manifest(directory):
+    (directory / "manifest.json").unlink()
+
+
+def damaged_manifest(directory):
+    (directory / "manifest.json").write_text('{"schema_version": ')
+
+
+def newer_manifest(directory):
+    path = directory / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema_version": 4}))
+
+
+def bare_manifest(directory):
+    path = directory / "manifest.json"
+    kept = ("schema_version", "suite", "dataset", "views", "seed", "device", "finished")
+    manifest = json.loads(path.read_text())
+    path.write_text(json.dumps({name: manifest[name] for name in kept}))
+
+
+def no_records(directory):
+    (directory / "records.parquet").unlink()
+
+
+def no_jobs(directory):
+    (directory / "jobs.parquet").unlink()
+
+
+READERS = ("table", "check", "report", "recommend", "score", "merge")
+OPTIONS = {"recommend": ("--budget-ms", "10")}
+
+
+@pytest.mark.parametrize(
+    ("damage", "reader"),
+    [
+        *product((no_manifest, damaged_manifest, newer_manifest), READERS),
+        *product((bare_manifest, no_records), ("table", "check", "report", "recommend")),
+        (no_jobs, "report"),
+    ],
+)
+def test_a_missing_part_is_one_line(stored, command, damage, reader, tmp_path):
+    damage(stored)
+    arguments = OPTIONS.get(reader, ())
+    if reader == "merge":
+        arguments = ("--out", tmp_path / "whole")
+    if reader == "score":
+        arguments = ("--metrics", "ssim")
+    status, _, err = command(reader, stored, *arguments)
+    assert status == 2
+    assert err.startswith("bench: ")
+    assert err.count("\n") == 1

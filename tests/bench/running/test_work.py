@@ -1,0 +1,481 @@
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from hashlib import sha256
+
+import numpy as np
+import pytest
+from harness_objects import Calling, Refusing, Tetrahedron
+
+import bench.running.work
+from baselines.surface import SurfaceApss
+from bench.catalogue.methods import METHODS, Method
+from bench.judges import VIEWS_WEIGHTS
+from bench.judges.views import load_views_network, view_features
+from bench.metrics import ssim
+from bench.metrics.silhouette import object_boxes
+from bench.metrics.structural_similarity import ssim_per_image_and_box
+from bench.records.artifacts import read_artifact
+from bench.records.job import Spent
+from bench.running.work import cloud_of, do
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.images import to_float, to_uint8
+from data_prep.randomness import generator
+from data_prep.render import render
+from data_prep.sampling import sample_surface
+from data_prep.scene import View
+
+from ..builders import SCORES, VIEWS, make_job, make_truth, write_artifact
+
+SSIM = ("ssim", "luminance", "contrast", "structure")
+
+
+def black_on_white():
+    """Two pictures of a black square."""
+    pictures = np.ones((2, 128, 128, 3), np.float32)
+    pictures[:, 32:96, 32:96] = 0.0
+    return pictures
+
+
+class Fake:
+    """A method that draws `pictures` and remembers what it was given."""
+
+    def __init__(self, pictures=None, notes=()):
+        self.pictures = black_on_white() if pictures is None else pictures
+        self.notes = notes
+        self.clouds, self.draws = [], []
+
+    def prepare(self, cloud, rng):
+        self.clouds.append(cloud)
+        self.draws.append(rng.random())
+        return self
+
+    def draw(self, state, views, rng):
+        assert state is self
+        self.draws.append(rng.random())
+        return self.pictures
+
+
+class Failing(Fake):
+    def __init__(self, error):
+        super().__init__()
+        self.error = error
+
+    def prepare(self, cloud, rng):
+        raise self.error
+
+
+@pytest.fixture
+def measure(tmp_path, monkeypatch):
+    """Does one job with a renderer of the test's own, on a random ground truth."""
+
+    def run(renderer, load=None, **changes):
+        bench.running.work.load_renderer.cache_clear()
+        sees_mesh = changes.pop("sees_mesh", False)
+        method = Method("fake", load or (lambda device: renderer), str, 1, "", sees_mesh=sees_mesh)
+        monkeypatch.setattr(bench.running.work, "find_method", lambda method_id: method)
+        truth = changes.pop("truth", None)
+        job = make_job(tmp_path, method="fake", **changes)
+        write_artifact(make_truth(tmp_path), seed=1, **({} if truth is None else {"images": truth}))
+        return job, do(job)
+
+    yield run
+    bench.running.work.load_renderer.cache_clear()
+
+
+def outcomes(result):
+    return {(record.outcome, record.reason) for record in result.records}
+
+
+# --- what is right --------------------------------------------------------------------------------
+
+
+def test_scores_pictures_and_checksum(measure, tmp_path):
+    rng = np.random.default_rng(2)
+    pictures = rng.integers(0, 256, (2, 128, 128, 3), np.uint8)
+    job, result = measure(Fake(to_float(pictures)))
+    assert result.key == job.key
+    assert result.artifact_sha256 == sha256(job.artifact.read_bytes()).hexdigest()
+    assert result.unusable is None
+    assert np.array_equal(read_artifact(job.artifact)["images"], pictures)
+    truth = read_artifact(job.reference)["images"]
+    for i, record in enumerate(result.records):
+        expected = ssim(truth[i : i + 1], pictures[i : i + 1])
+        assert [getattr(record, name) for name in SSIM] == list(expected)
+        _, in_box = ssim_per_image_and_box(truth, pictures, object_boxes(truth))
+        assert record.ssim_object == in_box[i]
+        assert (record.thin_recall, record.thin_precision) == (None, None)  # a frame of noise
+        assert (record.view, record.azimuth_deg, record.elevation_deg) == (
+            i,
+            VIEWS[i].azimuth_deg,
+            VIEWS[i].elevation_deg,
+        )
+        assert (record.suite, record.method, record.condition) == (job.suite, "fake", "2048")
+        assert (record.class_name, record.object) == ("chair", "a")
+        assert (record.outcome, record.reason, record.notes) == ("ok", "", "")
+    assert result.records[0].ssim != result.records[1].ssim
+
+
+def test_the_truth_itself_scores_exactly_one(measure, tmp_path):
+    write_artifact(make_truth(tmp_path), seed=1)
+    truth = read_artifact(make_truth(tmp_path).artifact)["images"]
+    _, result = measure(Fake(to_float(truth)))
+    names = (*SSIM, "ssim_object", "silhouette_iou")
+    assert all(getattr(record, name) == 1.0 for record in result.records for name in names)
+
+
+def test_thin_parts_and_pictures_without_an_object(measure):
+    truth = np.full((2, 128, 128, 3), 255, np.uint8)
+    truth[0, 40:80, 60:63] = 0
+    drawn = truth.copy()
+    drawn[0, 60:] = 255
+    _, result = measure(Fake(to_float(drawn)), truth=truth)
+    leg, empty = result.records
+    assert (leg.thin_recall, leg.thin_precision) == (0.5, 1.0)
+    assert 0 < leg.ssim_object < leg.ssim < 1
+    assert (empty.ssim, empty.structure) == (1.0, 1.0)
+    assert (empty.ssim_object, empty.thin_recall, empty.thin_precision) == (None, None, None)
+
+
+def test_values_outside_0_1_are_clipped(measure):
+    pictures = black_on_white()
+    pictures[0, :, :64], pictures[1, :, :64] = -0.5, 1.5
+    job, _ = measure(Fake(pictures))
+    drawn = read_artifact(job.artifact)["images"][:, :, :64]
+    assert (drawn[0] == 0).all()
+    assert (drawn[1] == 255).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
+def test_a_picture_of_one_colour_is_none(measure, level):
+    pictures = black_on_white()
+    pictures[1] = level
+    job, result = measure(Fake(pictures))
+    assert outcomes(result) == {("failed", "draw: 1 of 2 pictures are blank")}
+    assert not job.artifact.exists()
+
+
+def test_a_picture_with_one_other_pixel_is_a_picture(measure):
+    pictures = np.ones((2, 128, 128, 3), np.float32)
+    pictures[:, 127, 127, 2] = 0.99
+    _, result = measure(Fake(pictures))
+    assert outcomes(result) == {("ok", "")}
+
+
+@pytest.mark.parametrize("floor", ["blank", "constant"])
+def test_a_floor_may_be_blank(tmp_path, floor):
+    write_artifact(make_truth(tmp_path))
+    assert outcomes(do(make_job(tmp_path, method=floor))) == {("ok", "")}
+
+
+def test_blank_where_the_truth_is_blank_is_a_picture(measure):
+    truth = to_uint8(black_on_white())
+    truth[1] = 255
+    pictures = black_on_white()
+    pictures[1] = 1.0
+    assert outcomes(measure(Fake(pictures), truth=truth)[1]) == {("ok", "")}
+    pictures[0] = 1.0
+    blank = {("failed", "draw: 1 of 2 pictures are blank")}
+    assert outcomes(measure(Fake(pictures), truth=truth)[1]) == blank
+
+
+@pytest.mark.parametrize(
+    ("pictures", "found"),
+    [
+        (np.zeros((2, 128, 128, 3), np.uint8), "uint8"),
+        (np.zeros((2, 128, 128, 3), complex), "complex128"),
+        ([[1.0]], "list"),
+        (None, "NoneType"),
+    ],
+)
+def test_pictures_of_another_kind_are_refused(measure, pictures, found):
+    method = Fake()
+    method.pictures = pictures
+    _, result = measure(method)
+    assert outcomes(result) == {
+        ("failed", f"draw: pictures are {found}, expected float32 in [0, 1]")
+    }
+
+
+def test_views_are_drawn_in_batches_where_asked(measure):
+    sizes = []
+
+    class Counting(Fake):
+        def draw(self, state, views, rng):
+            sizes.append(len(views))
+            return np.stack([black_on_white()[0] * np.float32(view.azimuth_deg) for view in views])
+
+    views = tuple(View(float(i + 1) / 8, 0.0) for i in range(5))
+    drawn = []
+    for batch in (None, 1, 2, 5, 9):
+        job, result = measure(Counting(), views=views, batch=batch, reference=None)
+        assert [record.azimuth_deg for record in result.records] == [v.azimuth_deg for v in views]
+        drawn.append(read_artifact(job.artifact)["images"])
+    assert all((images == drawn[0]).all() for images in drawn)
+    assert sizes == [5, 1, 1, 1, 1, 1, 2, 2, 1, 5, 5]
+    assert {record.ssim for record in result.records} == {None}  # no truth, no scores
+
+
+def test_notes_are_kept(measure):
+    _, result = measure(Fake(notes=("3 faces dropped", "1 hole")))
+    assert [record.notes for record in result.records] == ["3 faces dropped; 1 hole"] * 2
+
+
+class Clock:
+    """Stands still unless something is said to take time."""
+
+    def __init__(self):
+        self.now = 10.0
+
+    def __call__(self):
+        return self.now
+
+    def taking(self, seconds, function):
+        """The function, which takes so long."""
+
+        def slow(*given):
+            self.now += seconds
+            return function(*given)
+
+        return slow
+
+
+def test_times_are_taken_apart(measure, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(time, "perf_counter", clock)
+    fake = Fake()
+    fake.prepare = clock.taking(0.25, fake.prepare)
+    fake.draw = clock.taking(1.0, fake.draw)
+    for name, seconds in (("scores", 2.0), ("cloud_of", 4.0), ("read_artifact", 8.0)):
+        monkeypatch.setattr(
+            bench.running.work, name, clock.taking(seconds, getattr(bench.running.work, name))
+        )
+    _, result = measure(fake, load=clock.taking(16.0, lambda device: fake))
+    assert [(record.prepare_s, record.draw_s) for record in result.records] == [(0.25, 0.5)] * 2
+    assert result.spent == Spent(methods=17.25, metrics=2.0, rendering=0.0, harness=12.0)
+
+
+def test_time_before_a_failure_counts(measure, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(time, "perf_counter", clock)
+    failing = Failing(StageFailure("encode", "no"))
+    failing.prepare = clock.taking(0.5, failing.prepare)
+    _, result = measure(failing)
+    assert outcomes(result) == {("failed", "encode: no")}
+    assert result.spent == Spent(methods=0.5)
+
+
+def test_the_time_of_the_ground_truth_is_rendering(tmp_path, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(time, "perf_counter", clock)
+    monkeypatch.setattr("data_prep.render.render", clock.taking(3.0, render))
+    assert do(make_truth(tmp_path)).spent == Spent(rendering=3.0)
+
+
+@pytest.mark.parametrize("sees_mesh", [False, True])
+def test_only_the_ceiling_sees_the_mesh(measure, sees_mesh):
+    fake = Fake()
+    measure(fake, sees_mesh=sees_mesh)
+    (cloud,) = fake.clouds
+    assert (cloud.source is not None) == sees_mesh
+    assert cloud.points.shape == (2048, 3)
+
+
+def test_which_methods_see_the_mesh():
+    assert [method.id for method in METHODS if method.sees_mesh] == ["true-mesh"]
+
+
+@pytest.mark.parametrize("condition", ["2048", "512", "noise-0.05", "512-random"])
+def test_clouds_are_paired_between_methods(tmp_path, condition):
+    clouds = [
+        cloud_of(make_job(tmp_path, method=method, condition=condition)).points
+        for method in ("splat", "blank")
+    ]
+    assert np.array_equal(*clouds)
+
+
+def test_clouds_come_from_seed_object_and_condition(tmp_path):
+    def points(condition="2048", **changes):
+        return cloud_of(make_job(tmp_path, condition=condition, **changes)).points
+
+    plain, noisy = points(), points("noise-0.05")
+    expected = sample_surface(Tetrahedron().load(), generator(0, "cloud", "chair", "a"))
+    assert np.array_equal(plain, expected.points)
+    assert np.array_equal(points("512"), plain[::4])
+    # 6,144 normal deviates of 0.05: their standard deviation errs by 0.05 / sqrt(12288), 1 %
+    assert 0.0475 < (noisy - plain).std() < 0.0525
+    assert not np.array_equal(plain, points(seed=1))
+    assert not np.array_equal(plain, points(obj=Tetrahedron("b")))
+    assert not np.array_equal(plain, points(obj=Tetrahedron("a", "sofa")))
+    other = points("noise-0.05", seed=1) - points(seed=1)
+    assert not np.allclose(other, noisy - plain, atol=1e-3)
+
+
+def test_randomness_comes_from_the_job_alone(measure):
+    def draws(**changes):
+        fake = Fake()
+        measure(fake, **changes)
+        return fake.draws
+
+    assert draws() == draws()
+    for change in ({"seed": 1}, {"condition": "512"}):
+        assert not set(draws(**change)) & set(draws())
+
+
+def test_the_ground_truth_is_the_mesh(tmp_path):
+    job = make_truth(tmp_path)
+    result = do(job)
+    expected = render(Tetrahedron().load(), VIEWS)
+    assert np.array_equal(read_artifact(job.artifact)["images"], expected)
+    assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 3
+    assert outcomes(result) == {("ok", "")}
+    assert {record.ssim for record in result.records} == {None}
+
+
+def test_features_are_those_of_the_pictures(tmp_path):
+    job = make_truth(tmp_path, features=(("fd-views", str(VIEWS_WEIGHTS)),))
+    do(job)
+    arrays = read_artifact(job.artifact)
+    assert set(arrays) == {"images", "fd-views"}
+    expected = view_features(load_views_network(VIEWS_WEIGHTS), arrays["images"])
+    assert np.array_equal(arrays["fd-views"], expected)
+
+
+def test_ceiling_floor_and_splat_end_to_end(tmp_path):
+    do(make_truth(tmp_path))
+    found = {m: do(make_job(tmp_path, method=m)) for m in ("true-mesh", "splat", "blank")}
+    truth, splat, white = (
+        read_artifact(make_job(tmp_path, method=m).artifact)["images"]
+        for m in ("true-mesh", "splat", "blank")
+    )
+    assert np.array_equal(truth, read_artifact(make_truth(tmp_path).artifact)["images"])
+    assert (white == 255).all()
+    for method, pictures in (("true-mesh", truth), ("splat", splat), ("blank", white)):
+        assert outcomes(found[method]) == {("ok", "")}
+        mean = np.mean([record.ssim for record in found[method].records])
+        assert mean == pytest.approx(ssim(truth, pictures).ssim, rel=1e-12)
+    covered, painted = ((pictures < 255).any(axis=3) for pictures in (truth, splat))
+    assert 0.2 < covered.mean() < 0.8
+    assert (painted & ~covered).mean() < 0.02  # discs overlap the outline
+    assert (covered & ~painted).mean() < 0.05  # and leave some holes
+
+
+def test_surface_reconstruction_end_to_end(tmp_path, monkeypatch):
+    apss = next(method for method in METHODS if method.id == "surface-apss")
+    coarse = replace(apss, load=lambda device: SurfaceApss(resolution=40))
+    monkeypatch.setattr(bench.running.work, "find_method", lambda method_id: coarse)
+    bench.running.work.load_renderer.cache_clear()
+    do(make_truth(tmp_path))
+    result = do(make_job(tmp_path, method="surface-apss"))
+    bench.running.work.load_renderer.cache_clear()
+    assert outcomes(result) == {("ok", "")}
+    assert all(0.5 < record.structure < 1 for record in result.records)
+
+
+def test_the_same_job_gives_the_same_bytes(tmp_path):
+    found = set()
+    for place in ("one", "two"):
+        do(make_truth(tmp_path / place))
+        found.add(do(make_job(tmp_path / place)).artifact_sha256)
+    assert len(found) == 1
+
+
+# --- what fails, fails by name --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (StageFailure("ball-pivoting", "no faces"), "ball-pivoting: no faces"),
+        (BadInput("an empty cloud; give points"), "input: an empty cloud; give points"),
+        (RuntimeError("first line\nsecond line"), "RuntimeError: first line"),
+        (IndexError(), "IndexError: no message"),
+        (MemoryError("500 GiB"), "memory: 500 GiB"),
+        (SystemExit("enough"), "SystemExit: enough"),
+        (TimeoutError("slow"), "TimeoutError: slow"),
+    ],
+)
+def test_what_a_method_raises_is_a_record(measure, error, reason):
+    job, result = measure(Failing(error))
+    assert outcomes(result) == {("failed", reason)}
+    assert result.artifact_sha256 is None
+    assert result.unusable is None
+    assert not job.artifact.exists()
+    for record in result.records:
+        assert {getattr(record, name) for name in (*SCORES, "prepare_s", "draw_s")} == {None}
+    assert [record.view for record in result.records] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("shape", "told"),
+    [
+        ((1, 128, 128, 3), "(1, 128, 128, 3)"),
+        ((2, 128, 128), "(2, 128, 128)"),
+        ((2, 128, 128, 4), "(2, 128, 128, 4)"),
+        ((2, 3, 128, 128), "(2, 3, 128, 128)"),
+    ],
+)
+def test_pictures_of_another_shape(measure, shape, told):
+    _, result = measure(Fake(np.zeros(shape, np.float32)))
+    reason = f"draw: pictures of shape {told}, expected (2, 128, 128, 3)"
+    assert outcomes(result) == {("failed", reason)}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_pictures_that_are_not_finite(measure, value):
+    pictures = np.zeros((2, 128, 128, 3), np.float32)
+    pictures[1, 5, 7] = value
+    job, result = measure(Fake(pictures))
+    assert outcomes(result) == {("failed", "draw: 3 pixel values are not finite")}
+    assert not job.artifact.exists()
+
+
+@pytest.mark.parametrize("make", [make_job, make_truth])
+@pytest.mark.parametrize(
+    ("obj", "reason"),
+    [(Refusing(), "input: no such shape; draw one"), (Calling(), "SystemExit: enough")],
+)
+def test_objects_that_cannot_be_loaded(tmp_path, make, obj, reason):
+    write_artifact(make_truth(tmp_path))
+    assert outcomes(do(make(tmp_path, obj))) == {("failed", reason)}
+
+
+def test_a_missing_library_ends_the_run(measure):
+    _, result = measure(Failing(MissingDependency("no libGL: install libgl1")))
+    assert result.unusable == "no libGL: install libgl1"
+    assert outcomes(result) == {("failed", "no libGL: install libgl1")}
+
+
+def test_unusable_weights_end_the_run(measure):
+    def load(device):
+        raise BadInput("w.safetensors: cut short; fetch it again")
+
+    _, result = measure(None, load)
+    assert result.unusable == "w.safetensors: cut short; fetch it again"
+
+
+def test_a_missing_ground_truth_is_a_record(tmp_path):
+    ((outcome, reason),) = outcomes(do(make_job(tmp_path, method="blank")))
+    assert outcome == "failed"
+    assert reason.startswith("FileNotFoundError: ")
+
+
+def test_one_view_is_enough(measure, tmp_path):
+    pictures = np.zeros((1, 128, 128, 3), np.float32)
+    write_artifact(make_truth(tmp_path))
+    job = make_job(tmp_path, method="blank", views=(View(0, 0),))
+    write_artifact(replace(job, artifact=job.reference))
+    assert len(do(job).records) == 1
+    assert read_artifact(job.artifact)["images"].shape == pictures.shape
+
+
+def test_a_disk_that_cannot_be_written_ends_the_run(measure, monkeypatch):
+    def full(path, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(bench.running.work, "write_whole", full)
+    job, result = measure(Fake())
+    assert result.unusable == (
+        f"{job.artifact}: cannot be written (No space left on device); make room and run again"
+    )

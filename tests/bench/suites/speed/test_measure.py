@@ -1,0 +1,499 @@
+"""The measurement loop with a clock of its own: what is called, in which order, and what counts."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.catalogue.methods import Method
+from bench.catalogue.suites import SPEED, SUITES
+from bench.running.protocol import Protocol, plan
+from bench.running.work import cloud_of, rng_of
+from bench.suites.speed.measure import (
+    Clock,
+    Subject,
+    Unit,
+    finish_gpu,
+    measure,
+    subjects_of,
+    take_samples,
+)
+from bench.suites.speed.run import speed_units
+from bench.suites.speed.samples import (
+    Failure,
+    Measurement,
+    Sample,
+    measurement_path,
+    read_measurement,
+    write_measurement,
+)
+from data_prep.conditions import Stride, Unchanged
+from data_prep.datasets import ProceduralObject
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
+
+from ...harness_objects import Refusing, Tetrahedron
+
+LOAD_S, PREPARE_S, CALL_S, VIEW_S, FINISH_S = 100.0, 10.0, 1.0, 0.25, 0.125  # exact in binary
+SMALL = replace(
+    SPEED, clouds=2, views=3, singles=2, warm_ups=1, least_rounds=2, most_rounds=2, seconds=0.0
+)
+
+
+@dataclass
+class World:
+    """A clock that only the renderer moves; two cores work all the time."""
+
+    now: float = 0.0
+    log: list[tuple] = field(default_factory=list)
+
+    def finish(self):
+        """What the device has been asked for takes until here; nothing is asked for twice."""
+        if self.log and self.log[-1] != "finish":
+            self.now += FINISH_S
+        self.log.append("finish")
+
+    @property
+    def clock(self):
+        return Clock(wall=lambda: self.now, core=lambda: 2 * self.now, finish=self.finish)
+
+    @property
+    def calls(self):
+        return [entry for entry in self.log if entry != "finish"]
+
+
+@dataclass
+class Fake:
+    """A renderer that takes a known time; on clouds of `bad` points it fails in `stage`."""
+
+    world: World
+    bad: int = -1
+    stage: str = "prepare"
+
+    def prepare(self, cloud, rng):
+        self.world.now += PREPARE_S
+        self.world.log.append(("prepare", len(cloud), cloud.source is not None, rng.random()))
+        if len(cloud) == self.bad and self.stage == "prepare":
+            raise StageFailure("prepare", "no faces")
+        return len(cloud)
+
+    def draw(self, state, views, rng):
+        self.world.now += CALL_S + VIEW_S * len(views)
+        self.world.log.append(("draw", state, tuple(views)))
+        if state == self.bad and self.stage == "draw" and len(views) > 1:
+            raise SystemExit("enough")
+        noise = rng.random((len(views), IMAGE_SIZE, IMAGE_SIZE, 3))
+        return noise.astype(np.float32)
+
+
+FAKE = Method("fake", load=lambda device: None, identity=str, version=1, source="")
+MESH = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros((1, 3)))
+VIEWS = {n: tuple(View(float(10 * n + i), 0.0) for i in range(3)) for n in (1, 2)}
+
+
+def subject(points):
+    cloud = PointCloud(np.zeros((points, 3)), source=MESH)
+    return Subject(f"cloud {points}", cloud, VIEWS[points], lambda: np.random.default_rng(points))
+
+
+def take(suite=SMALL, method=FAKE, points=(1, 2), **fake):
+    world = World()
+
+    def load():
+        world.now += LOAD_S
+        world.log.append(("load",))
+        return Fake(world, **fake)
+
+    subjects = [subject(n) for n in points]
+    samples, failures = take_samples(method, load, subjects, suite, world.clock)
+    return world, samples, failures
+
+
+def drawn(world):
+    """The calls by what they are of: points, and the numbers of the views."""
+    return [
+        (c[0], *c[1:2], *((tuple(int(v.azimuth_deg) for v in c[2]),) if c[0] == "draw" else ()))
+        for c in world.calls
+    ]
+
+
+# --- the loop -------------------------------------------------------------------------------------
+
+
+def test_one_call_after_the_other():
+    world, _, failures = take()
+    cold = [("load",), ("prepare", 1), ("draw", 1, (10,))]
+    warm_up = [
+        *(("prepare", 1), ("draw", 1, (10, 11, 12))),
+        *(("prepare", 2), ("draw", 2, (20, 21, 22))),
+    ]
+    one_round = [
+        *(("prepare", 1), ("draw", 1, (10,)), ("draw", 1, (11,)), ("draw", 1, (10, 11, 12))),
+        *(("prepare", 2), ("draw", 2, (20,)), ("draw", 2, (21,)), ("draw", 2, (20, 21, 22))),
+    ]
+    assert drawn(world) == cold + warm_up + 2 * one_round
+    assert failures == []
+
+
+def test_times_are_of_the_calls_and_of_what_the_device_still_does():
+    _, samples, _ = take()
+    single, batch = CALL_S + VIEW_S + FINISH_S, CALL_S + 3 * VIEW_S + FINISH_S
+
+    def sample(cloud, number, stage, views, wall_s):
+        return Sample(cloud, number, stage, views, wall_s, 2 * wall_s)
+
+    def warm(cloud, number):
+        return [
+            sample(cloud, number, "prepare", 0, PREPARE_S + FINISH_S),
+            *[sample(cloud, number, "draw", 1, single)] * 2,
+            sample(cloud, number, "draw", 3, batch),
+        ]
+
+    assert samples == [
+        sample("", 0, "load", 0, LOAD_S + FINISH_S),
+        sample("cloud 1", 0, "prepare", 0, PREPARE_S + FINISH_S),
+        sample("cloud 1", 0, "draw", 1, single),
+        *(s for number in (1, 2) for cloud in ("cloud 1", "cloud 2") for s in warm(cloud, number)),
+    ]
+
+
+def test_the_device_is_idle_when_a_call_starts():
+    world, _, _ = take()
+    timed = world.log[:6]
+    assert [entry if entry == "finish" else entry[0] for entry in timed] == [
+        *("finish", "load", "finish", "finish", "prepare", "finish"),
+    ]
+
+
+@pytest.mark.parametrize(("warm_ups", "calls"), [(0, 0), (3, 3 * 2 * 2)])
+def test_warm_ups_do_not_count(warm_ups, calls):
+    world, samples, _ = take(replace(SMALL, warm_ups=warm_ups))
+    assert len(world.calls) == len(samples) + calls
+    assert len(samples) == 3 + 2 * 2 * 4
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "seconds", "rounds"),
+    [
+        (3, 100, 0.0, 3),  # at least
+        (1, 5, 1e9, 5),  # at most
+        # A round of two clouds takes 2 (10.125 + 2 * 1.375 + 1.875) = 29.5 s, the first 0.125 more.
+        (1, 100, 29.5, 1),
+        (1, 100, 29.75, 2),
+        (1, 100, 60.0, 3),
+    ],
+)
+def test_rounds_until_there_are_enough(least, most, seconds, rounds):
+    suite = replace(SMALL, least_rounds=least, most_rounds=most, seconds=seconds)
+    _, samples, _ = take(suite)
+    assert {s.round for s in samples} == set(range(rounds + 1))
+
+
+def test_the_same_random_numbers_each_time():
+    world, _, _ = take()
+    numbers = {(c[1], c[3]) for c in world.calls if c[0] == "prepare"}
+    assert numbers == {(n, np.random.default_rng(n).random()) for n in (1, 2)}
+
+
+@pytest.mark.parametrize("sees_mesh", [True, False])
+def test_only_the_ceiling_sees_the_mesh(sees_mesh):
+    world, _, _ = take(method=replace(FAKE, sees_mesh=sees_mesh))
+    assert {c[2] for c in world.calls if c[0] == "prepare"} == {sees_mesh}
+
+
+def test_a_single_view_is_drawn_alone_only():
+    world = World()
+    one = replace(subject(1), views=VIEWS[1][:1])
+    suite = replace(SMALL, least_rounds=1, most_rounds=1, warm_ups=0)
+    samples, _ = take_samples(FAKE, lambda: Fake(world), [one], suite, world.clock)
+    assert [(s.round, s.stage, s.views) for s in samples[1:]] == [
+        *((0, "prepare", 0), (0, "draw", 1), (1, "prepare", 0), (1, "draw", 1)),
+    ]
+
+
+# --- failures -------------------------------------------------------------------------------------
+
+
+def test_a_cloud_that_fails_is_left_out_and_the_others_go_on():
+    world, samples, failures = take(bad=2)
+    assert failures == [Failure("cloud 2", "prepare: no faces")]
+    assert [c for c in drawn(world) if c[:2] == ("prepare", 2)] == [("prepare", 2)]
+    assert len([s for s in samples if s.cloud == "cloud 1"]) == 2 + 2 * 4
+    assert [s for s in samples if s.cloud == "cloud 2"] == []
+
+
+def test_a_first_cloud_that_fails_leaves_no_cold_times():
+    _, samples, failures = take(bad=1)
+    assert failures == [Failure("cloud 1", "prepare: no faces")]
+    assert [(s.stage, s.cloud) for s in samples if s.round == 0] == [("load", "")]
+    assert {s.cloud for s in samples if s.round} == {"cloud 2"}
+
+
+def test_a_method_that_exits_has_failed():
+    _, samples, failures = take(replace(SMALL, warm_ups=0), bad=2, stage="draw")
+    assert failures == [Failure("cloud 2", "SystemExit: enough")]
+    of_bad = [(s.round, s.stage, s.views) for s in samples if s.cloud == "cloud 2"]
+    assert of_bad == [(1, "prepare", 0), (1, "draw", 1), (1, "draw", 1)]  # what it gave is kept
+
+
+def test_what_draws_nothing_is_not_timed():
+    world = World()
+    blank = Fake(world)
+    blank.draw = lambda state, views, rng: np.ones(
+        (len(views), IMAGE_SIZE, IMAGE_SIZE, 3), np.float32
+    )
+    samples, failures = take_samples(FAKE, lambda: blank, [subject(1)], SMALL, world.clock)
+    assert failures == [Failure("cloud 1", "draw: 3 of 3 pictures are blank")]
+    assert {s.round for s in samples} == {0}
+
+
+def load_fails(error):
+    def load():
+        raise error
+
+    return take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
+
+
+def test_a_method_that_cannot_be_loaded_fails_everywhere():
+    assert load_fails(AttributeError("no such thing\nat all")) == (
+        [],
+        [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)],
+    )
+
+
+@pytest.mark.parametrize("error", [BadInput("no weights"), MissingDependency("no OpenGL")])
+def test_what_the_user_has_to_mend_is_raised(error):
+    with pytest.raises(type(error)):
+        load_fails(error)
+
+
+def test_a_missing_library_ends_the_run():
+    world = World()
+    fake = Fake(world)
+
+    def prepare(cloud, rng):
+        raise MissingDependency("no OpenGL")
+
+    fake.prepare = prepare
+    with pytest.raises(MissingDependency):
+        take_samples(FAKE, lambda: fake, [subject(1)], SMALL, world.clock)
+
+
+# --- units ----------------------------------------------------------------------------------------
+
+
+def units(**changes):
+    given = {
+        "suite": SMALL,
+        "methods": ("blank", "splat"),
+        "conditions": ("2048", "512"),
+        "objects": (Tetrahedron("a"), Tetrahedron("b")),
+        "threads": (1, 2),
+        "views": 3,
+        "seed": 0,
+        "device": "cpu",
+        "circumstances": {"versions": {"numpy": "2"}},
+    }
+    return speed_units(**given | changes)
+
+
+def test_a_unit_for_each_method_condition_and_number_of_threads():
+    made = units()
+    assert [(u.method, u.condition, u.threads) for u in made] == [
+        (method, condition, threads)
+        for method in ("blank", "splat")
+        for condition in ("2048", "512")
+        for threads in (1, 2)
+    ]
+    assert made[0].perturbation == Unchanged()
+    assert made[2].perturbation == Stride(4)
+    assert len({u.key for u in made}) == len(made)
+    assert made == units()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"suite": replace(SMALL, singles=1)},
+        {"suite": replace(SMALL, seconds=1.0)},
+        {"suite": replace(SMALL, warm_ups=2)},
+        {"objects": (Tetrahedron("a"), Tetrahedron("c"))},
+        {"views": 4},
+        {"seed": 1},
+        {"device": "cuda"},
+        {"circumstances": {"versions": {"numpy": "3"}}},
+    ],
+)
+def test_whatever_times_depend_on_is_in_the_key(changes):
+    assert {u.key for u in units()}.isdisjoint(u.key for u in units(**changes))
+
+
+def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
+    from bench.suites.speed import run as speed_plan
+
+    before = speed_plan.sources_sha256()
+    assert before == speed_plan.sources_sha256(Path(speed_plan.__file__).parents[1])
+    for name in speed_plan.TIMED:
+        path = tmp_path / name if name.endswith(".py") else tmp_path / name / "sub" / "a.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("1\n")
+    seen = {speed_plan.sources_sha256(tmp_path)}
+    for path in sorted(tmp_path.rglob("*.py")):
+        path.write_text("2\n")
+        seen.add(speed_plan.sources_sha256(tmp_path))
+    (tmp_path / "baselines" / "notes.md").write_text("no code")
+    assert speed_plan.sources_sha256(tmp_path) in seen
+    assert len(seen) == 1 + len(speed_plan.TIMED)
+    old = {u.key for u in units()}
+    monkeypatch.setattr(speed_plan, "sources_sha256", lambda: "other")
+    assert old.isdisjoint(u.key for u in units())
+
+
+def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path):
+    objects = (ProceduralObject("chair", "test", 0), ProceduralObject("chair", "test", 1))
+    protocol = Protocol(
+        suite=SUITES[0],
+        dataset="procedural",
+        methods=("splat",),
+        conditions=("noise-0.10",),
+        objects=objects,
+        views=4,
+        seed=3,
+        device="cpu",
+        features=(),
+        feature_identity={},
+        environment={},
+    )
+    (unit,) = units(
+        methods=("splat",),
+        conditions=("noise-0.10",),
+        objects=objects,
+        threads=(1,),
+        views=4,
+        seed=3,
+    )
+    subjects, failures = subjects_of(unit)
+    assert failures == []
+    for job, found in zip(plan(protocol, tmp_path).items, subjects, strict=True):
+        assert found.id == f"chair/{job.object.object_id}"
+        assert np.array_equal(found.cloud.points, cloud_of(job).points)
+        assert found.views == job.views
+        assert found.rng().random() == rng_of(job).random()
+
+
+def test_a_measurement_of_a_real_method():
+    objects = (Refusing("b"), Tetrahedron("a"))
+    found = measure(Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu"))
+    assert (found.key, found.method, found.condition) == ("k", "blank", "2048")
+    assert (found.threads, found.views, found.clouds, found.device) == (1, 3, 2, "cpu")
+    assert found.failures == (Failure("chair/b", "input: no such shape; draw one"),)
+    assert [(s.round, s.stage, s.views) for s in found.samples] == [
+        (0, "load", 0),
+        (0, "prepare", 0),
+        (0, "draw", 1),
+        *[(n, *call) for n in (1, 2) for call in CALLS],
+    ]
+    assert {s.cloud for s in found.samples[1:]} == {"chair/a"}
+    assert all(s.wall_s >= 0 and s.core_s >= 0 for s in found.samples)
+    assert 0 < found.idle_mib <= found.peak_mib
+    assert found.elsewhere_cores >= 0
+
+
+CALLS = [("prepare", 0), ("draw", 1), ("draw", 1), ("draw", 3)]
+
+
+# --- what it is measured with ---------------------------------------------------------------------
+
+
+PEAK = """
+import numpy as np
+from bench.suites.speed.measure import peak_mib
+before = peak_mib()
+kept = np.ones(round(before) * 2**17)  # as much again
+during = peak_mib()
+del kept
+print(before, during, peak_mib())
+"""
+
+
+def test_peak_memory_is_that_of_the_process():
+    told = subprocess.run([sys.executable, "-c", PEAK], check=True, capture_output=True, text=True)
+    before, during, after = map(float, told.stdout.split())
+    assert 1.9 * before <= during <= 2.2 * before
+    # a high-water mark; the kernel counts pages in batches of 64 for each thread, 0.25 MiB
+    assert abs(after - during) < 1.0
+
+
+def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch):
+    import torch
+
+    waited = []
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(True))
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: False)
+    finish_gpu()
+    assert waited == []
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: True)
+    finish_gpu()
+    assert waited == [True]
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+MEASUREMENT = Measurement(
+    key="k",
+    method="blank",
+    condition="2048",
+    threads=1,
+    views=20,
+    clouds=2,
+    device="cpu",
+    samples=(Sample("chair/a", 1, "draw", 20, 0.125, 0.25), Sample("", 0, "load", 0, 1.0, 1.0)),
+    failures=(Failure("chair/ä", "draw: no\nfaces"),),
+    idle_mib=None,
+    peak_mib=12.5,
+    elsewhere_cores=0.1,
+)
+
+
+def test_a_measurement_survives_its_file(tmp_path):
+    assert read_measurement(tmp_path, "k") is None
+    write_measurement(tmp_path, MEASUREMENT)
+    assert read_measurement(tmp_path, "k") == MEASUREMENT
+    assert [p.name for p in (tmp_path / "measurements").iterdir()] == ["k.json"]
+
+
+def damaged(change):
+    def damage(path):
+        values = json.loads(path.read_text())
+        change(values)
+        path.write_text(json.dumps(values))
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda path: path.write_text(""),
+        lambda path: path.write_bytes(path.read_bytes()[:-1]),
+        lambda path: path.write_bytes(b"\xff" + path.read_bytes()),
+        lambda path: path.write_text("[1, 2]"),
+        lambda path: path.write_text("[" * 100_000),
+        damaged(lambda values: values.update(form=2)),
+        damaged(lambda values: values.update(key="other")),
+        damaged(lambda values: values.pop("views")),
+        damaged(lambda values: values.update(more=1)),
+        damaged(lambda values: values["samples"][0].pop("wall_s")),
+        damaged(lambda values: values.update(samples=3)),
+    ],
+)
+def test_what_cannot_be_read_is_measured_again(tmp_path, damage):
+    write_measurement(tmp_path, MEASUREMENT)
+    damage(measurement_path(tmp_path, "k"))
+    assert read_measurement(tmp_path, "k") is None

@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from harness_objects import Tetrahedron
+
+from bench.records.job import Result, failed
+from bench.suites.stability.cases import VIEWS
+from bench.suites.stability.expectations import observe
+
+from ...builders import make_job, make_record, write_artifact
+
+
+def job_of(directory, case, views=VIEWS, method="splat"):
+    return make_job(directory, Tetrahedron(case), method, case, views=views)
+
+
+def done(job, pictures):
+    sha = write_artifact(job, images=pictures)
+    record = make_record(method=job.method, condition=job.condition, notes="mended")
+    return Result(job.key, (record,), sha)
+
+
+@pytest.fixture
+def plain(tmp_path):
+    job = job_of(tmp_path, "plain")
+    pictures = np.full((4, 128, 128, 3), 255, np.uint8)
+    pictures[:, :64] = np.array([10, 20, 30, 40], np.uint8)[:, None, None, None]
+    return job, done(job, pictures), pictures
+
+
+def test_pictures(plain):
+    job, result, _ = plain
+    (seen,) = observe([job], {job.key: result}.__getitem__)
+    assert (seen.case, seen.method, seen.reason, seen.notes) == ("plain", "splat", "", "mended")
+    assert seen.shown == 0.5
+    assert (seen.mean_change, seen.most_change) == (None, None)  # it is like no other
+    assert (seen.prepare_s, seen.draw_s) == (0.25, 0.125)
+
+
+def test_a_change_is_seen_in_both_directions(tmp_path, plain):
+    job, result, pictures = plain
+    other = job_of(tmp_path, "shuffled")
+    changed = pictures.copy()
+    changed[0, 0, 0] = 0, 12, 10  # 10 darker, 2 lighter, equal
+    seen = observe([job, other], {job.key: result, other.key: done(other, changed)}.__getitem__)[1]
+    assert seen.mean_change == pytest.approx(12 / pictures.size, rel=1e-12)
+    assert seen.most_change == 10
+
+
+def test_more_views_than_the_other_case_go_through_it_again(tmp_path, plain):
+    job, result, pictures = plain
+    other = job_of(tmp_path, "batch-doubled", views=2 * VIEWS)
+    twice = np.concatenate([pictures, pictures])
+    seen = observe([job, other], {job.key: result, other.key: done(other, twice)}.__getitem__)[1]
+    assert (seen.mean_change, seen.most_change) == (0.0, 0)
+    twice[7, 0, 0, 0] += 1
+    seen = observe([job, other], {job.key: result, other.key: done(other, twice)}.__getitem__)[1]
+    assert seen.most_change == 1
+
+
+def test_other_methods_are_no_measure(tmp_path, plain):
+    job, result, pictures = plain
+    other = job_of(tmp_path, "shuffled", method="pc2pix")
+    seen = observe([job, other], {job.key: result, other.key: done(other, pictures)}.__getitem__)[1]
+    assert seen.mean_change is None
+
+
+def test_no_pictures(tmp_path, plain):
+    job, result, pictures = plain
+    broken, like = job_of(tmp_path, "normalised"), job_of(tmp_path, "millimetres")
+    results = {
+        broken.key: failed(broken, "apss: no faces"),
+        like.key: done(like, pictures),
+        job.key: result,
+    }
+    seen = observe([broken, like, job], results.__getitem__)
+    assert seen[0].reason == "apss: no faces"
+    assert (seen[0].shown, seen[0].prepare_s) == (None, None)
+    assert seen[1].shown == 0.5
+    assert seen[1].mean_change is None  # there is nothing to compare it with

@@ -1,0 +1,318 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import asdict
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.intervals import interval_of_distances, interval_of_means
+from bench.analysis.recognition import ClassHead
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.metrics import frechet_distance
+from bench.metrics.frechet import LeftOut, left_out_distances
+from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
+from bench.records.record import GROUND_TRUTH, to_frame
+from bench.tables.classes import class_table, network_of, remark, with_confidence
+
+from ..builders import FeaturesAtHand, make_failed, make_record
+
+SUITE = find("thirteen-classes", SUITES, "suite")
+METHODS = ("surface-apss", "pc2pix@all", "blank")
+OBJECTS = {"lamp": ("a", "b", "c"), "car": ("a", "b", "c", "d")}
+SKIPPED = {"fid": "skipped: weights; not here"}
+HEAD = ClassHead(("lamp", "car"), np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]]), np.zeros(2))
+PUBLISHED = {
+    ("lamp", "fid", "2048", "surface-apss"): 51.6,
+    ("lamp", "fid", "2048", "pc2pix@all"): 112.1,
+    ("average", "fid", "2048", "pc2pix@all"): 57.2,
+}
+
+
+def pictures(class_name):
+    return [(obj, view) for obj in OBJECTS[class_name] for view in (0, 1)]
+
+
+def random_features(seed=0):
+    """Of 4 numbers, for the truth and all methods."""
+    rng = np.random.default_rng(seed)
+    index = [
+        {"method": m, "condition": c, "class": k, "object": obj, "view": view}
+        for m, c in ((GROUND_TRUTH, ""), *((m, "2048") for m in METHODS))
+        for k in OBJECTS
+        for obj, view in pictures(k)
+    ]
+    frame = pd.DataFrame(index)
+    return frame, rng.random((len(frame), 4), np.float32) + (frame["method"] == "blank").to_numpy(
+        np.float32
+    )[:, None]
+
+
+def records(**changes):
+    rng = np.random.default_rng(1)
+    return [
+        make_record(m, obj=obj, view=view, class_name=k, ssim=rng.random(), **changes)
+        for m in METHODS
+        for k in OBJECTS
+        for obj, view in pictures(k)
+    ]
+
+
+def table(of=None, skipped=SKIPPED, features=None, suite=SUITE):
+    features = features or FeaturesAtHand(*random_features())
+    frame = with_confidence(to_frame(of or records()), features, HEAD)
+    return class_table(frame, {"fd-views": MeasuredFeatures(features)}, skipped, suite, PUBLISHED)
+
+
+def cell(made, **chosen):
+    (row,) = [row for row in made.rows if chosen.items() <= asdict(row).items()]
+    return row
+
+
+def test_the_rows_that_there_are():
+    made = table()
+    assert made.name == "table5_classes"
+    assert {row.metric for row in made.rows} == set(SUITE.class_metrics)
+    assert {row.class_name for row in made.rows} == {"lamp", "car", "average"}
+    assert len(made.rows) == 7 * 3 * 3
+    first = [row.class_name for row in made.rows if row.metric == "ssim"]
+    assert first[-3:] == ["average"] * 3
+
+
+def test_csv_is_tidy():
+    rows = list(csv.DictReader(io.StringIO(table().to_csv())))
+    header = "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper"
+    assert ",".join(rows[0]).startswith(f"{header},")
+    assert rows[0]["suite"] == "thirteen-classes"
+    paper = [(r["class"], r["method"], r["paper"]) for r in rows if r["paper"]]
+    assert sorted(paper) == [
+        ("average", "pc2pix@all", "57.200000"),
+        ("lamp", "pc2pix@all", "112.100000"),
+        ("lamp", "surface-apss", "51.600000"),
+    ]
+
+
+def test_distances_of_a_class():
+    index, values = random_features()
+    made = table()
+    truth, drawn = (
+        values[(index["method"] == m) & (index["class"] == "car")].astype(float)
+        for m in (GROUND_TRUTH, "pc2pix@all")
+    )
+    objects = np.array([obj for obj, _ in pictures("car")])
+    row = cell(made, method="pc2pix@all", class_name="car", metric="fd-views")
+    # the same numbers in another order of operations
+    assert row.value == pytest.approx(frechet_distance(drawn, truth), rel=1e-9)
+    row = cell(made, method="pc2pix@all", class_name="car", metric="kd-views")
+    value = kernel_distance(drawn, truth)
+    left_out = left_out_kernel_distances(drawn, truth, objects, objects)
+    assert row.value == row.failures_as_blank == pytest.approx(value, rel=1e-9)
+    assert (row.ci_low, row.ci_high) == pytest.approx(
+        interval_of_distances(value, [left_out]), rel=1e-9
+    )
+
+
+def test_confidence():
+    """Softmax of the first two features: 1 / (1 + exp(other - own))."""
+    index, values = random_features()
+    made = table()
+    chosen = (index["method"] == "surface-apss") & (index["class"] == "car")
+    lamp, car = values[chosen][:, :2].astype(float).T
+    expected = 1 / (1 + np.exp(lamp - car))
+    row = cell(made, method="surface-apss", class_name="car", metric="class-confidence")
+    assert row.value == pytest.approx(expected.mean(), rel=1e-12)
+    assert row.ci_low < row.value < row.ci_high
+
+
+def test_confidence_keeps_to_its_records():
+    """Each record has the confidence of its own picture, in whatever order they are."""
+    index, values = random_features()
+    features = FeaturesAtHand(index, values)
+    frame = to_frame(records()).sample(frac=1, random_state=0)
+    frame = with_confidence(frame, features, HEAD)
+    for _, record in frame.sample(10, random_state=1).iterrows():
+        (value,) = features.of(
+            record["method"], "2048", record["class"], [(record["object"], record["view"])]
+        )
+        expected = HEAD.confidence(value[None], record["class"])[0]
+        assert record["class_confidence"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_failed_pictures_have_no_confidence_and_count_as_blank():
+    index, values = random_features()
+    drawn = ~(
+        (index["method"] == "pc2pix@all") & (index["class"] == "lamp") & (index["object"] == "b")
+    )
+    features = FeaturesAtHand(index[drawn].reset_index(drop=True), values[drawn.to_numpy()])
+    of = [
+        make_failed(r.method, obj="b", view=r.view, class_name="lamp")
+        if (r.method, r.class_name, r.object) == ("pc2pix@all", "lamp", "b")
+        else r
+        for r in records()
+    ]
+    made = table(of, features=features)
+    at = {"method": "pc2pix@all", "class_name": "lamp"}
+    row = cell(made, metric="class-confidence", **at)
+    assert (row.n_ok, row.n) == (4, 6)
+    blank = cell(made, metric="class-confidence", method="blank", class_name="lamp")
+    assert row.failures_as_blank != pytest.approx(row.value, rel=1e-3)
+    assert math.isfinite(blank.value)
+    row = cell(made, metric="kd-views", **at)
+    chosen = (index["class"] == "lamp").to_numpy()
+    truth = values[chosen & (index["method"] == GROUND_TRUTH).to_numpy()]
+    own = values[chosen & (index["method"] == "pc2pix@all").to_numpy()].copy()
+    own[2:4] = values[chosen & (index["method"] == "blank").to_numpy()][2:4]
+    assert row.failures_as_blank == pytest.approx(kernel_distance(own, truth), rel=1e-9)
+    kept = [0, 1, 4, 5]
+    assert row.value == pytest.approx(kernel_distance(own[kept], truth[kept]), rel=1e-9)
+    assert row.note == "2 x timeout: 3 s"
+
+
+@pytest.mark.parametrize("metric", ["ssim", "class-confidence", "fd-views", "kd-views"])
+def test_the_average_is_over_classes(metric):
+    made = table()
+    at = {"method": "surface-apss", "metric": metric}
+    lamp, car, average = (cell(made, class_name=k, **at) for k in ("lamp", "car", "average"))
+    assert average.value == pytest.approx((lamp.value + car.value) / 2, rel=1e-12)
+    assert (average.n_ok, average.n) == (14, 14)
+
+
+def test_the_interval_of_an_average_of_means():
+    of = records()
+    made = table(of)
+    per_object = [
+        np.array(
+            [
+                np.mean([r.ssim for r in of if (r.method, r.class_name, r.object) == (m, k, obj)])
+                for obj in OBJECTS[k]
+            ]
+        )
+        for m in ("surface-apss",)
+        for k in ("car", "lamp")  # as records are sorted
+    ]
+    row = cell(made, method="surface-apss", metric="ssim", class_name="average")
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval_of_means(per_object), rel=1e-12)
+
+
+def test_the_interval_of_an_average_of_distances():
+    index, values = random_features()
+    left_out = []
+    for k in ("car", "lamp"):
+        truth, drawn = (
+            LeftOut(
+                values[(index["method"] == m) & (index["class"] == k)],
+                np.array([obj for obj, _ in pictures(k)]),
+            )
+            for m in (GROUND_TRUTH, "surface-apss")
+        )
+        left_out.append(left_out_distances(drawn, truth))
+    row = cell(table(), method="surface-apss", metric="fd-views", class_name="average")
+    low, high = interval_of_distances(row.value, left_out)
+    assert (row.ci_low, row.ci_high) == pytest.approx((max(low, 0.0), high), rel=1e-9)
+
+
+def test_a_frechet_distance_is_never_below_0_a_kernel_distance_may_be():
+    """As true but for one object, on which everything hangs: the interval is wide."""
+    index, values = random_features()
+    of = {m: (index["method"] == m).to_numpy() for m in (GROUND_TRUTH, "surface-apss")}
+    values[of["surface-apss"]] = values[of[GROUND_TRUTH]]
+    one = of["surface-apss"] & ((index["class"] == "car") & (index["object"] == "a")).to_numpy()
+    values[one] += 3.0
+    made = table(features=FeaturesAtHand(index, values))
+    for class_name in ("car", "average"):
+        at = {"method": "surface-apss", "class_name": class_name}
+        assert cell(made, metric="fd-views", **at).ci_low == 0.0
+        assert cell(made, metric="kd-views", **at).ci_low < 0.0
+
+
+def test_an_average_without_a_class():
+    """One picture has no distance; the average says that it is without."""
+    index, values = random_features()
+    gone = (
+        (index["method"] == "surface-apss")
+        & (index["class"] == "lamp")
+        & (index["object"] + index["view"].astype(str) != "a0")
+    )
+    features = FeaturesAtHand(index[~gone].reset_index(drop=True), values[~gone.to_numpy()])
+    of = [
+        make_failed(r.method, obj=r.object, view=r.view, class_name="lamp")
+        if (r.method, r.class_name) == ("surface-apss", "lamp") and (r.object, r.view) != ("a", 0)
+        else r
+        for r in records()
+    ]
+    made = table(of, features=features)
+    at = {"method": "surface-apss", "metric": "fd-views"}
+    average = cell(made, class_name="average", **at)
+    assert average.value == cell(made, class_name="car", **at).value
+    assert average.note == "without lamp"
+    assert (average.n_ok, average.n) == (9, 14)
+
+
+def test_what_is_skipped_says_why():
+    made = table(skipped=SKIPPED | {"class-confidence": "skipped: other weights"})
+    for metric, reason in (
+        ("fid", SKIPPED["fid"]),
+        ("kid", SKIPPED["fid"]),
+        ("class-confidence", "skipped: other weights"),
+    ):
+        rows = [row for row in made.rows if row.metric == metric]
+        assert len(rows) == 9
+        assert {row.note for row in rows} == {reason}
+        assert all(math.isnan(row.value) for row in rows)
+    assert "| fid, paper | - | - | 51.6 | 112.1 | - | 57.2 |" in made.to_markdown()
+    assert "| fid | skipped |" in made.to_markdown()
+
+
+def test_the_papers_layout():
+    lines = table().to_markdown().splitlines()
+    assert lines[0] == "# Table 5: classes, against pictures of the true meshes"
+    header = "|  | car SR | car PC2PIX | lamp SR | lamp PC2PIX | average SR | average PC2PIX |"
+    assert lines.count(header) == 1
+    assert any(line.startswith("| ssim | 0.") for line in lines)
+    assert "## class-confidence" in lines
+    section = lines[lines.index("## fd-views") + 2 :][:5]
+    assert section[0] == "| class | blank | pc2pix@all | surface-apss |"
+    assert [line.split(" | ")[0] for line in section[2:]] == ["| car", "| lamp", "| average"]
+
+
+def test_seven_classes_side_by_side():
+    frame = to_frame(
+        [
+            make_record(m, obj=obj, class_name=k)
+            for m in METHODS
+            for k in SUITE.classes
+            for obj in "ab"
+        ]
+    )
+    made = class_table(
+        frame,
+        {},
+        SKIPPED | {"fd-views": "skipped: x", "class-confidence": "skipped: x"},
+        SUITE,
+        {},
+    )
+    headers = [line for line in made.to_markdown().splitlines() if line.startswith("|  | ")]
+    assert [line.count(" SR |") for line in headers] == [7, 7]
+    assert headers[1].endswith("| average SR | average PC2PIX |")
+
+
+def test_the_remark_names_what_is_lacking_and_what_is_few():
+    told = remark(to_frame(records()), SUITE)
+    assert "Objects of each class: car 4, lamp 3." in told
+    assert "Left out, because the dataset has none: airplane, bench, cabinet, chair," in told
+    assert "**Fewer than 10 objects: car, lamp.**" in told
+    many = [make_record(obj=str(i), class_name=k) for k in SUITE.classes for i in range(10)]
+    told = remark(to_frame(many), SUITE)
+    assert "Left out" not in told
+    assert "Fewer" not in told
+
+
+def test_which_network_stands_for_the_papers():
+    assert network_of(["surface-apss", "pc2pix@all", "pc2pix"]) == "pc2pix@all"
+    assert network_of(["pc2pix", "pc2pix@all"]) == "pc2pix"
+    assert network_of(["splat", "pc2pixel"]) is None

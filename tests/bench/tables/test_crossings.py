@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import replace
+
+import pytest
+
+from bench.analysis.crossings import Crossing
+from bench.catalogue.families import FAMILIES
+from bench.tables.crossings import (
+    crossings_table,
+    shown_in_training,
+    told_crossing,
+    told_end_to_end,
+)
+
+from ..analysis.test_crossings import NAN, contest
+
+# splat-net against pc2pix at 0, 0.05 and 0.10 of noise: ahead, undecided, behind
+LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
+SURE = contest([(0.1, 0.05, 0.15), (0.2, 0.15, 0.25), (0.3, 0.25, 0.35)])
+
+
+def rows(*contests):
+    return list(csv.DictReader(io.StringIO(crossings_table("s", contests).to_csv())))
+
+
+def test_csv_is_tidy():
+    first, second, third = rows(contest(LEADS))
+    assert first == {
+        "suite": "s",
+        "class": "chair",
+        "family": "noise",
+        "metric": "ssim",
+        "method": "splat-net",
+        "rival": "pc2pix",
+        "condition": "2048",
+        "at": "0",
+        "unseen_by": "",
+        "value": "0.500000",
+        "rival_value": "0.250000",
+        "lead": "0.100000",
+        "ci_low": "0.050000",
+        "ci_high": "0.150000",
+        "ahead": "splat-net",
+        "crossing": "",
+        "crossing_low": "",
+        "crossing_high": "",
+    }
+    assert [row["ahead"] for row in (second, third)] == ["undecided", "pc2pix"]
+    assert [row["at"] for row in (second, third)] == ["0.05", "0.1"]
+    # 0.025 falls by 0.125 within 0.05: 0 after a fifth; the ends of the interval pass it after two
+    # thirds of the first stretch (0.05 to -0.025) and three fifths of the second (0.075 to -0.05)
+    assert (second["crossing"], second["crossing_low"], second["crossing_high"]) == (
+        *("0.060000", "0.033333", "0.080000"),
+    )
+    assert third["crossing"] == ""
+
+
+def test_csv_says_what_nobody_was_shown():
+    five = [0.1] * 5
+    assert [row["unseen_by"] for row in rows(contest(five, "noise"))] == [
+        *("", "", ""),
+        *("splat-net pc2pix", "splat-net pc2pix"),
+    ]
+    assert [row["unseen_by"] for row in rows(contest(five, "points"))] == [
+        *("", "", "", "splat-net", "splat-net pc2pix"),
+    ]
+
+
+def test_csv_without_numbers():
+    (row, _) = rows(contest([(NAN, NAN, NAN), 0.1]))
+    assert [row[name] for name in ("lead", "ci_low", "ci_high", "ahead")] == [
+        "",
+        "",
+        "",
+        "no value",
+    ]
+
+
+def test_from_end_to_end():
+    assert told_end_to_end(contest(LEADS)) == (
+        "splat-net, then pc2pix; crosses at 0.06 [0.0333, 0.08]"
+    )
+    assert told_end_to_end(SURE) == "splat-net; none within"
+    twice = contest([(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)])
+    assert told_end_to_end(twice) == (
+        "splat-net; crosses at 0.025 [0.0125, 0.0375] and 0.075 [0.0625, 0.0875]"
+    )
+
+
+@pytest.mark.parametrize(
+    ("crossing", "told"),
+    [
+        (Crossing(0, 1448.155, 1024.0, 2048.0), "1448 [1024, 2048]"),
+        (Crossing(0, 0.13749, 0.1, 0.2), "0.137 [0.1, 0.2]"),
+        (Crossing(0, 0.5, math.nan, math.nan), "0.5"),
+    ],
+)
+def test_told_crossing(crossing, told):
+    assert told_crossing(crossing) == told
+
+
+def test_what_training_has_shown():
+    told = {family.id: shown_in_training(family) for family in FAMILIES}
+    assert told["points"] == "splat-net 512 to 2048, pc2pix 256 to 2048"
+    assert told["missing"] == "splat-net 0 only, pc2pix 0 only"
+
+
+def test_markdown():
+    other = replace(SURE, metric="fd-views")
+    lines = crossings_table("s", (contest(LEADS), other)).to_markdown().splitlines()
+    start = lines.index("## From end to end")
+    assert lines[start + 2 : start + 5] == [
+        "| family | from | to | first | second | ssim | fd-views |",
+        "|---|---|---|---|---|---|---|",
+        r"| noise | 2048 | noise-0.10 | splat-net | pc2pix | splat-net, then pc2pix; crosses at "
+        r"0.06 \[0.0333, 0.08\] | splat-net; none within |",
+    ]
+    start = lines.index("## noise: standard deviation, in radii of the unit sphere")
+    assert lines[start + 2 : start + 8] == [
+        "In training: splat-net 0 to 0.12, pc2pix 0 to 0.1.",
+        "",
+        "| metric | first | second | 0 | 0.05 | 0.1 |",
+        "|---|---|---|---|---|---|",
+        "| ssim | splat-net | pc2pix | **+0.100 [+0.050, +0.150]** | +0.025 [-0.025, +0.075] | "
+        "*-0.100 [-0.150, -0.050]* |",
+        "| fd-views | splat-net | pc2pix | **+0.1 [+0.1, +0.1]** | **+0.2 [+0.1, +0.2]** | "
+        "**+0.3 [+0.2, +0.3]** |",
+    ]
+
+
+def test_markdown_of_several_classes_tells_them_apart():
+    made = (contest(LEADS), replace(SURE, class_name="a|b"))
+    text = crossings_table("s", made).to_markdown()
+    titles = [line for line in text.splitlines() if line.startswith("## ")]
+    axis = "## noise: standard deviation, in radii of the unit sphere"
+    assert titles == [
+        *("## From end to end, chair", f"{axis}, chair"),
+        *(r"## From end to end, a\|b", rf"{axis}, a\|b"),
+    ]
+    assert text.count("splat-net, then pc2pix") == 1
+
+
+def test_markdown_without_a_value():
+    text = crossings_table("s", (contest([(NAN, NAN, NAN), 0.1]),)).to_markdown()
+    assert "| ssim | splat-net | pc2pix | - | +0.100 |" in text
+    assert "no value, then undecided; none within" in text

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import csv
+import io
+
+from bench.analysis.comparison import NAN, Estimate
+from bench.analysis.frontier import Place, Thinned
+from bench.tables.frontier import frontier_table, points_table, table_of_places, table_of_points
+
+from ..analysis.test_frontier import FIELD, comparison
+
+NOTHING = Estimate(NAN, NAN, NAN)
+
+
+def place(method="splat", metric="ssim", verdict="frontier", rival="", **changes):
+    values = {
+        "condition": "2048",
+        "class_name": "chair",
+        "views": 20,
+        "cost_ms": Estimate(61.44, 60.0, 62.04),
+        "quality": Estimate(0.81449, 0.8, 0.83),
+        "n_ok": 39,
+        "n": 40,
+    }
+    return Place(method=method, metric=metric, verdict=verdict, rival=rival, **(values | changes))
+
+
+def rows(text):
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_csv_is_tidy():
+    failed = place("poisson", verdict="no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0)
+    first, second = rows(table_of_places((place(rival="a,b"), failed), "").to_csv())
+    assert first == {
+        "condition": "2048",
+        "class": "chair",
+        "views": "20",
+        "metric": "ssim",
+        "method": "splat",
+        "cost_ms": "61.440000",
+        "cost_ci_low": "60.000000",
+        "cost_ci_high": "62.040000",
+        "value": "0.814490",
+        "ci_low": "0.800000",
+        "ci_high": "0.830000",
+        "n_ok": "39",
+        "n": "40",
+        "verdict": "frontier",
+        "rival": "a,b",
+    }
+    assert [second[name] for name in ("cost_ms", "value", "ci_low", "n_ok")] == ["", "", "", "0"]
+
+
+def test_markdown_has_methods_by_cost_and_marks():
+    dear = Estimate(1234.5, NAN, NAN)
+    distance = {"metric": "fd-views", "quality": Estimate(12.34, 11.0, 13.0)}
+    table = table_of_places(
+        (
+            place("poisson", verdict="no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0),
+            place("pc2pix", verdict="tied", cost_ms=dear),
+            place("splat"),
+            place("true_mesh", verdict="reference", cost_ms=Estimate(0.4, 0.3, 0.5)),
+            place("poisson", "fd-views", "no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0),
+            place("pc2pix", verdict="dominated", cost_ms=dear, **distance),
+            place("splat", **distance),
+            place("true_mesh", verdict="reference", cost_ms=Estimate(0.4, 0.3, 0.5), **distance),
+            place("splat", condition="512", views=1),
+        ),
+        "Taken in a hurry.",
+    )
+    lines = table.to_markdown().splitlines()
+    assert lines[:3] == ["# Quality against cost", "", "Taken in a hurry."]
+    start = lines.index("## 2048, chair, 20 views")
+    ssim, distance = "[0.800, 0.830]", "[11.0, 13.0]"
+    assert lines[start + 2 : start + 8] == [
+        "| method | ms | ssim | fd-views | pictures |",
+        "|---|---|---|---|---|",
+        f"| true_mesh | 0.40 [0.30, 0.50] | 0.814 {ssim} *ref* | 12.3 {distance} *ref* | 39/40 |",
+        f"| splat | 61.4 [60.0, 62.0] | **0.814** {ssim} | **12.3** {distance} | 39/40 |",
+        f"| pc2pix | 1234 | 0.814 {ssim} = | 12.3 {distance} | 39/40 |",
+        "| poisson | - | - | - | 0/40 |",
+    ]
+    assert "## 512, chair, 1 view" in lines
+
+
+def test_points():
+    full = Thinned(
+        "chair", "ssim", "splat", "2048", 2048, Estimate(21.0, 20.0, 22.0),
+        Estimate(0.6, 0.5, 0.7), Estimate(0.0, 0.0, 0.0),
+    )  # fmt: skip
+    few = Thinned(
+        "chair", "ssim", "splat", "512", 512, Estimate(10.5, 10.0, 11.0),
+        Estimate(0.45, 0.4, 0.5), Estimate(0.15, -0.01, 0.31),
+    )  # fmt: skip
+    table = table_of_points((few, full), 20)
+    first, _ = rows(table.to_csv())
+    assert first["points"] == "512"
+    assert (first["lost"], first["lost_ci_low"]) == ("0.150000", "-0.010000")
+    assert table.to_markdown().splitlines()[4:] == [
+        "## ssim, chair",
+        "",
+        "| method | 2048 points | 512 points |",
+        "|---|---|---|",
+        "| splat | 0.600, 21.0 ms | 0.450, +0.150 [-0.010, +0.310], 10.5 ms |",
+    ]
+
+
+def test_tables_of_comparisons():
+    compared = [comparison(FIELD), comparison(FIELD, condition="512")]
+    table = frontier_table(compared, ["ssim"], 20, "")
+    assert [p.views for p in table.rows] == [20] * 20 + [1] * 20
+    assert [p.condition for p in table.rows] == (["2048"] * 10 + ["512"] * 10) * 2
+    assert len(frontier_table(compared, ["ssim"], 1, "").rows) == 20
+    points = points_table(compared, ["ssim"], 20)
+    assert [(row.points, row.method) for row in points.rows[:2]] == [
+        (2048, "splat"),
+        (2048, "poisson"),
+    ]
+    assert len(points.rows) == 2 * 7  # the candidates alone

@@ -1,0 +1,183 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.analysis.comparison import Estimate
+from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.metrics.frechet import LeftOut, interval_of_left_out, left_out_distances
+from bench.records.record import GROUND_TRUTH, to_frame
+from bench.tables.orderings import Ordering, orderings, paper_lead
+from bench.tables.published import published
+
+from ..builders import FeaturesAtHand, make_record
+
+SUITE = find("thirteen-classes", SUITES, "suite")
+PAPER = published("thirteen-classes")
+OBJECTS = ("a", "b", "c", "d")
+# SSIM of the network is ahead of SR's by so much in each object
+LEADS = {"car": (0.10, 0.12, 0.09, 0.11), "lamp": (0.05, 0.02, 0.04, 0.03), "vessel": (0, 0, 1, -1)}
+
+
+def records():
+    made = []
+    for k, leads in LEADS.items():
+        for obj, ahead in zip(OBJECTS, leads, strict=True):
+            base = 0.5 + 0.1 * OBJECTS.index(obj)
+            for method, value in (
+                ("surface-apss", base),
+                ("pc2pix@all", base + ahead),
+                ("blank", 0.2),
+            ):
+                made += [
+                    make_record(method, obj=obj, view=v, class_name=k, ssim=value + 0.01 * v)
+                    for v in (0, 1)
+                ]
+    return to_frame(made)
+
+
+def table(features=None):
+    made = orderings(records(), features or {}, SUITE, PAPER)
+    assert made is not None
+    return made
+
+
+def row(made, class_name, metric="ssim"):
+    (found,) = [r for r in made.rows if (r.class_name, r.metric) == (class_name, metric)]
+    return found
+
+
+def test_a_lead_is_paired_over_objects():
+    made = table()
+    found = row(made, "car")
+    assert found.lead.value == pytest.approx(0.105, abs=1e-12)
+    # differences of numbers near 0.6
+    expected = mean_interval(np.array(LEADS["car"]))
+    assert found.lead[1:] == pytest.approx(expected, abs=1e-12)
+    assert found.surface == pytest.approx(0.5 + 0.15 + 0.005, abs=1e-12)
+    assert found.network == pytest.approx(found.surface + 0.105, abs=1e-12)
+    assert found.objects == 4
+
+
+def test_verdicts():
+    made = table()
+    assert row(made, "car").verdict == "reproduced"  # the paper: pc2pix, by 163.1
+    assert row(made, "lamp").verdict == "opposite"  # the paper: SR, by 60.5
+    assert row(made, "vessel").verdict == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("lead", "paper", "verdict"),
+    [
+        ((1, 0.5, 1.5), 3.0, "reproduced"),
+        ((1, 0.5, 1.5), -3.0, "opposite"),
+        ((-1, -1.5, -0.5), -3.0, "reproduced"),
+        ((-1, -1.5, -0.5), 3.0, "opposite"),
+        ((1, -0.1, 2.1), 3.0, "undecided"),
+        ((1, 0.0, 2.0), 3.0, "undecided"),
+        ((1, math.nan, math.nan), 3.0, "undecided"),
+        ((math.nan, math.nan, math.nan), 3.0, "no value"),
+        ((1, 0.5, 1.5), math.nan, "no value"),
+    ],
+)
+def test_rules_of_a_verdict(lead, paper, verdict):
+    ordering = Ordering("2048", "car", "fid", 1.0, 2.0, Estimate(*lead), paper, 4, "pc2pix")
+    assert ordering.verdict == verdict
+
+
+def test_the_average():
+    made = table()
+    found = row(made, "average")
+    assert found.lead.value == pytest.approx((0.105 + 0.035 + 0) / 3, abs=1e-12)
+    differences = [np.array(LEADS[k], float) for k in ("car", "lamp", "vessel")]
+    assert found.lead[1:] == pytest.approx(interval_of_means(differences), abs=1e-12)
+    assert found.paper_lead == pytest.approx(57.2, abs=1e-9)
+    assert found.objects == 12
+
+
+def test_distances_are_ahead_where_they_are_smaller():
+    rng = np.random.default_rng(0)
+    frame = pd.DataFrame(
+        [
+            {"method": m, "condition": c, "class": k, "object": obj, "view": v}
+            for m, c in (
+                (GROUND_TRUTH, ""),
+                *((m, "2048") for m in ("surface-apss", "pc2pix@all", "blank")),
+            )
+            for k in LEADS
+            for obj in OBJECTS
+            for v in (0, 1)
+        ]
+    )
+    values = rng.random((len(frame), 3), np.float32)
+    values[frame["method"] == "surface-apss"] += 2.0
+    made = table({"fd-views": MeasuredFeatures(FeaturesAtHand(frame, values))})
+    found = row(made, "car", "fd-views")
+    objects = np.repeat(OBJECTS, 2)
+    chosen = {
+        m: LeftOut(values[(frame["method"] == m) & (frame["class"] == "car")], objects)
+        for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
+    }
+    surface, network = (
+        left_out_distances(chosen[m], chosen[GROUND_TRUTH]) for m in ("surface-apss", "pc2pix@all")
+    )
+    assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
+    assert found.lead.value > 5  # 3 features that are off by 2 each: 12, less what chance gives
+    low, high = interval_of_left_out(found.lead.value, surface - network)
+    assert found.lead[1:] == pytest.approx((low, high), rel=1e-9)
+    average = row(made, "average", "fd-views")
+    value = np.mean([row(made, k, "fd-views").lead.value for k in LEADS])
+    assert average.lead.value == pytest.approx(value, rel=1e-12)
+    every = []
+    for k in LEADS:
+        truth, sr, net = (
+            LeftOut(values[(frame["method"] == m) & (frame["class"] == k)], objects)
+            for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
+        )
+        every.append(left_out_distances(net, truth) - left_out_distances(sr, truth))
+    assert average.lead[1:] == pytest.approx(interval_of_distances(value, every), rel=1e-9)
+
+
+def test_the_paper():
+    """11 classes and the average for pc2pix, rifle and lamp for SR."""
+    leads = {name: paper_lead(PAPER, name) for name in (*SUITE.classes, "average")}
+    assert [name for name, lead in leads.items() if lead < 0] == ["lamp", "rifle"]
+    assert leads["car"] == pytest.approx(163.1, abs=1e-9)
+    # the paper's AVERAGE is the mean of its classes, printed with one decimal
+    classes = [leads[name] for name in SUITE.classes]
+    assert np.mean(classes) == pytest.approx(leads["average"], abs=0.1)
+    assert math.isnan(paper_lead(PAPER, "spoon"))
+
+
+def test_csv_and_markdown():
+    made = table()
+    assert made.name == "table5_orderings"
+    rows = list(csv.DictReader(io.StringIO(made.to_csv())))
+    # silhouette-iou is the same for all methods of these records: no lead
+    assert {(r["class"], r["metric"]) for r in rows} == {
+        (k, m) for k in (*LEADS, "average") for m in ("ssim", "silhouette-iou")
+    }
+    car = next(r for r in rows if (r["class"], r["metric"]) == ("car", "ssim"))
+    assert (car["lead"], car["paper_lead"], car["verdict"]) == (
+        "0.105000",
+        "163.100000",
+        "reproduced",
+    )
+    text = made.to_markdown()
+    assert "| ssim | 1 | 1 | 1 | 0 | 1 | undecided |" in text
+    assert "| lamp | 4 | -60.5 | +0.035 [" in text
+    assert "*opposite*" in text
+
+
+@pytest.mark.parametrize("gone", ["surface-apss", "pc2pix@all"])
+def test_both_sides_are_needed(gone):
+    frame = records()
+    assert orderings(frame[frame["method"] != gone], {}, SUITE, PAPER) is None

@@ -1,0 +1,690 @@
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import asdict, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import bench.tables.build
+from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.intervals import mean_interval, median_interval
+from bench.catalogue.suites import SUITES
+from bench.metrics import frechet_distance
+from bench.metrics.frechet import frechet_interval
+from bench.records.record import GROUND_TRUTH, to_frame
+from bench.tables.build import cost_table, read_scored, tables, write_outputs
+from bench.tables.quality import (
+    as_published,
+    control_table,
+    detail_table,
+    image_table,
+    quality_table,
+    set_table,
+    with_objectives,
+)
+from data_prep.failures import BadInput
+
+from ..builders import (
+    SKIPPED_FID,
+    FeaturesAtHand,
+    make_failed,
+    make_manifest,
+    make_record,
+    write_run,
+)
+
+SUITE = SUITES[0]
+EXACT = 1e-12  # a handful of float64 additions
+
+
+def cell(table, **chosen):
+    """The one row with these values."""
+    (row,) = [r for r in table.rows if chosen.items() <= asdict(r).items()]
+    return row
+
+
+# --- means ----------------------------------------------------------------------------------------
+
+# splat: a 0.2 0.4, b 0.6 0.8, c failed; d is there for one view of two.
+WORKED = [
+    make_record(obj="a", view=0, ssim=0.2),
+    make_record(obj="a", view=1, ssim=0.4),
+    make_record(obj="b", view=0, ssim=0.6),
+    make_record(obj="b", view=1, ssim=0.8),
+    make_failed(obj="c", view=0, reason="apss: no faces"),
+    make_failed(obj="c", view=1, reason="apss: no faces"),
+    make_record(obj="d", view=0, ssim=0.1),
+    make_failed(obj="d", view=1, reason="timeout: 120 s"),
+    # what a blank picture would have scored
+    *(make_record("blank", obj=obj, view=v, ssim=0.05) for obj in "ab" for v in (0, 1)),
+    make_record("blank", obj="c", view=0, ssim=0.01),
+    make_record("blank", obj="c", view=1, ssim=0.02),
+    make_record("blank", obj="d", view=0, ssim=0.05),
+    make_record("blank", obj="d", view=1, ssim=0.03),
+    # and what must not be mistaken for it
+    make_record("blank", "512", obj="c", view=0, ssim=0.99),
+    make_record("blank", obj="c", view=0, ssim=0.99, class_name="sofa"),
+    make_failed("blank", "512", obj="c", view=1),
+]
+
+
+def worked_table(records=WORKED, published=None):
+    return image_table("table3_ssim", "Table 3", to_frame(records), SUITE, published or {})
+
+
+def test_a_table_worked_by_hand():
+    published = {
+        ("chair", "ssim", "2048", "splat"): 0.7,
+        ("chair", "ssim", "512", "splat"): 0.1,
+        ("chair", "contrast", "2048", "splat"): 0.2,
+        ("sofa", "ssim", "2048", "splat"): 0.3,
+    }
+    table = worked_table(published=published)
+    row = cell(table, method="splat", condition="2048", metric="ssim")
+    assert row.value == pytest.approx((0.2 + 0.4 + 0.6 + 0.8 + 0.1) / 5, abs=EXACT)
+    # per object: 0.3, 0.7 and 0.1
+    interval = mean_interval(np.array([0.3, 0.7, 0.1]))
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
+    assert (row.n_ok, row.n) == (5, 8)
+    assert row.failures_as_blank == pytest.approx((2.1 + 0.01 + 0.02 + 0.03) / 8, abs=EXACT)
+    assert row.note == "2 x apss: no faces; 1 x timeout: 120 s"
+    assert (row.suite, row.class_name, row.paper) == ("chair-robustness", "chair", 0.7)
+
+
+def test_what_a_whole_cell_looks_like():
+    row = cell(worked_table(), method="blank", condition="2048", metric="ssim", class_name="chair")
+    assert row.value == row.failures_as_blank == pytest.approx(0.03875, abs=EXACT)  # 0.31 / 8
+    assert (row.n_ok, row.n, row.note) == (8, 8, "")
+    assert np.isnan(row.paper)
+
+
+def test_all_metrics_and_cells_are_there():
+    table = worked_table()
+    cells = {(row.method, row.condition, row.class_name, row.metric) for row in table.rows}
+    assert cells == {
+        (*cell, metric)
+        for cell in [
+            ("splat", "2048", "chair"),
+            ("blank", "2048", "chair"),
+            ("blank", "512", "chair"),
+            ("blank", "2048", "sofa"),
+        ]
+        for metric in ("ssim", "luminance", "contrast", "structure")
+    }
+    assert cell(table, method="splat", metric="structure").value == pytest.approx(0.7, abs=EXACT)
+    assert len(table.rows) == 16
+
+
+def test_a_cell_without_any_picture():
+    records = [make_failed(obj=o, view=v) for o in "ab" for v in (0, 1)]
+    floor = [make_record("blank", obj=o, view=v, ssim=0.25) for o in "ab" for v in (0, 1)]
+    row = cell(worked_table(records + floor), method="splat", metric="ssim")
+    assert np.isnan([row.value, row.ci_low, row.ci_high]).all()
+    assert (row.n_ok, row.n, row.failures_as_blank) == (0, 4, 0.25)
+    assert row.note == "4 x timeout: 3 s"
+
+
+def test_a_failure_that_not_even_the_floor_survived():
+    records = [make_record(obj="a", ssim=0.5), make_failed(obj="b", reason="input: no faces")]
+    floor = [make_record("blank", obj="a"), make_failed("blank", obj="b", reason="input: no faces")]
+    row = cell(worked_table(records + floor), method="splat", metric="ssim")
+    assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0.5, 0.5, 1, 2)
+
+
+def test_skipped_pictures_count_as_missing_but_not_as_failures():
+    skipped = make_failed(obj="b", outcome="skipped", reason="weights")
+    floor = [make_record("blank", obj=obj, ssim=0.1) for obj in "ab"]
+    row = cell(worked_table([make_record(), skipped, *floor]), method="splat", metric="ssim")
+    assert (row.value, row.failures_as_blank, row.n_ok, row.n, row.note) == (0.5, 0.5, 1, 2, "")
+
+
+# --- detail ---------------------------------------------------------------------------------------
+
+THIN = [  # of b's pictures one has no thin part, and c has none at all
+    make_record(obj="a", view=0, thin_recall=0.2, thin_precision=None),
+    make_record(obj="a", view=1, thin_recall=0.4, thin_precision=0.5),
+    make_record(obj="b", view=0, thin_recall=0.9, thin_precision=0.7),
+    make_record(obj="b", view=1, thin_recall=None, thin_precision=None),
+    make_record(obj="c", view=0, thin_recall=None, thin_precision=None),
+    make_failed(obj="c", view=1, reason="crash"),
+    make_failed(obj="d", view=0, reason="crash"),
+    make_record("blank", obj="c", view=1, thin_recall=None, thin_precision=None),
+    make_record("blank", obj="d", view=0, thin_recall=0.0, thin_precision=None),
+]
+
+
+def thin_table(records=THIN):
+    return detail_table("table_detail", "Detail", to_frame(records), SUITE)
+
+
+def test_means_are_over_the_pictures_that_have_a_value():
+    row = cell(thin_table(), method="splat", metric="thin-recall")
+    assert row.value == pytest.approx(0.5, abs=EXACT)  # 0.2, 0.4, 0.9
+    interval = mean_interval(np.array([0.3, 0.9]))  # a and b; c has no value
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
+    assert (row.n_ok, row.n) == (3, 7)
+    # of the two failed pictures one shows no thin part, and the other would recall nothing
+    assert row.failures_as_blank == pytest.approx(1.5 / 4, abs=EXACT)
+    assert row.note == "2 x crash; 2 x no value: the true object shows no part thinner than 4 px"
+    precision = cell(thin_table(), method="splat", metric="thin-precision")
+    assert precision.value == precision.failures_as_blank == pytest.approx(0.6, abs=EXACT)
+    assert (precision.n_ok, precision.n) == (2, 7)
+    assert cell(thin_table(), method="splat", metric="ssim-object").n_ok == 5
+
+
+def test_a_method_that_never_has_a_value():
+    row = cell(thin_table(), method="blank", metric="thin-precision")
+    assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
+    assert (row.n_ok, row.n) == (0, 2)
+    assert row.note == "2 x no value: no part thinner than 4 px, or nothing drawn beside one"
+
+
+def test_a_score_that_must_be_there_is_not_passed_over():
+    records = [make_record(obj="a", ssim=None), make_record(obj="b")]
+    assert np.isnan(cell(worked_table(records), metric="ssim").value)
+
+
+def test_markdown_says_once_why_values_are_missing():
+    chosen = [
+        make_record(method, condition, obj, thin_recall=value)
+        for method in ("splat", "blank")
+        for condition in ("512", "2048")
+        for obj, value in (("a", 0.25), ("b", 0.75), ("c", None))
+    ]
+    lines = thin_table(chosen).to_markdown().splitlines()
+    assert not any("paper's layout" in line for line in lines)
+    assert "| splat | 0.500 [0.250, 0.750] 2/3 | 0.500 [0.250, 0.750] 2/3 |" in lines
+    told = [line for line in lines if line.startswith("* ")]
+    assert told == ["* blank, splat: 1 x no value: the true object shows no part thinner than 4 px"]
+    assert "* splat at 2048: 2 x crash; 2 x no value: " in thin_table().to_markdown()
+
+
+# --- control --------------------------------------------------------------------------------------
+
+
+def judged(pictures, seen):
+    """Answers by method: `seen(method, object, view)` gives azimuth, elevation and code."""
+    rows, values = [], []
+    for method, condition in ((GROUND_TRUTH, ""), ("splat", "2048"), ("blank", "2048")):
+        for obj, view in pictures:
+            azimuth, elevation, code = seen(method, obj, view)
+            turn = np.radians(azimuth)
+            rows.append((method, condition, "chair", obj, view))
+            values.append([np.sin(turn), np.cos(turn), elevation / 40, *code])
+    index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
+    return FeaturesAtHand(index, np.array(values, np.float32))
+
+
+def controls(records, answers, skipped=""):
+    return control_table("table_control", "C", to_frame(records), answers, skipped, SUITE)
+
+
+CODES = {"a": (1.0, 0.0), "b": (0.0, 1.0), "c": (-1.0, 0.0)}
+OFF = {("a", 0): 10, ("a", 1): -20, ("b", 0): 5, ("b", 1): 0, ("c", 0): 180, ("c", 1): 30}
+
+
+def seen(method, obj, view):
+    """Truth as it is; splat turned by `OFF`, 2 degrees too high, c taken for b; blank never."""
+    azimuth, elevation = (10.0, 5.0) if view == 0 else (-120.0, -30.0)  # those of `make_record`
+    if method == GROUND_TRUTH:
+        return azimuth, elevation, CODES[obj]
+    if method == "blank":
+        return 0.0, 0.0, CODES["a"]
+    return azimuth + OFF[obj, view], elevation + 2, CODES["b" if obj == "c" else obj]
+
+
+def test_a_control_table_worked_by_hand():
+    records = [make_record(m, obj=o, view=v) for m in ("splat", "blank") for o, v in OFF]
+    table = controls(records, judged(list(OFF), seen))
+    azimuth = cell(table, method="splat", metric="azimuth-error-deg")
+    # float32 sines: 4e-6 degrees
+    assert azimuth.value == pytest.approx(15.0, abs=1e-4)  # of 0 5 10 20 30 180
+    names = np.array([obj for obj, _ in OFF])
+    interval = median_interval(np.abs(np.array(list(OFF.values()), float)), names)
+    assert (azimuth.ci_low, azimuth.ci_high) == pytest.approx(interval, abs=1e-4)
+    assert cell(table, method="splat", metric="elevation-error-deg").value == pytest.approx(2.0)
+    found = cell(table, method="splat", metric="retrieval")
+    assert found.value == found.failures_as_blank == pytest.approx(2 / 3)
+    assert (found.ci_low, found.ci_high) == mean_interval(np.array([1.0, 1.0, 0.0]))
+    assert (found.n_ok, found.n, found.note) == (6, 6, "")
+    assert cell(table, method="blank", metric="retrieval").value == pytest.approx(1 / 3)
+    assert cell(table, method="blank", metric="azimuth-error-deg").value == pytest.approx(65.0)
+    assert "(3 of class chair)" in table.remark
+
+
+def test_failed_pictures_are_judged_as_blank():
+    records = [make_record(m, obj=o, view=v) for m in ("splat", "blank") for o, v in OFF]
+    records[0] = make_failed(obj="a", view=0, reason="crash")
+    records[2] = make_failed(obj="b", view=0, reason="crash")
+    table = controls(records, judged(list(OFF), seen))
+    azimuth = cell(table, method="splat", metric="azimuth-error-deg")
+    assert azimuth.value == pytest.approx(25.0, abs=1e-4)  # of 0 20 30 180
+    # a blank picture is seen from 0 degrees, 10 off: of 0 10 10 20 30 180
+    assert azimuth.failures_as_blank == pytest.approx(15.0, abs=1e-4)
+    found = cell(table, method="splat", metric="retrieval")
+    assert (found.value, found.failures_as_blank) == (0.5, 0.5)  # of the blank ones a's is right
+    assert (found.n_ok, found.n, found.note) == (4, 6, "2 x crash")
+
+
+@pytest.mark.parametrize(
+    ("pictures", "why"),
+    [
+        ([("a", 0), ("a", 1)], "1 object: there is nothing to tell it from; run at least 2"),
+        ([("a", 0), ("b", 0)], "1 view an object: none is left to know it by; run at least 2"),
+    ],
+)
+def test_too_few_to_find_anything(pictures, why):
+    table = controls([make_record(obj=o, view=v) for o, v in pictures], judged(pictures, seen))
+    row = cell(table, method="splat", metric="retrieval")
+    assert np.isnan([row.value, row.ci_low, row.failures_as_blank]).all()
+    assert row.note == why
+    assert np.isfinite(cell(table, method="splat", metric="azimuth-error-deg").value)
+    assert f"* splat: {why}" in table.to_markdown().splitlines()
+
+
+def test_without_a_judge_the_table_says_why():
+    table = controls([make_record()], None, "skipped: weights; 'bench train judge' makes them")
+    assert [row.metric for row in table.rows] == list(SUITE.control_metrics)
+    assert {row.note for row in table.rows} == {"skipped: weights; 'bench train judge' makes them"}
+    assert np.isnan([row.value for row in table.rows]).all()
+    assert table.to_markdown().count("skipped: weights") == 3  # once a metric
+
+
+def test_the_ceiling_is_judged_like_any_method(tmp_path):
+    run = write_run(tmp_path)
+    rows = [r for r in tables(read_scored(run))[3].rows if r.method == "true-mesh"]
+    assert len(rows) == 2 * 3
+    assert all(0 <= row.value <= 180 for row in rows)
+    by_condition = {c: [r.value for r in rows if r.condition == c] for c in ("2048", "512")}
+    assert by_condition["2048"] == by_condition["512"]
+
+
+# --- Fréchet distances ----------------------------------------------------------------------------
+
+PICTURES = [(obj, view) for obj in "abcd" for view in (0, 1)]
+RNG = np.random.default_rng(3)
+FEATURES = {
+    method: RNG.normal(i, 1 + i, (len(PICTURES), 3)).astype(np.float32)
+    for i, method in enumerate((GROUND_TRUTH, "splat", "blank"))
+}
+
+
+def features(without=()):
+    """Features of ground truth, splat and blank; those of splat `without` some pictures."""
+    rows, values = [], []
+    for method, of_method in FEATURES.items():
+        for picture, value in zip(PICTURES, of_method, strict=True):
+            if method == "splat" and picture in without:
+                continue
+            condition = "" if method == GROUND_TRUTH else "2048"
+            rows.append((method, condition, "chair", *picture))
+            values.append(value)
+    shuffled = np.random.default_rng(4).permutation(len(rows))
+    index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
+    return FeaturesAtHand(index.iloc[shuffled], np.array(values)[shuffled])
+
+
+def distances(without=(), skipped=None):
+    records = [
+        make_failed(method, obj=obj, view=view, reason="crash")
+        if method == "splat" and (obj, view) in without
+        else make_record(method, obj=obj, view=view)
+        for method in ("splat", "blank")
+        for obj, view in PICTURES
+    ]
+    taken = {"fd-views": MeasuredFeatures(features(without))}
+    taken["fd-views-grey"] = taken["fd-views"]
+    skipped = {"fid": "skipped: weights"} if skipped is None else skipped
+    return set_table("table4_fid", "Table 4", to_frame(records), taken, skipped, SUITE, {})
+
+
+def test_distances_are_those_of_the_features():
+    row = cell(distances(), method="splat", metric="fd-views")
+    x, y = FEATURES["splat"], FEATURES[GROUND_TRUTH]
+    assert row.value == pytest.approx(frechet_distance(x, y), rel=EXACT)
+    objects = np.repeat(list("abcd"), 2)
+    interval = frechet_interval(x, y, objects, objects)
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval, rel=EXACT)
+    assert (row.n_ok, row.n, row.note) == (8, 8, "")
+    assert row.failures_as_blank == row.value
+
+
+def test_missing_pictures_are_left_out_of_both_sets_or_blank():
+    without = [("b", 0), ("b", 1), ("d", 1)]
+    row = cell(distances(without), method="splat", metric="fd-views")
+    kept = [i for i, picture in enumerate(PICTURES) if picture not in without]
+    x, y = FEATURES["splat"], FEATURES[GROUND_TRUTH]
+    assert row.value == pytest.approx(frechet_distance(x[kept], y[kept]), rel=EXACT)
+    filled = x.copy()
+    for i in set(range(len(PICTURES))) - set(kept):
+        filled[i] = FEATURES["blank"][i]
+    assert row.failures_as_blank == pytest.approx(frechet_distance(filled, y), rel=EXACT)
+    assert (row.n_ok, row.n, row.note) == (5, 8, "3 x crash")
+    assert row.value != pytest.approx(row.failures_as_blank, rel=0.01)
+
+
+@pytest.mark.parametrize("there", [0, 1])
+def test_fewer_than_two_pictures_have_no_distance(there):
+    row = cell(distances(PICTURES[there:]), method="splat", metric="fd-views")
+    assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
+    assert (row.n_ok, row.n, row.note) == (there, 8, "fewer than two pictures")
+
+
+def test_skipped_metrics_say_why():
+    table = distances()
+    for method in ("splat", "blank"):
+        row = cell(table, method=method, metric="fid")
+        assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
+        assert (row.n_ok, row.n, row.note) == (8, 8, "skipped: weights")
+
+
+# --- text -----------------------------------------------------------------------------------------
+
+
+def test_csv_to_the_letter():
+    rows = worked_table(published={("chair", "ssim", "2048", "splat"): 0.7}).rows
+    row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")
+    low, high = mean_interval(np.array([0.3, 0.7, 0.1]))
+    rows = (row, replace(row, value=np.inf, note='a, "b"'))
+    assert quality_table("t", "T", rows, 3).to_csv() == (
+        "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
+        "note,objective\n"
+        f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
+        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,\n"
+        f"chair-robustness,splat,2048,chair,ssim,,{low:.6f},{high:.6f},5,8,0.700000,"
+        '0.270000,"a, ""b""",\n'
+    )
+
+
+def test_contract_columns_come_first():
+    header = worked_table().to_csv().partition("\n")[0].split(",")
+    assert header[:11] == (
+        [
+            "suite",
+            "method",
+            "condition",
+            "class",
+            "metric",
+            "value",
+            "ci_low",
+            "ci_high",
+            "n_ok",
+            "n",
+            "paper",
+        ]
+    )
+
+
+def markdown_records():
+    return [
+        make_record(method, condition, obj, ssim=value)
+        for method, condition, values in [
+            ("surface-apss", "2048", (0.25, 0.75)),
+            ("surface-apss", "512", (0.5, 0.5)),
+            ("pc2pix", "2048", (0.125, 0.125)),
+            ("blank", "2048", (0.0, 0.0)),
+            ("blank", "512", (0.0, 0.0)),
+        ]
+        for obj, value in zip("ab", values, strict=True)
+    ] + [make_failed("pc2pix", "512", obj, reason="a|b") for obj in "ab"]
+
+
+def test_markdown_to_the_letter():
+    published = {
+        ("chair", "ssim", "2048", "surface-apss"): 0.70,
+        ("chair", "ssim", "2048", "pc2pix"): 0.64,
+    }
+    frame = to_frame(markdown_records()).iloc[::-1]  # surface-apss first, 512 before 2048
+    suite = replace(SUITE, image_metrics=("ssim",))
+    table = image_table("t", "Table 3", frame, suite, published)
+    assert table.to_markdown() == "\n".join(
+        [
+            "# Table 3",
+            "",
+            "In the paper's layout: SR is `surface-apss`. Below a line of ours stands the paper's, "
+            "as published: other data (ShapeNet), other weights.",
+            "",
+            "| chair | 512 SR | 512 PC2PIX | 2048 SR | 2048 PC2PIX |",
+            "|---|---|---|---|---|",
+            "| ssim | 0.500 | - | 0.500 | 0.125 |",
+            "| ssim, paper | - | - | 0.7 | 0.64 |",
+            "",
+            "All methods: value [95 % interval over objects] n_ok/n pictures. Where pictures are "
+            "missing, *b* is the value with a blank picture in place of each.",
+            "",
+            "## ssim, chair",
+            "",
+            "| method | 512 | 2048 |",
+            "|---|---|---|",
+            "| surface-apss | 0.500 [0.500, 0.500] 2/2 | 0.500 [0.250, 0.750] 2/2 |",
+            "| pc2pix | - 0/2 | 0.125 [0.125, 0.125] 2/2 |",
+            "| blank | 0.000 [0.000, 0.000] 2/2 | 0.000 [0.000, 0.000] 2/2 |",
+            "",
+            "* pc2pix at 512: 2 x a\\|b",
+            "",
+        ]
+    )
+
+
+def test_markdown_shows_failures_beside_the_value():
+    chosen = [r for r in WORKED if r.condition == "2048" and r.class_name == "chair"]
+    lines = worked_table(chosen).to_markdown().splitlines()
+    assert "| splat | 0.420 [0.100, 0.700] 5/8 *b* 0.270 |" in lines
+    assert "* splat at 2048: 2 x apss: no faces; 1 x timeout: 120 s" in lines
+    assert not any(line.startswith("* blank") for line in lines)
+
+
+def test_markdown_cells_stay_in_their_columns():
+    text = worked_table([make_record(method="pc2pix@a|b.safetensors")]).to_markdown()
+    assert "| pc2pix@a\\|b.safetensors | 0.500 1/1 |" in text.splitlines()
+
+
+def test_markdown_of_names_from_a_file_system():
+    # A class, a method and a reason that would each break out of their place.
+    odd = {"class_name": "x\n# y|z", "method": "pc2pix@`<b>`\x1b[2J.safetensors"}
+    failed = make_failed(**odd, reason="no *faces*\n* other: [a](b)\u202e")
+    table = with_objectives(worked_table([failed]), {odd["method"]: "a`b"})
+    text = table.to_markdown()
+    assert all(line.isprintable() for line in text.split("\n"))
+    lines = text.split("\n")
+    assert "## ssim, x\\\\n\\# y\\|z" in lines
+    method = "pc2pix@\\`\\<b\\>\\`\\\\x1b\\[2J.safetensors"
+    assert f"| {method} | - 0/1 |" in lines
+    reason = r"no \*faces\*\\n\* other: \[a\](b)\\u202e"
+    assert f"* {method} at 2048: 1 x {reason}" in lines
+    assert "``" in next(line for line in lines if "weights trained with" in line)
+
+
+def test_csv_keeps_what_a_name_holds():
+    names = ["a\rb", "a\nb", "a\r\nb", 'a"b', "a,b", "=1+1", " a", "\x1b", "ä|b"]
+    table = worked_table([make_record(method=name) for name in names])
+    rows = list(csv.DictReader(io.StringIO(table.to_csv(), newline="")))
+    assert {row["method"] for row in rows} == set(names)
+
+
+def test_markdown_of_a_skipped_metric_is_one_line():
+    text = distances().to_markdown()
+    assert text.count("skipped: weights") == 1
+    assert "## fid, chair\n\nskipped: weights\n\n## fd-views, chair\n" in text
+    assert "In the paper's layout" not in text  # neither of the paper's methods is there
+
+
+# --- from a directory -----------------------------------------------------------------------------
+
+
+def test_tables_come_from_records_and_features(tmp_path):
+    run = write_run(tmp_path)
+    records = pd.read_parquet(run / "records.parquet")
+    images, sets, detail, controls = tables(read_scored(run))
+    assert (images.name, sets.name) == ("table3_ssim", "table4_fid")
+    assert (detail.name, controls.name) == ("table_detail", "table_control")
+    for method in ("splat", "blank"):
+        chosen = records[(records["method"] == method) & (records["condition"] == "512")]
+        row = cell(images, method=method, condition="512", metric="contrast")
+        assert row.value == pytest.approx(chosen["contrast"].mean(), abs=EXACT)
+    for row in (*images.rows, *sets.rows, *detail.rows):
+        if row.metric == "fid":
+            assert row.note == SKIPPED_FID
+        elif row.method == "true-mesh":
+            ideal = 0.0 if row.metric in ("fd-views", "fd-views-grey") else 1.0
+            assert row.value == pytest.approx(ideal, abs=EXACT)
+        else:
+            assert row.value > 0
+
+
+def test_rows_have_the_order_of_the_manifest(tmp_path):
+    run = write_run(tmp_path, methods=["true-mesh", "blank", "splat"], conditions=["512", "2048"])
+    for table in tables(read_scored(run)):
+        assert list(dict.fromkeys(row.method for row in table.rows)) == [
+            "true-mesh",
+            "blank",
+            "splat",
+        ]
+        assert list(dict.fromkeys(row.condition for row in table.rows)) == ["512", "2048"]
+
+
+def test_tables_are_reproduced_to_the_byte(tmp_path):
+    run = write_run(tmp_path)
+    files = sorted((run / "tables").iterdir())
+    assert [file.name for file in files] == [
+        "table3_ssim.csv",
+        "table3_ssim.md",
+        "table4_fid.csv",
+        "table4_fid.md",
+        *("table_control.csv", "table_control.md"),
+        *("table_detail.csv", "table_detail.md"),
+    ]
+    before = [file.read_bytes() for file in files]
+    for file in files:
+        file.unlink()
+    write_outputs(read_scored(run))
+    assert [file.read_bytes() for file in files] == before
+
+
+def test_tables_are_made_with_one_thread(tmp_path, monkeypatch):
+    run = write_run(tmp_path)
+    seen = []
+
+    def table(*arguments):
+        seen.extend(library["num_threads"] for library in threadpool_info())
+        return image_table(*arguments)
+
+    monkeypatch.setattr(bench.tables.build, "image_table", table)
+    with threadpool_limits(2):
+        tables(read_scored(run))
+    assert set(seen) == {1}
+
+
+def test_a_metric_without_features_says_so(tmp_path):
+    run = write_run(tmp_path)
+    (run / "features" / "fd-views.parquet").unlink()
+    sets = tables(read_scored(run))[1]
+    row = cell(sets, method="splat", condition="512", metric="fd-views")
+    assert row.note == "skipped: no features in this run"
+
+
+def test_a_run_of_an_unknown_suite(tmp_path):
+    run = write_run(tmp_path)
+    (run / "manifest.json").write_text(
+        (run / "manifest.json").read_text().replace('"chair-robustness"', '"chairs"')
+    )
+    assert make_manifest()["suite"] == "chair-robustness"
+    with pytest.raises(BadInput, match="unknown suite 'chairs': did you mean 'chair-robustness'"):
+        tables(read_scored(run))
+
+
+def test_the_published_values_are_quoted(tmp_path):
+    run = write_run(tmp_path, methods=["surface-apss", "pc2pix", "blank"])
+    images, sets, *_ = tables(read_scored(run))
+    # Table 3 and Table 4 of the paper, column 512
+    assert cell(images, method="surface-apss", condition="512", metric="ssim").paper == 0.63
+    assert cell(images, method="pc2pix", condition="512", metric="structure").paper == 0.78
+    assert cell(sets, method="surface-apss", condition="512", metric="fid").paper == 183.8
+    assert np.isnan(cell(sets, method="pc2pix", condition="512", metric="fd-views").paper)
+
+
+# --- cost -----------------------------------------------------------------------------------------
+
+
+def test_cost_is_the_median_over_clouds():
+    records = [
+        make_record(obj=obj, view=view, prepare_s=prepare_s, draw_s=draw_s)
+        for obj, views, prepare_s, draw_s in [
+            ("a", 7, 0.001, 0.25),
+            ("b", 1, 0.002, 0.5),
+            ("c", 1, 0.009, 0.75),
+        ]
+        for view in range(views)
+    ]
+    records += [make_failed(obj="d"), make_failed("blank", "512")]
+    lines = cost_table(to_frame(records), "Taken in a hurry.").splitlines()
+    assert lines[2] == "Taken in a hurry."
+    assert lines[4:] == [
+        "| method | 512 | 2048 |",
+        "|---|---|---|",
+        "| blank | - | - |",
+        "| splat | - | 2.0 + 500.0 |",
+    ]
+
+
+def test_tables_say_what_weights_were_trained_with():
+    frame = to_frame(markdown_records())
+    suite = replace(SUITE, image_metrics=("ssim",))
+    table = with_objectives(image_table("t", "T", frame, suite, {}), {"pc2pix": "paired"})
+    assert {row.method: row.objective for row in table.rows} == {
+        "surface-apss": "",
+        "pc2pix": "paired",
+        "blank": "",
+    }
+    assert "`pc2pix`: weights trained with `paired`.  \n" in table.to_markdown()
+    header, *lines = table.to_csv().splitlines()
+    assert header.endswith(",note,objective")
+    assert all(line.endswith(",paired") == (",pc2pix," in line) for line in lines)
+
+
+def test_a_variant_of_the_network_has_a_column_beside_the_papers_value():
+    other = [replace(r, method="pc2pix@acgan") for r in markdown_records() if r.method == "pc2pix"]
+    frame = to_frame([*markdown_records(), *other])
+    suite = replace(SUITE, image_metrics=("ssim",))
+    published = {("chair", "ssim", "2048", "pc2pix"): 0.64}
+    lines = image_table("t", "T", frame, suite, published).to_markdown().splitlines()
+    assert any("2048 SR | 2048 PC2PIX | 2048 PC2PIX@acgan" in line for line in lines)
+    assert any(line.count("0.64") == 2 for line in lines if line.startswith("| ssim, paper"))
+
+
+# --- several classes ------------------------------------------------------------------------------
+
+
+def test_several_classes_at_one_condition_are_a_row_each():
+    records = [
+        make_record(m, obj=obj, class_name=k, ssim=value)
+        for k, value in (("car", 0.25), ("lamp", 0.5))
+        for m in ("blank", "splat")
+        for obj in "ab"
+    ]
+    records[6:8] = [make_failed("splat", obj=obj, class_name="lamp") for obj in "ab"]
+    lines = worked_table(records).to_markdown().splitlines()
+    start = lines.index("## ssim")
+    assert lines[start + 2 : start + 8] == [
+        "| class | blank | splat |",
+        "|---|---|---|",
+        "| car | 0.250 [0.250, 0.250] 2/2 | 0.250 [0.250, 0.250] 2/2 |",
+        "| lamp | 0.500 [0.500, 0.500] 2/2 | - 0/2 |",
+        "",
+        "* splat at lamp: 2 x timeout: 3 s",
+    ]
+    assert "## ssim, car" not in lines
+
+
+def test_a_variant_has_its_own_published_value_or_its_architectures():
+    published = {
+        ("chair", "fid", "2048", "pc2pix"): 31.5,
+        ("chair", "fid", "2048", "pc2pix@all"): 28.8,
+    }
+    for method, value in (("pc2pix@all", 28.8), ("pc2pix@acgan", 31.5), ("pc2pix", 31.5)):
+        assert as_published(published, "chair", "fid", "2048", method) == value
+    assert np.isnan(as_published(published, "chair", "fid", "2048", "splat"))
