@@ -35,13 +35,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from bench.analysis import recognition as control
-from bench.analysis.recognition import Picture
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import CONTROL_METRICS, IMAGE_METRICS, column
 from bench.checking.tolerances import tolerance
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
+from bench.judges import answers as control
 from bench.judges.judge import greyscale, judge, load_judge_network
 from bench.judges.views import load_views_network, view_features
 from bench.metrics.frechet import frechet_distance
@@ -294,27 +293,6 @@ class Features:
         return torch.cat([self.judge(1 - p[:, None].to(self.dtype) / 255) for p in parts]).numpy()
 
 
-class _Truth:
-    """The judge's answers to the true pictures, as `gallery` asks for them."""
-
-    def __init__(self, answers: NDArray[np.floating]) -> None:
-        self.answers = answers
-
-    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
-        del method, condition, class_name
-        return _pictures(*self.answers.shape[:2])
-
-    def of(
-        self, method: str, condition: str, class_name: str, pictures: Sequence[Picture]
-    ) -> NDArray[np.floating]:
-        del method, condition, class_name
-        return np.stack([self.answers[int(chair), view] for chair, view in pictures])
-
-
-def _pictures(chairs: int, views: int) -> list[Picture]:
-    return [(f"{chair:04d}", view) for chair in range(chairs) for view in range(views)]
-
-
 def make_scene(chairs: int, views: int, seed: int, condition: str) -> Scene:
     """The first validation chairs; `seed` chooses views, points and what a condition does to them.
 
@@ -358,8 +336,9 @@ def cells(
     answers = _flat(taken.answers)
     azimuth = np.array([view.azimuth_deg for of_chair in views for view in of_chair])
     elevation = np.array([view.elevation_deg for of_chair in views for view in of_chair])
-    among = control.gallery(_Truth(truth_taken.answers), "chair")
-    hits = control.found(among, answers, _pictures(*drawn.shape[:2]))
+    pictures = [(f"{chair:04d}", view) for chair, view in np.ndindex(drawn.shape[:2])]
+    among = control.gallery("chair", pictures, _flat(truth_taken.answers))
+    hits = control.found(among, answers, pictures)
     values["azimuth-error-deg"] = float(np.median(control.azimuth_error_deg(answers, azimuth)))
     values["elevation-error-deg"] = float(
         np.median(control.elevation_error_deg(answers, elevation))

@@ -19,6 +19,7 @@ from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.catalogue.methods import FLOOR, FLOORS, find_method
 from bench.catalogue.metrics import column, is_similarity
+from bench.metrics.frechet import jackknife_interval
 from data_prep.failures import BadInput
 
 Floats = NDArray[np.float64]
@@ -214,12 +215,7 @@ def _set_qualities(
 
 
 def _jackknife(value: float, left_out: Floats) -> Estimate:
-    """The interval of `frechet.frechet_interval`, unclipped; none below three objects."""
-    g = len(left_out)
-    if g < 3 or not np.isfinite(left_out).all():
-        return Estimate(value, NAN, NAN)
-    error = float(np.sqrt((g - 1) / g * np.sum((left_out - left_out.mean()) ** 2)))
-    return Estimate(value, value - 1.96 * error, value + 1.96 * error)
+    return Estimate(value, *jackknife_interval(value, [left_out]))
 
 
 def _mean(values: Floats) -> float:

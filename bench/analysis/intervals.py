@@ -1,7 +1,8 @@
 """Intervals over objects: the views of one object are not independent, objects are.
 
 The mean over classes is the paper's AVERAGE: every class counts alike, however many objects.
-Classes are fixed, objects are drawn: intervals draw, or leave out, objects within their classes.
+Classes are fixed, objects are drawn: intervals draw objects within their classes. Distances of sets
+have a jackknife instead, `bench.metrics.frechet.jackknife_interval`.
 """
 
 from __future__ import annotations
@@ -73,7 +74,6 @@ def median_interval(values: NDArray[np.float64], objects: NDArray[Any]) -> tuple
 
 
 Floats = NDArray[np.float64]
-NO_INTERVAL = float("nan"), float("nan")
 
 
 def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
@@ -86,27 +86,10 @@ def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
     objects, and where a value is not finite.
     """
     if not per_object or any(len(of) < 2 or not np.isfinite(of).all() for of in per_object):
-        return NO_INTERVAL
+        return float("nan"), float("nan")
     total = np.zeros(RESAMPLES)
     for number, values in enumerate(per_object):
         # One class says nothing about the next.
         total += _resampled_means(values, np.random.default_rng((SEED, number)))
     low, high = np.percentile(total / len(per_object), [2.5, 97.5])
     return float(low), float(high)
-
-
-def interval_of_distances(value: float, left_out: Sequence[Floats]) -> tuple[float, float]:
-    """95 % interval of a mean over classes of distances of sets, by a jackknife within classes.
-
-    value     the mean over the classes
-    left_out  the distance without each object [G] of each class
-
-    The classes are independent, so their variances (g - 1) / g sum((theta_i - mean)^2) add up, over
-    the square of their number. Unclipped; two objects suffice, as one class in many. (nan, nan)
-    without a class, where a class has fewer than 2 objects, and where a value is not finite.
-    """
-    if not left_out or any(len(of) < 2 or not np.isfinite(of).all() for of in left_out):
-        return NO_INTERVAL
-    variances = [(len(of) - 1) / len(of) * ((of - of.mean()) ** 2).sum() for of in left_out]
-    error = float(np.sqrt(sum(variances))) / len(left_out)
-    return value - 1.96 * error, value + 1.96 * error

@@ -16,8 +16,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
+from bench.analysis.intervals import interval_of_means, mean_interval
 from bench.catalogue.metrics import is_similarity
+from bench.metrics.frechet import jackknife_interval
 from bench.tables.classes import NETWORK, SURFACE, decimals
 from bench.tables.orderings import Ordering
 from bench.tables.table import Table
@@ -219,7 +220,7 @@ def good_where_thin(run: Scored, thin: Sequence[str]) -> list[Finding]:
     for group in groups:
         of = [run.quality(metric, SURFACE, FULL, name) for name in group]
         value = float(np.mean([q.estimate.value for q in of]))
-        _, high = interval_of_distances(value, [q.per_object for q in of])
+        _, high = jackknife_interval(value, [q.per_object for q in of], fewest=2)
         values.append(value)
         variance += (high - value) ** 2
     gap, reach = values[1] - values[0], math.sqrt(variance)
@@ -234,7 +235,7 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
         raise Lacking(f"the run has no features of {', '.join(lacking)}")
     (a, without_a), (b, without_b) = run.spreads[more], run.spreads[less]
     reach = math.hypot(
-        *(interval_of_distances(v, [w])[1] - v for v, w in ((a, without_a), (b, without_b)))
+        *(jackknife_interval(v, [w], fewest=2)[1] - v for v, w in ((a, without_a), (b, without_b)))
     )
     estimate = Estimate(a - b, a - b - reach, a - b + reach)
     by_spread = sorted(run.spreads, key=lambda name: -run.spreads[name][0])
@@ -325,9 +326,7 @@ def combined(terms: Sequence[tuple[float, Quality]]) -> Estimate:
     per_object = np.sum([weight * quality.per_object for weight, quality in terms], axis=0)
     if is_similarity(terms[0][1].metric):
         return Estimate(value, *mean_interval(per_object))
-    if len(per_object) < 3:
-        return Estimate(value, math.nan, math.nan)
-    return Estimate(value, *interval_of_distances(value, [per_object]))
+    return Estimate(value, *jackknife_interval(value, [per_object]))
 
 
 def _lead(a: Quality, b: Quality) -> Estimate:

@@ -157,7 +157,7 @@ def run(
         finished = run_suite(options)
         shown, summary, directory = printed(finished.outputs), _summary(finished), options.directory
     else:
-        done = import_module(f"bench.catalogue.suites.{suite.id}.run").run(options)
+        done = import_module(f"bench.suites.{suite.id}.run").run(options)
         shown, summary, directory = done.printed, done.summary, done.directory
     for text in shown:
         print(text)

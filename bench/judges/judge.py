@@ -23,7 +23,6 @@ from learning.weights import read_safetensors
 
 FEATURES = 192
 CODE = 32
-ELEVATION_UNIT_DEG = 40.0
 BATCH = 20
 
 

@@ -21,14 +21,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.judges import JUDGE_WEIGHTS
-from bench.judges.judge import (
+from bench.judges.answers import (
     ELEVATION_UNIT_DEG,
-    FEATURES,
-    JudgeNetwork,
-    darkness,
-    greyscale,
-    judge,
+    azimuth_error_deg,
+    elevation_error_deg,
+    found,
+    gallery,
 )
+from bench.judges.judge import FEATURES, JudgeNetwork, darkness, greyscale, judge
 from data_prep.datasets import MeshObject, ProceduralObject, SceneObject, Split
 from data_prep.failures import BadInput
 from data_prep.mesh_files import NEUTRAL_GREY
@@ -233,11 +233,11 @@ class _Trainer:
         return {"loss": loss.detach()}
 
     def _validate(self, step: str) -> None:
-        found = score(self.network.eval(), self.validation)
+        scores = score(self.network.eval(), self.validation)
         self.network.train()
         if self.team.rank == 0:
-            print(f"{step}: {found}", file=sys.stderr, flush=True)
-        merit = found.retrieval - found.azimuth_deg / 40
+            print(f"{step}: {scores}", file=sys.stderr, flush=True)
+        merit = scores.retrieval - scores.azimuth_deg / 40
         if merit > self.best_merit:
             self.best_merit.fill_(merit)
             self.best = _compact(self.network)
@@ -416,31 +416,18 @@ def score(
     Codes of objects are always means over true pictures.
     """
     true = _judge_luma(network, truth.painted)
-    found = true if queries is None else _judge_luma(network, queries)
-    azimuth = np.degrees(np.arctan2(found[..., 0], found[..., 1]))
-    turn = (azimuth - truth.azimuth_deg + 180) % 360 - 180
-    tilt = ELEVATION_UNIT_DEG * found[..., 2] - truth.elevation_deg
+    asked = true if queries is None else _judge_luma(network, queries)
+    shown = [(f"{chair:06d}", view) for chair, view in np.ndindex(truth.azimuth_deg.shape)]
     return Scores(
-        float(np.median(np.abs(turn))),
-        float(np.median(np.abs(tilt))),
-        retrieval(true[..., 3:], found[..., 3:]),
+        float(np.median(azimuth_error_deg(asked, truth.azimuth_deg.ravel()))),
+        float(np.median(elevation_error_deg(asked, truth.elevation_deg.ravel()))),
+        float(found(gallery("chair", shown, true), asked, shown).mean()),
     )
 
 
-def retrieval(gallery: NDArray[np.float32], queries: NDArray[np.float32]) -> float:
-    """Share of queries [N, V, d] whose own object is the nearest of all N.
-
-    A query of view v meets each object's mean of `gallery` [N, V, d] over its views but v.
-    """
-    count, views = queries.shape[:2]
-    means = (gallery.sum(1, keepdims=True) - gallery) / (views - 1)
-    distance = np.linalg.norm(queries[:, None] - means[None], axis=-1)  # [query, object, view]
-    return float((distance.argmin(1) == np.arange(count)[:, None]).mean())
-
-
 def _judge_luma(network: JudgeNetwork, grey: NDArray[np.uint8]) -> NDArray[np.float32]:
-    images = grey.reshape(-1, *grey.shape[2:], 1).repeat(3, axis=-1)
-    return judge(network, images).reshape(*grey.shape[:2], -1)
+    """Answers [N V, 3 + CODE] to luma [N, V, 128, 128]."""
+    return judge(network, grey.reshape(-1, *grey.shape[2:], 1).repeat(3, axis=-1))
 
 
 def _compact(network: JudgeNetwork) -> dict[str, Tensor]:

@@ -21,7 +21,7 @@ in blocks and the memory that they take is that of one block and of d x d number
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -255,15 +255,31 @@ def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
 
 
 def interval_of_left_out(theta: float, left_out: Floats) -> tuple[float, float]:
-    """The jackknife's interval of a distance `theta`, from the distances without each block [g].
+    """`jackknife_interval` of one distance `theta`, from the distances without each block [g].
 
-    (nan, nan) for fewer than 3 of them and where a distance is NaN.
+    Clipped at 0; (nan, nan) for fewer than 3 of them and where a distance is NaN.
     """
-    g = len(left_out)
-    if g < 3 or not np.isfinite(left_out).all():
+    low, high = jackknife_interval(theta, [left_out])
+    return max(low, 0.0), high  # NaN stays
+
+
+def jackknife_interval(
+    value: float, left_out: Sequence[Floats], fewest: int = 3
+) -> tuple[float, float]:
+    """95 % interval (low, high) of a mean over classes of distances of sets, unclipped.
+
+    value     the mean over the classes: of one class, its distance
+    left_out  the distance without each block of objects [g], of each class
+
+    The classes are independent, so their variances (g - 1) / g sum((theta_i - mean)^2) add up, over
+    the square of their number. (nan, nan) without a class, where a class has fewer than `fewest`
+    blocks (at least 2), and where a distance is not finite.
+    """
+    if not left_out or any(len(of) < fewest or not np.isfinite(of).all() for of in left_out):
         return float("nan"), float("nan")
-    error = np.sqrt((g - 1) / g * np.sum((left_out - left_out.mean()) ** 2))
-    return max(theta - 1.96 * float(error), 0.0), theta + 1.96 * float(error)
+    variances = [(len(of) - 1) / len(of) * np.sum((of - of.mean()) ** 2) for of in left_out]
+    reach = 1.96 * float(np.sqrt(sum(variances)) / len(left_out))
+    return value - reach, value + reach
 
 
 def _leave_out_rows(

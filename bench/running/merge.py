@@ -23,17 +23,13 @@ from bench.records.job import Result
 from bench.records.journal import (
     FIXED,
     Journal,
-    check_directory,
-    open_journal,
     read_finished,
     read_lines,
-    write_manifest,
 )
 from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
-from bench.running import environment as manifests
 from bench.running.protocol import WHOLE, Shard, deal_back, read_shard
-from bench.running.run import Measured, Outputs, write_parquet
+from bench.running.run import Measured, Outputs, open_run, write_parquet
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.progress import progress
 
@@ -76,9 +72,7 @@ def merge(
     """
     parts = _in_order([_read_part(directory) for directory in directories])
     manifest = _describe(parts)
-    check_directory(out, manifest)
-    with open_journal(out) as journal:
-        write_manifest(out, manifest)
+    with open_run(out, manifest) as journal:
         jobs = _collect(parts, manifest["objects"], journal)
         seconds: dict[str, float] = {}
         outputs = publish(
@@ -93,7 +87,6 @@ def merge(
         )
         stages = manifest["stage_seconds"]
         stages |= {name: round(stages.get(name, 0) + spent, 1) for name, spent in seconds.items()}
-        write_manifest(out, manifest | {"finished": manifests.now()})
     return Merged(out, outputs, len(jobs), len(journal.added))
 
 

@@ -213,23 +213,40 @@ def describe(
     protocol: Protocol, workers: int, skipped_metrics: Mapping[str, str]
 ) -> dict[str, Any]:
     """The manifest of a run that is about to start."""
+    return manifest_of(
+        protocol,
+        protocol.suite.id,
+        protocol.views,
+        protocol.environment,
+        shard=str(protocol.shard) if protocol.shard else WHOLE,
+        methods=list(protocol.methods),
+        identities={m: method_identity(m, protocol.device) for m in protocol.methods},
+        objectives=objectives(protocol.methods),
+        conditions=list(protocol.conditions),
+        objects=[f"{o.class_name}/{o.object_id}" for o in protocol.objects],
+        skipped_metrics=dict(skipped_metrics),
+        feature_identity=dict(protocol.feature_identity),
+        workers=workers,
+    )
+
+
+def manifest_of(
+    request: Protocol | Options,
+    suite: str,
+    views: int,
+    environment: Mapping[str, str],
+    **own: object,
+) -> dict[str, Any]:
+    """The manifest of a run of any suite that is about to start; `own` is what only this has."""
     return {
         "schema_version": SCHEMA_VERSION,
-        "suite": protocol.suite.id,
-        "dataset": protocol.dataset,
-        "views": protocol.views,
-        "seed": protocol.seed,
-        "device": protocol.device,
-        "shard": str(protocol.shard) if protocol.shard else WHOLE,
-        "methods": list(protocol.methods),
-        "identities": {m: method_identity(m, protocol.device) for m in protocol.methods},
-        "objectives": objectives(protocol.methods),
-        "conditions": list(protocol.conditions),
-        "objects": [f"{o.class_name}/{o.object_id}" for o in protocol.objects],
-        "skipped_metrics": dict(skipped_metrics),
-        "feature_identity": dict(protocol.feature_identity),
-        "environment": dict(protocol.environment),
-        "workers": workers,
+        "suite": suite,
+        "dataset": request.dataset,
+        "views": views,
+        "seed": request.seed,
+        "device": request.device,
+        **own,
+        "environment": dict(environment),
     } | circumstances()
 
 

@@ -190,6 +190,25 @@ def run(options: Options, publish: Callable[[Measured], Outputs]) -> Finished[Ou
         return _carry_out(options, directory, protocol, todo, crew, manifest, begun, publish)
 
 
+@contextmanager
+def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> Iterator[Journal]:
+    """The journal of a run, whose directory is locked for as long as the block lasts.
+
+    The manifest is written first, and again where the block ends without an error, with the time
+    and what the block has added to it. `fresh` renames an old run first. Raises BadInput where the
+    directory holds something else or another process writes there.
+    """
+    if fresh and (old := set_aside(directory)):
+        say(f"the old run is now {old}")
+    check_directory(directory, manifest)
+    with open_journal(directory) as journal:
+        write_manifest(directory, manifest)
+        yield journal
+        for line in journal.damage:
+            say(line)
+        write_manifest(directory, manifest | {"finished": manifests.now()})
+
+
 def _carry_out(
     options: Options,
     directory: Path,
@@ -201,12 +220,8 @@ def _carry_out(
     publish: Callable[[Measured], Outputs],
 ) -> Finished[Outputs]:
     suite, start = protocol.suite, crew.start
-    if options.fresh and (old := set_aside(directory)):
-        say(f"the old run is now {old}")
-    check_directory(directory, manifest)
     seconds: dict[str, float] = {}
-    with open_journal(directory) as journal:
-        write_manifest(directory, manifest)
+    with open_run(directory, manifest, options.fresh) as journal:
         with timed("ground truth", seconds):
             truths = do_jobs(todo.references, journal, "ground truth", start)
             _check_any_truth(todo, truths)
@@ -223,16 +238,12 @@ def _carry_out(
         extractors = [metric for metric, _ in protocol.features]
         rows = _in_order(todo, truths | settled)
         outputs = publish(write_parquet(directory, suite.id, rows, records, extractors, seconds))
-        for line in journal.damage:
-            say(line)
         spent = (of.spent for every in (truths, settled) for of in every.values())
         of_workers = shares(spent, crew.workers * (time.perf_counter() - begun))
         manifest |= {
-            "finished": manifests.now(),
             "stage_seconds": seconds,
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
-        write_manifest(directory, manifest)
     done = _count_new(todo, unscorable, journal)
     return Finished(
         directory,

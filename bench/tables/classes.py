@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.distances import CellKey, MeasuredFeatures
-from bench.analysis.intervals import interval_of_distances, interval_of_means
+from bench.analysis.intervals import interval_of_means
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.metrics import (
     KERNEL_METRICS,
@@ -21,6 +21,7 @@ from bench.catalogue.metrics import (
     is_similarity,
 )
 from bench.catalogue.suites import Suite
+from bench.metrics.frechet import jackknife_interval
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.features import Features, Picture
 from bench.records.record import GROUND_TRUTH
@@ -156,7 +157,7 @@ def _kernel(
 
 
 def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
-    return interval_of_distances(value, [left_out]) if len(left_out) > 2 else (NAN, NAN)
+    return jackknife_interval(value, [left_out])
 
 
 KERNEL = SetDistance(_kernel, _kernel_interval)
@@ -179,7 +180,7 @@ def _average(metric: str, of_cell: Sequence[Measured], published: Published) -> 
     if is_similarity(metric):
         low, high = interval_of_means(of_classes)
     else:
-        low, high = interval_of_distances(value, of_classes)
+        low, high = jackknife_interval(value, of_classes, fewest=2)
         low = low if metric in KERNEL_METRICS or math.isnan(low) else max(low, 0.0)
     note = f"without {', '.join(lacking)}" if lacking else ""
     return Row(

@@ -17,10 +17,11 @@ import pandas as pd
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, compare, lead
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import interval_of_distances, interval_of_means
+from bench.analysis.intervals import interval_of_means
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import column, is_similarity
 from bench.catalogue.suites import Suite
+from bench.metrics.frechet import jackknife_interval
 from bench.tables import markdown
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals, network_of, objects_of
 from bench.tables.quality import Published
@@ -166,7 +167,7 @@ def _of_metric(
     interval = (
         interval_of_means(differences)
         if is_similarity(metric)
-        else interval_of_distances(value, differences)
+        else jackknife_interval(value, differences, fewest=2)
     )
     average = Ordering(
         compared[0].condition,

@@ -17,12 +17,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis import recognition as control
 from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
+from bench.analysis.recognition import true_gallery
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import UNDEFINED, column, higher_is_better
 from bench.catalogue.suites import Suite
+from bench.judges import answers as control
 from bench.metrics.frechet import interval_of_left_out
 from bench.records.features import Features, Picture
 from bench.records.record import GROUND_TRUTH
@@ -414,7 +415,7 @@ def control_table(
             ok = group[group["outcome"] == "ok"]
             missing = _floor_of_failed(cell, group, records)
             if among is None or among.class_name != cell[2]:  # of one class at a time
-                among = control.gallery(judged, cell[2])
+                among = true_gallery(judged, cell[2])
                 sizes[cell[2]] = len(among.objects)
             answers = _answers(cell, ok, judged)
             floor = _answers((FLOOR, *cell[1:]), missing, judged)

@@ -15,9 +15,11 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from operator import attrgetter
+from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from bench.tables import markdown
+from data_prep.whole_files import write_whole
 
 NAN = float("nan")
 R = TypeVar("R")
@@ -345,3 +347,12 @@ def table_files(tables: Iterable[Table[Any]]) -> dict[str, str]:
         if table.layout is not None:
             files[f"{table.name}.md"] = table.to_markdown()
     return files
+
+
+TABLES = "tables"
+
+
+def write_tables(directory: Path, tables: Iterable[Table[Any]]) -> None:
+    """Write them into the folder of tables of a run, each file whole or not at all."""
+    for name, text in table_files(tables).items():
+        write_whole(directory / TABLES / name, text.encode())

@@ -6,7 +6,6 @@ The same seed gives the same bytes on one machine, with whatever number of threa
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,12 +15,10 @@ from typing import Any
 from bench.catalogue.suites import LATENT, LatentSuite
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
-from bench.records.journal import check_directory, open_journal, set_aside, write_manifest
-from bench.records.record import SCHEMA_VERSION
-from bench.running import environment as manifests
 from bench.running.environment import environment
 from bench.running.isolation import one_thread
-from bench.running.protocol import Options, refuse
+from bench.running.protocol import Options, manifest_of, refuse
+from bench.running.run import open_run
 from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
 from bench.suites.latent.chairs import Pair, Triple, choose_pairs, choose_triples, specified_chairs
 from bench.suites.latent.figures import Strip, strips_figure
@@ -29,15 +26,12 @@ from bench.suites.latent.network import Network, load_network, weights_of
 from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
 from bench.suites.latent.tables import Mean, Value, latent_table, means, values_table
 from bench.tables.figure import FIGURES, save
-from bench.tables.table import Table, table_files
+from bench.tables.table import Table, write_tables
 from data_prep.datasets import Split, open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import View
-from data_prep.whole_files import write_whole
-
-TABLES = "tables"
 
 
 @dataclass(frozen=True)
@@ -76,13 +70,8 @@ def run(options: Options, suite: LatentSuite = LATENT) -> LatentRun:
     with one_thread():
         networks = [load_network(method, options.device, view) for method in methods]
         manifest = _describe(options, suite, networks, pairs, triples)
-        if options.fresh and (old := set_aside(directory)):
-            print(f"the old run is now {old}", file=sys.stderr, flush=True)
-        check_directory(directory, manifest)
-        with open_journal(directory):  # nothing is kept there: it locks the directory
-            write_manifest(directory, manifest)
+        with open_run(directory, manifest, options.fresh):
             tables = _measure(networks, pairs, triples, options.seed, suite, directory)
-            write_manifest(directory, manifest | {"finished": manifests.now()})
     return LatentRun(directory, tables, time.perf_counter() - start)
 
 
@@ -117,25 +106,22 @@ def _describe(
     pairs: Sequence[Pair],
     triples: Sequence[Triple],
 ) -> dict[str, Any]:
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "suite": suite.id,
-        "dataset": options.dataset,
-        "views": 1,
-        "seed": options.seed,
-        "device": options.device,
-        "methods": [network.method for network in networks],
-        "weights": {
+    return manifest_of(
+        options,
+        suite.id,
+        1,
+        environment(),
+        methods=[network.method for network in networks],
+        weights={
             network.method: {
                 "weights": network.renderer.weights.sha256,
                 "decoder": network.decoder_sha256,
             }
             for network in networks
         },
-        "pairs": [pair.id for pair in pairs],
-        "triples": [triple.id for triple in triples],
-        "environment": environment(),
-    } | manifests.circumstances()
+        pairs=[pair.id for pair in pairs],
+        triples=[triple.id for triple in triples],
+    )
 
 
 def _measure(
@@ -192,10 +178,9 @@ def _measure(
             means(suite.id, on_sums),
         ),
     )
-    values = (
+    values = [
         values_table(f"{table.name}_values", of)
         for table, of in zip(tables, (on_paths, on_sums), strict=True)
-    )
-    for name, text in table_files([*tables, *values]).items():
-        write_whole(directory / TABLES / name, text.encode())
+    ]
+    write_tables(directory, [*tables, *values])
     return tables

@@ -15,12 +15,11 @@ from typing import Any
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method, objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
-from bench.records.journal import check_directory, open_journal, set_aside, write_manifest
-from bench.records.record import SCHEMA_VERSION
 from bench.running import environment as manifests
 from bench.running.environment import ROOT, code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
-from bench.running.protocol import Options, digest, method_identity, refuse
+from bench.running.protocol import Options, digest, manifest_of, method_identity, refuse
+from bench.running.run import open_run
 from bench.suites.speed.figure import amortised_figure
 from bench.suites.speed.measure import Unit, measure
 from bench.suites.speed.samples import (
@@ -40,12 +39,11 @@ from bench.suites.speed.tables import (
 )
 from bench.tables.figure import FIGURES, save
 from bench.tables.published import published
-from bench.tables.table import Table, table_files
+from bench.tables.table import Table, write_tables
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject, open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import progress, say
-from data_prep.whole_files import write_whole
 
 TIMED = (  # what decides how long something takes
     *("data_prep", "baselines", "pc2pix"),
@@ -107,9 +105,6 @@ def sources_sha256(root: Path = ROOT) -> str:
     return code_sha256(TIMED, root)
 
 
-TABLES = "tables"
-
-
 @dataclass(frozen=True)
 class SpeedRun:
     """A finished run: where it is, its tables for people, and what was measured now and before.
@@ -163,15 +158,10 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SpeedRun:
         options.device,
         {name: manifest[name] for name in ("environment", "versions", "machine")},
     )
-    if options.fresh and (old := set_aside(directory)):
-        say(f"the old run is now {old}")
-    check_directory(directory, manifest)
-    with open_journal(directory):  # nothing is kept there: it locks the directory
-        write_manifest(directory, manifest)
+    with open_run(directory, manifest, options.fresh):
         measured, reused = _measure_all(units, directory)
         summaries = [summarise(measurement) for measurement in measured]
         tables = _write(directory, summaries, suite, manifest["machine"])
-        write_manifest(directory, manifest | {"finished": manifests.now()})
     return SpeedRun(
         directory,
         tables,
@@ -206,20 +196,17 @@ def _describe(
     conditions: Sequence[str],
     objects: Sequence[SceneObject],
 ) -> dict[str, Any]:
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "suite": suite.id,
-        "dataset": options.dataset,
-        "views": options.views or suite.views,
-        "seed": options.seed,
-        "device": options.device,
-        "methods": list(methods),
-        "objectives": objectives(methods),
-        "conditions": list(conditions),
-        "threads": sorted({1, manifests.cores()}),
-        "objects": [f"{obj.class_name}/{obj.object_id}" for obj in objects],
-        "environment": environment(),
-    } | manifests.circumstances()
+    return manifest_of(
+        options,
+        suite.id,
+        options.views or suite.views,
+        environment(),
+        methods=list(methods),
+        objectives=objectives(methods),
+        conditions=list(conditions),
+        threads=sorted({1, manifests.cores()}),
+        objects=[f"{obj.class_name}/{obj.object_id}" for obj in objects],
+    )
 
 
 def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measurement], int]:
@@ -283,8 +270,7 @@ def _write(
         samples_table(summary.measurement for summary in summaries),
         break_even_table(summaries, suite),
     )
-    for name, text in table_files([*people, *scripts]).items():
-        write_whole(directory / TABLES / name, text.encode())
+    write_tables(directory, [*people, *scripts])
     figure = amortised_figure(summaries, suite)
     if figure is not None:
         save(figure, directory / FIGURES / "amortised.png")

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.recognition import azimuth_error_deg, elevation_error_deg
 from bench.catalogue.metrics import JUDGE
+from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.silhouette import object_boxes, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box

@@ -17,14 +17,14 @@ from bench.catalogue.methods import FLOORS, find_method, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
 from bench.records.artifacts import artifact_path
 from bench.records.job import Job
-from bench.records.journal import Settled, check_directory, open_journal, set_aside, write_manifest
+from bench.records.journal import Settled
 from bench.records.parquet import JobRow, write_records
 from bench.records.record import SCHEMA_VERSION
-from bench.running import environment as manifests
-from bench.running.environment import environment
+from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, do_jobs
 from bench.running.isolation import one_thread
-from bench.running.protocol import Options, digest, method_identity, refuse
+from bench.running.protocol import Options, digest, manifest_of, method_identity, refuse
+from bench.running.run import open_run
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import STATED, Observation, Outcome, observe, outcome
 from bench.suites.stability.figures import extremes_figure, matrix_figure
@@ -38,11 +38,10 @@ from bench.suites.stability.metrics import metric_outcomes
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save
-from bench.tables.table import Table, table_files
+from bench.tables.table import Table, write_tables
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.progress import say
-from data_prep.whole_files import write_whole
 
 CASES_VERSION = 1  # raise when a perturbation of `data_prep.extremes` changes a cloud
 
@@ -90,9 +89,6 @@ def stability_jobs(
     return jobs
 
 
-TABLES = "tables"
-
-
 @dataclass(frozen=True)
 class StabilityRun:
     """A finished run: where it is, its matrices, and how long it took."""
@@ -124,20 +120,14 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
     for method in methods:
         find_method(method)
     directory = options.directory
-    workers = options.workers or manifests.cores()
+    workers = options.workers or cores()
     machine = environment()
     jobs = stability_jobs(suite, methods, options.seed, options.device, machine, directory)
     manifest = _describe(options, suite, methods, workers, machine)
-    if options.fresh and (old := set_aside(directory)):
-        say(f"the old run is now {old}")
-    check_directory(directory, manifest)
-    with open_journal(directory) as journal:
-        write_manifest(directory, manifest)
+    with open_run(directory, manifest, options.fresh) as journal:
         settled = do_jobs(
             jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
         )
-        for line in journal.damage:
-            say(line)
         results = journal.lines.result
         rows = [JobRow(job.key, job.item, settled[job.key].artifact_sha256) for job in jobs]
         write_records(directory, rows, lambda row: results(row.key).records)
@@ -147,10 +137,8 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
             formats = measure_formats()
         matrices = _matrices(methods, observations, formats)
         behind = observations_table(observations), formats_table("number_formats", formats)
-        for name, text in table_files([*matrices, *behind]).items():
-            write_whole(directory / TABLES / name, text.encode())
+        write_tables(directory, [*matrices, *behind])
         _draw(directory, matrices, jobs, settled, methods)
-        write_manifest(directory, manifest | {"finished": manifests.now()})
     return StabilityRun(directory, matrices, time.perf_counter() - start)
 
 
@@ -181,20 +169,17 @@ def _describe(
     workers: int,
     machine: Mapping[str, str],
 ) -> dict[str, Any]:
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "suite": suite.id,
-        "dataset": options.dataset,
-        "views": len(VIEWS),
-        "seed": options.seed,
-        "device": options.device,
-        "methods": list(methods),
-        "objectives": objectives(methods),
-        "objects": [f"{suite.class_name}/test-{suite.index:04d}"],
-        "cases": [case.id for case in CASES],
-        "environment": dict(machine),
-        "workers": workers,
-    } | manifests.circumstances()
+    return manifest_of(
+        options,
+        suite.id,
+        len(VIEWS),
+        machine,
+        methods=list(methods),
+        objectives=objectives(methods),
+        objects=[f"{suite.class_name}/test-{suite.index:04d}"],
+        cases=[case.id for case in CASES],
+        workers=workers,
+    )
 
 
 def _matrices(

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bench.analysis.intervals import interval_of_distances, interval_of_means
-from bench.metrics.frechet import interval_of_left_out
+from bench.analysis.intervals import interval_of_means
+from bench.metrics.frechet import interval_of_left_out, jackknife_interval
 
 
 def test_two_objects_each_have_few_resamples():
@@ -54,7 +54,7 @@ def test_methods_are_paired():
 
 def test_one_class_is_the_jackknife():
     left_out = np.array([3.0, 3.5, 2.5, 4.0])
-    assert interval_of_distances(3.2, [left_out]) == pytest.approx(
+    assert jackknife_interval(3.2, [left_out]) == pytest.approx(
         interval_of_left_out(3.2, left_out), abs=1e-12
     )
 
@@ -62,7 +62,7 @@ def test_one_class_is_the_jackknife():
 def test_variances_of_classes_add_up():
     """(g - 1) / g sum of squares: 1/2 (1 + 1) = 1 and 2/3 (4 + 4) = 16/3; over 2 classes."""
     left_out = [np.array([4.0, 6.0]), np.array([1.0, 3.0, 5.0])]
-    low, high = interval_of_distances(7.0, left_out)
+    low, high = jackknife_interval(7.0, left_out, fewest=2)
     reach = 1.96 * math.sqrt(1 + 16 / 3) / 2
     assert (low, high) == pytest.approx((7 - reach, 7 + reach), abs=1e-12)
 
@@ -73,4 +73,4 @@ def test_variances_of_classes_add_up():
 )
 def test_no_interval(of_classes):
     assert np.isnan(interval_of_means(of_classes)).all()
-    assert np.isnan(interval_of_distances(1.0, of_classes)).all()
+    assert np.isnan(jackknife_interval(1.0, of_classes, fewest=2)).all()

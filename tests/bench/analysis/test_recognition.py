@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis import recognition as control
+from bench.analysis.recognition import true_gallery
+from bench.judges import answers as control
 from bench.records.record import GROUND_TRUTH
 
 from ..builders import FeaturesAtHand
@@ -64,7 +65,7 @@ def truth_of(codes):
 
 
 def test_the_gallery_leaves_out_the_view():
-    among = control.gallery(truth_of(TRUTH), "chair")
+    among = true_gallery(truth_of(TRUTH), "chair")
     assert among.objects == ("a", "b")
     np.testing.assert_array_equal(among.without(0), [[3, 0], [10, 3]])
     np.testing.assert_array_equal(among.without(1), [[2, 0], [10, 0]])
@@ -73,7 +74,7 @@ def test_the_gallery_leaves_out_the_view():
 
 
 def test_who_is_found():
-    among = control.gallery(truth_of(TRUTH), "chair")
+    among = true_gallery(truth_of(TRUTH), "chair")
     # view 0 is between (3, 0) and (10, 3): the middle of their x is 6.5; view 1: 6
     judged = {("a", 0): (6.3, 1.5), ("a", 1): (6.1, 0.0), ("b", 0): (6.7, 1.5), ("b", 2): (0, 0)}
     values = np.concatenate([answers(code=code) for code in judged.values()])
@@ -85,7 +86,7 @@ def test_who_is_found():
 def test_a_picture_is_not_found_by_itself():
     """The true picture of `a` from view 0 looks like `b` in all its views: it is taken for b."""
     codes = {("a", 0): (10.0,), ("a", 1): (0.0,), ("b", 0): (10.4,), ("b", 1): (10.4,)}
-    among = control.gallery(truth_of(codes), "chair")
+    among = true_gallery(truth_of(codes), "chair")
     values = np.concatenate([answers(code=code) for code in codes.values()])
     assert control.found(among, values, list(codes)).tolist() == [0, 1, 1, 1]
 
@@ -93,7 +94,7 @@ def test_a_picture_is_not_found_by_itself():
 def test_one_answer_for_all_finds_one_object_in_as_many():
     rng = np.random.default_rng(0)
     codes = {(obj, view): rng.random(3) for obj in "abcde" for view in range(4)}
-    among = control.gallery(truth_of(codes), "chair")
+    among = true_gallery(truth_of(codes), "chair")
     same = np.repeat(answers(code=(0.5, 0.5, 0.5)), len(codes), axis=0)
     assert control.found(among, same, list(codes)).mean() == pytest.approx(1 / 5)
 
@@ -112,7 +113,7 @@ def test_agrees_with_the_plainest_implementation():
         near = min(means, key=lambda o: np.linalg.norm(drawn[obj, view].astype(float) - means[o]))
         expected.append(float(near == obj))
     values = np.concatenate([answers(code=code) for code in drawn.values()])
-    found = control.found(control.gallery(truth_of(codes), "chair"), values, pictures)
+    found = control.found(true_gallery(truth_of(codes), "chair"), values, pictures)
     assert found.tolist() == expected
     assert 0.1 < np.mean(expected) < 0.9
 
@@ -121,11 +122,11 @@ def test_where_nothing_can_be_found():
     one_object = {p: c for p, c in TRUTH.items() if p[0] == "a"}
     one_view = {p: c for p, c in TRUTH.items() if p[1] == 0}
     reasons = [
-        control.why_no_retrieval(control.gallery(truth_of(codes), "chair"))
+        control.why_no_retrieval(true_gallery(truth_of(codes), "chair"))
         for codes in (one_object, one_view)
     ]
     assert reasons == [
         "1 object: there is nothing to tell it from; run at least 2",
         "1 view an object: none is left to know it by; run at least 2",
     ]
-    assert control.why_no_retrieval(control.gallery(truth_of(TRUTH), "sofa")).startswith("0 obj")
+    assert control.why_no_retrieval(true_gallery(truth_of(TRUTH), "sofa")).startswith("0 obj")

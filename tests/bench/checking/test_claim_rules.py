@@ -7,9 +7,10 @@ import pandas as pd
 import pytest
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.intervals import interval_of_distances, interval_of_means, mean_interval
+from bench.analysis.intervals import interval_of_means, mean_interval
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import Lacking, Latent, Scored, Timed, combined
+from bench.metrics.frechet import jackknife_interval
 from bench.tables.orderings import Ordering, orderings_table
 
 OBJECTS = ("a", "b", "c", "d")
@@ -68,7 +69,7 @@ def test_distances_are_combined_by_the_jackknife():
     b = Quality("fid", Estimate(4.0, 0, 0), np.array([4.0, 3.0, 5.0]))
     found = combined([(-1, a), (1, b)])
     assert found.value == -6
-    expected = interval_of_distances(-6.0, [np.array([-5.0, -7.0, -7.0])])
+    expected = jackknife_interval(-6.0, [np.array([-5.0, -7.0, -7.0])])
     assert found[1:] == pytest.approx(expected, abs=1e-12)
     of_two = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0, 10.0]))
     assert math.isnan(combined([(1, of_two)]).low)

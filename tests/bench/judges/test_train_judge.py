@@ -8,7 +8,9 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from bench.judges import answers
 from bench.judges import train_judge as module
+from bench.judges.answers import VIEW_COLUMNS
 from bench.judges.judge import darkness, greyscale, judge, load_judge_network
 from bench.judges.train_judge import (
     JudgeConfig,
@@ -18,7 +20,6 @@ from bench.judges.train_judge import (
     blurred,
     contrast,
     pictures,
-    retrieval,
     score,
     shape_descriptors,
     train_judge,
@@ -116,6 +117,16 @@ def test_contrast_against_the_closed_form():
     assert contrast(codes).item() == pytest.approx(expected, abs=1e-6)  # float32 near 10
     wrong = torch.eye(4)[[0, 0, 1, 1]]
     assert contrast(wrong).item() == pytest.approx(-math.log(1 / (math.exp(10) + 2)), rel=1e-6)
+
+
+def retrieval(gallery, queries):
+    """The share of queries [N, V, d] whose object is found."""
+    pictures = [(str(i), view) for i, view in np.ndindex(queries.shape[:2])]
+    true, asked = (
+        np.pad(codes.reshape(len(pictures), -1), ((0, 0), (VIEW_COLUMNS, 0)))
+        for codes in (gallery, queries)
+    )
+    return answers.found(answers.gallery("chair", pictures, true), asked, pictures).mean()
 
 
 def test_retrieval():

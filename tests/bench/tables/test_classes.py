@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import interval_of_distances, interval_of_means
+from bench.analysis.intervals import interval_of_means
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics import frechet_distance
-from bench.metrics.frechet import LeftOut, left_out_distances
+from bench.metrics.frechet import LeftOut, jackknife_interval, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.classes import class_table, network_of, remark, with_confidence
@@ -113,7 +113,7 @@ def test_distances_of_a_class():
     left_out = left_out_kernel_distances(drawn, truth, objects, objects)
     assert row.value == row.failures_as_blank == pytest.approx(value, rel=1e-9)
     assert (row.ci_low, row.ci_high) == pytest.approx(
-        interval_of_distances(value, [left_out]), rel=1e-9
+        jackknife_interval(value, [left_out]), rel=1e-9
     )
 
 
@@ -212,7 +212,7 @@ def test_the_interval_of_an_average_of_distances():
         )
         left_out.append(left_out_distances(drawn, truth))
     row = cell(table(), method="surface-apss", metric="fd-views", class_name="average")
-    low, high = interval_of_distances(row.value, left_out)
+    low, high = jackknife_interval(row.value, left_out, fewest=2)
     assert (row.ci_low, row.ci_high) == pytest.approx((max(low, 0.0), high), rel=1e-9)
 
 

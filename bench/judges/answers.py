@@ -1,0 +1,113 @@
+"""What the judge's answers say of images: from where, and which object of all it is.
+
+Pure functions of `bench.judges.judge.judge`'s answers, without the network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Picture = tuple[str, int]  # object, view
+ELEVATION_UNIT_DEG = 40.0  # the judge's elevation is in these
+AT_ONCE = 2**16  # numbers of the differences that are in memory
+VIEW_COLUMNS = 3  # sine and cosine of the azimuth, elevation; the rest is the shape code
+
+
+def azimuth_error_deg(answers: NDArray[Any], azimuth_deg: Floats) -> Floats:
+    """How far the judged azimuth is from the one asked for, [n], 0..180 degrees.
+
+    answers [n, 3 + d]; azimuth_deg [n], any finite value: both are wrapped at 360.
+    """
+    judged = np.degrees(np.arctan2(answers[:, 0].astype(float), answers[:, 1].astype(float)))
+    return np.abs((judged - azimuth_deg + 180.0) % 360.0 - 180.0)
+
+
+def elevation_error_deg(answers: NDArray[Any], elevation_deg: Floats) -> Floats:
+    """How far the judged elevation is from the one asked for, [n], degrees."""
+    return np.abs(ELEVATION_UNIT_DEG * answers[:, 2].astype(float) - elevation_deg)
+
+
+@dataclass(frozen=True, eq=False)
+class Gallery:
+    """The true shape codes of all objects of a class, to find judged ones among.
+
+    class_name
+    objects  the G objects, sorted
+    sums     float64 [G, d], over all true pictures of an object
+    counts   how many those are, int [G]
+    codes    float64 [d] of each true picture
+    """
+
+    class_name: str
+    objects: tuple[str, ...]
+    sums: Floats
+    counts: NDArray[np.int64]
+    codes: dict[Picture, Floats]
+
+    def without(self, view: int) -> Floats:
+        """The mean code [G, d] of each object over its true pictures except this view.
+
+        So that a picture is never compared with the true picture of its own view: it has to be
+        known by its shape, and the truth itself is no exception. NaN for an object that has no
+        other picture.
+        """
+        sums, counts = self.sums.copy(), self.counts.astype(float)
+        for i, obj in enumerate(self.objects):
+            code = self.codes.get((obj, view))
+            if code is not None:
+                sums[i] -= code
+                counts[i] -= 1
+        counts[counts == 0] = np.nan
+        return sums / counts[:, None]
+
+
+def gallery(class_name: str, pictures: Sequence[Picture], answers: NDArray[Any]) -> Gallery:
+    """The gallery of a class, from the answers [n, 3 + d] to its n true pictures."""
+    objects = tuple(sorted({obj for obj, _ in pictures}))
+    codes = _codes(answers)
+    place = {obj: i for i, obj in enumerate(objects)}
+    member = np.array([place[obj] for obj, _ in pictures], np.int64)
+    sums = np.zeros((len(objects), codes.shape[1]))
+    np.add.at(sums, member, codes)
+    counts = np.bincount(member, minlength=len(objects))
+    return Gallery(class_name, objects, sums, counts, dict(zip(pictures, codes, strict=True)))
+
+
+def why_no_retrieval(among: Gallery) -> str:
+    """The reason why nothing can be found in this gallery; empty where it can."""
+    if len(among.objects) < 2:
+        return f"{len(among.objects)} object: there is nothing to tell it from; run at least 2"
+    if among.counts.min() < 2:
+        return "1 view an object: none is left to know it by; run at least 2"
+    return ""
+
+
+def found(among: Gallery, answers: NDArray[Any], pictures: Sequence[Picture]) -> Floats:
+    """1 for each picture whose judged code is nearest to the right object of all, else 0; [n].
+
+    Euclidean; of objects equally near the first by name is taken to be meant.
+    """
+    codes = _codes(answers)
+    hits = np.zeros(len(pictures))
+    for view in sorted({view for _, view in pictures}):
+        rows = [i for i, (_, v) in enumerate(pictures) if v == view]
+        means = among.without(view)
+        at_once = max(1, AT_ONCE // max(means.size, 1))
+        for start in range(0, len(rows), at_once):
+            some = rows[start : start + at_once]
+            distances = np.linalg.norm(codes[some][:, None] - means[None], axis=2)
+            hits[some] = [
+                among.objects[k] == pictures[i][0]
+                for i, k in zip(some, distances.argmin(axis=1), strict=True)
+            ]
+    return hits
+
+
+def _codes(answers: NDArray[Any]) -> Floats:
+    return np.asarray(answers)[:, VIEW_COLUMNS:].astype(np.float64)
