@@ -24,7 +24,7 @@ from bench.running.pilot import (
     sizes_of,
 )
 from bench.running.protocol import Protocol
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, MissingDependency
 
 from ..builders import make_job
 
@@ -131,6 +131,13 @@ def test_a_failure_is_a_sample_with_its_reason(tmp_path):
     assert sample.size == 7.0
     assert sample.seconds > 0
     assert sample.size_b < 1e4  # its line in the journal
+
+
+def test_what_no_other_item_can_do_either_ends_the_pilot(tmp_path):
+    (tmp_path / "file").write_text("")
+    job = make_job(tmp_path, artifact=tmp_path / "file" / "a.npz", reference=None)
+    with pytest.raises(MissingDependency, match="cannot be written"):
+        measured((job, 7.0))
 
 
 @pytest.mark.parametrize(
