@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.catalogue import loaders
-from bench.catalogue.lookup import find
+from bench.catalogue.lookup import announced_ids, find, load_announced
 from bench.catalogue.parameters import find_setting
 from data_prep.failures import BadInput
 from data_prep.untrusted import is_regular_file
@@ -294,30 +294,12 @@ def find_method(method_id: str) -> Method:
 @cache
 def plugin_ids() -> tuple[str, ...]:
     """Ids of the methods that other installed packages announce, sorted; none is loaded."""
-    from importlib.metadata import entry_points
-
-    return tuple(sorted(entry_points(group=PLUGINS).names))
+    return announced_ids(PLUGINS)
 
 
 @cache
 def _plugin(method_id: str) -> Method:
-    from importlib.metadata import entry_points
-
-    (entry, *_) = entry_points(group=PLUGINS, name=method_id)
-    where = f"method '{method_id}' of {entry.dist.name if entry.dist else entry.value}"
-    try:
-        method = entry.load()
-    except Exception as error:  # whatever a stranger's module raises
-        raise BadInput(
-            f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); mend or "
-            "remove that package"
-        ) from error
-    if not isinstance(method, Method) or method.id != method_id:
-        raise BadInput(
-            f"{where}: {entry.value} is not a bench.methods.Method with that id; mend or remove "
-            "that package"
-        )
-    return method
+    return load_announced(PLUGINS, method_id, "method", Method, "bench.methods.Method")
 
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:
