@@ -13,6 +13,7 @@ import pytest
 from baselines import surface
 from baselines.meshlab import MeshLab
 from baselines.surface import Reconstruction, SurfaceApss
+from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
@@ -132,9 +133,11 @@ from baselines.surface import SurfaceApss
 from data_prep.shapes.chair.chairs import chair
 from data_prep.sampling import sample_surface
 rng = np.random.default_rng(3)
-mesh = SurfaceApss(resolution=60).prepare(sample_surface(chair(rng), rng)).mesh
-arrays = (mesh.vertices, mesh.faces, mesh.face_colors)
-print(hashlib.sha256(b"|".join(array.tobytes() for array in arrays)).hexdigest())
+cloud = sample_surface(chair(rng), rng)
+for again in (None, np.random.default_rng(1), np.random.default_rng(2)):
+    mesh = SurfaceApss(resolution=60).prepare(cloud, again).mesh
+    arrays = (mesh.vertices, mesh.faces, mesh.face_colors)
+    print(hashlib.sha256(b"|".join(array.tobytes() for array in arrays)).hexdigest())
 """
 
 
@@ -144,21 +147,24 @@ def chair_cloud() -> PointCloud:
 
 
 def test_same_mesh_in_any_process_with_any_number_of_threads() -> None:
-    found = {
-        digest(SurfaceApss(resolution=60).prepare(chair_cloud(), rng).mesh)
-        for rng in (None, np.random.default_rng(1), np.random.default_rng(2))
-    }
+    """In processes like the workers of a run, whose memory glibc fills.
+
+    MeshLab's APSS reads memory that it has not written: in a process that has used and freed
+    memory, as this one has, a mesh may differ (CONTRIBUTING, Native libraries).
+    """
+    found = []
     for threads in ("1", "2"):
         done = subprocess.run(
             [sys.executable, "-c", CHAIR],
-            env=os.environ | {"OMP_NUM_THREADS": threads},
+            env=os.environ | dict(WORKER_ENVIRONMENT) | {"OMP_NUM_THREADS": threads},
             capture_output=True,
             text=True,
             timeout=60,
             check=True,
         )
-        found.add(done.stdout.strip())
-    assert len(found) == 1
+        found += done.stdout.split()
+    assert len(found) == 6
+    assert len(set(found)) == 1
 
 
 def test_the_cloud_stays_and_its_source_is_not_looked_at() -> None:

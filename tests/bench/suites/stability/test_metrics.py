@@ -117,8 +117,9 @@ def test_the_usual_frechet_distance_is_found_out(monkeypatch):
         "one-row",
         "nan",
     }
-    # and where that way is sound it agrees
-    assert not wrong & {"identical-in-another-order", "full-rank", "another-order", "diagonal"}
+    # and where that way is sound it agrees; of identical sets it gives 0 but for a rounding error,
+    # whose sign, and so whether it is negative, depends on BLAS and the processor
+    assert not wrong & {"full-rank", "another-order", "diagonal"}
 
 
 def float32_moments(a, b):

@@ -1,0 +1,42 @@
+"""Names that other people's packages and scripts import; where they lie inside may change."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "inside"),
+    [
+        ("bench.methods", "Method", "bench.catalogue.methods"),
+        ("bench.image_metric", "ImageMetric", "bench.catalogue.plugins"),
+        ("bench.render_cloud", "draw_cloud", "bench.rendering.cloud"),
+        ("bench.picture_files", "write_pictures", "bench.rendering.files"),
+        ("bench.inception", "FidInception", "bench.metrics.inception"),
+        ("bench.metrics", "ssim", "bench.metrics.structural_similarity"),
+        ("bench.metrics", "frechet_distance", "bench.metrics.frechet"),
+    ],
+)
+def test_the_same_object_by_both_names(module, name, inside):
+    assert getattr(import_module(module), name) is getattr(import_module(inside), name)
+
+
+def test_they_are_imported_as_any_name_is():
+    code = (
+        "from bench.methods import Method; from bench.metrics import ssim, frechet_distance; "
+        "import bench.image_metric as metrics; "
+        "print(Method.__module__, metrics.ImageMetric.__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "bench.catalogue.methods ImageMetric\n"
+
+
+def test_a_name_that_is_not_there_is_an_import_error():
+    with pytest.raises(ImportError, match="nothing"):
+        exec("from bench.methods import nothing")
+    with pytest.raises(ImportError, match="nothing"):
+        exec("from bench.metrics import nothing")
