@@ -205,7 +205,7 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
 def test_the_tables_come_again_from_the_records(measured, with_classifier):
     ordered = class_orderings(read_scored(measured.directory))
     assert ordered is not None
-    assert ordered.network.startswith("pc2pix@")
+    assert all(row.method.startswith("pc2pix@") for row in ordered.rows)
     assert (
         _stale_tables(measured.directory, [*tables(read_scored(measured.directory)), ordered]) == []
     )
