@@ -175,3 +175,12 @@ def test_codes_far_off_are_refused_and_those_of_noisy_clouds_are_not(name):
     for points in (outlier, 1e3 * cloud.points, cloud.points + np.float32(1e6)):
         with pytest.raises(StageFailure, match=r"encode: the code lies .* in the unit"):
             renderer.prepare(PointCloud(points))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_codes_far_off_on_either_side_are_refused(weights_file, cloud, side):
+    renderer = load(weights_file)
+    renderer.prepare(cloud)
+    renderer.code_mean = renderer.code_mean - side * 100 * renderer.code_std
+    with pytest.raises(StageFailure, match=r"encode: the code lies .* standard deviations off"):
+        renderer.prepare(cloud)
