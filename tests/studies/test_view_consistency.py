@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from data_prep.shapes.chair_spec import draw_chair_spec
+from data_prep.shapes.chair.spec import draw_chair_spec
 from PIL import Image
 
 from bench.records.job import Job
