@@ -19,7 +19,7 @@ from statistics import median
 import numpy as np
 import torch
 
-from learning.training_loop import Precision, seeded
+from learning.training_loop import Precision, denormals_flushed, seeded
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, PAPER, ModelConfig, build_encoder
 from pc2pix.train_gan import GanConfig, GanData, _GanTrainer
@@ -100,8 +100,8 @@ def our_step(
     trainer = _GanTrainer(data, seeded(0, lambda: build_encoder(model)), config, CPU)
 
     def step() -> None:
-        torch.set_flush_denormal(True)
-        trainer.take_step()
+        with denormals_flushed():
+            trainer.take_step()
 
     return step
 
@@ -141,8 +141,8 @@ def chamfer_step(batch: int) -> Work:
     drawn.requires_grad_(True)
 
     def step() -> None:
-        torch.set_flush_denormal(True)
-        chamfer(drawn, true).backward()
+        with denormals_flushed():
+            chamfer(drawn, true).backward()
 
     return step
 
