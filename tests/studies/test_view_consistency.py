@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from data_prep.shapes.chair.spec import draw_chair_spec
 from PIL import Image
 
 from bench.records.job import Job
@@ -17,6 +16,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.images import blank
 from data_prep.randomness import generator
 from data_prep.scene import View
+from data_prep.shapes.chair.spec import draw_chair_spec
 from studies import view_consistency
 from studies.view_consistency import (
     SHOWN_CONDITIONS,
