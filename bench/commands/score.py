@@ -21,11 +21,10 @@ from bench.commands.options import RunDirectory, names
 from bench.records.artifacts import Item
 from bench.report.stored import Sources, open_sources
 from bench.running.work import Pictures, reason_of
-from bench.tables.build import TABLES, read_scored
+from bench.tables.build import read_scored
 from bench.tables.quality import Row, image_rows, quality_table
-from bench.tables.table import Table, table_files
+from bench.tables.table import Table, write_tables
 from data_prep.failures import BadInput
-from data_prep.whole_files import write_whole
 
 
 def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
@@ -49,8 +48,7 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
         better = "higher" if metric.higher_is_better else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
         made.append(quality_table(f"metric_{metric.id}", title, rows, 3, paper_layout=False))
-    for name, text in table_files(made).items():
-        write_whole(directory / TABLES / name, text.encode())
+    write_tables(directory, made)
     return made
 
 

@@ -41,12 +41,11 @@ from bench.tables.quality import (
     set_table,
     with_objectives,
 )
-from bench.tables.table import Table, grid, table_files
+from bench.tables.table import TABLES, Table, grid, write_tables
 from data_prep.failures import BadInput
 from data_prep.fingerprints import file_sha256
 from data_prep.whole_files import write_whole
 
-TABLES = "tables"
 COST = "cost.md"
 # File names and titles of image, set and detail table: the paper's, and of a suite of our own.
 PAPER_TITLES = (
@@ -218,8 +217,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
 def write_outputs(run: ScoredRun) -> Outputs:
     """Make the tables of a run and write them into its folder."""
     made = make_outputs(run)
-    for name, text in table_files([*made.tables, *made.further]).items():
-        write_whole(run.directory / TABLES / name, text.encode())
+    write_tables(run.directory, [*made.tables, *made.further])
     write_whole(run.directory / COST, made.cost.encode())
     return made
 
