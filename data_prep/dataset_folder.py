@@ -93,11 +93,11 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
     if not nested:
         name = root.resolve().name
         flat = tuple(make(name, file.name, file) for file in files)
-        return Dataset(spec, (), flat, layout=layout, orientation=OURS.told)
+        return Dataset(spec, (), flat, layout=layout, orientation=OURS.message)
     found = Found()
     for file in nested:
         class_name, *rest = file.relative_to(root).parts
         found.objects.append(make(class_name, "/".join(rest), file))
     if beside := len(files) - len(nested):
         found.irregular.append(f"{beside} files beside the sub-folders are left alone")
-    return found.dataset(spec, layout, OURS.told)
+    return found.dataset(spec, layout, OURS.message)

@@ -68,7 +68,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
             f"{root}: no ModelNet here; expected <class>/train/<class>_0001.off or "
             "<class>/<class>_0001.off"
         )
-    return found.dataset(spec, layout, MODELNET.told)
+    return found.dataset(spec, layout, MODELNET.message)
 
 
 def _add_folders(found: Found, class_name: str, folder: Path) -> None:

@@ -211,7 +211,7 @@ def paper_dataset(spec: str, root: Path) -> Dataset:
         tuple(obj for split in _SPLITS for obj in splits[split]),
         splits={split: tuple(splits[split]) for split in _SPLITS},
         layout=f"the paper's clouds and pictures, split by {listed([path.name for path in files])}",
-        orientation=PAPER.told + ", twice as large",
+        orientation=PAPER.message + ", twice as large",
         irregular=tuple(irregular),
     )
 

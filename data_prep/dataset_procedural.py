@@ -45,6 +45,6 @@ def procedural_dataset(spec: str, measured: Split) -> Dataset:
         None,
         measured=measured,
         layout="parametric shapes, as many as one asks for",
-        orientation=OURS.told,
+        orientation=OURS.message,
         endless=ProceduralObject,
     )

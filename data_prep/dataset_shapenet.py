@@ -115,7 +115,7 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
     found.irregular += _shared_ids(synsets, names)
     found.splits = {s: found.splits[s] for s in _SPLITS.values() if s in found.splits}
     layout = f"ShapeNetCore {' and '.join(versions)}"
-    orientations = (f"{v.name}: {v.orientation.told}" for v in (V1, V2) if v.name in versions)
+    orientations = (f"{v.name}: {v.orientation.message}" for v in (V1, V2) if v.name in versions)
     return found.dataset(
         spec,
         layout if lists is not None else f"{layout}, without {SPLIT_FILE}: one split",

@@ -31,7 +31,7 @@ NEUTRAL_GREY = (180, 180, 180)  # for files without colours, and for reconstruct
 MOST_BYTES = 2**30  # of a file, of its companions together, and of what a glTF spreads them out to
 MOST_FACES = 50_000_000  # all instances counted
 MOST_PIXELS = 2**26  # of a texture, 8,192 x 8,192; its few bytes become 1.4 GiB on the way
-MOST_NOUGHTS = 2**24  # numbers that a glTF leaves out, which stands for noughts
+MOST_ZEROS = 2**24  # numbers that a glTF leaves out, which stands for zeros
 
 
 @np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
@@ -117,9 +117,9 @@ def _check_gltf(file: BinaryIO, kind: str) -> None:
     file.seek(0)
     views = sum(view["byteLength"] for view in tree.get("bufferViews", ()))
     empty = (a for a in tree.get("accessors", ()) if "bufferView" not in a)
-    noughts = sum(a["count"] * _GLTF_COLUMNS[a["type"]] for a in empty)
-    if not (0 <= views <= MOST_BYTES and 0 <= noughts <= MOST_NOUGHTS):
-        raise ValueError(f"buffer views of {views} bytes, {noughts} numbers without one")
+    zeros = sum(a["count"] * _GLTF_COLUMNS[a["type"]] for a in empty)
+    if not (0 <= views <= MOST_BYTES and 0 <= zeros <= MOST_ZEROS):
+        raise ValueError(f"buffer views of {views} bytes, {zeros} numbers without one")
 
 
 def _first_chunk(file: BinaryIO) -> bytes:

@@ -53,7 +53,7 @@ class Orientation:
         return points[..., list(self.columns)] * np.array(self.signs, points.dtype)
 
     @property
-    def told(self) -> str:
+    def message(self) -> str:
         """In words."""
         if self.columns == OURS.columns:
             return f"{self.up} up, front {self.front}: taken as it is"

@@ -26,7 +26,7 @@ from bench.records.journal import open_journal
 from bench.running.executors import JobPool, do_jobs
 from bench.running.protocol import Options, plan, protocol_of
 from bench.running.ray import LOCAL
-from bench.running.run import workforce
+from bench.running.run import executor_factory
 from studies.arguments import names, numbers
 from studies.tables import markdown
 
@@ -64,11 +64,11 @@ def measure(of: Workers, options: Options) -> Measured:
         todo = plan(protocol, journal.directory)
         truths = partial(JobPool, workers=workers, limits=suite.limits)
         do_jobs(todo.references, journal, "ground truth", truths)
-        with workforce(options, protocol) as executor:
+        with executor_factory(options, protocol) as executor:
             start = time.perf_counter()
             done = do_jobs(todo.items, journal, f"{workers} workers", executor.start)
             wall_s = time.perf_counter() - start
-    jobs_s = sum(sum(astuple(job.spent)) for job in done.values())
+    jobs_s = sum(sum(astuple(job.timing)) for job in done.values())
     return Measured(workers, len(done), wall_s, jobs_s)
 
 

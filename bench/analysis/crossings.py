@@ -22,7 +22,7 @@ NO_VALUE = "no value"
 
 
 @dataclass(frozen=True)
-class Course:
+class ConditionCurve:
     """One method along a family: `estimates` are of its conditions, in their order."""
 
     class_name: str
@@ -33,7 +33,7 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Crossing:
+class Crossover:
     """Where two curves cross.
 
     after      the number of the step after which they do, from 0: before the next one, or at it
@@ -49,7 +49,7 @@ class Crossing:
 
 
 @dataclass(frozen=True)
-class Contest:
+class PairedComparison:
     """Two methods along a family by one metric.
 
     values, rival_values  of both, at each step
@@ -71,7 +71,7 @@ class Contest:
         return tuple(_ahead(of, self.method, self.rival) for of in self.leads)
 
     @property
-    def crossings(self) -> tuple[Crossing, ...]:
+    def crossings(self) -> tuple[Crossover, ...]:
         """All within the family, in its order. A lead that touches 0 and comes back is none."""
         places = [place_of(value, self.family) for value in self.family.values]
         leads, lows, highs = zip(*self.leads, strict=True)
@@ -82,11 +82,13 @@ class Contest:
         for after, at in sign_changes(places, leads):
             low = max(p for p in (*left, min(places)) if p <= at) if sure else NAN
             high = min(p for p in (*left, max(places)) if p >= at) if sure else NAN
-            made.append(Crossing(after, *(_value(p, self.family) for p in (at, low, high))))
+            made.append(Crossover(after, *(_value(p, self.family) for p in (at, low, high))))
         return tuple(made)
 
 
-def courses(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple[Course, ...]:
+def condition_curves(
+    comparisons: Sequence[Comparison], metrics: Sequence[str]
+) -> tuple[ConditionCurve, ...]:
     """Every method along every family that the conditions make up: by class, family and metric."""
     made = []
     for class_name, by_condition in _by_class(comparisons).items():
@@ -94,7 +96,7 @@ def courses(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple[
             for metric in metrics:
                 steps = [by_condition[c].qualities[metric] for c in family.conditions]
                 made += [
-                    Course(
+                    ConditionCurve(
                         class_name, family, metric, method, tuple(s[method].estimate for s in steps)
                     )
                     for method in steps[0]
@@ -102,7 +104,9 @@ def courses(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple[
     return tuple(made)
 
 
-def contests(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple[Contest, ...]:
+def paired_comparisons(
+    comparisons: Sequence[Comparison], metrics: Sequence[str]
+) -> tuple[PairedComparison, ...]:
     """The pairs that there are, along every family: by class, family, metric and pair."""
     made = []
     for class_name, by_condition in _by_class(comparisons).items():
@@ -111,7 +115,7 @@ def contests(comparisons: Sequence[Comparison], metrics: Sequence[str]) -> tuple
                 steps = [by_condition[c].qualities[metric] for c in family.conditions]
                 for method, rival in pairs_among(list(steps[0])):
                     made.append(
-                        Contest(
+                        PairedComparison(
                             class_name,
                             family,
                             metric,

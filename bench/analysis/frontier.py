@@ -55,10 +55,10 @@ def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[n
     Those with equal values keep each other company. What has a NaN is never on the frontier, and
     throws nothing off it.
     """
-    no_dearer = cost[:, None] <= cost  # [i, j]: i costs no more than j
+    no_costlier = cost[:, None] <= cost  # [i, j]: i costs no more than j
     no_worse = quality[:, None] >= quality
     strictly = (cost[:, None] < cost) | (quality[:, None] > quality)
-    beaten = (no_dearer & no_worse & strictly).any(axis=0)
+    beaten = (no_costlier & no_worse & strictly).any(axis=0)
     return np.isfinite(cost) & np.isfinite(quality) & ~beaten
 
 

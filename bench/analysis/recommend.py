@@ -27,7 +27,7 @@ ALTERNATIVES = 3
 
 
 @dataclass(frozen=True)
-class Wish:
+class Request:
     """What is asked for; None where it does not matter.
 
     views      pictures of a cloud
@@ -81,25 +81,25 @@ class Advice:
     cheapest: Choice | None
     finest: Choice | None
 
-    def meets(self, wish: Wish) -> bool:
+    def meets(self, request: Request) -> bool:
         """Whether one method is both affordable and, on average, good enough."""
-        if self.best is None or wish.min_ssim is None:
+        if self.best is None or request.min_ssim is None:
             return self.best is not None
-        return self.best.ssim.value >= wish.min_ssim
+        return self.best.ssim.value >= request.min_ssim
 
 
-def advise(comparison: Comparison, wish: Wish) -> Advice:
+def advise(comparison: Comparison, request: Request) -> Advice:
     """Advice by one comparison, which has to have the metric `ssim`.
 
     Methods without a cost (they failed on all objects) are no choice. Of methods that print equal
     the cheaper one is preferred.
     """
     qualities = comparison.qualities[METRIC]
-    costs = {m: comparison.cost_ms(m, wish.views) for m in candidates(qualities)}
+    costs = {m: comparison.cost_ms(m, request.views) for m in candidates(qualities)}
     usable = [m for m, cost in costs.items() if np.isfinite((cost.value, qualities[m].rank)).all()]
     by_quality = sorted(usable, key=lambda m: (-qualities[m].rank, costs[m].value))
     by_cost = sorted(usable, key=lambda m: (costs[m].value, -qualities[m].rank))
-    budget = np.inf if wish.budget_ms is None else wish.budget_ms
+    budget = np.inf if request.budget_ms is None else request.budget_ms
     affordable = [m for m in by_quality if costs[m].value <= budget]
     distinct = list({qualities[m].rank: m for m in reversed(affordable)}.values())[::-1]
 
@@ -110,7 +110,7 @@ def advise(comparison: Comparison, wish: Wish) -> Advice:
         pictures = comparison.pictures[method]
         return Choice(method, costs[method], qualities[method].estimate, *pictures, behind)
 
-    wanted = -np.inf if wish.min_ssim is None else wish.min_ssim
+    wanted = -np.inf if request.min_ssim is None else request.min_ssim
     on_average = [m for m in by_cost if qualities[m].estimate.value >= wanted]
     surely = [m for m in by_cost if qualities[m].estimate.low >= wanted]
     scores = np.array([qualities[m].per_object for m in affordable])

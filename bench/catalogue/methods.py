@@ -203,7 +203,7 @@ METHODS = (
     ),
 )
 # What nobody would draw with, but a measurement of cost needs beside the others.
-YARDSTICKS = (
+COST_VARIANTS = (
     _network(
         "pc2pix@unfolded",
         load=loaders.unfolded,
@@ -268,9 +268,9 @@ def find_method(method_id: str) -> Method:
     have.
     """
     if (setting := find_setting(method_id)) is not None:
-        method = find(setting.knob.method, METHODS, "method")
-        source = f"{method.id} with {setting.knob.name} {setting.value:g}"
-        load = partial(loaders.renderer, setting.knob.renderer, **setting.fields)
+        method = find(setting.parameter.method, METHODS, "method")
+        source = f"{method.id} with {setting.parameter.name} {setting.value:g}"
+        load = partial(loaders.renderer, setting.parameter.renderer, **setting.fields)
         return replace(method, id=method_id, load=load, source=source)
     name, at, weights = method_id.partition("@")
     if at and weights.endswith(".safetensors") and (own_weights := OWN_WEIGHTS.get(name)):
@@ -285,7 +285,7 @@ def find_method(method_id: str) -> Method:
             source=f"{name} with the weights in {weights}",
             weights_file=partial(Path, weights),
         )
-    own = (*METHODS, *YARDSTICKS)
+    own = (*METHODS, *COST_VARIANTS)
     if any(method.id == method_id for method in own) or method_id not in plugin_ids():
         return find(method_id, own, "method")
     return _plugin(method_id)

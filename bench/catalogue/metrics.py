@@ -121,8 +121,8 @@ def _judge(weights: str) -> Extractor:
     return lambda images: judge(network, images)
 
 
-def _bundled_judge(wish: str | None) -> Path:
-    del wish
+def _bundled_judge(chosen: str | None) -> Path:
+    del chosen
     if not JUDGE_WEIGHTS.is_file():
         raise WeightsUnavailable(
             f"{JUDGE_WEIGHTS.name} is not bundled; 'bench train judge' makes it"
@@ -130,8 +130,8 @@ def _bundled_judge(wish: str | None) -> Path:
     return JUDGE_WEIGHTS
 
 
-def _bundled_views(wish: str | None) -> Path:
-    del wish
+def _bundled_views(chosen: str | None) -> Path:
+    del chosen
     return VIEWS_WEIGHTS
 
 

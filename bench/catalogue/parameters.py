@@ -12,7 +12,7 @@ from data_prep.failures import BadInput
 
 
 @dataclass(frozen=True)
-class Knob:
+class Parameter:
     """A number that a method's class takes as a field.
 
     method         the id of the method that has it
@@ -34,8 +34,8 @@ class Knob:
     about: str
 
 
-KNOBS = (
-    Knob(
+PARAMETERS = (
+    Parameter(
         "surface-apss",
         "resolution",
         "baselines.surface:SurfaceApss",
@@ -45,7 +45,7 @@ KNOBS = (
         True,
         "grid cells along the longest side of the cloud",
     ),
-    Knob(
+    Parameter(
         "surface-fit",
         "cell",
         "baselines.surface_fit:SurfaceFit",
@@ -55,7 +55,7 @@ KNOBS = (
         False,
         "side of a grid cell, in pixels at the origin",
     ),
-    Knob(
+    Parameter(
         "surface-bpa",
         "radius",
         "baselines.surface:SurfaceBpa",
@@ -65,7 +65,7 @@ KNOBS = (
         False,
         "of the ball, in percent of the diagonal of the cloud's box",
     ),
-    Knob(
+    Parameter(
         "poisson",
         "depth",
         "baselines.poisson:Poisson",
@@ -75,7 +75,7 @@ KNOBS = (
         True,
         "levels of the octree",
     ),
-    Knob(
+    Parameter(
         "alpha-shape",
         "alpha",
         "baselines.alpha_shape:AlphaShape",
@@ -85,7 +85,7 @@ KNOBS = (
         False,
         "radius of the ball, in percent of the diagonal of the cloud's box",
     ),
-    Knob(
+    Parameter(
         "splat",
         "spread",
         "baselines.splat:Splat",
@@ -102,13 +102,13 @@ KNOBS = (
 class Setting:
     """A knob and what it is set to."""
 
-    knob: Knob
+    parameter: Parameter
     value: float
 
     @property
     def fields(self) -> dict[str, float]:
         """What the renderer's class is given."""
-        return {self.knob.field: self.value}
+        return {self.parameter.field: self.value}
 
 
 def find_setting(method_id: str) -> Setting | None:
@@ -120,18 +120,18 @@ def find_setting(method_id: str) -> Setting | None:
     name, equals, text = turned.partition("=")
     if not (at and equals) or method_id.endswith(".safetensors"):
         return None
-    knob = next((k for k in KNOBS if (k.method, k.name) == (method, name)), None)
-    if knob is None:
-        there = ", ".join(f"{k.method}@{k.name}=..." for k in KNOBS)
+    parameter = next((k for k in PARAMETERS if (k.method, k.name) == (method, name)), None)
+    if parameter is None:
+        there = ", ".join(f"{k.method}@{k.name}=..." for k in PARAMETERS)
         raise BadInput(f"unknown variant '{method_id}': there are {there}")
     try:
-        value = int(text) if knob.whole else float(text)
+        value = int(text) if parameter.whole else float(text)
     except ValueError:
         value = math.nan
-    if not knob.low <= value <= knob.high:
-        kind = "whole number" if knob.whole else "number"
+    if not parameter.low <= value <= parameter.high:
+        kind = "whole number" if parameter.whole else "number"
         raise BadInput(
-            f"'{method_id}': {name} must be a {kind} from {knob.low:g} to {knob.high:g}, "
+            f"'{method_id}': {name} must be a {kind} from {parameter.low:g} to {parameter.high:g}, "
             f"not '{text}'"
         )
-    return Setting(knob, value)
+    return Setting(parameter, value)

@@ -129,17 +129,17 @@ def steady(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]
     metric = _measured(run, metric)
     found = []
     for network in run.networks:
-        told, excesses = [], []
+        texts, excesses = [], []
         for condition in conditions:
             own, others = (_loss(run, metric, m, condition) for m in (network, SURFACE))
             excesses.append(combined([*own, *((-SHARE * w, q) for w, q in others)]))
-            told.append(
-                f"{condition}: loses {_told(metric, combined(own))}, "
-                f"SR {_told(metric, combined(others))}"
+            texts.append(
+                f"{condition}: loses {_text(metric, combined(own))}, "
+                f"SR {_text(metric, combined(others))}"
             )
         holds = all(excess.high < 0 for excess in excesses)
         why = f"not surely less than {SHARE:.0%} of SR's loss at each"
-        numbers = "; ".join([metric, *told])
+        numbers = "; ".join([metric, *texts])
         found.append(_finding(network, numbers, excesses, holds, why, _stand_in(metric)))
     return found
 
@@ -148,7 +148,7 @@ def degrades(run: Scored, metric: str, conditions: Sequence[str]) -> list[Findin
     """SR loses against the full cloud, at each of the conditions."""
     metric = _measured(run, metric)
     losses = {c: combined(_loss(run, metric, SURFACE, c)) for c in conditions}
-    numbers = "; ".join(f"{c}: loses {_told(metric, loss)}" for c, loss in losses.items())
+    numbers = "; ".join(f"{c}: loses {_text(metric, loss)}" for c, loss in losses.items())
     holds = all(loss.low > 0 for loss in losses.values())
     intervals, why = [*losses.values()], "not surely at each"
     return [_finding(SURFACE, f"{metric}; {numbers}", intervals, holds, why, _stand_in(metric))]
@@ -163,7 +163,7 @@ def above_blank(run: Scored) -> list[Finding]:
             leads[metric] = _lead(
                 *(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank"))
             )
-        numbers = "; ".join(f"{m}: ahead by {_told(m, lead)}" for m, lead in leads.items())
+        numbers = "; ".join(f"{m}: ahead by {_text(m, lead)}" for m, lead in leads.items())
         lacking = [m for m, lead in leads.items() if not lead.low > 0]
         why = f"not surely ahead of a blank picture by {', '.join(lacking)}"
         found.append(_finding(network, numbers, [*leads.values()], not lacking, why))
@@ -193,7 +193,7 @@ def unrecognisable(run: Scored) -> list[Finding]:
     estimate = Estimate(float(np.mean([x.mean() for x in lost])), *interval_of_means(lost))
     true, drawn = (np.mean([pair[i].estimate.value for pair in pairs]) for i in (0, 1))
     numbers = (
-        f"{CONFIDENCE} {drawn:.3f}, true pictures {true:.3f}; loses {_told(CONFIDENCE, estimate)}"
+        f"{CONFIDENCE} {drawn:.3f}, true pictures {true:.3f}; loses {_text(CONFIDENCE, estimate)}"
     )
     return [_judged(SURFACE, numbers, estimate, "network", "")]
 
@@ -240,7 +240,7 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
     estimate = Estimate(a - b, a - b - reach, a - b + reach)
     by_spread = sorted(run.spreads, key=lambda name: -run.spreads[name][0])
     numbers = (
-        f"variance between objects {a:.2f}, {less} {b:.2f}; more by {_told('fd-views', estimate)}; "
+        f"variance between objects {a:.2f}, {less} {b:.2f}; more by {_text('fd-views', estimate)}; "
         f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
     )
     found = _judged("true pictures", numbers, estimate, "network", "")
@@ -395,11 +395,11 @@ def _stand_in(metric: str) -> str:
 def _compared(metric: str, own: float, other: str, value: float, how: str, lead: Estimate) -> str:
     return (
         f"{metric} {_number(metric, own)}, {other} {_number(metric, value)}; "
-        f"{how} by {_told(metric, lead)}"
+        f"{how} by {_text(metric, lead)}"
     )
 
 
-def _told(metric: str, estimate: Estimate) -> str:
+def _text(metric: str, estimate: Estimate) -> str:
     digits = decimals(metric)
     value, low, high = (f"{number:+.{digits}f}" for number in estimate)
     return f"{value} [{low}, {high}]"

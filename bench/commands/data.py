@@ -177,11 +177,11 @@ def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
     best = 1 + int(np.argmax(means[1:]))
     sense, turn = READINGS[best]
     other = f"{'the same' if sense > 0 else 'the other'} sense, turned by {turn} degrees"
-    told = f"{means[0]:.1%} of the points fall on the object in their pictures"
+    message = f"{means[0]:.1%} of the points fall on the object in their pictures"
     against = f"{means[best]:.1%} for the next best reading of the azimuth ({other})"
     if means[best] > means[0] + INDIFFERENCE:
-        return [], [f"angles do not fit: {told}, {against}"]
-    return [f"angles       {told}; {against}"], []
+        return [], [f"angles do not fit: {message}, {against}"]
+    return [f"angles       {message}; {against}"], []
 
 
 app = typer.Typer(help="Look at datasets.", no_args_is_help=True, rich_markup_mode=None)

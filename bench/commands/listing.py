@@ -5,7 +5,7 @@ from __future__ import annotations
 
 def list_all() -> None:
     """Suites, methods and their variants, conditions, metrics and datasets."""
-    from bench.catalogue.methods import METHODS, YARDSTICKS, plugin_ids
+    from bench.catalogue.methods import COST_VARIANTS, METHODS, plugin_ids
     from bench.catalogue.metrics import (
         CONTROL_METRICS,
         IMAGE_METRICS,
@@ -13,7 +13,7 @@ def list_all() -> None:
         RECOGNITION_METRICS,
         SET_METRICS,
     )
-    from bench.catalogue.parameters import KNOBS
+    from bench.catalogue.parameters import PARAMETERS
     from bench.catalogue.plugins import metric_ids
     from bench.catalogue.suites import ALL_SUITES
     from data_prep.conditions import CONDITIONS
@@ -25,8 +25,8 @@ def list_all() -> None:
             *((id_, "of another installed package") for id_ in plugin_ids()),
         ],
         "variants": [
-            *((f"{k.method}@{k.name}=", f"{k.low:g} to {k.high:g}: {k.about}") for k in KNOBS),
-            *((m.id, m.source) for m in YARDSTICKS),
+            *((f"{k.method}@{k.name}=", f"{k.low:g} to {k.high:g}: {k.about}") for k in PARAMETERS),
+            *((m.id, m.source) for m in COST_VARIANTS),
         ],
         "conditions": [(c.id, c.source) for c in CONDITIONS],
         "metrics": [

@@ -30,7 +30,7 @@ from bench.running.pilot import (
 )
 from bench.running.pilot import Cell as Place
 from bench.running.protocol import Options, Protocol, protocol_of
-from bench.running.run import Prospect, look_ahead, refuse_small
+from bench.running.run import RunStatus, look_ahead, refuse_small
 from bench.tables.markdown import cell, code, document
 from bench.tables.table import BOLD, Block, Cell, Table, columns, grid, number
 from data_prep.failures import BadInput
@@ -73,7 +73,7 @@ def forecast(
     return document(plan_of(run, pilot, also)).removesuffix("\n")
 
 
-def plan_of(run: Prospect, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterator[Block]:
+def plan_of(run: RunStatus, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterator[Block]:
     """Headline, a table by method, wall time and memory, and what would save."""
     protocol, left = run.protocol, run.left
     total = core_s(pilot, left, run.workers)
@@ -206,7 +206,7 @@ def _on_gpu(protocol: Protocol) -> tuple[str, ...]:
 
 
 def _savings(
-    run: Prospect, pilot: Pilot, also: tuple[str, ...], whole: float
+    run: RunStatus, pilot: Pilot, also: tuple[str, ...], whole: float
 ) -> Iterator[tuple[str, float, str]]:
     """Changes of the run, the seconds of a core that it would take with them, and their price."""
     protocol, left = run.protocol, run.left
@@ -240,7 +240,7 @@ def _savings(
                 yield f"{other} for {method}", seconds, _scores(pilot, method, other)
 
 
-def _certainty(run: Prospect, pilot: Pilot, objects: int) -> str:
+def _certainty(run: RunStatus, pilot: Pilot, objects: int) -> str:
     """How wide the 95 % interval of a mean SSIM over so many objects is, of the least certain."""
     places = [place for place in run.left if place[0] not in (GROUND_TRUTH, FLOOR)]
     deviations = ssim_deviations(pilot, places)

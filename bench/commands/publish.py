@@ -69,7 +69,7 @@ def _write_figures(
         write_class_figures(directory, by_class, published(suite), artifacts)
     elif outputs.trade is not None:
         write_frontier(directory / FIGURES, outputs.trade.frontier.rows)
-    elif along is not None and along.courses:
-        write_beyond_figures(directory, along.courses, artifacts)
+    elif along is not None and along.curves:
+        write_beyond_figures(directory, along.curves, artifacts)
     else:
         write_figures(directory, outputs.tables, artifacts)

@@ -39,7 +39,7 @@ CLOUD = "cloud"  # the label of the dots
 
 
 @dataclass(frozen=True)
-class Wish:
+class Request:
     """What is to be drawn by which methods, seen from where.
 
     out     a picture, or a turntable by its name
@@ -55,55 +55,57 @@ class Wish:
     device: str = "auto"
 
 
-def render(wish: Wish) -> dict[str, str]:
+def render(request: Request) -> dict[str, str]:
     """Draw it and write it, unless all methods fail. Gives the reasons of those that do.
 
     One method gives its pictures as they are. Several give a sheet: the points as dots, then a
     tile for each method, with the reason in it where there is no picture. Raises BadInput for what
     cannot be had; where the wish alone tells, before a worker is started.
     """
-    check(wish)
-    views = views_of(wish)
-    drawings = [Drawing(method, views, wish.device) for method in dict.fromkeys(wish.methods)]
+    check(request)
+    views = views_of(request)
+    drawings = [Drawing(method, views, request.device) for method in dict.fromkeys(request.methods)]
     dots = [Dots(views)] if len(drawings) > 1 else []
-    drawn = _drawn(wish.file, [*dots, *drawings])
+    drawn = _drawn(request.file, [*dots, *drawings])
     failed = {
-        one.method: remedied(pictures, wish.file)
+        one.method: remedied(pictures, request.file)
         for one, pictures in drawn.items()
         if isinstance(one, Drawing) and isinstance(pictures, Failed)
     }
     if len(failed) < len(drawings):
-        write_pictures(_frames(drawn), wish.out)
+        write_pictures(_frames(drawn), request.out)
     return failed
 
 
 def remedied(failed: Failed, file: CloudFile) -> str:
     """The reason, and the remedy where points may be too many."""
-    spent = failed.reason.startswith(("timeout: ", "memory: "))
-    return f"{failed.reason}{'; --points 20000 would take less' if spent and not file.most else ''}"
+    timing = failed.reason.startswith(("timeout: ", "memory: "))
+    return (
+        f"{failed.reason}{'; --points 20000 would take less' if timing and not file.most else ''}"
+    )
 
 
-def check(wish: Wish) -> None:
+def check(request: Request) -> None:
     """Raises BadInput for what no file and no method could mend."""
-    turns = moves(wish.out)
-    if wish.frames is not None and not turns:
+    turns = moves(request.out)
+    if request.frames is not None and not turns:
         raise BadInput(
-            f"--frames {wish.frames}: {wish.out} is one picture; give a turntable's name, "
+            f"--frames {request.frames}: {request.out} is one picture; give a turntable's name, "
             f"{' or '.join(MOVING)}"
         )
-    if wish.frames is not None and not 2 <= wish.frames <= MOST_FRAMES:
-        raise BadInput(f"--frames {wish.frames}: must be 2 to {MOST_FRAMES}")
-    if wish.file.most is not None and wish.file.most < 1:
-        raise BadInput(f"--points {wish.file.most}: must be at least 1")
-    upright(np.empty((0, 3)), wish.file.up, wish.file.front)
+    if request.frames is not None and not 2 <= request.frames <= MOST_FRAMES:
+        raise BadInput(f"--frames {request.frames}: must be 2 to {MOST_FRAMES}")
+    if request.file.most is not None and request.file.most < 1:
+        raise BadInput(f"--points {request.file.most}: must be at least 1")
+    upright(np.empty((0, 3)), request.file.up, request.file.front)
 
 
-def views_of(wish: Wish) -> tuple[View, ...]:
+def views_of(request: Request) -> tuple[View, ...]:
     """The view, or all of a turntable. Raises BadInput for angles that there are not."""
-    first = make_view(wish.azimuth_deg, wish.elevation_deg)
-    if not moves(wish.out):
+    first = make_view(request.azimuth_deg, request.elevation_deg)
+    if not moves(request.out):
         return (first,)
-    frames = wish.frames or FRAMES
+    frames = request.frames or FRAMES
     return tuple(
         View(first.azimuth_deg + 360 * i / frames, first.elevation_deg) for i in range(frames)
     )
@@ -175,7 +177,7 @@ def render_cloud(
     """
     methods = names(method) or ()
     file = CloudFile(cloud, as_is, up, front, points)
-    failed = render(Wish(file, methods, azimuth, elevation, out, frames, device.value))
+    failed = render(Request(file, methods, azimuth, elevation, out, frames, device.value))
     for name, reason in failed.items():
         print(f"bench: {visible(f'{name}: {reason}')}", file=sys.stderr)
     if len(failed) == len(set(methods)):
@@ -203,7 +205,7 @@ def shrink_record(
     from bench.running.environment import cores
 
     found = shrinking.shrink(record, budget_s, worker_count(workers) or cores(), out)
-    if isinstance(found, shrinking.Mended):
-        print(f"bench: {found.told}", file=sys.stderr)
+    if isinstance(found, shrinking.NotReproduced):
+        print(f"bench: {found.message}", file=sys.stderr)
         raise typer.Exit(1)
-    print(found.told)
+    print(found.message)

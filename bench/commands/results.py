@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from bench.analysis.comparison import Estimate, decimals, milliseconds
-from bench.analysis.recommend import METRIC, Advice, Choice, Wish, advise, at_condition
+from bench.analysis.recommend import METRIC, Advice, Choice, Request, advise, at_condition
 from bench.commands.options import RunDirectory, names
 from bench.running.protocol import file_name
 from bench.tables.build import how_timed, read_scored
@@ -164,57 +164,59 @@ def recommend(
     """Which method to take for a budget, or a quality: exit 1 if none will do."""
     run = read_scored(directory)
     manifest = run.manifest
-    wish = make_wish(manifest["views"] if views is None else views, budget_ms, min_ssim)
+    request = make_request(manifest["views"] if views is None else views, budget_ms, min_ssim)
     compared = at_condition(run.compared([METRIC]), condition)
     print(how_timed(manifest))
-    given = [advise(comparison, wish) for comparison in compared]
-    for line in advice_lines(given, wish, manifest["views"], in_full=condition is not None):
+    given = [advise(comparison, request) for comparison in compared]
+    for line in advice_lines(given, request, manifest["views"], in_full=condition is not None):
         print(line)
-    if not all(one.meets(wish) for one in given):
+    if not all(one.meets(request) for one in given):
         raise typer.Exit(1)
 
 
-def advice_lines(given: Sequence[Advice], wish: Wish, views_drawn: int, in_full: bool) -> list[str]:
+def advice_lines(
+    given: Sequence[Advice], request: Request, views_drawn: int, in_full: bool
+) -> list[str]:
     """Lines of text: for each advice one for the budget and one for the quality wished for.
 
     views_drawn  in a call, when the costs were taken
     in_full      the alternatives and the regret too
     """
     lines = []
-    if wish.views != views_drawn:
+    if request.views != views_drawn:
         lines.append(
-            f"Costs of {wish.views} view{'s' * (wish.views > 1)} are reckoned from the share of "
-            "one; drawn in a call of their own they may differ."
+            f"Costs of {request.views} view{'s' * (request.views > 1)} are reckoned from the share "
+            "of one; drawn in a call of their own they may differ."
         )
     several = len({advice.class_name for advice in given}) > 1
     for advice in given:
         name = advice.condition + f", {advice.class_name}" * several
-        lines += [f"{visible(name)}: {line}" for line in _in_short(advice, wish)]
+        lines += [f"{visible(name)}: {line}" for line in _in_short(advice, request)]
         if in_full:
-            lines += [f"  {line}" for line in _alternatives(advice, wish)]
+            lines += [f"  {line}" for line in _alternatives(advice, request)]
     return lines
 
 
-def _in_short(advice: Advice, wish: Wish) -> list[str]:
+def _in_short(advice: Advice, request: Request) -> list[str]:
     lines = []
-    if wish.budget_ms is not None:
-        lines.append(_within_budget(advice, wish, wish.budget_ms))
-    if wish.min_ssim is not None:
-        lines.append(_good_enough(advice, wish, wish.min_ssim))
+    if request.budget_ms is not None:
+        lines.append(_within_budget(advice, request, request.budget_ms))
+    if request.min_ssim is not None:
+        lines.append(_good_enough(advice, request, request.min_ssim))
     return lines
 
 
-def _alternatives(advice: Advice, wish: Wish) -> list[str]:
+def _alternatives(advice: Advice, request: Request) -> list[str]:
     lines = []
-    if wish.min_ssim is not None:
-        surely = _told(advice.surely, wish) if advice.surely else "none"
+    if request.min_ssim is not None:
+        surely = _text(advice.surely, request) if advice.surely else "none"
         lines.append(f"surely that good, by the lower end of the interval: {surely}")
     if advice.best is None:
         return lines
-    if wish.budget_ms is None:
-        lines.append(f"best at any cost: {_told(advice.best, wish)}")
+    if request.budget_ms is None:
+        lines.append(f"best at any cost: {_text(advice.best, request)}")
     for choice in advice.next:
-        lines.append(f"next: {_told(choice, wish)}; behind by {_estimated(choice.behind)}")
+        lines.append(f"next: {_text(choice, request)}; behind by {_estimated(choice.behind)}")
     lines.append(
         f"regret: {_estimated(advice.regret)} ssim against the best of {advice.affordable} such "
         f"methods for each of {advice.objects} objects; "
@@ -223,38 +225,38 @@ def _alternatives(advice: Advice, wish: Wish) -> list[str]:
     return lines
 
 
-def _within_budget(advice: Advice, wish: Wish, budget_ms: float) -> str:
+def _within_budget(advice: Advice, request: Request, budget_ms: float) -> str:
     budget = f"{milliseconds(budget_ms)} ms"
     if advice.best is None:
-        nearest = f"; the cheapest: {_told(advice.cheapest, wish)}" if advice.cheapest else ""
+        nearest = f"; the cheapest: {_text(advice.cheapest, request)}" if advice.cheapest else ""
         return f"no method within {budget}{nearest}"
-    told = f"best within {budget}: {_told(advice.best, wish)}"
+    message = f"best within {budget}: {_text(advice.best, request)}"
     if advice.best.cost_ms.high > budget_ms:
-        told += "; the interval of its cost reaches beyond the budget"
-    return told
+        message += "; the interval of its cost reaches beyond the budget"
+    return message
 
 
-def _good_enough(advice: Advice, wish: Wish, min_ssim: float) -> str:
+def _good_enough(advice: Advice, request: Request, min_ssim: float) -> str:
     least = f"ssim of at least {min_ssim:g}"
     if advice.on_average is None:
-        nearest = f"; the nearest: {_told(advice.finest, wish)}" if advice.finest else ""
+        nearest = f"; the nearest: {_text(advice.finest, request)}" if advice.finest else ""
         return f"no method with an {least}{nearest}"
     sure = advice.surely is not None and advice.surely.method == advice.on_average.method
-    told = (
+    message = (
         f"cheapest with an {least}, {'surely' if sure else 'on average'}: "
-        f"{_told(advice.on_average, wish)}"
+        f"{_text(advice.on_average, request)}"
     )
-    if wish.budget_ms is not None and advice.on_average.cost_ms.value > wish.budget_ms:
-        told += "; over the budget"
-    return told
+    if request.budget_ms is not None and advice.on_average.cost_ms.value > request.budget_ms:
+        message += "; over the budget"
+    return message
 
 
-def _told(choice: Choice, wish: Wish) -> str:
+def _text(choice: Choice, request: Request) -> str:
     """The method with its quality and its cost, for the cloud and for a picture."""
     ssim = _estimated(choice.ssim)
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)
-    picture = milliseconds(choice.cost_ms.value / wish.views)
+    picture = milliseconds(choice.cost_ms.value / request.views)
     return f"{visible(choice.method)}, ssim {ssim}, {cost} a cloud, {picture} ms a picture{failed}"
 
 
@@ -274,7 +276,7 @@ def _digits(value: float) -> str:
     return f"{value:z.{decimals(METRIC)}f}"
 
 
-def make_wish(views: int, budget_ms: float | None, min_ssim: float | None) -> Wish:
+def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Request:
     """A wish of the command line. Raises BadInput for one that is empty or makes no sense."""
     if budget_ms is None and min_ssim is None:
         raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
@@ -284,4 +286,4 @@ def make_wish(views: int, budget_ms: float | None, min_ssim: float | None) -> Wi
         raise BadInput(f"--budget-ms {budget_ms:g}: must be a number over 0")
     if min_ssim is not None and not -1 <= min_ssim <= 1:
         raise BadInput(f"--min-ssim {min_ssim:g}: must be from -1 to 1")
-    return Wish(views, budget_ms, min_ssim)
+    return Request(views, budget_ms, min_ssim)

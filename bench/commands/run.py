@@ -21,7 +21,7 @@ from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Protocol, method_identity, protocol_of
-from bench.running.run import Finished, Prospect, look_ahead, refuse_small
+from bench.running.run import Finished, RunStatus, look_ahead, refuse_small
 from bench.tables.markdown import table, visible
 from bench.tables.table import grid
 
@@ -68,7 +68,7 @@ def _protocol(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]
     return protocol, {name: why for name, why in skipped.items() if name != FID}
 
 
-def _settings(prospect: Prospect, options: Options) -> list[tuple[str, str]]:
+def _settings(prospect: RunStatus, options: Options) -> list[tuple[str, str]]:
     protocol = prospect.protocol
     suite, classes = protocol.suite, Counter(obj.class_name for obj in protocol.objects)
     taken = dict(protocol.features)
@@ -92,7 +92,7 @@ def _settings(prospect: Prospect, options: Options) -> list[tuple[str, str]]:
     ]
 
 
-def _folder(prospect: Prospect, options: Options) -> str:
+def _folder(prospect: RunStatus, options: Options) -> str:
     if not prospect.directory.exists():
         return "new"
     return "the run there would be renamed" if options.fresh else "there already"
@@ -116,7 +116,7 @@ def _section(title: str, lines: Mapping[str, str]) -> list[str]:
     return ["", f"{title}:", *shown] if lines else []
 
 
-def _jobs(prospect: Prospect) -> list[str]:
+def _jobs(prospect: RunStatus) -> list[str]:
     """How many are to be done, and how many are there, by method and condition."""
     left, protocol = prospect.left, prospect.protocol
     objects = len(protocol.objects)

@@ -110,11 +110,11 @@ def train_views(
         if value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
     team = connect(torch.device("cpu"))
-    told = labels()
-    data, answers = _labelled(told, "train", objects, views)
+    known = labels()
+    data, answers = _labelled(known, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)
     config = ViewsConfig(epochs * math.ceil(len(images) / BATCH), seed)
-    trainer = _Trainer(told, images, answers, config, team)
+    trainer = _Trainer(known, images, answers, config, team)
     data_hash = hash_arrays(data.images, *(answer.numpy() for answer in answers.values()))
     with ConsoleProgress("views", quiet=not is_first()) as show:
         run(trainer, config, data_hash, folder, show, team)
@@ -131,14 +131,14 @@ class _Trainer:
 
     def __init__(
         self,
-        told: Labels,
+        known: Labels,
         images: Tensor,
         answers: dict[str, Tensor],
         config: ViewsConfig,
         team: Processes = ONE,
     ) -> None:
         self.images, self.answers, self.config, self.team = images, answers, config, team
-        self.network = seeded(config.seed, lambda: ViewsNetwork(told))
+        self.network = seeded(config.seed, lambda: ViewsNetwork(known))
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
         self.random = team.random(config.seed)
         self.order = torch.empty(0, dtype=torch.long)
@@ -206,34 +206,34 @@ def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
 
 
 def _labelled(
-    told: Labels, split: Split, count: int, views: int
+    known: Labels, split: Split, count: int, views: int
 ) -> tuple[TrainingSet, dict[str, Tensor]]:
     """Pictures of `count` objects of each class, and the right answers about each picture."""
-    objects = [ProceduralObject(name, split, i) for name in told.classes for i in range(count)]
+    objects = [ProceduralObject(name, split, i) for name in known.classes for i in range(count)]
     data = training_set(tuple(objects), views, quiet=not is_first())
     azimuth = np.radians(data.azimuth_deg)
     view = np.stack([np.sin(azimuth), np.cos(azimuth), data.elevation_deg / 40], axis=-1)
-    answers = np.repeat([_answers(told, obj) for obj in objects], views, axis=0)
+    answers = np.repeat([_answers(known, obj) for obj in objects], views, axis=0)
     named = zip(("class", "family", "back"), torch.from_numpy(answers).unbind(1), strict=True)
     return data, dict(named) | {"view": torch.from_numpy(view.astype(np.float32)).flatten(0, 1)}
 
 
-def _answers(told: Labels, obj: ProceduralObject) -> tuple[int, int, int]:
+def _answers(known: Labels, obj: ProceduralObject) -> tuple[int, int, int]:
     """Class, family and back of an object, as numbers of the heads' outputs."""
     key = ("procedural", obj.class_name, obj.split, obj.index)
     family = CLASSES[obj.class_name].draw(generator(*key)).family
     chair = obj.class_name == "chair"
     return (
-        told.classes.index(obj.class_name),
-        told.families.index(f"{obj.class_name}/{family}"),
-        told.backs.index(draw_chair_spec(generator(*key)).back) if chair else NO_LABEL,
+        known.classes.index(obj.class_name),
+        known.families.index(f"{obj.class_name}/{family}"),
+        known.backs.index(draw_chair_spec(generator(*key)).back) if chair else NO_LABEL,
     )
 
 
 def _loss(network: ViewsNetwork, features: Tensor, targets: dict[str, Tensor]) -> Tensor:
     answers = {name: head(features) for name, head in network.heads.items()}
-    told = sum(_cross_entropy(answers[n], targets[n]) for n in ("class", "family", "back"))
-    return told + 8.0 * functional.mse_loss(answers["view"], targets["view"])
+    known = sum(_cross_entropy(answers[n], targets[n]) for n in ("class", "family", "back"))
+    return known + 8.0 * functional.mse_loss(answers["view"], targets["view"])
 
 
 def _cross_entropy(answers: Tensor, targets: Tensor) -> Tensor:

@@ -28,7 +28,7 @@ class WeightsUnavailable(RuntimeError):
     """The published weights are not on this machine and cannot be fetched. It says the remedy."""
 
 
-def find_weights(wish: str | None) -> Path:
+def find_weights(chosen: str | None) -> Path:
     """The verified weight file.
 
     wish None        the user's cache: `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache
@@ -40,9 +40,9 @@ def find_weights(wish: str | None) -> Path:
     not the published file (sha256), and WeightsUnavailable where the cache does not hold it (and it
     cannot be fetched).
     """
-    if wish is not None and wish != DOWNLOAD:
-        read_weights(Path(wish))
-        return Path(wish)
+    if chosen is not None and chosen != DOWNLOAD:
+        read_weights(Path(chosen))
+        return Path(chosen)
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     cached = Path(root) / "pc2pix-bench" / WEIGHTS_NAME
     try:
@@ -50,7 +50,7 @@ def find_weights(wish: str | None) -> Path:
     except BadInput:
         intact = False
     if not intact:
-        if wish is None:
+        if chosen is None:
             raise WeightsUnavailable(f"the FID weights are not in the cache; {_REMEDY}")
         data = _download()
         try:

@@ -17,7 +17,7 @@ from data_prep.scene_objects import SceneObject
 
 
 @dataclass(frozen=True)
-class Spent:
+class JobTiming:
     """Wall time of a worker on one job, in seconds, by what it went into.
 
     methods    loading, preparing, drawing
@@ -32,11 +32,11 @@ class Spent:
     harness: float = 0.0
 
 
-NOTHING = Spent()
+NOTHING = JobTiming()
 
 
 class Stopwatch:
-    """Seconds by the fields of `Spent`, since it was made."""
+    """Seconds by the fields of `JobTiming`, since it was made."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter()
@@ -52,19 +52,19 @@ class Stopwatch:
             taken = time.perf_counter() - start
             self._seconds[part] = self._seconds.get(part, 0.0) + taken
 
-    def spent(self) -> Spent:
+    def timing(self) -> JobTiming:
         """What went nowhere by name, went into the harness."""
         total = time.perf_counter() - self._start
-        return Spent(**self._seconds, harness=total - sum(self._seconds.values()))
+        return JobTiming(**self._seconds, harness=total - sum(self._seconds.values()))
 
 
-def shares(spent: Iterable[Spent], available_s: float) -> dict[str, float]:
-    """Parts of 1 by the fields of `Spent`, of the seconds that all workers together had.
+def shares(timing: Iterable[JobTiming], available_s: float) -> dict[str, float]:
+    """Parts of 1 by the fields of `JobTiming`, of the seconds that all workers together had.
 
     What no method, metric or rendering has used counts as harness: workers that start, wait or
     idle while the tables are made.
     """
-    every = list(spent)
+    every = list(timing)
     named = {
         part: sum(getattr(one, part) for one in every) / available_s
         for part in ("methods", "metrics", "rendering")
@@ -113,7 +113,7 @@ class Job:
 class Result:
     """What became of a job. `artifact_sha256` is None where there are no pictures.
 
-    `spent` is noughts for a job that was done by an earlier start, or whose worker died.
+    `timing` is zeros for a job that was done by an earlier start, or whose worker died.
     `unusable` is set where going on with other jobs of its kind makes no sense (a library or
     weights file is missing): the run ends with this message.
     """
@@ -122,7 +122,7 @@ class Result:
     records: tuple[Record, ...]
     artifact_sha256: str | None
     unusable: str | None = None
-    spent: Spent = NOTHING
+    timing: JobTiming = NOTHING
 
 
 def failed(job: Job, reason: str) -> Result:

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from bench.records.artifacts import artifact_sha256
-from bench.records.job import NOTHING, Job, Result, Spent
+from bench.records.job import NOTHING, Job, JobTiming, Result
 from bench.records.record import SCHEMA_VERSION, Record
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.untrusted import MIB, read_file
@@ -46,24 +46,24 @@ SHARD = "shard"  # likewise; manifests from before there were any have none
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
+class JobOutcome:
     """What became of a job, without its records.
 
     artifact_sha256  None where there are no pictures
     reason           why there are none; empty where there are
-    spent            noughts for a job that was done by an earlier start
+    timing           zeros for a job that was done by an earlier start
     """
 
     artifact_sha256: str | None
     reason: str
-    spent: Spent = NOTHING
+    timing: JobTiming = NOTHING
 
     @classmethod
-    def of(cls, result: Result) -> Settled:
+    def of(cls, result: Result) -> JobOutcome:
         """A result without its records."""
         failed = result.artifact_sha256 is None and result.records
         reason = result.records[0].reason if failed else ""
-        return cls(result.artifact_sha256, reason, result.spent)
+        return cls(result.artifact_sha256, reason, result.timing)
 
 
 class _Place(NamedTuple):
@@ -72,7 +72,7 @@ class _Place(NamedTuple):
     path: Path
     offset: int
     length: int
-    settled: Settled
+    outcome: JobOutcome
 
 
 class Lines:
@@ -84,10 +84,10 @@ class Lines:
     def __contains__(self, key: str) -> bool:
         return key in self._places
 
-    def settled(self, key: str) -> Settled | None:
+    def outcome(self, key: str) -> JobOutcome | None:
         """What became of a job; None where no line says."""
         place = self._places.get(key)
-        return None if place is None else place.settled
+        return None if place is None else place.outcome
 
     def result(self, key: str) -> Result:
         """The result of a job with all its records, read back from its line.
@@ -125,7 +125,7 @@ class Lines:
 
     def put(self, result: Result, shard: Path, offset: int, length: int) -> None:
         """Note the line of a result; it replaces an earlier one of the same job."""
-        self._places[result.key] = _Place(shard, offset, length, Settled.of(result))
+        self._places[result.key] = _Place(shard, offset, length, JobOutcome.of(result))
 
 
 @dataclass
@@ -155,15 +155,15 @@ class Journal:
         self.lines.put(result, Path(self._shard.name), offset, len(line))
         self.added.add(result.key)
 
-    def usable(self, job: Job) -> Settled | None:
+    def usable(self, job: Job) -> JobOutcome | None:
         """What became of a job where it counts: written down, and its artifact unharmed."""
-        settled = self.lines.settled(job.key)
-        if settled is None or settled.artifact_sha256 is None:
-            return settled
-        if artifact_sha256(job.artifact) != settled.artifact_sha256:
+        outcome = self.lines.outcome(job.key)
+        if outcome is None or outcome.artifact_sha256 is None:
+            return outcome
+        if artifact_sha256(job.artifact) != outcome.artifact_sha256:
             self.damage.append(f"{job.artifact}: missing or altered; its job is done again")
             return None
-        return settled
+        return outcome
 
     def close(self) -> None:
         """Close the journal file of this start."""
@@ -217,10 +217,10 @@ def check_directory(directory: Path, manifest: Mapping[str, Any]) -> None:
         return
     found = read_manifest(directory)
     for name in (*FIXED, SHARD):
-        there, wished = found.get(name), manifest.get(name)
-        if there != wished:
+        there, wanted = found.get(name), manifest.get(name)
+        if there != wanted:
             raise BadInput(
-                f"{directory}: holds a run of {name} {there!r}, not {wished!r}; "
+                f"{directory}: holds a run of {name} {there!r}, not {wanted!r}; "
                 "give another --out, or --fresh to start over"
             )
 

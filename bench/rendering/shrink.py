@@ -152,7 +152,7 @@ class Shrunk:
         return shlex.join(arguments)
 
     @property
-    def told(self) -> str:
+    def message(self) -> str:
         """All of it, in lines for people; one of them is the command."""
         end = (
             "without any one of them it does not fail so"
@@ -178,7 +178,7 @@ class Shrunk:
 
 
 @dataclass(frozen=True)
-class Mended:
+class NotReproduced:
     """A failure that is there no more; `now` is why it fails instead, empty where it does not."""
 
     name: str
@@ -186,13 +186,13 @@ class Mended:
     now: str
 
     @property
-    def told(self) -> str:
+    def message(self) -> str:
         """One line."""
         now = f"fails otherwise now: {self.now}" if self.now else "is drawn now"
         return f"{self.name}: does not fail any more as it did ({self.reason}); it {now}"
 
 
-def shrink(record: str, budget_s: float, workers: int, out: Path | None) -> Shrunk | Mended:
+def shrink(record: str, budget_s: float, workers: int, out: Path | None) -> Shrunk | NotReproduced:
     """Make the cloud of a failed record again, and take away what its failure does not need.
 
     The best cloud so far is always in the folder (default: DIR/shrunk/NAME), so that nothing is
@@ -210,7 +210,7 @@ def shrink(record: str, budget_s: float, workers: int, out: Path | None) -> Shru
     with _Search(item, len(points), workers, start, budget_s) as search:
         failing = _first_failing_view(search, item.job, points)
         if failing is None:
-            return Mended(item.name, item.reason, search.last)
+            return NotReproduced(item.name, item.reason, search.last)
         save_ply(points, path)
         best, minimal = _shrink(search, failing, path)
     file = CloudFile(path, as_is=True)

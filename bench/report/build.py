@@ -78,8 +78,8 @@ def read_page(made: Outputs) -> Page:
     ordered, along = made.orderings, made.beyond
     fought = along.crossings if along is not None else None
     left_out = _left_out(manifest["methods"])
-    if along is not None and along.courses:
-        drawn, title = family_curves(along.courses, styles), "Beyond training"
+    if along is not None and along.curves:
+        drawn, title = family_curves(along.curves, styles), "Beyond training"
         remark = f"{_OF_OBJECTS} {_BANDS} {left_out}"
     else:
         drawn = curves(made.tables, styles)
@@ -193,13 +193,13 @@ def _left_out(methods: list[str]) -> str:
 
 
 def _unseen(sources: Sources) -> tuple[str, ...]:
-    told = [sources.unseen] if sources.unseen else []
+    description = [sources.unseen] if sources.unseen else []
     if not sources.artifacts:
-        told.append(
+        description.append(
             "The pictures of this run are no longer there (its folder artifacts is empty or gone); "
             "its command makes them again."
         )
-    return tuple(told)
+    return tuple(description)
 
 
 def _command(manifest: Mapping[str, Any]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.crossings import Course, place_of
+from bench.analysis.crossings import ConditionCurve, place_of
 from bench.catalogue.families import Family
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_similarity
@@ -37,7 +37,7 @@ OBJECTS_SHOWN = 2
 
 
 def write_beyond_figures(
-    directory: Path, courses: Sequence[Course], artifacts: Sequence[Artifact]
+    directory: Path, curves: Sequence[ConditionCurve], artifacts: Sequence[Artifact]
 ) -> None:
     """`beyond` (PNG and SVG) and `beyond-pictures.png`: the first view of the first objects, nobody
     has chosen, a column for each condition, family after family.
@@ -45,10 +45,10 @@ def write_beyond_figures(
     `artifacts` are all that there are, ground truths included. Ceiling and floors have no picture.
     """
     folder = directory / FIGURES
-    figure = beyond_figure(courses, looks(ordered(c.method for c in courses))).figure
+    figure = beyond_figure(curves, looks(ordered(c.method for c in curves))).figure
     for kind in ("png", "svg"):
         save(figure, folder / f"beyond.{kind}")
-    conditions = ordered(c for course in courses for c in course.family.conditions)
+    conditions = ordered(c for curve in curves for c in curve.family.conditions)
     objects = list(dict.fromkeys(a.item.object for a in artifacts))[:OBJECTS_SHOWN]
     rows = picture_rows(artifacts, objects, conditions)
     if rows:
@@ -59,7 +59,7 @@ def write_beyond_figures(
 
 @drawing()
 def beyond_figure(
-    courses: Sequence[Course],
+    curves: Sequence[ConditionCurve],
     styles: Mapping[str, Look],
     *,
     panel_in: tuple[float, float] = PANEL_IN,
@@ -70,9 +70,9 @@ def beyond_figure(
     The bands are what the networks of the run were shown in training. Floors are level lines but
     for the chance of their views; the ceiling is left out.
     """
-    courses = _shown(courses)
-    families = list(dict.fromkeys(c.family for c in courses))
-    lines = list(dict.fromkeys((c.class_name, c.metric) for c in courses))
+    curves = _shown(curves)
+    families = list(dict.fromkeys(c.family for c in curves))
+    lines = list(dict.fromkeys((c.class_name, c.metric) for c in curves))
     size_in = (panel_in[0] * len(families), panel_in[1] * len(lines) + LEGEND_IN)
     figure, axes = panels(len(lines), len(families), size_in, sharex="col", sharey="row")
     drawn = Drawing(figure)
@@ -82,7 +82,7 @@ def beyond_figure(
             scale_distances(axis_row[0])
         for axis, family in zip(axis_row, families, strict=True):
             cell = (class_name, metric, family)
-            of_cell = [c for c in courses if (c.class_name, c.metric, c.family) == cell]
+            of_cell = [c for c in curves if (c.class_name, c.metric, c.family) == cell]
             _draw_panel(drawn, axis, of_cell, styles)
         title = axis_title(metric).replace(" (", "\n(")
         name = f"{visible(class_name)}: {title}" if several else title
@@ -95,18 +95,18 @@ def beyond_figure(
     return drawn
 
 
-def _shown(courses: Sequence[Course]) -> list[Course]:
+def _shown(curves: Sequence[ConditionCurve]) -> list[ConditionCurve]:
     """All but those of the ceiling."""
-    return [c for c in courses if role(c.method) != "ceiling"]
+    return [c for c in curves if role(c.method) != "ceiling"]
 
 
 def _draw_panel(
-    drawn: Drawing, axis: Any, courses: Sequence[Course], styles: Mapping[str, Look]
+    drawn: Drawing, axis: Any, curves: Sequence[ConditionCurve], styles: Mapping[str, Look]
 ) -> None:
-    family = courses[0].family
+    family = curves[0].family
     places = [place_of(value, family) for value in family.values]
-    _draw_bands(drawn, axis, family, places, {c.method: styles[c.method].colour for c in courses})
-    for c in courses:
+    _draw_bands(drawn, axis, family, places, {c.method: styles[c.method].colour for c in curves})
+    for c in curves:
         points = [
             Point(x, condition, c.class_name, estimate)
             for x, condition, estimate in zip(places, family.conditions, c.estimates, strict=True)
@@ -144,15 +144,15 @@ def _draw_bands(
         drawn.mark(band, Tags(method=name))
 
 
-def family_curves(courses: Sequence[Course], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
+def family_curves(curves: Sequence[ConditionCurve], styles: Mapping[str, Look]) -> tuple[Plot, ...]:
     """A plot of the page for each class, family and metric."""
     plots = []
-    courses = _shown(courses)
-    for cell in dict.fromkeys((c.class_name, c.family, c.metric) for c in courses):
+    curves = _shown(curves)
+    for cell in dict.fromkeys((c.class_name, c.family, c.metric) for c in curves):
         class_name, family, metric = cell
-        of_cell = [c for c in courses if (c.class_name, c.family, c.metric) == cell]
+        of_cell = [c for c in curves if (c.class_name, c.family, c.metric) == cell]
         figure = beyond_figure(of_cell, styles, panel_in=WIDE_IN, legend_columns=3)
-        told = in_words(
+        description = in_words(
             metric,
             (
                 (c.method, condition, estimate.value)
@@ -164,7 +164,7 @@ def family_curves(courses: Sequence[Course], styles: Mapping[str, Look]) -> tupl
             Plot(
                 title=f"{metric} against {family.id}, class {class_name}",
                 axis=axis_title(metric),
-                told=f"{axis_title(metric)}, against {family.axis}. {told}",
+                description=f"{axis_title(metric)}, against {family.axis}. {description}",
                 svg=inline(figure, f"family-{len(plots)}"),
                 tags=Tags(class_name=class_name),
             )

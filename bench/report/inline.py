@@ -46,7 +46,7 @@ class Part:
     """
 
     tags: Tags
-    told: str = ""
+    description: str = ""
     series: bool = False
 
 
@@ -57,11 +57,11 @@ class Drawing:
     figure: Figure
     parts: dict[str, Part] = field(default_factory=dict)
 
-    def mark(self, artist: Any, tags: Tags, told: str = "", *, series: bool = False) -> None:
+    def mark(self, artist: Any, tags: Tags, description: str = "", *, series: bool = False) -> None:
         """Mark an artist that has been drawn."""
         name = f"part-{len(self.parts)}"
         artist.set_gid(name)
-        self.parts[name] = Part(tags, told, series)
+        self.parts[name] = Part(tags, description, series)
 
     def legend(self, columns: int, fontsize: float) -> None:
         """One legend below all axes; an entry is hidden along with the artist that it explains."""
@@ -120,9 +120,9 @@ def _kept(
     part = parts.get(element.get("id", ""))
     if part is not None:
         made.attrib.update(_marks(part))
-        if part.told:
+        if part.description:
             title = Element("title")
-            title.text = visible(part.told)
+            title.text = visible(part.description)
             inside.insert(0, title)
     if tag == "g" and not made.attrib:
         yield from inside

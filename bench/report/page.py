@@ -46,7 +46,7 @@ class Plot:
 
     title: str
     axis: str
-    told: str
+    description: str
     svg: Svg
     wide: bool = False
     tags: Tags = ANY
@@ -57,7 +57,7 @@ class Picture:
     """A picture as a data URI, with what it shows in words; `uri` is empty where there is none."""
 
     uri: str
-    told: str
+    description: str
     size: int = 128
 
 
@@ -75,7 +75,7 @@ class Grid:
     """Pictures of one object from one view: heads are (name, tags)."""
 
     title: str
-    told: str
+    description: str
     corner: str
     columns: tuple[tuple[str, Tags], ...]
     rows: tuple[tuple[str, Tags, tuple[GridCell, ...]], ...]

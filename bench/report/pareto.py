@@ -153,27 +153,27 @@ def _draw_panel(
     for name in dict.fromkeys(map(_family, rivals)):
         members = [p for p in rivals if _family(p) == name]
         settings = [find_setting(p.method) for p in members]
-        knob = next((setting.knob.name for setting in settings if setting), None)
+        parameter = next((setting.parameter.name for setting in settings if setting), None)
         look = styles[members[0].method]
         (line,) = axis.plot(
             [p.cost_ms.value for p in members],
             [p.quality.value for p in members],
             **point_style(look, 5.5)
-            | {"linestyle": "-" if knob else "none", "linewidth": 0.9, "markevery": []},
-            label=visible(name) + (f" ({knob})" if knob else ""),
+            | {"linestyle": "-" if parameter else "none", "linewidth": 0.9, "markevery": []},
+            label=visible(name) + (f" ({parameter})" if parameter else ""),
         )
         drawn.mark(line, Tags(method=members[0].method) if len(members) == 1 else Tags())
         for p in members:
             _draw_point(drawn, axis, p, look, 7 if p.method == name else 4)
         turned = [(p, _short(p)) for p in members if p.method != name]
         labels += [(p, visible(name)) for p in members if p.method == name]
-        labels += turned if knob is None else turned[:: max(len(turned) - 1, 1)]
+        labels += turned if parameter is None else turned[:: max(len(turned) - 1, 1)]
     for p in (p for p in places if role(p.method) == "floor"):
         look = styles[p.method]
         line = axis.axhline(
             p.quality.value, color=look.colour, linewidth=0.9, linestyle=look.dashes, label=p.method
         )
-        drawn.mark(line, Tags(method=p.method), _told(p), series=True)
+        drawn.mark(line, Tags(method=p.method), _text(p), series=True)
     return labels
 
 
@@ -187,7 +187,7 @@ def _draw_point(drawn: Drawing, axis: Any, place: Place, look: Look, size: float
         (line,) = axis.plot([cost.low, cost.high], [quality.value] * 2, **thin)
         drawn.mark(line, tags)
     (point,) = axis.plot(cost.value, quality.value, **point_style(look, size))
-    drawn.mark(point, tags, _told(place), series=True)
+    drawn.mark(point, tags, _text(place), series=True)
 
 
 def _draw_frontier(axis: Any, places: Sequence[Place], right: float) -> None:
@@ -338,11 +338,11 @@ def cost_plots(
                 legend_columns=6 if wide else 3,
             )
             points = sorted(filter(_competes, of_cell), key=lambda p: p.cost_ms.value)
-            told = "; ".join(map(_told, points))
+            description = "; ".join(map(_text, points))
             plot = Plot(
                 title=f"{condition}, {class_name}",
                 axis=axis_title(metric),
-                told=f"{axis_title(metric)}, by rising cost: {told}.",
+                description=f"{axis_title(metric)}, by rising cost: {description}.",
                 svg=inline(figure, f"cost-{len(plots)}"),
                 wide=wide,
                 tags=Tags(condition=condition, class_name=class_name),
@@ -363,7 +363,7 @@ def _of_views(views: int) -> str:
     return "1 view" if views == 1 else f"its {views} views"
 
 
-def _told(place: Place) -> str:
+def _text(place: Place) -> str:
     value = f"{place.quality.value:.{decimals(place.metric)}f}"
     if role(place.method) == "floor":
         return f"{place.method}: {value}, looks at no cloud"

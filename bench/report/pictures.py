@@ -109,7 +109,7 @@ def _turned(grid: Grid) -> Grid:
     columns = tuple((name, tags) for name, tags, _ in grid.rows)
     across = list(zip(*(cells for _, _, cells in grid.rows), strict=True))
     rows = tuple((*head, cells) for head, cells in zip(grid.columns, across, strict=True))
-    return Grid(grid.title, grid.told, "method", columns, rows, grid.tags)
+    return Grid(grid.title, grid.description, "method", columns, rows, grid.tags)
 
 
 def _grid_cell(sources: Sources, item: Item, record: Mapping[str, Any] | None) -> GridCell:
@@ -117,8 +117,8 @@ def _grid_cell(sources: Sources, item: Item, record: Mapping[str, Any] | None) -
     if record is None:
         return GridCell(Picture("", f"{what}: not measured"), "not measured")
     if record["outcome"] != "ok":
-        told = f"{record['outcome']}: {record['reason']}"
-        return GridCell(Picture("", f"{what}: {told}"), told, counted=True)
+        description = f"{record['outcome']}: {record['reason']}"
+        return GridCell(Picture("", f"{what}: {description}"), description, counted=True)
     return GridCell(
         _drawn(sources, item, 0, f"{what}: SSIM {record['ssim']:.3f}"),
         f"{record['ssim']:.3f}",
@@ -182,18 +182,18 @@ def _view(record: Mapping[str, Any]) -> View:
     return View(record["azimuth_deg"], record["elevation_deg"])
 
 
-def _drawn(sources: Sources, item: Item, view: int, told: str) -> Picture:
+def _drawn(sources: Sources, item: Item, view: int, description: str) -> Picture:
     pictures = sources.pictures(item)
     if pictures is None or view >= len(pictures):
-        return Picture("", f"{told}; the picture is no longer there")
-    return Picture(data_uri(pictures[view]), told)
+        return Picture("", f"{description}; the picture is no longer there")
+    return Picture(data_uri(pictures[view]), description)
 
 
-def _cloud(sources: Sources, item: Item, view: View, told: str) -> Picture:
+def _cloud(sources: Sources, item: Item, view: View, description: str) -> Picture:
     points = sources.points(item)
     if points is None:
-        return Picture("", f"{told}; it cannot be made again")
-    return Picture(data_uri(draw_dots(points, [view])[0]), told)
+        return Picture("", f"{description}; it cannot be made again")
+    return Picture(data_uri(draw_dots(points, [view])[0]), description)
 
 
 def data_uri(picture: NDArray[np.uint8]) -> str:

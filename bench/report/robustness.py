@@ -224,12 +224,12 @@ def curves(tables: Sequence[Table[Row]], styles: Mapping[str, Look]) -> tuple[Pl
 
 def _plot(panel: CurvePanel, styles: Mapping[str, Look], name: str) -> Plot:
     place = panel.place
-    told = in_words(panel.metric, ((r.method, panel.step(r), r.value) for r in panel.rows))
+    description = in_words(panel.metric, ((r.method, panel.step(r), r.value) for r in panel.rows))
     where = f"at {place}, by class" if panel.by_class else f"against the conditions, class {place}"
     return Plot(
         title=f"{panel.metric} {where}",
         axis=panel.axis,
-        told=f"{panel.axis}. {told}",
+        description=f"{panel.axis}. {description}",
         svg=inline(robustness_figure([panel], styles), name),
         wide=panel.by_class,
         tags=Tags(condition=place) if panel.by_class else Tags(class_name=place),
@@ -333,13 +333,13 @@ def draw_curve(drawn: Drawing, axis: Any, curve: Curve, look: Look) -> Any:
             continue
         tags = Tags(curve.method, condition, class_name)
         digits = decimals(curve.metric)
-        told = f"{curve.method}, {condition}, {class_name}: {value:.{digits}f}"
+        description = f"{curve.method}, {condition}, {class_name}: {value:.{digits}f}"
         if math.isfinite(low):
-            told += f" [{low:.{digits}f}, {high:.{digits}f}]"
+            description += f" [{low:.{digits}f}, {high:.{digits}f}]"
             (interval,) = axis.plot([x, x], [low, high], color=look.colour, linewidth=0.9)
             drawn.mark(interval, tags)
         (point,) = axis.plot(x, value, **point_style(look, 5.5))
-        drawn.mark(point, tags, told)
+        drawn.mark(point, tags, description)
     return line
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from bench.catalogue.methods import YARDSTICKS, role
+from bench.catalogue.methods import COST_VARIANTS, role
 from bench.catalogue.parameters import find_setting
 
 Dashes = str | tuple[int, tuple[float, ...]]
@@ -38,13 +38,13 @@ def rivals(methods: Iterable[str]) -> list[str]:
 
 def is_yardstick(method: str) -> bool:
     """Whether nobody would draw with it: it is there for its cost."""
-    return any(yardstick.id == method for yardstick in YARDSTICKS)
+    return any(yardstick.id == method for yardstick in COST_VARIANTS)
 
 
 def family(method: str) -> str:
     """The method whose knob this one turns; without a knob the method itself."""
     setting = find_setting(method)
-    return method if setting is None else setting.knob.method
+    return method if setting is None else setting.parameter.method
 
 
 def looks(methods: Iterable[str]) -> dict[str, Look]:

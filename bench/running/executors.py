@@ -7,7 +7,7 @@ from contextlib import closing
 
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
-from bench.records.journal import Journal, Settled
+from bench.records.journal import JobOutcome, Journal
 from bench.running.isolation import Executor, Lost, TaskPool, feed
 from bench.running.work import do
 from data_prep.failures import MissingDependency
@@ -44,7 +44,7 @@ def do_jobs(
     journal: Journal,
     title: str,
     start: Callable[[int], Executor[Job, Result]],
-) -> dict[str, Settled]:
+) -> dict[str, JobOutcome]:
     """What became of all jobs by key: those in the journal, and the rest by doing them.
 
     Their records are in the journal, and nowhere else: memory does not grow with the pictures.
@@ -52,12 +52,12 @@ def do_jobs(
     `start` gives the executor for so many jobs; it is closed here. Raises MissingDependency where
     going on makes no sense.
     """
-    settled = {job.key: found for job in jobs if (found := journal.usable(job))}
-    missing = [job for job in jobs if job.key not in settled]
+    outcomes = {job.key: found for job in jobs if (found := journal.usable(job))}
+    missing = [job for job in jobs if job.key not in outcomes]
     if not missing:
-        return settled
-    if settled:
-        say(f"{title}: {len(settled)} of {len(jobs)} are there from before")
+        return outcomes
+    if outcomes:
+        say(f"{title}: {len(outcomes)} of {len(jobs)} are there from before")
     failures = 0
     with (
         progress(title, len(missing)) as advance,
@@ -68,7 +68,7 @@ def do_jobs(
             if result.unusable:
                 raise MissingDependency(result.unusable)
             journal.append(result)
-            settled[result.key] = Settled.of(result)
+            outcomes[result.key] = JobOutcome.of(result)
             failures += result.artifact_sha256 is None
             advance(failures)
-    return settled
+    return outcomes

@@ -114,7 +114,7 @@ def thread_counts(threads: int) -> dict[str, str]:
 WORKER_ENVIRONMENT = thread_counts(1) | {
     # MeshLab's APSS reads memory that it has not written: in about half of all processes some
     # vertices end up a rounding error away, and where the surface is ill-conditioned a spike more
-    # or less moves SSIM by 0.05. With glibc filling what it hands out (255 is a fill of noughts)
+    # or less moves SSIM by 0.05. With glibc filling what it hands out (255 is a fill of zeros)
     # and keeping no cache of freed blocks, every process reads the same.
     "GLIBC_TUNABLES": "glibc.malloc.perturb=255:glibc.malloc.tcache_count=0",
 }
@@ -200,7 +200,7 @@ class TaskPool(Generic[Task, Result]):
             except TimeoutError:
                 result = Lost("timeout", f"no result within {self._limits.time_s:g} s")
             except ProcessExpired as error:
-                result = _obituary(error, self._over_limit, self._limits)
+                result = _exit_reason(error, self._over_limit, self._limits)
             yield task, result
 
     def _ended(self) -> set[Future[Result]]:
@@ -275,7 +275,7 @@ def _let_go(pool: ProcessPool) -> None:
         pool.join(PATIENCE_S)
 
 
-def _obituary(error: object, over_limit: set[int], limits: Limits) -> Lost:
+def _exit_reason(error: object, over_limit: set[int], limits: Limits) -> Lost:
     if getattr(error, "pid", None) in over_limit:
         return Lost("memory", f"the worker used more than {limits.memory_gib:g} GiB")
     code = getattr(error, "exitcode", 0)

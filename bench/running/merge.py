@@ -86,7 +86,7 @@ def merge(
             )
         )
         stages = manifest["stage_seconds"]
-        stages |= {name: round(stages.get(name, 0) + spent, 1) for name, spent in seconds.items()}
+        stages |= {name: round(stages.get(name, 0) + timing, 1) for name, timing in seconds.items()}
     return Merged(out, outputs, len(jobs), len(journal.added))
 
 
@@ -152,8 +152,8 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
     processors = dict.fromkeys(str(p.manifest.get("machine", {}).get("cpu")) for p in parts)
     seconds: dict[str, float] = {}
     for part in parts:
-        for stage, spent in part.manifest.get("stage_seconds", {}).items():
-            seconds[stage] = round(seconds.get(stage, 0.0) + spent, 1)
+        for stage, timing in part.manifest.get("stage_seconds", {}).items():
+            seconds[stage] = round(seconds.get(stage, 0.0) + timing, 1)
     kept = {name: value for name, value in first.items() if name not in ("worker_shares", "git")}
     return kept | {
         "objects": objects,

@@ -186,7 +186,7 @@ def measured(task: tuple[Job, float]) -> Sample:
         job.object.object_id,
         size,
         seconds,
-        method_s=result.spent.methods,
+        method_s=result.timing.methods,
         size_b=float(len(to_line(result)))
         + (job.artifact.stat().st_size if result.artifact_sha256 else 0),
         peak_mib=_peak_mib(),

@@ -289,12 +289,12 @@ class Options:
         return self.out or RUNS / default_name(self.suite, self.dataset, self.shard)
 
 
-def refuse(suite: str, wishes: Iterable[tuple[str, object, str]]) -> None:
+def refuse(suite: str, stated: Iterable[tuple[str, object, str]]) -> None:
     """For a suite where some options have no meaning: (name, value, why) of each.
 
     Raises BadInput for the first that was given.
     """
-    for name, value, why in wishes:
+    for name, value, why in stated:
         if value is not None:
             raise BadInput(f"--{name}: has no meaning for the suite {suite}, {why}; leave it")
 

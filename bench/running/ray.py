@@ -6,10 +6,10 @@ tried again. Jobs and results are plain values of some kB; of a run's files none
 from the nodes, and nothing but this process writes into its folder.
 
 A node does one job at a time, in a killable process of its own. It gets a list of what it has to
-have in common with the machine that keeps the run (`Demands`), and proves it before its first job:
-pictures of another driver or another version of a file would go into the same tables unseen. The
-true pictures that a job is scored against come with the job, its artifact goes back as bytes (about
-0.1 MB for 20 views).
+have in common with the machine that keeps the run (`NodeRequirements`), and proves it before its
+first job: pictures of another driver or another version of a file would go into the same tables
+unseen. The true pictures that a job is scored against come with the job, its artifact goes back as
+bytes (about 0.1 MB for 20 views).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PACKAGES = ("data_prep", "learning", "baselines", "pc2pix", "bench")
 
 
 @dataclass(frozen=True)
-class Demands:
+class NodeRequirements:
     """What all nodes have in common.
 
     environment  what `bench.running.environment` finds
@@ -68,10 +68,10 @@ class Demands:
 class Node:
     """A process of Ray's, with the process that does its jobs."""
 
-    def __init__(self, demands: Demands, limits: Limits) -> None:
+    def __init__(self, requirements: NodeRequirements, limits: Limits) -> None:
         with suppress(OSError):  # not there: a path that needs it will say so
-            os.chdir(demands.folder)
-        self._unfit = unfit(demands)
+            os.chdir(requirements.folder)
+        self._mismatch = mismatch(requirements)
         self._pool = JobPool(1, 1, limits)
 
     def do(
@@ -83,9 +83,9 @@ class Node:
         is scored against. A node that is not fit, or whose copy of the object is another, gives a
         result that is `unusable` and says why.
         """
-        if unfit := self._unfit or _other_object(job.object, fingerprint):
-            unfit = f"node {socket.gethostname()}: {unfit}"
-            return replace(failed(job, unfit), unusable=unfit), None
+        if mismatch := self._mismatch or _other_object(job.object, fingerprint):
+            mismatch = f"node {socket.gethostname()}: {mismatch}"
+            return replace(failed(job, mismatch), unusable=mismatch), None
         with tempfile.TemporaryDirectory(prefix="pc2pix-bench-") as scratch:
             artifact, scored = Path(scratch, "artifact.npz"), None
             if reference is not None:
@@ -100,18 +100,18 @@ _node: Node | None = None  # of this process, where it is one of Ray's
 
 
 def do_on_node(
-    told: tuple[Demands, Limits], job: Job, fingerprint: str, reference: bytes | None
+    message: tuple[NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
 ) -> tuple[Result, bytes | None]:
     """`Node.do` of the node that this process is; Ray has it do one job after another."""
     global _node
     if _node is None:
-        _node = Node(*told)
+        _node = Node(*message)
     return _node.do(job, fingerprint, reference)
 
 
-def demands(protocol: Protocol) -> Demands:
+def requirements(protocol: Protocol) -> NodeRequirements:
     """What this machine has, to be asked of others."""
-    return Demands(
+    return NodeRequirements(
         environment=protocol.environment,
         versions=versions(),
         code=_code(),
@@ -122,22 +122,26 @@ def demands(protocol: Protocol) -> Demands:
     )
 
 
-def unfit(demands: Demands) -> str:
+def mismatch(requirements: NodeRequirements) -> str:
     """In what this machine does not meet the demands, and the remedy; empty where it does."""
     try:
         found = environment()
     except MissingDependency as error:
         return str(error)
     for what, here, wanted in (
-        ("environment", found, demands.environment),
-        ("versions", versions(), demands.versions),
-        ("code", _code(), demands.code),
-        ("methods", _identities(demands.identities, demands.device), demands.identities),
-        ("weights", {path: _sum(path) for path in demands.weights}, demands.weights),
+        ("environment", found, requirements.environment),
+        ("versions", versions(), requirements.versions),
+        ("code", _code(), requirements.code),
+        (
+            "methods",
+            _identities(requirements.identities, requirements.device),
+            requirements.identities,
+        ),
+        ("weights", {path: _sum(path) for path in requirements.weights}, requirements.weights),
     ):
         if differing := [name for name in wanted if here.get(name) != wanted[name]]:
-            told = ", ".join(f"{n} is {here.get(n)}, not {wanted[n]}" for n in differing)
-            return f"not set up as the machine of the run, {what}: {told}; make it the same"
+            message = ", ".join(f"{n} is {here.get(n)}, not {wanted[n]}" for n in differing)
+            return f"not set up as the machine of the run, {what}: {message}; make it the same"
     return ""
 
 
@@ -212,7 +216,7 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
         import ray
     except ImportError as error:
         raise MissingDependency(INSTALL) from error
-    _knock(address)
+    _check_reachable(address)
     own = {"num_cpus": workers, "object_store_memory": STORE_BYTES, "include_dashboard": False}
     try:
         ray.init(
@@ -222,8 +226,8 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
             **(own if address == LOCAL else {}),
         )
     except (ConnectionError, RuntimeError, ValueError, OSError) as error:
-        told = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise _no_cluster(address, told) from error
+        message = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise _no_cluster(address, message) from error
     try:
         there = ray.cluster_resources()
         nodes = sum(node["Alive"] for node in ray.nodes())
@@ -234,7 +238,7 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
         ray.shutdown()
 
 
-def _knock(address: str) -> None:
+def _check_reachable(address: str) -> None:
     """Raises BadInput where nobody listens at "host:port": Ray would ask for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not (host and port.isdecimal()):
@@ -245,10 +249,10 @@ def _knock(address: str) -> None:
         raise _no_cluster(address, str(error)) from error
 
 
-def _no_cluster(address: str, told: str) -> BadInput:
+def _no_cluster(address: str, message: str) -> BadInput:
     return BadInput(
-        f"--ray {address}: no cluster answers ({told}); start one with 'ray start --head', or give "
-        f"--ray {LOCAL}"
+        f"--ray {address}: no cluster answers ({message}); start one with 'ray start --head', or "
+        f"give --ray {LOCAL}"
     )
 
 
@@ -258,12 +262,12 @@ class RayPool:
     A CPU each; a GPU as well for a network, where the cluster has any and the device is not "cpu".
     """
 
-    def __init__(self, cluster: Cluster, limits: Limits, demands: Demands) -> None:
+    def __init__(self, cluster: Cluster, limits: Limits, requirements: NodeRequirements) -> None:
         import ray
 
         self._gpus = cluster.gpus
         self._room, self._counted = 0, float("-inf")
-        self._told = ray.put((demands, limits))
+        self._text = ray.put((requirements, limits))
         remote = ray.remote(num_cpus=1, max_retries=NODES_PER_JOB, max_calls=0)  # 0: no end
         self._do = remote(do_on_node)
         self._waiting: dict[Any, Job] = {}
@@ -284,7 +288,7 @@ class RayPool:
         reference = None if job.reference is None else self._reference(job.reference)
         gpus = 1 if self._gpus and _wants_gpu(job) else 0
         ref = self._do.options(num_gpus=gpus).remote(
-            self._told, job, fingerprint_of(job.object), reference
+            self._text, job, fingerprint_of(job.object), reference
         )
         self._waiting[ref] = job
 
@@ -327,9 +331,9 @@ def _outcome(ref: Any, job: Job) -> tuple[Result, bytes | None]:
     try:
         return ray.get(ref)
     except (RayTaskError, RaySystemError) as error:  # not of the job, whose failures are results
-        told = str(error).strip().splitlines()[-1]
+        message = str(error).strip().splitlines()[-1]
         raise MissingDependency(
-            f"a node of the cluster cannot work: {told}; set it up like this machine, with the "
+            f"a node of the cluster cannot work: {message}; set it up like this machine, with the "
             "same packages in the same folders"
         ) from error
     except RayError as error:

@@ -16,8 +16,8 @@ from bench.records.artifacts import Artifact
 from bench.records.job import Job, Result, failed, shares
 from bench.records.journal import (
     MANIFEST,
+    JobOutcome,
     Journal,
-    Settled,
     check_directory,
     open_journal,
     read_lines,
@@ -31,7 +31,7 @@ from bench.running.executors import JobPool, do_jobs
 from bench.running.isolation import Executor
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Plan, Protocol, describe, plan, protocol_of, workers_of
-from bench.running.ray import LOCAL, RayPool, connected, demands
+from bench.running.ray import LOCAL, RayPool, connected, requirements
 from data_prep.failures import BadInput
 from data_prep.progress import say
 
@@ -39,7 +39,7 @@ Outputs = TypeVar("Outputs")
 
 
 @dataclass(frozen=True)
-class Prospect:
+class RunStatus:
     """A run that has not been started, or not now.
 
     there    keys of the jobs that count as done, items without a true picture included
@@ -54,7 +54,7 @@ class Prospect:
 
     @property
     def left(self) -> dict[Cell, int]:
-        """How many jobs are to be done, by method and condition; noughts included."""
+        """How many jobs are to be done, by method and condition; zeros included."""
         return count((*self.todo.references, *self.todo.items), self.there)
 
     def left_of_first(self, objects: int) -> dict[Cell, int]:
@@ -78,7 +78,7 @@ def count(jobs: Iterable[Job], there: frozenset[str]) -> dict[Cell, int]:
     return found
 
 
-def look_ahead(options: Options, protocol: Protocol) -> Prospect:
+def look_ahead(options: Options, protocol: Protocol) -> RunStatus:
     """What `bench run` would do with these. Nothing is written, nor locked.
 
     Raises BadInput as `bench.running.run.run` before it does its first job.
@@ -93,7 +93,7 @@ def look_ahead(options: Options, protocol: Protocol) -> Prospect:
         there = _there(directory, todo)
     elif not (directory / MANIFEST).exists():  # else it would be renamed
         check_directory(directory, {})
-    return Prospect(protocol, directory, todo, there, workers)
+    return RunStatus(protocol, directory, todo, there, workers)
 
 
 def refuse_small(suite: str, what: str) -> BadInput:
@@ -104,12 +104,12 @@ def refuse_small(suite: str, what: str) -> BadInput:
 def _there(directory: Path, todo: Plan) -> frozenset[str]:
     journal = Journal(directory, read_lines(directory))
     every = (*todo.references, *todo.items)
-    settled = {job.key: found for job in every if (found := journal.usable(job))}
-    return frozenset(settled) | _unscorable(todo, settled).keys()
+    outcomes = {job.key: found for job in every if (found := journal.usable(job))}
+    return frozenset(outcomes) | _unscorable(todo, outcomes).keys()
 
 
 @dataclass(frozen=True)
-class Workforce:
+class ExecutorFactory:
     """How to begin: `start` gives an executor for so many jobs.
 
     workers  processes at work at once
@@ -122,7 +122,7 @@ class Workforce:
 
 
 @contextmanager
-def workforce(options: Options, protocol: Protocol) -> Iterator[Workforce]:
+def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorFactory]:
     """As wished; connected to the cluster for as long as the block lasts.
 
     Raises BadInput for wishes that have no meaning, and as `bench.running.ray.connected`.
@@ -131,15 +131,15 @@ def workforce(options: Options, protocol: Protocol) -> Iterator[Workforce]:
     workers = workers_of(suite, options)
     if options.ray is None:
         start = partial(JobPool, workers=workers, limits=suite.limits)
-        yield Workforce(start, workers, None)
+        yield ExecutorFactory(start, workers, None)
         return
     if suite.frontier:
         raise BadInput(f"--ray: has no meaning for the suite {suite.id}, whose times are compared")
     if options.workers is not None and options.ray != LOCAL:
         raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
-    asked = demands(protocol)
+    asked = requirements(protocol)
     with connected(options.ray, workers) as cluster:
-        yield Workforce(
+        yield ExecutorFactory(
             lambda _: RayPool(cluster, suite.limits, asked), cluster.cpus, asdict(cluster)
         )
 
@@ -185,9 +185,9 @@ def run(options: Options, publish: Callable[[Measured], Outputs]) -> Finished[Ou
     directory = options.directory
     protocol, skipped = protocol_of(suite, options)
     todo = plan(protocol, directory)  # refuses weights that cannot be used
-    with workforce(options, protocol) as crew:
-        manifest = describe(protocol, crew.workers, skipped) | {"cluster": crew.cluster}
-        return _carry_out(options, directory, protocol, todo, crew, manifest, begun, publish)
+    with executor_factory(options, protocol) as factory:
+        manifest = describe(protocol, factory.workers, skipped) | {"cluster": factory.cluster}
+        return _carry_out(options, directory, protocol, todo, factory, manifest, begun, publish)
 
 
 @contextmanager
@@ -214,12 +214,12 @@ def _carry_out(
     directory: Path,
     protocol: Protocol,
     todo: Plan,
-    crew: Workforce,
+    factory: ExecutorFactory,
     manifest: dict[str, Any],
     begun: float,
     publish: Callable[[Measured], Outputs],
 ) -> Finished[Outputs]:
-    suite, start = protocol.suite, crew.start
+    suite, start = protocol.suite, factory.start
     seconds: dict[str, float] = {}
     with open_run(directory, manifest, options.fresh) as journal:
         with timed("ground truth", seconds):
@@ -228,18 +228,18 @@ def _carry_out(
         with timed("items", seconds):
             unscorable = _unscorable(todo, truths)
             drawable = [job for job in todo.items if job.key not in unscorable]
-            settled = do_jobs(drawable, journal, suite.id, start)
-            settled |= {key: Settled(None, reason) for key, (_, reason) in unscorable.items()}
+            outcomes = do_jobs(drawable, journal, suite.id, start)
+            outcomes |= {key: JobOutcome(None, reason) for key, (_, reason) in unscorable.items()}
 
         def records(row: JobRow) -> Sequence[Record]:
             lost = unscorable.get(row.key)
             return failed(*lost).records if lost else journal.lines.result(row.key).records
 
         extractors = [metric for metric, _ in protocol.features]
-        rows = _in_order(todo, truths | settled)
+        rows = _in_order(todo, truths | outcomes)
         outputs = publish(write_parquet(directory, suite.id, rows, records, extractors, seconds))
-        spent = (of.spent for every in (truths, settled) for of in every.values())
-        of_workers = shares(spent, crew.workers * (time.perf_counter() - begun))
+        timing = (of.timing for every in (truths, outcomes) for of in every.values())
+        of_workers = shares(timing, factory.workers * (time.perf_counter() - begun))
         manifest |= {
             "stage_seconds": seconds,
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
@@ -250,7 +250,7 @@ def _carry_out(
         outputs,
         done=done,
         reused=len(todo.items) - done,
-        failed=sum(settled[job.key].artifact_sha256 is None for job in todo.items),
+        failed=sum(outcomes[job.key].artifact_sha256 is None for job in todo.items),
         seconds=seconds,
         shares=of_workers,
     )
@@ -288,7 +288,7 @@ def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
     seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
 
 
-def _check_any_truth(todo: Plan, truths: Mapping[str, Settled]) -> None:
+def _check_any_truth(todo: Plan, truths: Mapping[str, JobOutcome]) -> None:
     """One bad object among many is a failed record; if none can be drawn, the input is wrong."""
     if any(truth.artifact_sha256 for truth in truths.values()):
         return
@@ -296,12 +296,12 @@ def _check_any_truth(todo: Plan, truths: Mapping[str, Settled]) -> None:
     raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {first}")
 
 
-def _unscorable(todo: Plan, settled: Mapping[str, Settled]) -> dict[str, tuple[Job, str]]:
+def _unscorable(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> dict[str, tuple[Job, str]]:
     """By key, items whose ground truth has failed: the item, and the reason of the failure."""
     reasons: dict[Path | None, str] = {
         job.artifact: found.reason
         for job in todo.references
-        if (found := settled.get(job.key)) and found.artifact_sha256 is None
+        if (found := outcomes.get(job.key)) and found.artifact_sha256 is None
     }
     return {
         job.key: (job, reasons[job.reference]) for job in todo.items if job.reference in reasons
@@ -311,10 +311,10 @@ def _unscorable(todo: Plan, settled: Mapping[str, Settled]) -> dict[str, tuple[J
 def _count_new(todo: Plan, unscorable: Container[str], journal: Journal) -> int:
     """Items that this start has settled; one without a ground truth was settled with that."""
     truths: dict[Path | None, str] = {job.artifact: job.key for job in todo.references}
-    settled_by = (truths[j.reference] if j.key in unscorable else j.key for j in todo.items)
-    return sum(key in journal.added for key in settled_by)
+    outcome_keys = (truths[j.reference] if j.key in unscorable else j.key for j in todo.items)
+    return sum(key in journal.added for key in outcome_keys)
 
 
-def _in_order(todo: Plan, settled: Mapping[str, Settled]) -> list[JobRow]:
+def _in_order(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> list[JobRow]:
     every = (*todo.references, *todo.items)
-    return [JobRow(job.key, job.item, settled[job.key].artifact_sha256) for job in every]
+    return [JobRow(job.key, job.item, outcomes[job.key].artifact_sha256) for job in every]

@@ -47,7 +47,7 @@ def do(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
     watch = Stopwatch()
     result = _do(job, watch)
-    return replace(result, spent=watch.spent())
+    return replace(result, timing=watch.timing())
 
 
 def _do(job: Job, watch: Stopwatch) -> Result:

@@ -11,7 +11,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import Comparison, compare
-from bench.analysis.crossings import Course, contests, courses
+from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.frontier import Place, Thinned
 from bench.analysis.recognition import read_class_head
@@ -108,7 +108,7 @@ class Beyond:
     crossings  who is ahead of whom, and where that changes; None without two such methods
     """
 
-    courses: tuple[Course, ...]
+    curves: tuple[ConditionCurve, ...]
     crossings: Table[Step] | None
 
 
@@ -159,9 +159,9 @@ def beyond(run: ScoredRun) -> Beyond | None:
     metrics = run.measured(run.suite.crossings)
     with threadpool_limits(1):
         compared = run.compared(metrics)
-        fought = contests(compared, metrics)
+        fought = paired_comparisons(compared, metrics)
         table = crossings_table(run.suite.id, fought) if fought else None
-        return Beyond(courses(compared, metrics), table)
+        return Beyond(condition_curves(compared, metrics), table)
 
 
 def trade(run: ScoredRun) -> Trade | None:

@@ -110,20 +110,20 @@ def decimals(metric: str) -> int:
 def remark(records: pd.DataFrame, suite: Suite) -> str:
     """What one has to know about the classes of a run: how many objects, which are lacking."""
     counts = objects_of(records)
-    told = (
+    message = (
         "`fid`, `kid`, `fd-views` and `kd-views` are distances (lower is better), the others "
         "similarities (higher is better). The average is over classes, each counting alike."
     )
     sizes = ", ".join(f"{markdown.cell(name)} {count}" for name, count in counts.items())
-    told += f" Objects of each class: {sizes}."
+    message += f" Objects of each class: {sizes}."
     if lacking := [name for name in suite.classes if name not in counts]:
-        told += f" Left out, because the dataset has none: {', '.join(lacking)}."
+        message += f" Left out, because the dataset has none: {', '.join(lacking)}."
     if few := [markdown.cell(name) for name, count in counts.items() if count < FEW]:
-        told += (
+        message += (
             f" **Fewer than {FEW} objects: {', '.join(few)}.** Distances of so few pictures are "
             "mostly their number: compare them within the class only, if at all."
         )
-    return told
+    return message
 
 
 def objects_of(records: pd.DataFrame) -> dict[str, int]:

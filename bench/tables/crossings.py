@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from bench.analysis.comparison import Estimate, decimals
-from bench.analysis.crossings import Contest, Crossing
+from bench.analysis.crossings import Crossover, PairedComparison
 from bench.catalogue.families import Family
 from bench.tables import markdown
 from bench.tables.table import (
@@ -26,19 +26,19 @@ from bench.tables.table import (
 
 AHEAD = Mark("ahead", "**{value}{interval}**")
 BEHIND = Mark("behind", "*{value}{interval}*", against=True)
-NOWHERE = Crossing(-1, math.nan, math.nan, math.nan)
+NOWHERE = Crossover(-1, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a contest.
+    """One step of a paired comparison.
 
     at         the condition's place on the axis of the family
     unseen_by  the networks that were not shown such clouds in training
     crossing   where the curves cross after this step, before the next or at it
     """
 
-    contest: Contest
+    paired: PairedComparison
     condition: str
     at: str
     unseen_by: str
@@ -46,30 +46,30 @@ class Step:
     rival_value: float
     lead: Estimate
     ahead: str
-    crossing: Crossing
+    crossover: Crossover
 
 
-def crossings_table(suite: str, contests: Sequence[Contest]) -> Table[Step]:
-    """All contests of a run."""
+def crossings_table(suite: str, paired_comparisons: Sequence[PairedComparison]) -> Table[Step]:
+    """All paired comparisons of a run."""
     made = (
         constant("suite", suite),
-        *columns(("class", "contest.class_name"), ("family", "contest.family.id")),
-        *columns(*((name, f"contest.{name}") for name in ("metric", "method", "rival"))),
+        *columns(("class", "paired.class_name"), ("family", "paired.family.id")),
+        *columns(*((name, f"paired.{name}") for name in ("metric", "method", "rival"))),
         *columns("condition", "at", "unseen_by", "value", "rival_value"),
         *columns(("lead", "lead.value"), ("ci_low", "lead.low"), ("ci_high", "lead.high"), "ahead"),
-        *columns(("crossing", "crossing.at")),
-        *columns(("crossing_low", "crossing.low"), ("crossing_high", "crossing.high")),
+        *columns(("crossing", "crossover.at")),
+        *columns(("crossing_low", "crossover.low"), ("crossing_high", "crossover.high")),
     )
-    rows = tuple(step for contest in contests for step in _steps(contest))
+    rows = tuple(step for paired in paired_comparisons for step in _steps(paired))
     title = "Beyond what the networks were trained on"
     return Table("crossings", title, made, rows, _layout, _REMARK)
 
 
-def _steps(c: Contest) -> Iterator[Step]:
-    crossings = {crossing.after: crossing for crossing in c.crossings}
+def _steps(c: PairedComparison) -> Iterator[Step]:
+    crossings = {crossover.after: crossover for crossover in c.crossings}
     for i, (at, condition) in enumerate(c.family.steps):
         yield Step(
-            contest=c,
+            paired=c,
             condition=condition,
             at=f"{at:g}",
             unseen_by=" ".join(c.family.unseen_by(at)),
@@ -77,22 +77,22 @@ def _steps(c: Contest) -> Iterator[Step]:
             rival_value=c.rival_values[i],
             lead=c.leads[i],
             ahead=c.ahead[i],
-            crossing=crossings.get(i, NOWHERE),
+            crossover=crossings.get(i, NOWHERE),
         )
 
 
 def _layout(rows: Sequence[Step]) -> Iterator[Block]:
     """Who is ahead at both ends and where that changes; then the lead at every step."""
     yield _LEGEND
-    classes = ordered(row.contest.class_name for row in rows)
+    classes = ordered(row.paired.class_name for row in rows)
     for class_name in classes:
-        of_class = [row for row in rows if row.contest.class_name == class_name]
+        of_class = [row for row in rows if row.paired.class_name == class_name]
         where = f", {class_name}" if len(classes) > 1 else ""
         yield f"## {markdown.cell(f'From end to end{where}')}"
-        yield _summary(ordered(row.contest for row in of_class))
-        for family in ordered(row.contest.family for row in of_class):
+        yield _summary(ordered(row.paired for row in of_class))
+        for family in ordered(row.paired.family for row in of_class):
             yield f"## {markdown.cell(family.axis + where)}"
-            yield _leads([row for row in of_class if row.contest.family == family])
+            yield _leads([row for row in of_class if row.paired.family == family])
 
 
 _LEGEND = (
@@ -120,40 +120,40 @@ def shown_in_training(family: Family) -> str:
     )
 
 
-def told_end_to_end(contest: Contest) -> str:
+def end_to_end_text(paired: PairedComparison) -> str:
     """Who is ahead at the first and at the last step, and where the curves cross."""
-    first, last = contest.ahead[0], contest.ahead[-1]
+    first, last = paired.ahead[0], paired.ahead[-1]
     ends = first if first == last else f"{first}, then {last}"
-    crossings = " and ".join(map(told_crossing, contest.crossings))
+    crossings = " and ".join(map(crossover_text, paired.crossings))
     return f"{ends}; {f'crosses at {crossings}' if crossings else 'none within'}"
 
 
-def told_crossing(crossing: Crossing) -> str:
+def crossover_text(crossover: Crossover) -> str:
     """Its place with three digits: "0.137 [0.12, 0.15]"."""
-    if not math.isfinite(crossing.low):
-        return _place(crossing.at)
-    return f"{_place(crossing.at)} [{_place(crossing.low)}, {_place(crossing.high)}]"
+    if not math.isfinite(crossover.low):
+        return _place(crossover.at)
+    return f"{_place(crossover.at)} [{_place(crossover.low)}, {_place(crossover.high)}]"
 
 
 def _place(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
-def _summary(contests: Sequence[Contest]) -> Grid:
+def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
     """Pairs of methods along families down, metrics across."""
-    class_name = contests[0].class_name
+    class_name = paired_comparisons[0].class_name
     return pivot(
-        [_Ends(c, (c.family, c.method, c.rival), c.metric) for c in contests],
+        [_Ends(c, (c.family, c.method, c.rival), c.metric) for c in paired_comparisons],
         "pair",
         "metric",
-        lambda row: Cell(told_end_to_end(row.contest)),
-        named=lambda row: row.contest.family.id,
+        lambda row: Cell(end_to_end_text(row.paired)),
+        named=lambda row: row.paired.family.id,
         corner="family",
         before={
-            "from": lambda row: Cell(row.contest.family.conditions[0]),
-            "to": lambda row: Cell(row.contest.family.conditions[-1]),
-            "first": lambda row: Cell(row.contest.method),
-            "second": lambda row: Cell(row.contest.rival),
+            "from": lambda row: Cell(row.paired.family.conditions[0]),
+            "to": lambda row: Cell(row.paired.family.conditions[-1]),
+            "first": lambda row: Cell(row.paired.method),
+            "second": lambda row: Cell(row.paired.rival),
         },
         caption=f"from end to end, {class_name}",
         tags=Tags(class_name=class_name),
@@ -162,26 +162,26 @@ def _summary(contests: Sequence[Contest]) -> Grid:
 
 @dataclass(frozen=True)
 class _Ends:
-    contest: Contest
+    paired: PairedComparison
     pair: tuple[Family, str, str]
     metric: str
 
 
 def _leads(rows: Sequence[Step]) -> Grid:
-    """Of one family: contests by metric down, steps across."""
-    class_name, family = rows[0].contest.class_name, rows[0].contest.family
+    """Of one family: metrics down, steps across."""
+    class_name, family = rows[0].paired.class_name, rows[0].paired.family
     at = {row.condition: row.at for row in rows}
     return pivot(
         rows,
-        "contest",
+        "paired",
         "condition",
         _lead,
-        named=lambda row: row.contest.metric,
+        named=lambda row: row.paired.metric,
         title=lambda condition: at[condition],
         corner="metric",
         before={
-            "first": lambda row: Cell(row.contest.method),
-            "second": lambda row: Cell(row.contest.rival),
+            "first": lambda row: Cell(row.paired.method),
+            "second": lambda row: Cell(row.paired.rival),
         },
         caption=f"lead along {family.axis}, {class_name}",
         remark=f"In training: {shown_in_training(family)}." if family.trained else "",
@@ -190,6 +190,6 @@ def _leads(rows: Sequence[Step]) -> Grid:
 
 
 def _lead(row: Step) -> Cell:
-    show = f"{{:+.{decimals(row.contest.metric)}f}}".format
-    marks = {row.contest.method: AHEAD, row.contest.rival: BEHIND}
+    show = f"{{:+.{decimals(row.paired.metric)}f}}".format
+    marks = {row.paired.method: AHEAD, row.paired.rival: BEHIND}
     return number(row.lead, show, special=marks.get(row.ahead))

@@ -429,13 +429,13 @@ def control_table(
                 suite.control_metrics, answered, strict=True
             )
         ]
-    told = ", ".join(f"{count} of class {markdown.cell(name)}" for name, count in sizes.items())
+    message = ", ".join(f"{count} of class {markdown.cell(name)}" for name, count in sizes.items())
     remark = (
         "A judge tells view and shape from the picture alone; `true-mesh` shows how far the judge "
         "itself errs. Errors are medians in degrees: by chance 90 (azimuth)."
     )
-    if told:
-        remark += f" Retrieval is among all objects of the run ({told}): by chance 1 in as many."
+    if message:
+        remark += f" Retrieval is among all objects of the run ({message}): by chance 1 in as many."
     return quality_table(name, title, made, 2, remark, paper_layout=False)
 
 
@@ -586,9 +586,9 @@ def make_row(
     outcomes = records["outcome"].tolist()
     pairs = zip(outcomes, records["reason"].tolist(), strict=True)
     reasons = Counter(reason for outcome, reason in pairs if outcome == "failed")
-    told = [f"{count} x {reason}" for reason, count in reasons.most_common()]
+    message = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     if undefined:
-        told.append(f"{undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
+        message.append(f"{undefined} x {NO_VALUE}: {UNDEFINED[metric]}")
     return Row(
         suite=suite.id,
         method=method,
@@ -602,7 +602,7 @@ def make_row(
         n=len(outcomes),
         paper=as_published(published, class_name, metric, condition, method),
         failures_as_blank=failures_as_blank,
-        note=note or "; ".join(told),
+        note=note or "; ".join(message),
     )
 
 

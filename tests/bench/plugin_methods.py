@@ -33,8 +33,8 @@ class Telling:
         pictures = np.ones((len(views), 128, 128, 3), np.float32)
         for picture, view in zip(pictures, views, strict=True):
             radius = np.linalg.norm(state, axis=1).max(initial=0.0)
-            told = (view.azimuth_deg, view.elevation_deg, len(state), 10 * radius)
-            picture[0, :4] = np.array(told)[:, None] / 255
+            message = (view.azimuth_deg, view.elevation_deg, len(state), 10 * radius)
+            picture[0, :4] = np.array(message)[:, None] / 255
         return self.check(state, views, rng, pictures)
 
 

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 import bench.running.protocol
-from bench.catalogue.methods import METHODS, YARDSTICKS
+from bench.catalogue.methods import COST_VARIANTS, METHODS
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
     IMAGE_METRICS,
@@ -20,7 +20,7 @@ from bench.catalogue.metrics import (
     RECOGNITION_METRICS,
     SET_METRICS,
 )
-from bench.catalogue.parameters import KNOBS
+from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.records.journal import write_manifest
 from data_prep.conditions import CONDITIONS
@@ -62,7 +62,7 @@ def test_unknown_suite(command, no_machine):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--methods", "splta,blank"), "unknown method 'splta': did you mean 'splat'? there are "),
         (("--methods", "pc2pix@x"), "unknown method 'pc2pix@x': did you mean 'pc2pix'? there are "),
@@ -84,14 +84,14 @@ def test_unknown_suite(command, no_machine):
         (("--inception-weights", "no.pth"), "no.pth: no such file; "),
     ],
 )
-def test_bad_values(command, no_machine, tmp_path, arguments, told):
-    assert told in run_refused(command, *arguments)
+def test_bad_values(command, no_machine, tmp_path, arguments, message):
+    assert message in run_refused(command, *arguments)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_odd_names_stay_on_one_harmless_line(command, no_machine, tmp_path):
-    told = run_refused(command, "--dataset", f"folder:{tmp_path}/a\nb\x1b[2J\u202e")
-    assert told == (
+    message = run_refused(command, "--dataset", f"folder:{tmp_path}/a\nb\x1b[2J\u202e")
+    assert message == (
         f"{tmp_path}/a\\nb\\x1b[2J\\u202e: no such folder; give the folder that holds your meshes"
     )
 
@@ -113,7 +113,7 @@ def test_folders_without_what_is_needed(command, no_machine, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("run", "--suite", SUITE, "--views", "many"), "Invalid value for '--views': "),
         (("run", "--suite", SUITE, "--device", "gpu"), "'gpu' is not one of 'auto', 'cpu', 'cuda'"),
@@ -122,12 +122,12 @@ def test_folders_without_what_is_needed(command, no_machine, tmp_path):
         (("train", "gan", "--steps", "x"), "see 'bench train gan --help'"),
     ],
 )
-def test_values_of_the_wrong_kind(command, arguments, told):
+def test_values_of_the_wrong_kind(command, arguments, message):
     status, out, err = command(*arguments)
     assert (status, out) == (2, "")
     assert err.startswith("bench: ")
     assert err.count("\n") == 1
-    assert told in err
+    assert message in err
 
 
 # --- weights --------------------------------------------------------------------------------------
@@ -142,8 +142,8 @@ def test_weights_that_do_not_fit(command, no_machine, tiny_weights, tmp_path):
         "write the file again with pc2pix.weights.export"
     )
     path.write_bytes(tiny_weights.read_bytes()[:-1])
-    told = run_refused(command, "--methods", f"pc2pix@{path}", "--fresh")
-    assert told.startswith(f"{path}: not a whole safetensors file (")
+    message = run_refused(command, "--methods", f"pc2pix@{path}", "--fresh")
+    assert message.startswith(f"{path}: not a whole safetensors file (")
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -163,16 +163,16 @@ def test_bundled_weights_with_another_checksum(
 def test_inception_weights_that_are_not(command, no_machine, tmp_path):
     path = tmp_path / "weights.pth"
     path.write_bytes(b"nothing")
-    told = run_refused(command, "--methods", "blank", "--inception-weights", path)
-    assert told.startswith(f"{path}: sha256 ")
-    assert "give --inception-weights download" in told
+    message = run_refused(command, "--methods", "blank", "--inception-weights", path)
+    assert message.startswith(f"{path}: sha256 ")
+    assert "give --inception-weights download" in message
 
 
 # --- --out ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"suite": "speed"}, "holds a run of suite 'speed', not 'chair-robustness'; give anoth"),
         ({"dataset": "folder:x"}, "holds a run of dataset 'folder:x', not 'procedural'; give an"),
@@ -181,13 +181,13 @@ def test_inception_weights_that_are_not(command, no_machine, tmp_path):
         ({"schema_version": 99}, "written by a newer version (schema 99, this one reads up to 3)"),
     ],
 )
-def test_folders_of_other_runs(command, no_machine, tmp_path, change, told):
+def test_folders_of_other_runs(command, no_machine, tmp_path, change, message):
     out = tmp_path / "run"
     write_run(out, objects=["chair/a", "chair/b"], methods=["blank"], conditions=["2048"])
     write_manifest(out, make_manifest(**change))
     before = sorted(out.rglob("*"))
     arguments = ("--methods", "blank", "--views", "2", "--device", "cpu", "--out", out)
-    assert run_refused(command, *arguments).startswith(f"{out}: {told}")
+    assert run_refused(command, *arguments).startswith(f"{out}: {message}")
     assert sorted(out.rglob("*")) == before
 
 
@@ -195,12 +195,12 @@ def test_folders_of_other_things(command, no_machine, tmp_path):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter1.tex").touch()
     for fresh in ((), ("--fresh",)):
-        for name, told in [
+        for name, message in [
             ("thesis", "not empty and not a run; give a new --out"),
             ("thesis/chapter1.tex", "is a file; give a folder with --out"),
         ]:
             arguments = ("--methods", "blank", "--out", tmp_path / name, *fresh)
-            assert run_refused(command, *arguments) == f"{tmp_path / name}: {told}"
+            assert run_refused(command, *arguments) == f"{tmp_path / name}: {message}"
     assert [path.name for path in tmp_path.iterdir()] == ["thesis"]
 
 
@@ -219,8 +219,8 @@ def test_list_names_everything(command):
         "suites": [suite.id for suite in (*SUITES, LATENT, STABILITY, SPEED)],
         "methods": [method.id for method in METHODS],
         "variants": [
-            *(f"{knob.method}@{knob.name}=" for knob in KNOBS),
-            *(method.id for method in YARDSTICKS),
+            *(f"{parameter.method}@{parameter.name}=" for parameter in PARAMETERS),
+            *(method.id for method in COST_VARIANTS),
         ],
         "conditions": [condition.id for condition in CONDITIONS],
         "metrics": [

@@ -268,7 +268,7 @@ def test_missing_files_folders_and_pipes(tmp_path: Path) -> None:
 
 
 def test_bits_survive_writing(tmp_path: Path) -> None:
-    # All kinds of float32: noughts, subnormals, infinities, NaNs of every sign and payload.
+    # All kinds of float32: zeros, subnormals, infinities, NaNs of every sign and payload.
     bits = [0, 0x80000000, 1, 0x007FFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F800001]
     bits += [0xFFC12345, 0x3F800000, 0xBF800000, 0x7F7FFFFF]
     points = np.array(bits, np.uint32).view(np.float32).reshape(-1, 3)

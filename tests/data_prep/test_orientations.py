@@ -85,6 +85,6 @@ def test_the_original_turns_clouds_and_cameras_alike() -> None:
 
 
 def test_what_is_told() -> None:
-    assert OURS.told == "+Y up, front -Z: taken as it is"
-    assert SHAPENET_V1.told == "+Y up, front +X: (x, y, z) becomes (z, y, -x)"
-    assert PAPER.told == "+Z up, front +X: (x, y, z) becomes (-y, z, -x)"
+    assert OURS.message == "+Y up, front -Z: taken as it is"
+    assert SHAPENET_V1.message == "+Y up, front +X: (x, y, z) becomes (z, y, -x)"
+    assert PAPER.message == "+Z up, front +X: (x, y, z) becomes (-y, z, -x)"

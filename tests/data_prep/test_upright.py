@@ -63,14 +63,14 @@ def test_no_points():
 
 
 @pytest.mark.parametrize(
-    ("axes", "told"),
+    ("axes", "message"),
     [
         (("w",), "up 'w': no axis; give one of x, -x, y, -y, z, -z"),
         (("y", "+z"), "front '+z': no axis; give one of x, -x, y, -y, z, -z"),
         (("z", "-z"), "front '-z': along up, which is 'z'; give one of x, -x, y, -y"),
     ],
 )
-def test_axes_that_are_none(axes, told):
+def test_axes_that_are_none(axes, message):
     with pytest.raises(BadInput) as error:
         upright(np.empty((0, 3)), *axes)
-    assert str(error.value) == told
+    assert str(error.value) == message

@@ -103,13 +103,13 @@ def start_judge(out_dir, on_progress, **changes):
 
 def start_views(out_dir, on_progress, **changes):
     config = train_views.ViewsConfig(**{"seed": 0, "cadence": CADENCE} | changes)
-    told = Labels(("lamp", "car"), ("lamp/desk", "car/van"), ("ladder",))
+    message = Labels(("lamp", "car"), ("lamp/desk", "car/van"), ("ladder",))
     images = torch.from_numpy(make_set(objects=5).images).flatten(0, 1)
     answers = {name: torch.arange(10) % 2 for name in ("class", "family")}
     answers |= {"back": torch.full((10,), train_views.NO_LABEL), "view": torch.zeros(10, 3)}
     with pytest.MonkeyPatch.context() as patch, training_loop.denormals_flushed():
         patch.setattr(train_views, "BATCH", 4)  # an epoch is of two batches and a half
-        trainer = train_views._Trainer(told, images, answers, config)
+        trainer = train_views._Trainer(message, images, answers, config)
         return training_loop.run(trainer, config, "data", out_dir, on_progress)
 
 

@@ -85,7 +85,7 @@ class Kind:
     load: Callable[[Path], Any]
     tensor: str
     model: str = ""
-    told: str = ""
+    reported: str = ""
 
 
 KINDS = {
@@ -96,7 +96,7 @@ KINDS = {
         lambda path: write_atomically(path, JudgeNetwork().state_dict(), {}),
         load_judge_network,
         "view.bias",
-        told="not the weights of the judge network (",
+        reported="not the weights of the judge network (",
     ),
     "views": Kind(
         write_views,
@@ -121,8 +121,8 @@ def refusal(kind, path):
     assert "\n" not in message
     place = "of-decoder-decoder.safetensors" if kind.load is load_decoder else str(path)
     assert place in message
-    if kind.told:
-        assert message.startswith(f"{path}: {kind.told}")
+    if kind.reported:
+        assert message.startswith(f"{path}: {kind.reported}")
     return message
 
 
@@ -177,17 +177,17 @@ def test_pipes_devices_and_giants_are_refused_at_once(tmp_path, read, name):
 def test_a_tensor_that_is_missing_or_of_another_shape(tmp_path, name):
     kind, path = KINDS[name], tmp_path / "w.safetensors"
     key = kind.tensor
-    told = changed(kind, path, lambda tensors, _: tensors.pop(key))
-    assert key in told
-    told = changed(kind, path, lambda tensors, _: tensors.update({key: torch.zeros(5, 2)}))
-    assert key in told
-    told = changed(kind, path, lambda tensors, _: tensors.update(extra=torch.zeros(1)))
-    assert "extra" in told
+    reported = changed(kind, path, lambda tensors, _: tensors.pop(key))
+    assert key in reported
+    reported = changed(kind, path, lambda tensors, _: tensors.update({key: torch.zeros(5, 2)}))
+    assert key in reported
+    reported = changed(kind, path, lambda tensors, _: tensors.update(extra=torch.zeros(1)))
+    assert "extra" in reported
 
 
 @pytest.mark.parametrize("name", CHECKED)
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         (lambda t, key: t.pop(key), "tensor {key} is missing"),
         (lambda t, key: t.update(extra=torch.zeros(1)), "tensor extra is unknown"),
@@ -196,32 +196,32 @@ def test_a_tensor_that_is_missing_or_of_another_shape(tmp_path, name):
         (lambda t, key: t[key].fill_(torch.inf), "{key} is not finite"),
     ],
 )
-def test_tensors_that_do_not_fit(tmp_path, name, change, told):
+def test_tensors_that_do_not_fit(tmp_path, name, change, reported):
     kind = KINDS[name]
     found = changed(
         kind, tmp_path / "w.safetensors", lambda tensors, _: change(tensors, kind.tensor)
     )
-    assert told.format(key=kind.tensor) in found
+    assert reported.format(key=kind.tensor) in found
 
 
 @pytest.mark.parametrize("kind", [torch.int32, torch.bool, torch.complex64, torch.float64])
 @pytest.mark.parametrize("name", CHECKED)
 def test_tensors_of_another_type(tmp_path, name, kind):
     key = KINDS[name].tensor
-    told = changed(
+    reported = changed(
         KINDS[name],
         tmp_path / "w.safetensors",
         lambda tensors, _: tensors.update({key: tensors[key].to(kind)}),
     )
-    assert f"{key} is of {kind}, not" in told
+    assert f"{key} is of {kind}, not" in reported
 
 
 @pytest.mark.parametrize("name", CHECKED)
 def test_another_format(tmp_path, name):
     kind, path = KINDS[name], tmp_path / "w.safetensors"
-    told = changed(kind, path, lambda _, header: header.update(format="weights-999"))
-    assert "expected format '" in told
-    assert "found 'weights-999'" in told
+    reported = changed(kind, path, lambda _, header: header.update(format="weights-999"))
+    assert "expected format '" in reported
+    assert "found 'weights-999'" in reported
     assert "found None" in changed(kind, path, lambda _, header: header.pop("format"))
 
 
@@ -234,8 +234,8 @@ def test_a_network_that_cannot_be_read(tmp_path, name, text):
         header.pop(kind.model)
         header.update({kind.model: text} if text is not None else {})
 
-    told = changed(kind, tmp_path / "w.safetensors", change)
-    assert "its header cannot be read" in told
+    reported = changed(kind, tmp_path / "w.safetensors", change)
+    assert "its header cannot be read" in reported
 
 
 @pytest.mark.parametrize("text", [None, "[]", "3", "null", '[["a", 1]]', "[" * 100_000])
@@ -245,5 +245,5 @@ def test_a_card_that_is_none(tmp_path, name, text):
         header.pop("training")
         header.update({"training": text} if text is not None else {})
 
-    told = changed(KINDS[name], tmp_path / "w.safetensors", change)
-    assert "its header cannot be read" in told
+    reported = changed(KINDS[name], tmp_path / "w.safetensors", change)
+    assert "its header cannot be read" in reported

@@ -133,9 +133,11 @@ def test_a_run_of_another_length_is_one_of_that_length_from_the_beginning(
     taken = 8 if stopped is None else stopped
     if length < 8 and taken > length - 3:
         before = (cut / checkpoint.FILE_NAME).read_bytes()
-        told = f"step {taken} of a training of 8 steps; one of {length} has another learning rate "
-        told += f"from step {length - 2} on, and no checkpoint .* use 8 steps or another output"
-        with pytest.raises(BadInput, match=told):
+        message = (
+            f"step {taken} of a training of 8 steps; one of {length} has another learning rate "
+        )
+        message += f"from step {length - 2} on, and no checkpoint .* use 8 steps or another output"
+        with pytest.raises(BadInput, match=message):
             anneal(cut, length)
         assert (cut / checkpoint.FILE_NAME).read_bytes() == before
         return
@@ -166,17 +168,17 @@ def test_the_length_of_a_run_has_to_be_there(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("config", "data", "told"),
+    ("config", "data", "message"),
     [
         (Config(steps=5, part=Part(widths=(1, 3))), "data", r"part = .*\[1, 2\].*\[1, 3\]"),
         (Config(steps=5, rate=0.2), "data", r"rate = 0\.1, asked for 0\.2; use the same value or"),
         (Config(steps=5), "others", "data = 'data', asked for 'others'"),
     ],
 )
-def test_another_run_is_not_continued(tmp_path, config, data, told):
+def test_another_run_is_not_continued(tmp_path, config, data, message):
     start(tmp_path, Config(steps=2))
     before = (tmp_path / checkpoint.FILE_NAME).read_bytes()
-    with pytest.raises(BadInput, match=told) as error:
+    with pytest.raises(BadInput, match=message) as error:
         start(tmp_path, config, data=data)
     assert "\n" not in str(error.value)
     assert (tmp_path / checkpoint.FILE_NAME).read_bytes() == before

@@ -75,7 +75,7 @@ def test_an_explosion_stops_the_training(tmp_path, monkeypatch, resumed):
     if resumed:
         start(22)
     good = 22 if resumed else 20
-    told = rf"step 25: chamfer is .*, \d+ times what it was; last good checkpoint: step {good},"
-    with pytest.raises(TrainingDiverged, match=told):
+    message = rf"step 25: chamfer is .*, \d+ times what it was; last good checkpoint: step {good},"
+    with pytest.raises(TrainingDiverged, match=message):
         start(40)
     assert math.isfinite(float((tmp_path / "losses.csv").read_text().split(",")[-1]))

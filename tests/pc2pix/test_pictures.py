@@ -94,15 +94,15 @@ def test_the_bundled_weights_are_read_once(points, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         (np.zeros((0, 3)), "the cloud has no points"),
         ([[1, 2, 3], [1, 2, 3]], "all 2 points are equal"),
         ([[0, 0, np.inf], [1, 2, 3]], "the cloud has 1 non-finite points of 2"),
     ],
 )
-def test_clouds_that_are_none(wrong, told):
-    with pytest.raises(BadInput, match=told):
+def test_clouds_that_are_none(wrong, message):
+    with pytest.raises(BadInput, match=message):
         pc2pix.draw_cloud(wrong)
 
 

@@ -114,16 +114,16 @@ def refusal(name_or_path, weights):
 
 def test_a_decoder_of_other_weights_is_refused(own, weights):
     others = replace(weights, sha256="ab" * 32)
-    told = refusal(own, others)
-    assert f"belongs to weights of sha256 {weights.sha256}" in told
-    assert f"not to these of sha256 {others.sha256}" in told
-    assert f"'bench train decoder --weights {own}'" in told
+    text = refusal(own, others)
+    assert f"belongs to weights of sha256 {weights.sha256}" in text
+    assert f"not to these of sha256 {others.sha256}" in text
+    assert f"'bench train decoder --weights {own}'" in text
 
 
 def test_no_decoder(weights_file, weights):
-    told = refusal(weights_file, weights)
-    assert "tiny-decoder.safetensors: there is no decoder for these weights" in told
-    assert f"'bench train decoder --weights {weights_file}'" in told
+    text = refusal(weights_file, weights)
+    assert "tiny-decoder.safetensors: there is no decoder for these weights" in text
+    assert f"'bench train decoder --weights {weights_file}'" in text
 
 
 def test_a_bundled_decoder_has_its_checksum(own, weights, monkeypatch, tmp_path):
@@ -148,9 +148,9 @@ def test_wrong_content(own, weights, change, message):
     tensors, header = checkpoint.read_safetensors(path)
     change(tensors, header)
     save_file(tensors, path, metadata=header)
-    told = refusal(own, weights)
-    assert message in told
-    assert "bench train decoder" in told
+    text = refusal(own, weights)
+    assert message in text
+    assert "bench train decoder" in text
 
 
 def test_values_beyond_float16_are_not_exported(start, tmp_path):

@@ -110,7 +110,7 @@ def raw(header, length=None):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         (b"", "Expecting value"),
         (b"\xff" * 8, "18446744073709551615 bytes by its own account"),
@@ -129,10 +129,10 @@ def raw(header, length=None):
         (raw({"__metadata__": {"training": json.dumps({"objective": "x" * 101})}}), "no short"),
     ],
 )
-def test_a_header_that_cannot_be_trusted(tmp_path, content, told):
+def test_a_header_that_cannot_be_trusted(tmp_path, content, expected):
     path = tmp_path / "w.safetensors"
     path.write_bytes(content)
-    with pytest.raises(BadInput, match=told) as error:
+    with pytest.raises(BadInput, match=expected) as error:
         objective_of(path)
     assert one_line(error).startswith(f"{path}: its header cannot be read (")
 
@@ -147,7 +147,7 @@ def test_a_long_header_is_not_read(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"width": 1e6}, "width 1000000.0, expected up to 4.0"),
         ({"width": float("inf")}, "width inf, expected up to"),
@@ -160,7 +160,7 @@ def test_a_long_header_is_not_read(tmp_path, monkeypatch):
     ],
 )
 def test_a_model_larger_than_its_file_is_never_built(
-    weights_file, tmp_path, monkeypatch, changes, told
+    weights_file, tmp_path, monkeypatch, changes, expected
 ):
     tensors, header = checkpoint.read_safetensors(weights_file)
     header["model"] = json.dumps(json.loads(header["model"]) | changes)
@@ -171,7 +171,7 @@ def test_a_model_larger_than_its_file_is_never_built(
         assert tensor.is_meta, "memory was taken"
 
     monkeypatch.setattr(torch.nn.init, "uniform_", outline_only)
-    with pytest.raises(BadInput, match=told):
+    with pytest.raises(BadInput, match=expected):
         load_weights(path)
 
 

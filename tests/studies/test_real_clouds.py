@@ -54,8 +54,8 @@ def test_a_row_for_each_cloud_and_view(folder, tmp_path, monkeypatch, capsys):
     chosen = (str(folder), "--methods", "splat,surface-bpa", *views, "--up", "z", "-o", str(out))
     monkeypatch.setattr(sys, "argv", ["real_clouds", *chosen])
     real_clouds.main()
-    told = capsys.readouterr().out.splitlines()
-    assert sorted(told) == sorted(
+    message = capsys.readouterr().out.splitlines()
+    assert sorted(message) == sorted(
         [
             "a: surface-bpa: input: 8 points; normals need at least 11",
             "b: surface-bpa: input: 5 points; normals need at least 11",

@@ -270,8 +270,8 @@ def test_failed_objects_are_counted_and_named():
     ]
     assert [r.value for r in rows] == [1.0, 3.0, 3.0, 0.5, 0.0, 0.0, 0.0, 1.0]
     assert rows_of("splat", "512", [Failed("draw: none")]) == []
-    told = failures({("splat", "512"): RESULTS})
-    assert told == "- splat, 512, test-0001: timeout: no result\n"
+    message = failures({("splat", "512"): RESULTS})
+    assert message == "- splat, 512, test-0001: timeout: no result\n"
 
 
 def test_the_tables():
@@ -359,8 +359,8 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
     arguments = ["--methods", "true-mesh,splat", "--chairs", "1", "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", ["view_consistency", *arguments])
     view_consistency.main()
-    told = capsys.readouterr().out
-    lines = told.splitlines()
+    message = capsys.readouterr().out
+    lines = message.splitlines()
     ceiling = "| true-mesh | 512 | 0.00 | 0.00 | 0.00 | 100.0% | 1/1 |"
     assert [line for line in lines if "true-mesh" in line] == [ceiling] * 2
     assert sum(line.startswith("| splat | 512 |") for line in lines) == 2
@@ -371,7 +371,7 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
         "view-consistency.csv",
         "view-consistency.md",
     ]
-    assert names["view-consistency.md"].read_text() == told
+    assert names["view-consistency.md"].read_text() == message
     table = names["view-consistency.csv"].read_text().splitlines()
     assert len(table) == 1 + 2 * 2 * len(STATISTICS)
     wide, high = 2 * 128 + MARGIN, 2 * 128 + LABEL_HEIGHT + MARGIN

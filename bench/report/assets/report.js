@@ -46,9 +46,9 @@
       const inside = [...group.querySelectorAll("[data-item]")];
       if (inside.length && !inside.some(visible)) group.setAttribute("hidden", "");
     }
-    for (const told of main.querySelectorAll(".nothing")) {
-      const inside = [...told.closest("section").querySelectorAll("[data-item]")];
-      told.hidden = inside.some(visible);
+    for (const description of main.querySelectorAll(".nothing")) {
+      const inside = [...description.closest("section").querySelectorAll("[data-item]")];
+      description.hidden = inside.some(visible);
     }
     let active = false;
     for (const pick of picks) {

@@ -67,7 +67,7 @@ def latent_table(
 
     def layout(rows: Sequence[Mean]) -> Iterator[Block]:
         yield remark
-        yield "\n".join(f"* **{subject}**: {told}" for subject, told in subjects.items())
+        yield "\n".join(f"* **{subject}**: {message}" for subject, message in subjects.items())
         methods = ordered(row.method for row in rows)
         pairs = ordered((row.method, row.kind) for row in rows)
         for method, kind in sorted(pairs, key=lambda pair: methods.index(pair[0])):
@@ -84,7 +84,7 @@ def latent_table(
                 columns=[subject for subject in subjects if subject in there],
                 missing=Cell(""),
             )
-        yield "\n".join(f"* {metric}: {told}" for metric, told in about.items())
+        yield "\n".join(f"* {metric}: {message}" for metric, message in about.items())
 
     return Table(name, title, columns_of(Mean, ".6g"), tuple(rows), layout)
 

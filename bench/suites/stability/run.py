@@ -17,7 +17,7 @@ from bench.catalogue.methods import FLOORS, find_method, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
 from bench.records.artifacts import artifact_path
 from bench.records.job import Job
-from bench.records.journal import Settled
+from bench.records.journal import JobOutcome
 from bench.records.parquet import JobRow, write_records
 from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import cores, environment
@@ -125,11 +125,11 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
     jobs = stability_jobs(suite, methods, options.seed, options.device, machine, directory)
     manifest = _describe(options, suite, methods, workers, machine)
     with open_run(directory, manifest, options.fresh) as journal:
-        settled = do_jobs(
+        outcomes = do_jobs(
             jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
         )
         results = journal.lines.result
-        rows = [JobRow(job.key, job.item, settled[job.key].artifact_sha256) for job in jobs]
+        rows = [JobRow(job.key, job.item, outcomes[job.key].artifact_sha256) for job in jobs]
         write_records(directory, rows, lambda row: results(row.key).records)
         observations = observe(jobs, results)
         say("metrics and number formats")
@@ -138,7 +138,7 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
         matrices = _matrices(methods, observations, formats)
         behind = observations_table(observations), formats_table("number_formats", formats)
         write_tables(directory, [*matrices, *behind])
-        _draw(directory, matrices, jobs, settled, methods)
+        _draw(directory, matrices, jobs, outcomes, methods)
     return StabilityRun(directory, matrices, time.perf_counter() - start)
 
 
@@ -226,7 +226,7 @@ def _draw(
     directory: Path,
     matrices: Sequence[Table[Outcome]],
     jobs: Sequence[Job],
-    settled: Mapping[str, Settled],
+    outcomes: Mapping[str, JobOutcome],
     methods: Sequence[str],
 ) -> None:
     folder = directory / FIGURES
@@ -235,7 +235,7 @@ def _draw(
     first = {
         (job.condition, job.method): job.made.pictures()[0]
         for job in jobs
-        if settled[job.key].artifact_sha256
+        if outcomes[job.key].artifact_sha256
     }
     rivals = [method for method in methods if method not in FLOORS]
     extremes = extremes_figure([case.id for case in CASES], rivals, first)

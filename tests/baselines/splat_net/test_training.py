@@ -59,14 +59,14 @@ def test_a_run_is_not_changed(data, trained):
     assert train_splat_net(data, config, out_dir, on_progress=kill_at(1)) == trained
     assert trained.read_bytes() == before
     other = dataclasses.replace(SMALL, widths=(4, 6, 8, 10, 14))
-    for changes, told in (
+    for changes, message in (
         ({"seed": 1}, "seed = 0, asked for 1; use"),
         ({"network": other}, r"network = .*12\].*, asked for .*14\]"),
         ({"cool_down": 3}, "cool_down = 2000, asked for 3"),
         # all its steps were part of the cool-down
         ({}, "step 2 of a training of 2 steps; one of 3 has another learning rate from step 1 on"),
     ):
-        with pytest.raises(BadInput, match=told):
+        with pytest.raises(BadInput, match=message):
             train_splat_net(data, dataclasses.replace(config, steps=3, **changes), out_dir)
     changed = dataclasses.replace(data, grey=255 - data.grey)
     with pytest.raises(BadInput, match="trained with data ="):
@@ -160,8 +160,8 @@ def test_the_judge_learns_which_pictures_are_real(data):
     on_real, on_drawn = trainer.judge.eval()(torch.cat([real, drawn])).chunk(2)
     assert on_real.mean() > on_drawn.mean() + 0.5
     # what the network is told to make small is what the judge says of its pictures, negated
-    told = trainer._judge(drawn, real)[1].tolist()
-    assert told == pytest.approx((-on_drawn.mean(dim=(1, 2, 3))).tolist(), abs=0.3)
+    message = trainer._judge(drawn, real)[1].tolist()
+    assert message == pytest.approx((-on_drawn.mean(dim=(1, 2, 3))).tolist(), abs=0.3)
 
 
 def test_the_learning_rate_falls_to_nothing(data):

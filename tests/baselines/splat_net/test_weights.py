@@ -165,7 +165,7 @@ def test_names(weights_file, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("where", "value", "told"),
+    ("where", "value", "text"),
     [
         ("heads", ["colour", "grey"], "expected one"),
         ("heads", ["silver"], "silver"),
@@ -201,7 +201,7 @@ def test_names(weights_file, tmp_path, monkeypatch):
         ("more", 1, "more"),
     ],
 )
-def test_networks_that_nobody_has_trained(weights_file, tmp_path, monkeypatch, where, value, told):
+def test_networks_that_nobody_has_trained(weights_file, tmp_path, monkeypatch, where, value, text):
     """Refused before memory is taken for them."""
 
     def change(tensors, header):
@@ -216,7 +216,7 @@ def test_networks_that_nobody_has_trained(weights_file, tmp_path, monkeypatch, w
     monkeypatch.setattr(torch.nn.init, "uniform_", outline_only)
     with pytest.raises(BadInput) as error:
         load_weights(changed(weights_file, tmp_path, change))
-    assert told in one_line(error)
+    assert text in one_line(error)
 
 
 def test_the_largest_network_that_is_taken_for_one(weights_file, tmp_path):

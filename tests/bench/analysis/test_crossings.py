@@ -12,9 +12,9 @@ from bench.analysis.comparison import Comparison, Estimate, Quality
 from bench.analysis.crossings import (
     NO_VALUE,
     UNDECIDED,
-    Contest,
-    contests,
-    courses,
+    PairedComparison,
+    condition_curves,
+    paired_comparisons,
     pairs_among,
     sign_changes,
 )
@@ -26,13 +26,15 @@ BY_ID = {family.id: family for family in FAMILIES}
 OFFSETS = np.array([-0.03, 0.0, 0.01, 0.02])  # of four objects, with mean 0
 
 
-def contest(leads, family="noise"):
+def paired(leads, family="noise"):
     """Leads as values, or as (value, low, high), at the first steps of a family."""
-    told = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in leads]
-    conditions = BY_ID[family].conditions[: len(told)]
+    message = [Estimate(*v) if isinstance(v, tuple) else Estimate(v, NAN, NAN) for v in leads]
+    conditions = BY_ID[family].conditions[: len(message)]
     (reduced,) = (f for f in families_of(conditions) if f.id == family)
-    values, others = (0.5,) * len(told), (0.25,) * len(told)
-    return Contest("chair", reduced, "ssim", "splat-net", "pc2pix", values, others, tuple(told))
+    values, others = (0.5,) * len(message), (0.25,) * len(message)
+    return PairedComparison(
+        "chair", reduced, "ssim", "splat-net", "pc2pix", values, others, tuple(message)
+    )
 
 
 def comparison(condition, scores, metric="ssim", class_name="chair"):
@@ -115,13 +117,13 @@ def test_sign_changes_by_going_along(values):
         assert after < at <= after + 1
 
 
-# --- contests -------------------------------------------------------------------------------------
+# --- paired comparisons ---------------------------------------------------------------------------
 
 
 def test_straight_curves_cross_where_they_do():
     """0.8 - x and 0.6 + x/2 meet at 2/15, whatever the steps; every object alike."""
     compared = along("noise", {"splat-net": lambda x: 0.8 - x, "pc2pix": lambda x: 0.6 + x / 2})
-    (made,) = contests(compared, ["ssim"])
+    (made,) = paired_comparisons(compared, ["ssim"])
     assert (made.method, made.rival, made.family.id) == ("splat-net", "pc2pix", "noise")
     # 0.2 - 1.5 x
     expected = [0.2, 0.125, 0.05, -0.025, -0.1]
@@ -129,9 +131,9 @@ def test_straight_curves_cross_where_they_do():
     assert made.values == pytest.approx([0.8, 0.75, 0.7, 0.65, 0.6])
     assert made.rival_values == pytest.approx([0.6, 0.625, 0.65, 0.675, 0.7])
     assert made.ahead == ("splat-net",) * 3 + ("pc2pix",) * 2
-    (crossing,) = made.crossings
-    assert crossing.after == 2
-    assert (crossing.at, crossing.low, crossing.high) == pytest.approx((2 / 15,) * 3, abs=1e-9)
+    (crossover,) = made.crossings
+    assert crossover.after == 2
+    assert (crossover.at, crossover.low, crossover.high) == pytest.approx((2 / 15,) * 3, abs=1e-9)
 
 
 def test_a_crossing_reaches_as_far_as_the_interval_holds_nought():
@@ -139,15 +141,15 @@ def test_a_crossing_reaches_as_far_as_the_interval_holds_nought():
     compared = along(
         "noise", {"splat-net": lambda x: 0.8 - x, "pc2pix": lambda x: 0.6 + x / 2}, spread=0.5
     )
-    (made,) = contests(compared, ["ssim"])
+    (made,) = paired_comparisons(compared, ["ssim"])
     low, high = mean_interval(0.5 * OFFSETS)
     assert low < 0 < high
     for of, value in zip(made.leads, [0.2, 0.125, 0.05, -0.025, -0.1], strict=True):
         assert tuple(of) == pytest.approx((value, value + low, value + high), abs=1e-12)
-    (crossing,) = made.crossings
-    assert crossing.at == pytest.approx(2 / 15, abs=1e-9)
-    assert crossing.low == pytest.approx((0.2 + low) / 1.5, abs=1e-9)
-    assert crossing.high == pytest.approx((0.2 + high) / 1.5, abs=1e-9)
+    (crossover,) = made.crossings
+    assert crossover.at == pytest.approx(2 / 15, abs=1e-9)
+    assert crossover.low == pytest.approx((0.2 + low) / 1.5, abs=1e-9)
+    assert crossover.high == pytest.approx((0.2 + high) / 1.5, abs=1e-9)
 
 
 def test_on_a_logarithmic_axis_lines_are_straight_in_the_logarithm():
@@ -159,35 +161,35 @@ def test_on_a_logarithmic_axis_lines_are_straight_in_the_logarithm():
             "surface-apss": lambda n: 0.65,
         },
     )
-    (made,) = contests(compared, ["ssim"])
+    (made,) = paired_comparisons(compared, ["ssim"])
     assert made.ahead == ("splat-net",) * 2 + ("surface-apss",) * 3
-    (crossing,) = made.crossings
-    assert crossing.after == 1
-    assert crossing.at == pytest.approx(128 * 2**2.5, rel=1e-9)
+    (crossover,) = made.crossings
+    assert crossover.after == 1
+    assert crossover.at == pytest.approx(128 * 2**2.5, rel=1e-9)
 
 
 def test_of_a_falling_axis_too_low_is_the_lower_end():
     leads = [(0.3, 0.1, 0.5), (0.1, -0.1, 0.3), (-0.1, -0.3, 0.1), (-0.3, -0.5, -0.1)]
-    (crossing,) = contest(leads, "points").crossings
+    (crossover,) = paired(leads, "points").crossings
     # 2048, 1024, 512, 256: the lower end passes through 0 halfway between the first two, the lead
     # between the second and the third, the upper end between the last two
     expected = (2**9.5, 2**8.5, 2**10.5)
-    assert (crossing.at, crossing.low, crossing.high) == pytest.approx(expected, rel=1e-12)
+    assert (crossover.at, crossover.low, crossover.high) == pytest.approx(expected, rel=1e-12)
 
 
 def test_an_interval_that_holds_nought_to_the_end():
     leads = [(0.2, 0.1, 0.3), (0.05, -0.05, 0.15), (-0.05, -0.15, 0.05)]
-    made = contest(leads)
+    made = paired(leads)
     assert made.ahead == ("splat-net", UNDECIDED, UNDECIDED)
-    (crossing,) = made.crossings
-    assert crossing.at == pytest.approx(0.075)
-    assert crossing.low == pytest.approx(0.05 * 2 / 3)
-    assert crossing.high == 0.10
+    (crossover,) = made.crossings
+    assert crossover.at == pytest.approx(0.075)
+    assert crossover.low == pytest.approx(0.05 * 2 / 3)
+    assert crossover.high == 0.10
 
 
 def test_back_and_forth():
     leads = [(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)]
-    first, second = contest(leads).crossings
+    first, second = paired(leads).crossings
     assert [c.after for c in (first, second)] == [0, 1]
     # the interval is 0.1 wide and the lead falls by 0.2 in 0.05
     assert (first.low, first.at, first.high) == pytest.approx((0.0125, 0.025, 0.0375))
@@ -195,22 +197,22 @@ def test_back_and_forth():
 
 
 def test_without_intervals_nobody_is_ahead_but_curves_cross():
-    made = contest([0.1, -0.3])
+    made = paired([0.1, -0.3])
     assert made.ahead == (UNDECIDED, UNDECIDED)
-    (crossing,) = made.crossings
-    assert crossing.at == pytest.approx(0.0125)
-    assert math.isnan(crossing.low)
-    assert math.isnan(crossing.high)
-    assert contest([NAN, -0.3]).ahead == (NO_VALUE, UNDECIDED)
+    (crossover,) = made.crossings
+    assert crossover.at == pytest.approx(0.0125)
+    assert math.isnan(crossover.low)
+    assert math.isnan(crossover.high)
+    assert paired([NAN, -0.3]).ahead == (NO_VALUE, UNDECIDED)
 
 
 def test_an_interval_that_ends_at_nought_decides_nothing():
-    assert contest([(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)]).ahead == (UNDECIDED, UNDECIDED)
+    assert paired([(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)]).ahead == (UNDECIDED, UNDECIDED)
 
 
 def test_distances_are_ahead_where_they_are_smaller():
     curves = {"splat-net": lambda x: 10 + 100 * x, "surface-apss": lambda x: 20.0}
-    (made,) = contests(along("noise", curves, metric="fd-views"), ["fd-views"])
+    (made,) = paired_comparisons(along("noise", curves, metric="fd-views"), ["fd-views"])
     assert [of.value for of in made.leads] == pytest.approx([10, 5, 0, -5, -10], abs=1e-9)
     assert made.ahead[0] == "splat-net"
     assert made.ahead[-1] == "surface-apss"
@@ -239,7 +241,7 @@ def test_every_family_that_the_conditions_make_up():
         for name in ("chair", "sofa")
         for condition in ("1024", "2048", "noise-0.05", "density-3")
     ]
-    made = contests(compared, ["ssim"])
+    made = paired_comparisons(compared, ["ssim"])
     assert [(c.class_name, c.family.id, c.family.conditions) for c in made] == [
         (name, *family)
         for name in ("chair", "sofa")
@@ -249,16 +251,16 @@ def test_every_family_that_the_conditions_make_up():
             ("density", ("1024", "density-3")),
         )
     ]
-    every = courses(compared, ["ssim"])
+    every = condition_curves(compared, ["ssim"])
     assert [c.method for c in every] == ["pc2pix", "surface-apss", "blank"] * 6
     assert [e.value for e in every[0].estimates] == [0.55, 0.55]
     assert len(every[0].estimates) == len(every[0].family.steps)
-    assert courses([comparison("512", scores)], ["ssim"]) == ()
+    assert condition_curves([comparison("512", scores)], ["ssim"]) == ()
 
 
 def test_estimates_are_of_the_conditions_in_the_order_of_the_family():
     scores = {"512": 0.3, "2048": 0.1, "1024": 0.2}
     compared = [comparison(c, {"splat": [v, v]}) for c, v in scores.items()]
-    (made,) = courses(compared, ["ssim"])
+    (made,) = condition_curves(compared, ["ssim"])
     assert made.family.conditions == ("2048", "1024", "512")
     assert [e.value for e in made.estimates] == [0.1, 0.2, 0.3]

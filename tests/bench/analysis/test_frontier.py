@@ -20,8 +20,8 @@ def by_definition(cost, quality):
     for i in range(len(cost)):
         beaten = False
         for j in range(len(cost)):
-            no_dearer, no_worse = cost[j] <= cost[i], quality[j] >= quality[i]
-            beaten |= no_dearer and no_worse and (cost[j], quality[j]) != (cost[i], quality[i])
+            no_costlier, no_worse = cost[j] <= cost[i], quality[j] >= quality[i]
+            beaten |= no_costlier and no_worse and (cost[j], quality[j]) != (cost[i], quality[i])
         on.append(np.isfinite(cost[i]) and np.isfinite(quality[i]) and not beaten)
     return on
 

@@ -5,8 +5,8 @@ import pytest
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.intervals import mean_interval, median_interval
-from bench.analysis.recommend import Wish, advise, at_condition
-from bench.commands.results import advice_lines, make_wish
+from bench.analysis.recommend import Request, advise, at_condition
+from bench.commands.results import advice_lines, make_request
 from data_prep.failures import BadInput
 
 # Milliseconds to prepare and to draw a view, and the score of each object.
@@ -60,15 +60,15 @@ def names(choices):
     ],
 )
 def test_the_best_within_a_budget(views, budget_ms, best, then):
-    advice = advise(comparison(), Wish(views, budget_ms))
+    advice = advise(comparison(), Request(views, budget_ms))
     assert (advice.best.method if advice.best else None) == best
     assert names(advice.next) == then
     assert advice.affordable == (best is not None) + len(then)
-    assert advice.meets(Wish(views, budget_ms)) == (best is not None)
+    assert advice.meets(Request(views, budget_ms)) == (best is not None)
 
 
 def test_choices_carry_their_numbers():
-    advice = advise(comparison(), Wish(20, 250))
+    advice = advise(comparison(), Request(20, 250))
     assert advice.best is not None
     assert advice.best.cost_ms.value == pytest.approx(10 + 20 * 10, rel=1e-12)
     assert advice.best.ssim.value == pytest.approx(0.75, abs=1e-15)
@@ -84,9 +84,9 @@ def test_choices_carry_their_numbers():
 def test_of_methods_that_print_equal_the_cheapest_is_named():
     same = tuple(score + 1e-6 for score in FIELD["pc2pix"][2])
     twins = {"pc2pix@unfolded": (20, 10, same), "pc2pix@bf16": (5, 5, same)}
-    advice = advise(comparison(FIELD | twins), Wish(20))
+    advice = advise(comparison(FIELD | twins), Request(20))
     assert names(advice.next) == ["pc2pix@bf16", "poisson", "splat"]
-    advice = advise(comparison(FIELD | twins), Wish(20, 250))
+    advice = advise(comparison(FIELD | twins), Request(20, 250))
     assert advice.best is not None
     assert advice.best.method == "pc2pix@bf16"
     assert names(advice.next) == ["poisson", "splat"]
@@ -97,19 +97,19 @@ def test_the_interval_of_costs_is_over_objects():
     field = comparison()
     prepare_s = dict(field.prepare_s) | {"splat": np.array([0.001, 0.002, 0.003, 0.1])}
     spread = Comparison(**(vars(field) | {"prepare_s": prepare_s}))
-    advice = advise(spread, Wish(20, 30))
+    advice = advise(spread, Request(20, 30))
     assert advice.best is not None
     costs = np.array([21.0, 22.0, 23.0, 120.0])
     assert advice.best.cost_ms.value == pytest.approx(22.5, rel=1e-12)
     expected = median_interval(costs, np.arange(4))
     assert tuple(advice.best.cost_ms[1:]) == pytest.approx(expected, rel=1e-12)
-    (line,) = advice_lines([advice], Wish(20, 30), 20, in_full=False)
+    (line,) = advice_lines([advice], Request(20, 30), 20, in_full=False)
     assert line.endswith("; the interval of its cost reaches beyond the budget")
 
 
 def test_regret_against_an_oracle():
     """Affordable: splat, poisson, pc2pix; the best of each object: 0.9, 0.7, 0.7, 0.8."""
-    advice = advise(comparison(), Wish(20, 250))
+    advice = advise(comparison(), Request(20, 250))
     assert advice.best is not None
     assert advice.best.method == "pc2pix"
     assert advice.regret.value == pytest.approx((0.1 + 0 + 0 + 0) / 4, abs=1e-15)
@@ -129,7 +129,7 @@ def test_regret_of_a_choice_made_without_the_object():
         "poisson": (2, 0, (0.7, 0.6, 0.8)),
         "blank": (0, 0, (0, 0, 0)),
     }
-    advice = advise(comparison(field), Wish(1, 10))
+    advice = advise(comparison(field), Request(1, 10))
     assert advice.best is not None
     assert advice.best.method == "splat"  # means 0.7 and 0.7: of equals the cheaper
     assert advice.regret.value == pytest.approx((0 + 0 + 0.3) / 3, abs=1e-15)
@@ -137,15 +137,15 @@ def test_regret_of_a_choice_made_without_the_object():
 
 
 def test_no_regret_with_one_method_and_none_blind_of_one_object():
-    alone = advise(comparison(), Wish(20, 25))
+    alone = advise(comparison(), Request(20, 25))
     assert alone.regret == alone.regret_blind == (0, 0, 0)
     single = {name: (p, d, scores[:1]) for name, (p, d, scores) in FIELD.items()}
-    advice = advise(comparison(single), Wish(20, 250))
+    advice = advise(comparison(single), Request(20, 250))
     assert advice.best is not None
     assert advice.best.method == "poisson"
     assert advice.regret.value == 0
     assert np.isnan(advice.regret_blind).all()
-    nothing = advise(comparison(), Wish(20, 1))
+    nothing = advise(comparison(), Request(20, 1))
     assert np.isnan([*nothing.regret, *nothing.regret_blind]).all()
 
 
@@ -163,21 +163,21 @@ def test_no_regret_with_one_method_and_none_blind_of_one_object():
     ],
 )
 def test_the_cheapest_that_is_good_enough(min_ssim, on_average, surely):
-    advice = advise(comparison(), Wish(20, min_ssim=min_ssim))
+    advice = advise(comparison(), Request(20, min_ssim=min_ssim))
     assert (advice.on_average.method if advice.on_average else None) == on_average
     assert (advice.surely.method if advice.surely else None) == surely
-    assert advice.meets(Wish(20, min_ssim=min_ssim)) == (on_average is not None)
+    assert advice.meets(Request(20, min_ssim=min_ssim)) == (on_average is not None)
 
 
 def test_both_wishes_have_to_be_met_by_one_method():
-    wish = Wish(20, budget_ms=130, min_ssim=0.7)
-    advice = advise(comparison(), wish)
-    assert not advice.meets(wish)
-    within, good = advice_lines([advice], wish, 20, in_full=False)
+    request = Request(20, budget_ms=130, min_ssim=0.7)
+    advice = advise(comparison(), request)
+    assert not advice.meets(request)
+    within, good = advice_lines([advice], request, 20, in_full=False)
     assert within.startswith("2048: best within 130 ms: poisson, ssim 0.600 [")
     assert good.startswith("2048: cheapest with an ssim of at least 0.7, surely: pc2pix, ssim 0.75")
     assert good.endswith("; over the budget")
-    enough = Wish(20, budget_ms=250, min_ssim=0.7)
+    enough = Request(20, budget_ms=250, min_ssim=0.7)
     assert advise(comparison(), enough).meets(enough)
 
 
@@ -185,8 +185,8 @@ def test_both_wishes_have_to_be_met_by_one_method():
 
 
 def test_in_short():
-    wish = Wish(20, 250)
-    (line,) = advice_lines([advise(comparison(), wish)], wish, 20, in_full=False)
+    request = Request(20, 250)
+    (line,) = advice_lines([advise(comparison(), request)], request, 20, in_full=False)
     assert line == (
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.700, 0.800], 210 ms [210, 210] a cloud, "
         "10.5 ms a picture"
@@ -194,8 +194,8 @@ def test_in_short():
 
 
 def test_in_full():
-    wish = Wish(20, 250, 0.7)
-    _, _, *rest = advice_lines([advise(comparison(), wish)], wish, 20, in_full=True)
+    request = Request(20, 250, 0.7)
+    _, _, *rest = advice_lines([advise(comparison(), request)], request, 20, in_full=True)
     assert [line.partition(":")[0] for line in rest] == [
         "  surely that good, by the lower end of the interval",
         "  next",
@@ -212,9 +212,9 @@ def test_in_full():
 
 
 def test_what_cannot_be_met_names_the_nearest():
-    wish = Wish(20, 5, 0.9)
-    advice = advise(comparison(), wish)
-    within, good, sure = advice_lines([advice], wish, 20, in_full=True)
+    request = Request(20, 5, 0.9)
+    advice = advise(comparison(), request)
+    within, good, sure = advice_lines([advice], request, 20, in_full=True)
     assert within.startswith("2048: no method within 5.0 ms; the cheapest: splat, ssim 0.550 [")
     assert ", 21.0 ms [" in within
     assert good.startswith(
@@ -225,27 +225,29 @@ def test_what_cannot_be_met_names_the_nearest():
 
 def test_without_any_candidate():
     floors = {name: FIELD[name] for name in ("true-mesh", "constant", "blank")}
-    wish = Wish(20, 5, 0.9)
-    advice = advise(comparison(floors), wish)
-    assert not advice.meets(wish)
-    assert advice_lines([advice], wish, 20, in_full=False) == [
+    request = Request(20, 5, 0.9)
+    advice = advise(comparison(floors), request)
+    assert not advice.meets(request)
+    assert advice_lines([advice], request, 20, in_full=False) == [
         "2048: no method within 5.0 ms",
         "2048: no method with an ssim of at least 0.9",
     ]
 
 
 def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
-    wish = Wish(1, 5)
+    request = Request(1, 5)
     odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, "2048", "a\nb")
     plain = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
-    first, *lines = advice_lines([advise(c, wish) for c in (odd, plain)], wish, 20, in_full=False)
+    first, *lines = advice_lines(
+        [advise(c, request) for c in (odd, plain)], request, 20, in_full=False
+    )
     assert first.startswith("Costs of 1 view are reckoned from the share of one")
     assert lines[0].startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
     assert lines[1].startswith("2048, chair: best")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ((20, None, None), "nothing to go by; give --budget-ms, --min-ssim, or both"),
         ((0, 5.0, None), "--views 0: must be at least 1"),
@@ -256,10 +258,10 @@ def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
         ((1, None, NAN), "--min-ssim nan: must be from -1 to 1"),
     ],
 )
-def test_wishes_without_sense(arguments, told):
+def test_wishes_without_sense(arguments, message):
     with pytest.raises(BadInput) as refused:
-        make_wish(*arguments)
-    assert str(refused.value) == told
+        make_request(*arguments)
+    assert str(refused.value) == message
 
 
 def test_conditions():

@@ -4,15 +4,15 @@ import pytest
 
 from baselines.splat import Splat
 from baselines.surface import SurfaceApss
-from bench.catalogue.methods import METHODS, YARDSTICKS, find_method
-from bench.catalogue.parameters import KNOBS, find_setting
+from bench.catalogue.methods import COST_VARIANTS, METHODS, find_method
+from bench.catalogue.parameters import PARAMETERS, find_setting
 from data_prep.failures import BadInput
 
 
 def test_an_id_says_knob_and_value():
     setting = find_setting("surface-apss@resolution=64")
     assert setting is not None
-    assert (setting.knob.method, setting.knob.name) == ("surface-apss", "resolution")
+    assert (setting.parameter.method, setting.parameter.name) == ("surface-apss", "resolution")
     assert setting.value == 64
     assert isinstance(setting.value, int)
     assert setting.fields == {"resolution": 64}
@@ -63,15 +63,15 @@ def test_an_unknown_knob_is_refused_with_those_that_there_are(method):
 
 
 def test_every_knob_is_a_field_of_a_method():
-    for knob in KNOBS:
-        method = find_method(knob.method)
-        for value in (knob.low, knob.high):
-            turned = find_method(f"{knob.method}@{knob.name}={value:g}")
-            assert getattr(turned.load("cpu"), knob.field) == value
+    for parameter in PARAMETERS:
+        method = find_method(parameter.method)
+        for value in (parameter.low, parameter.high):
+            turned = find_method(f"{parameter.method}@{parameter.name}={value:g}")
+            assert getattr(turned.load("cpu"), parameter.field) == value
             assert (turned.version, turned.weights_file) == (method.version, method.weights_file)
 
 
 def test_yardsticks_are_found_but_no_methods_of_the_list():
-    for yardstick in YARDSTICKS:
+    for yardstick in COST_VARIANTS:
         assert find_method(yardstick.id) is yardstick
         assert yardstick not in METHODS

@@ -168,8 +168,8 @@ def test_the_checklist_in_markdown():
     start = f"| {claim.id} | **supported** | pc2pix (run 1) | ssim 0.7 "
     assert first == f"{start}| “{claim.quoted}” ({claim.where}) | {claim.measured} |"
     second = lines[lines.index(first) + 1]
-    told = "not supported: a \\| b | pc2pix (run 2) | ssim 0.7"
-    assert second == f"| {claim.id} | {told} |  |  |"  # the quotation stands above
+    message = "not supported: a \\| b | pc2pix (run 2) | ssim 0.7"
+    assert second == f"| {claim.id} | {message} |  |  |"  # the quotation stands above
     third = lines[lines.index(second) + 1]
     assert third.startswith(f"| {other.id} | not testable here: give a run of x | - |  | “")
 

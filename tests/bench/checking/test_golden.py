@@ -277,7 +277,7 @@ def test_a_part_of_the_methods_can_be_checked(tmp_path, run):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"dataset": "folder:x"}, "dataset folder:x (golden: procedural)"),
         ({"views": 3}, "views 3 (golden: 2)"),
@@ -286,12 +286,12 @@ def test_a_part_of_the_methods_can_be_checked(tmp_path, run):
         ({"seed": 1, "views": 3}, "views 3 (golden: 2), seed 1 (golden: 0)"),
     ],
 )
-def test_another_protocol_cannot_be_compared(tmp_path, run, command, change, told):
+def test_another_protocol_cannot_be_compared(tmp_path, run, command, change, message):
     other = write_run(tmp_path / "other", **change)
     status, out, err = command("check", other)
     assert (status, out) == (2, "")
     assert err == (
-        f"bench: {other}: no golden values for this protocol: {told}; "
+        f"bench: {other}: no golden values for this protocol: {message}; "
         f"check a run of 'bench run --suite {SUITE}' with its defaults\n"
     )
 

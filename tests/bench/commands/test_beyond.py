@@ -79,26 +79,26 @@ def test_check_sees_a_table_that_is_not_what_the_records_give(written, monkeypat
     path = written / "tables" / "crossings.csv"
     kept = path.read_bytes()
     path.write_bytes(kept.replace(b"pc2pix", b"pc2pax", 1))
-    (told,) = bench.checking.golden.check(written).regressions
+    (message,) = bench.checking.golden.check(written).regressions
     path.write_bytes(kept)
-    assert "crossings.csv: not what the records give" in told
+    assert "crossings.csv: not what the records give" in message
 
 
-def test_courses_are_of_all_methods(written):
+def test_curves_are_of_all_methods(written):
     made = beyond(read_scored(written))
     assert made is not None
-    assert list(dict.fromkeys(c.method for c in made.courses)) == METHODS
-    assert len(made.courses) == 3 * 3 * len(METHODS)
+    assert list(dict.fromkeys(c.method for c in made.curves)) == METHODS
+    assert len(made.curves) == 3 * 3 * len(METHODS)
     distances = {
         (row.method, row.condition): row.value
         for table in tables(read_scored(written))
         for row in table.rows
         if row.metric == "fd-views"
     }
-    for course in made.courses:
-        if course.metric == "fd-views":
-            found = [of.value for of in course.estimates]
-            assert found == [distances[course.method, c] for c in course.family.conditions]
+    for curve in made.curves:
+        if curve.metric == "fd-views":
+            found = [of.value for of in curve.estimates]
+            assert found == [distances[curve.method, c] for c in curve.family.conditions]
 
 
 def test_titles_are_not_the_papers(written):
@@ -129,7 +129,7 @@ def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
     made = write_outputs(read_scored(directory)).beyond
     assert made is not None
     assert made.crossings is None
-    assert len(made.courses) == 3 * 3 * 2
+    assert len(made.curves) == 3 * 3 * 2
     assert not (directory / "tables" / "crossings.csv").exists()
     assert len(read_page(make_outputs(read_scored(directory))).curves) == 9
 
@@ -138,7 +138,7 @@ def test_without_a_family_the_report_is_as_any_other(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id, conditions=["2048", "density-3"])
     made = beyond(read_scored(directory))
     assert made is not None
-    assert (made.courses, made.crossings) == ((), None)
+    assert (made.curves, made.crossings) == ((), None)
     page = read_page(make_outputs(read_scored(directory)))
     assert page.curves_title == "Robustness"
     assert page.curves[0].title == "ssim against the conditions, class chair"
@@ -149,7 +149,10 @@ def test_without_features_there_is_no_distance(tmp_path):
     (directory / "features" / "fd-views.parquet").unlink()
     made = beyond(read_scored(directory))
     assert made is not None
-    assert list(dict.fromkeys(c.metric for c in made.courses)) == ["ssim", "silhouette-iou"]
+    assert list(dict.fromkeys(c.metric for c in made.curves)) == [
+        "ssim",
+        "silhouette-iou",
+    ]
 
 
 def test_other_suites_have_none(tmp_path):

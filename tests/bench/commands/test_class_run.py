@@ -179,11 +179,11 @@ def test_class_confidence_is_the_classifiers(measured, classifier, with_classifi
         with torch.inference_mode():
             features = torch.from_numpy(view_features(network, images))
             found.append(network.heads["class"](features).double().softmax(dim=1).numpy())
-    told = np.stack(found)  # [artifact, view, class]
+    message = np.stack(found)  # [artifact, view, class]
     for i, name in enumerate(("chair", "table")):
         values = chosen[chosen["class"] == name].sort_values("view")["class_confidence"].to_numpy()
         # float32 sums of 64 products against float64
-        nearest = np.abs(told[:, :, i] - values).max(axis=1).min()
+        nearest = np.abs(message[:, :, i] - values).max(axis=1).min()
         assert nearest < 1e-5
 
 
@@ -212,9 +212,9 @@ def test_the_tables_come_again_from_the_records(measured, with_classifier):
     path = measured.directory / "tables" / "table5_orderings.csv"
     kept = path.read_bytes()
     path.write_bytes(kept.replace(b"chair", b"sofa!"))
-    (told,) = _stale_tables(measured.directory, [ordered])
+    (message,) = _stale_tables(measured.directory, [ordered])
     path.write_bytes(kept)
-    assert "table5_orderings.csv: not what the records give" in told
+    assert "table5_orderings.csv: not what the records give" in message
 
 
 @pytest.mark.usefixtures("planned_only")
@@ -231,9 +231,11 @@ def test_what_is_left_out_is_told(folder, capsys, tmp_path):
 def test_nothing_of_the_suite(folder, tmp_path):
     (tmp_path / "spoon").mkdir()
     (tmp_path / "spoon" / "a.ply").write_bytes((folder / "spoon" / "0.ply").read_bytes())
-    wish = Options("thirteen-classes", f"folder:{tmp_path}", methods=("splat",), out=tmp_path / "x")
+    request = Options(
+        "thirteen-classes", f"folder:{tmp_path}", methods=("splat",), out=tmp_path / "x"
+    )
     with pytest.raises(BadInput, match=r"no class 'airplane' .*found spoon"):
-        run_suite(wish)
+        run_suite(request)
     flat = Options(
         "thirteen-classes", f"folder:{tmp_path / 'spoon'}", methods=("splat",), out=tmp_path / "x"
     )
@@ -250,9 +252,9 @@ def test_one_network_for_all_that_is_not_there(monkeypatch, folder, tmp_path):
     from pc2pix import weights as weight_files
 
     monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
-    wish = Options(
+    request = Options(
         "thirteen-classes", f"folder:{folder}", methods=("pc2pix@all",), out=tmp_path / "x"
     )
     with pytest.raises(BadInput, match=r"weights: 'all' is neither|all.safetensors: the bundled"):
-        run_suite(wish)
+        run_suite(request)
     assert not (tmp_path / "x").exists()

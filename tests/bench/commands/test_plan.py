@@ -22,7 +22,7 @@ from bench.records.journal import open_journal, write_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import Pilot, Sample
 from bench.running.protocol import Options, Protocol, describe, plan, protocol_of
-from bench.running.run import Prospect, look_ahead
+from bench.running.run import RunStatus, look_ahead
 from bench.tables.markdown import document
 
 from ..builders import SUITE
@@ -97,7 +97,7 @@ def test_dry_run_of_a_download_fetches_nothing(no_cache, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--suite", "speed"), "--dry-run: the suite speed takes minutes and has no plan; run it"),
         (("--suite", "latent"), "--dry-run: the suite latent takes minutes and has no plan"),
@@ -105,10 +105,10 @@ def test_dry_run_of_a_download_fetches_nothing(no_cache, monkeypatch, tmp_path):
         (("--suite", "speed-accuracy", "--workers", "2"), "--workers: has no meaning"),
     ],
 )
-def test_dry_run_refuses_as_the_run_does(command, arguments, told):
+def test_dry_run_refuses_as_the_run_does(command, arguments, message):
     status, out, err = command("run", "--dry-run", *arguments)
     assert (status, out) == (2, "")
-    assert err.startswith(f"bench: {told}")
+    assert err.startswith(f"bench: {message}")
 
 
 def test_dry_run_refuses_a_folder_of_another_run(copied, command, arguments):
@@ -191,7 +191,7 @@ def test_plan_of_a_begun_run_counts_what_is_left(copied, command, arguments, mon
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--suite", "stability"), "bench plan: the suite stability takes minutes and has no plan"),
         (("--suite", SUITE, "--also", "splta"), "unknown method 'splta': did you mean 'splat'?"),
@@ -203,16 +203,16 @@ def test_plan_of_a_begun_run_counts_what_is_left(copied, command, arguments, mon
         (("--suite", SUITE, "--workers", "0"), "--workers 0: must be at least 1"),
     ],
 )
-def test_plan_refuses(command, arguments, told, tmp_path):
+def test_plan_refuses(command, arguments, message, tmp_path):
     status, out, err = command("plan", "--limit", "1", "--out", tmp_path / "a", *arguments)
     assert (status, out) == (2, "")
-    assert err.startswith(f"bench: {told}")
+    assert err.startswith(f"bench: {message}")
 
 
 # --- the text -------------------------------------------------------------------------------------
 
 
-def make_run(tmp_path, objects=8, there=0, **changes) -> Prospect:
+def make_run(tmp_path, objects=8, there=0, **changes) -> RunStatus:
     """A run of two workers; of its items the first `there` are done."""
     conditions = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
     protocol = Protocol(
@@ -231,7 +231,7 @@ def make_run(tmp_path, objects=8, there=0, **changes) -> Prospect:
     protocol = replace(protocol, **changes)
     todo = plan(protocol, tmp_path)
     done = frozenset(job.key for job in todo.items[:there])
-    return Prospect(protocol, tmp_path, todo, done, 2)
+    return RunStatus(protocol, tmp_path, todo, done, 2)
 
 
 def make_pilot(run, *methods, **changes) -> Pilot:

@@ -95,7 +95,7 @@ def test_without_other_packages_there_is_none(command, copied):
 
 
 @pytest.mark.parametrize(
-    ("function", "told"),
+    ("function", "message"),
     [
         (lambda truth, drawn: 1 / 0, "ZeroDivisionError: division by zero"),
         (lambda truth, drawn: "x", "ValueError: could not convert string to float"),
@@ -104,17 +104,17 @@ def test_without_other_packages_there_is_none(command, copied):
         (lambda truth, drawn: np.ones((2, 1)), r"gives \(2, 1\) values, 2 finite, for 2 pict"),
     ],
 )
-def test_a_metric_that_gives_no_scores_is_named(function, told):
-    with pytest.raises(BadInput, match=f"metric 'made': {told}.*mend that package"):
+def test_a_metric_that_gives_no_scores_is_named(function, message):
+    with pytest.raises(BadInput, match=f"metric 'made': {message}.*mend that package"):
         checked_scores(made(function), TWO, TWO)
 
 
 def test_true_and_drawn_pictures_in_their_order():
-    told = checked_scores(
+    message = checked_scores(
         made(lambda truth, drawn: truth[:, 0, 0, 0] - 2.0 * drawn[:, 0, 0, 0]), TWO + 9, TWO + 2
     )
-    assert told.dtype == np.float64
-    assert told.tolist() == [5, 5]
+    assert message.dtype == np.float64
+    assert message.tolist() == [5, 5]
 
 
 @pytest.fixture

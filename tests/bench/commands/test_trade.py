@@ -40,7 +40,7 @@ def test_settings_of_a_knob_stand_in_their_order():
     values: dict[str, list[float]] = {}
     for method in SUITE.methods:
         if (setting := find_setting(method)) is not None:
-            values.setdefault(setting.knob.method, []).append(setting.value)
+            values.setdefault(setting.parameter.method, []).append(setting.value)
     assert {"surface-apss", "surface-bpa", "poisson", "alpha-shape", "splat"} == values.keys()
     assert all(len(of_method) >= 3 for of_method in values.values())
     assert all(of_method == sorted(of_method) for of_method in values.values())
@@ -203,22 +203,22 @@ def test_recommend(tmp_path, command):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--budget-ms", "499"), "2048: no method within 499 ms; the cheapest: splat, ssim 0."),
         (("--budget-ms", "10", "--views", "1"), ", 375 ms [375, 375] a cloud, 375 ms a picture"),
         (("--min-ssim", "1"), "512: no method with an ssim of at least 1; the nearest: splat, ss"),
     ],
 )
-def test_a_wish_that_no_method_meets(tmp_path, command, arguments, told):
+def test_a_wish_that_no_method_meets(tmp_path, command, arguments, message):
     status, out, err = command("recommend", write_run(tmp_path), *arguments)
     assert (status, err) == (1, "")
-    assert told in out
+    assert message in out
     assert "true-mesh" not in out
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ((), "nothing to go by; give --budget-ms, --min-ssim, or both"),
         (("--budget-ms", "0"), "--budget-ms 0: must be a number over 0"),
@@ -229,8 +229,8 @@ def test_a_wish_that_no_method_meets(tmp_path, command, arguments, told):
         ),
     ],
 )
-def test_wishes_to_be_mended(tmp_path, command, arguments, told):
-    assert command("recommend", write_run(tmp_path), *arguments) == (2, "", f"bench: {told}\n")
+def test_wishes_to_be_mended(tmp_path, command, arguments, message):
+    assert command("recommend", write_run(tmp_path), *arguments) == (2, "", f"bench: {message}\n")
 
 
 def test_recommend_in_full(tmp_path, command):

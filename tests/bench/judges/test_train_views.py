@@ -40,23 +40,23 @@ def two_classes(monkeypatch):
 
 
 def test_labels_are_those_of_the_catalogue(two_classes):
-    told = labels()
-    assert told.classes == ("block", "chair")
-    assert told.families[:3] == ("block/flat", "block/cubic", "chair/four-leg")
-    assert len(told.families) == 2 + len(two_classes["chair"].families)
+    message = labels()
+    assert message.classes == ("block", "chair")
+    assert message.families[:3] == ("block/flat", "block/cubic", "chair/four-leg")
+    assert len(message.families) == 2 + len(two_classes["chair"].families)
 
 
 def test_answers_belong_to_the_objects_that_are_shown(two_classes):
-    told = labels()
+    message = labels()
     for index in range(6):
         key = ("procedural", "chair", "train", index)
         spec = draw_chair_spec(generator(*key))
-        found = training._answers(told, ProceduralObject("chair", "train", index))
+        found = training._answers(message, ProceduralObject("chair", "train", index))
         assert found[0] == 1
-        assert told.families[found[1]] == f"chair/{spec.family}"
-        assert told.backs[found[2]] == spec.back
+        assert message.families[found[1]] == f"chair/{spec.family}"
+        assert message.backs[found[2]] == spec.back
         drawn = block(generator("procedural", "block", "validation", index))
-        found = training._answers(told, ProceduralObject("block", "validation", index))
+        found = training._answers(message, ProceduralObject("block", "validation", index))
         assert found == (0, 0 if drawn.family == "flat" else 1, NO_LABEL)
 
 
@@ -125,17 +125,17 @@ def test_the_rates_are_those_of_pytorchs_schedule():
         schedule.step()
 
 
-@pytest.mark.parametrize("wish", [{"objects": 0}, {"views": 0}, {"epochs": -1}])
-def test_nothing_to_train_on(wish):
-    ((name, value),) = wish.items()
+@pytest.mark.parametrize("request", [{"objects": 0}, {"views": 0}, {"epochs": -1}])
+def test_nothing_to_train_on(request):
+    ((name, value),) = request.items()
     with pytest.raises(BadInput, match=f"^--{name} {value}: must be at least 1$"):
-        train_views(**({"objects": 1, "views": 1, "epochs": 1, "seed": 0} | wish))
+        train_views(**({"objects": 1, "views": 1, "epochs": 1, "seed": 0} | request))
 
 
 def test_scores_of_a_network_that_always_answers_the_same(two_classes, monkeypatch):
     """Class chair, family and back the first, azimuth 0, elevation 0."""
-    told = labels()
-    network = ViewsNetwork(told).eval()
+    message = labels()
+    network = ViewsNetwork(message).eval()
     with torch.no_grad():
         for head in network.heads.values():
             head.weight.zero_()
@@ -144,7 +144,7 @@ def test_scores_of_a_network_that_always_answers_the_same(two_classes, monkeypat
         network.heads["view"].bias[1] = 1.0  # the cosine
     scores = training._score(network, 6, 4)
     assert scores.confusion.tolist() == [[0, 24], [0, 24]]
-    data, true = training._labelled(told, "validation", 6, 4)
+    data, true = training._labelled(message, "validation", 6, 4)
     assert scores.family == (true["family"] == 0).double().mean()
     chairs = true["class"] == 1
     assert scores.back == (true["back"][chairs] == 0).double().mean()

@@ -126,12 +126,12 @@ def test_the_bundled_network_knows_the_procedural_set(network):
 
 
 def test_a_file_is_read_as_it_was_written(tmp_path):
-    told = Labels(("lamp", "car"), ("lamp/desk", "car/van", "car/truck"), ("ladder",))
+    message = Labels(("lamp", "car"), ("lamp/desk", "car/van", "car/truck"), ("ladder",))
     torch.manual_seed(0)
-    network = ViewsNetwork(told).eval()
+    network = ViewsNetwork(message).eval()
     (tmp_path / "x.safetensors").write_bytes(to_file(network))
     again = load_views_network(tmp_path / "x.safetensors")
-    assert again.labels == told
+    assert again.labels == message
     images = np.random.default_rng(0).integers(0, 256, (2, 128, 128, 3), dtype=np.uint8)
     features = view_features(network, images)
     assert np.array_equal(view_features(again, images), features)

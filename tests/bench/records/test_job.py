@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import pytest
 
-from bench.records import job as spent
-from bench.records.job import Spent, Stopwatch, shares
+from bench.records import job as timing
+from bench.records.job import JobTiming, Stopwatch, shares
 
 
 @pytest.fixture
 def clock(monkeypatch):
     times = iter([0.0, 1.0, 3.0, 4.0, 4.5, 5.0, 6.0, 10.0])
-    monkeypatch.setattr(spent.time, "perf_counter", lambda: next(times))
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: next(times))
 
 
 def test_a_stopwatch_adds_up_and_leaves_the_rest_to_the_harness(clock):
@@ -20,11 +20,14 @@ def test_a_stopwatch_adds_up_and_leaves_the_rest_to_the_harness(clock):
         pass
     with pytest.raises(ZeroDivisionError), watch.on("methods"):  # 5 to 6
         1 / 0  # noqa: B018
-    assert watch.spent() == Spent(methods=3.0, metrics=0.5, harness=6.5)  # 10
+    assert watch.timing() == JobTiming(methods=3.0, metrics=0.5, harness=6.5)  # 10
 
 
 def test_shares_are_of_the_time_that_workers_had():
-    done = [Spent(methods=6.0, metrics=1.0, harness=0.5), Spent(rendering=2.0, harness=0.25)]
+    done = [
+        JobTiming(methods=6.0, metrics=1.0, harness=0.5),
+        JobTiming(rendering=2.0, harness=0.25),
+    ]
     assert shares(done, 20.0) == {
         "methods": 0.3,
         "metrics": 0.05,

@@ -15,7 +15,7 @@ import pytest
 from bench.records.job import Result, failed
 from bench.records.journal import (
     FIXED,
-    Settled,
+    JobOutcome,
     check_directory,
     open_journal,
     read_finished,
@@ -43,7 +43,7 @@ def finish(job, seed=0):
 def summary(result):
     """What a journal keeps of it in memory."""
     reason = "" if result.artifact_sha256 else result.records[0].reason
-    return Settled(result.artifact_sha256, reason)
+    return JobOutcome(result.artifact_sha256, reason)
 
 
 def shards(directory):
@@ -66,7 +66,9 @@ def test_what_was_appended_is_there_again(tmp_path):
         assert journal.lines.result(job.key) == done  # 1/3 to the last bit
         assert journal.lines.result(broken.key) == reason
         assert journal.usable(job) == summary(done)
-        assert journal.usable(broken) == summary(reason) == Settled(None, 'crash: "ä" \u2028 died')
+        assert (
+            journal.usable(broken) == summary(reason) == JobOutcome(None, 'crash: "ä" \u2028 died')
+        )
         assert journal.damage == []
         assert journal.added == set()
 
@@ -238,7 +240,7 @@ def test_a_failed_job_needs_no_artifact(tmp_path):
     with open_journal(tmp_path) as journal:
         journal.append(failed(job, "timeout"))
     with open_journal(tmp_path) as journal:
-        assert journal.usable(job) == Settled(None, "timeout")
+        assert journal.usable(job) == JobOutcome(None, "timeout")
 
 
 def test_records_are_read_back_from_the_file_and_not_kept(tmp_path):
@@ -278,8 +280,8 @@ def test_a_line_that_has_changed_since_is_no_result(tmp_path, harm):
             shard.write_bytes(changed[harm] + b"\n" * (harm == "shorter"))
         with pytest.raises(BadInput) as error:
             journal.lines.result(job.key)
-        told = "cannot be read" if harm == "gone" else "the line at byte 0 has changed; run again"
-        assert one_line(error).startswith(f"{shard}: {told}")
+        shown = "cannot be read" if harm == "gone" else "the line at byte 0 has changed; run again"
+        assert one_line(error).startswith(f"{shard}: {shown}")
         with pytest.raises(KeyError):
             journal.lines.result("a key without a line")
 

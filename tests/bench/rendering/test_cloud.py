@@ -12,7 +12,7 @@ from PIL import Image
 
 import bench.rendering.cloud
 from bench.catalogue.suites import SUITES, Limits
-from bench.commands.render import Wish, remedied, views_of
+from bench.commands.render import Request, remedied, views_of
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
 from data_prep.cloud_files import save_ply
@@ -38,7 +38,7 @@ def cloud(tmp_path):
     return path
 
 
-def told(path):
+def message(path):
     """What `plugin_methods.Telling` was given: azimuth, elevation, points, ten times the radius."""
     return read(path)[0, :4, 0].tolist()
 
@@ -63,7 +63,7 @@ def refused(command, *arguments):
 def test_a_picture_of_a_cloud(command, plugins, cloud, tmp_path):
     out = tmp_path / "new" / "out.png"
     assert command("render", cloud, "--method", "fake-healthy", "-o", out) == (0, f"{out}\n", "")
-    assert told(out) == [30, 20, 3, 10]
+    assert message(out) == [30, 20, 3, 10]
     assert [path.name for path in out.parent.iterdir()] == ["out.png"]
 
 
@@ -72,7 +72,7 @@ def test_views_and_clouds_as_they_are(command, plugins, cloud, tmp_path):
     out = tmp_path / "out.png"
     chosen = ("--azimuth", "170", "--elevation", "90", "--as-is", "-o", out)
     assert command("render", cloud, "--method", "fake-healthy", *chosen)[0] == 0
-    assert told(out) == [170, 90, 3, 40]
+    assert message(out) == [170, 90, 3, 40]
 
 
 def test_the_picture_is_that_of_the_method(command, cloud, tmp_path):
@@ -177,7 +177,7 @@ def test_the_command_takes_some_points(command, plugins, cloud, tmp_path):
     out = tmp_path / "out.png"
     some = ("--points", "2", "--as-is", "-o", out)
     assert command("render", cloud, "--method", "fake-healthy", *some)[0] == 0
-    assert told(out)[2] == 2
+    assert message(out)[2] == 2
 
 
 # --- sheets and turntables ------------------------------------------------------------------------
@@ -242,11 +242,11 @@ def test_a_turntable_goes_round_from_the_azimuth(command, plugins, cloud, tmp_pa
     assert command("render", cloud, "--method", "fake-round", *turn)[:2] == (0, f"{out}\n")
     with Image.open(out) as film:
         assert (film.n_frames, film.size) == (5, (128, 128))
-        told = []
+        message = []
         for i in range(5):
             film.seek(i)
-            told.append(np.asarray(film.convert("RGB"))[0, :2, 0].tolist())
-    assert told == [[85 + 72 * i // 2, 15] for i in range(5)]
+            message.append(np.asarray(film.convert("RGB"))[0, :2, 0].tolist())
+    assert message == [[85 + 72 * i // 2, 15] for i in range(5)]
 
 
 def test_a_turntable_of_several_methods(command, cloud, tmp_path):
@@ -264,10 +264,10 @@ def test_a_turntable_of_several_methods(command, cloud, tmp_path):
 
 
 def test_a_turntable_has_36_frames(cloud):
-    wish = Wish(CloudFile(cloud, as_is=True), ("splat",), 10.0, 0.0, Path("turn.webp"))
-    azimuths = [view.azimuth_deg for view in views_of(wish)]
+    request = Request(CloudFile(cloud, as_is=True), ("splat",), 10.0, 0.0, Path("turn.webp"))
+    azimuths = [view.azimuth_deg for view in views_of(request)]
     assert azimuths == [10.0 + 10 * i for i in range(36)]
-    assert views_of(replace(wish, out=Path("picture.png"))) == (View(10.0, 0.0),)
+    assert views_of(replace(request, out=Path("picture.png"))) == (View(10.0, 0.0),)
 
 
 def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
@@ -371,9 +371,9 @@ def test_pictures_that_cannot_be_written(command, cloud, tmp_path):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").touch()
     for out in (tmp_path / "folder.png", tmp_path / "file" / "out.png"):
-        told = refused(command, cloud, "--method", "blank", "-o", out)
-        assert told.startswith(f"{out}: cannot be written (")
-        assert told.endswith("; make room, or give another -o")
+        message = refused(command, cloud, "--method", "blank", "-o", out)
+        assert message.startswith(f"{out}: cannot be written (")
+        assert message.endswith("; make room, or give another -o")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.ply", "file", "folder.png"]
 
 

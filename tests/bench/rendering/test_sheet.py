@@ -75,11 +75,11 @@ def test_a_reason_stands_in_place_of_the_pictures_in_every_frame():
     """A long one, too: what has no room is left out."""
     reason = "stage: " + 500 * "points and holes "
     frames = draw_sheet([Tile("", reason), Tile("", plain(7, 8))], 2, 1)
-    told = picture_at(frames[0], 0, 0)
+    message = picture_at(frames[0], 0, 0)
     assert (frames[1][:, : MARGIN + STEP] == frames[0][:, : MARGIN + STEP]).all()
-    assert (told[0, 0] == PROBLEM_GROUND).all()
-    assert (told.reshape(-1, 3) == PROBLEM_INK).all(axis=1).any()
-    framed = told.copy()
+    assert (message[0, 0] == PROBLEM_GROUND).all()
+    assert (message.reshape(-1, 3) == PROBLEM_INK).all(axis=1).any()
+    framed = message.copy()
     framed[MARGIN:-MARGIN, MARGIN:-MARGIN] = PROBLEM_GROUND
     assert (framed == PROBLEM_GROUND).all()
     assert picture_at(frames[1], 0, 1)[0, 0, 0] == 8

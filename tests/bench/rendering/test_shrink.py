@@ -212,7 +212,7 @@ def test_two_points_that_are_needed_are_found(plugins, tmp_path, workers):
     )
     first = find_item(record).job.views[0]
     assert found.drawing.views == (first,)
-    assert found.told.splitlines() == [
+    assert found.message.splitlines() == [
         "fake-left-and-right: weigh: 1 points left and 1 right",
         f"512 points became 2 ({found.trials} trials, {found.seconds:.0f} s); "
         "without any one of them it does not fail so",
@@ -278,7 +278,7 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
     found = shrunk(failed_case(tmp_path / "run", method, reason, "16-points"))
     assert len(found.points) == left
     assert (found.reason, found.reproduced) == (reason, "")
-    assert found.told.splitlines()[2:] == [
+    assert found.message.splitlines()[2:] == [
         "it fails so with the run's random numbers and its 4 views, not with one of them alone; "
         "the command draws the first",
         f"bench render {found.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
@@ -339,11 +339,11 @@ def test_when_the_budget_is_spent_the_best_is_kept(plugins, tmp_path, capsys, mo
     assert not found.minimal
     assert found.seconds < 40.0
     assert found.reproduced == "ValueError: at last"
-    assert "; the budget is spent, fewer may do\n" in found.told
+    assert "; the budget is spent, fewer may do\n" in found.message
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) >= 2
-    told = r"fake-slow/plain: \d+ of 2048 points left, \d+ trials, \d+ s of 10 s"
-    assert all(re.fullmatch(told, line) for line in lines)
+    message = r"fake-slow/plain: \d+ of 2048 points left, \d+ trials, \d+ s of 10 s"
+    assert all(re.fullmatch(message, line) for line in lines)
 
 
 def test_a_budget_that_does_not_even_show_the_failure(plugins, tmp_path):

@@ -58,8 +58,8 @@ def open_page(browser, report):
     """Opens the report in a context of its own; fails where anything was complained of."""
     contexts, complaints, requests = [], [], []
 
-    def open_it(**wishes):
-        context = browser.new_context(**({"viewport": WIDE, "offline": True} | wishes))
+    def open_it(**stated):
+        context = browser.new_context(**({"viewport": WIDE, "offline": True} | stated))
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda message: complaints.append(message.text))
@@ -138,8 +138,8 @@ def test_the_outcome_leads_to_the_failures(open_page):
     assert page.locator("#cases .nothing").is_visible()
     shown = page.locator("#tables tbody tr:visible th .name").all_inner_texts()
     assert set(shown) == {"splat"}
-    told = page.locator(".failures li:visible").all_inner_texts()
-    assert told == ["splat/noise-0.10/chair/test-0001 views 0 to 1"]
+    description = page.locator(".failures li:visible").all_inner_texts()
+    assert description == ["splat/noise-0.10/chair/test-0001 views 0 to 1"]
     choose(page, "Method", "blank")
     assert count(page, "failures") == (0, 1)
     assert page.locator("#failures .nothing").is_visible()

@@ -134,8 +134,8 @@ def test_head_counts_pictures(tmp_path):
         if tuple(row[["method", "condition", "object"]]) != ("splat", "512", "b")
     ]
     replace_records(directory, [*kept, *failed])
-    told = [one.text for one in page_of(directory).one("p", class_="outcomes").all("span")]
-    assert told == ["34 pictures ok", "2 pictures failed", "fid skipped"]
+    description = [one.text for one in page_of(directory).one("p", class_="outcomes").all("span")]
+    assert description == ["34 pictures ok", "2 pictures failed", "fid skipped"]
     facts = {d.one("dt").text: d.one("dd").text for d in page_of(directory).all("dl")[0].all("div")}
     assert facts["objects"] == "3 of class chair × 2 views"
     assert facts["finished"] == "2026-01-01 00:00:00 UTC"
@@ -333,8 +333,8 @@ def test_missing_pictures_are_named_and_the_rest_is_there(copied):
         "The pictures of this run are no longer there (its folder artifacts is empty or gone); "
         "its command makes them again."
     ]
-    told = {i.attributes["alt"] for i in document.all("img")}
-    assert all(alt.startswith("the cloud") for alt in told)  # these are made again
+    description = {i.attributes["alt"] for i in document.all("img")}
+    assert all(alt.startswith("the cloud") for alt in description)  # these are made again
     lacking = [e.attributes["aria-label"] for e in document.all("span", class_="lacking")]
     assert "the truth, chair test-0000; the picture is no longer there" in lacking
     assert number_tables(document)["ssim, chair (higher is better)"][1]["splat"]
@@ -354,9 +354,9 @@ def test_clouds_of_a_dataset_that_has_gone_are_named_as_missing(copied, tmp_path
     manifest = read_manifest(copied)
     write_manifest(copied, manifest | {"dataset": f"folder:{tmp_path / 'gone'}"})
     document = page_of(copied)
-    (told,) = (p.text for p in document.all("p", class_="warning"))
-    assert told.startswith("The clouds cannot be made again: ")
-    assert "gone" in told
+    (description,) = (p.text for p in document.all("p", class_="warning"))
+    assert description.startswith("The clouds cannot be made again: ")
+    assert "gone" in description
     images = [i.attributes["alt"] for i in document.all("img")]
     assert images
     assert not any(alt.startswith("the cloud") for alt in images)

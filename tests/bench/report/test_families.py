@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.crossings import Course
+from bench.analysis.crossings import ConditionCurve
 from bench.catalogue.families import FAMILIES
 from bench.report.families import beyond_figure, write_beyond_figures
 from bench.report.styles import looks
@@ -24,9 +24,9 @@ def value(method, metric, step):
     return falls if metric == "ssim" else 100 * (1 - falls)
 
 
-def every_course(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name="chair"):
+def every_curve(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name="chair"):
     return [
-        Course(
+        ConditionCurve(
             class_name,
             family,
             metric,
@@ -42,8 +42,8 @@ def every_course(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name
     ]
 
 
-def figure(courses):
-    return beyond_figure(courses, looks(c.method for c in courses)).figure
+def figure(curves):
+    return beyond_figure(curves, looks(c.method for c in curves)).figure
 
 
 def bands(axis):
@@ -68,7 +68,7 @@ def intervals(axis, method):
 
 
 def test_a_column_for_each_family_and_a_row_for_each_metric():
-    axes = np.array(figure(every_course()).axes).reshape(2, 5)
+    axes = np.array(figure(every_curve()).axes).reshape(2, 5)
     assert [axis.get_title() for axis in axes[0]] == [family.id for family in FAMILIES]
     assert [axis.get_ylabel() for axis in axes[:, 0]] == [
         "ssim\n(higher is better)",
@@ -84,7 +84,7 @@ def test_a_column_for_each_family_and_a_row_for_each_metric():
 
 
 def test_lines_are_the_values_and_their_intervals():
-    axes = np.array(figure(every_course()).axes).reshape(2, 5)
+    axes = np.array(figure(every_curve()).axes).reshape(2, 5)
     for axis_row, metric in zip(axes, METRICS, strict=True):
         for axis, family in zip(axis_row, FAMILIES, strict=True):
             places = [math.log2(v) if family.logarithmic else v for v in family.values]
@@ -100,7 +100,7 @@ def test_lines_are_the_values_and_their_intervals():
 
 
 def test_the_worst_stands_at_the_right():
-    for axis, family in zip(figure(every_course(metrics=("ssim",))).axes, FAMILIES, strict=True):
+    for axis, family in zip(figure(every_curve(metrics=("ssim",))).axes, FAMILIES, strict=True):
         left, right = axis.get_xlim()
         first, last = (
             math.log2(v) if family.logarithmic else v for v in (family.values[0], family.values[-1])
@@ -110,7 +110,7 @@ def test_the_worst_stands_at_the_right():
 
 
 def test_bands_are_what_networks_were_shown():
-    points, noise, outliers, *_ = figure(every_course(metrics=("ssim",))).axes
+    points, noise, outliers, *_ = figure(every_curve(metrics=("ssim",))).axes
     own, other = "splat-net was trained here", "pc2pix was trained here"
     # room of 0.03 of the axis goes to bands that reach its first step, or are one value
     assert bands(points) == {own: pytest.approx((9, 11.12)), other: pytest.approx((8, 11.12))}
@@ -125,12 +125,12 @@ def test_bands_are_what_networks_were_shown():
 
 
 def test_bands_of_networks_that_are_not_in_the_run_are_not_drawn():
-    axes = figure(every_course(methods=("surface-apss", "pc2pix", "blank"))).axes
+    axes = figure(every_curve(methods=("surface-apss", "pc2pix", "blank"))).axes
     assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
 
 
 def test_each_is_named_once():
-    (legend,) = figure(every_course()).legends
+    (legend,) = figure(every_curve()).legends
     names = [text.get_text() for text in legend.get_texts()]
     assert sorted(names) == sorted(
         [
@@ -141,7 +141,7 @@ def test_each_is_named_once():
 
 
 def test_several_classes_have_rows_of_their_own():
-    made = [*every_course(metrics=("ssim",)), *every_course(metrics=("ssim",), class_name="sofa")]
+    made = [*every_curve(metrics=("ssim",)), *every_curve(metrics=("ssim",), class_name="sofa")]
     axes = np.array(figure(made).axes).reshape(2, 5)
     assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == [
         *("chair: ssim", "sofa: ssim"),
@@ -151,8 +151,8 @@ def test_several_classes_have_rows_of_their_own():
 def test_steps_without_value_or_interval():
     nan = float("nan")
     family = FAMILIES[1]
-    told = (Estimate(0.9, nan, nan), Estimate(nan, nan, nan), *[Estimate(0.5, 0.4, 0.6)] * 3)
-    (axis,) = figure([Course("chair", family, "ssim", "splat", told)]).axes
+    description = (Estimate(0.9, nan, nan), Estimate(nan, nan, nan), *[Estimate(0.5, 0.4, 0.6)] * 3)
+    (axis,) = figure([ConditionCurve("chair", family, "ssim", "splat", description)]).axes
     y = curve(axis, "splat").get_ydata()
     assert np.isnan(y).tolist() == [False, True, False, False, False]
     assert intervals(axis, "splat") == [(0.4, 0.6)] * 3
@@ -165,7 +165,7 @@ def test_files(tmp_path):
     jobs += [make_job(artifacts, None, m, c) for m in METHODS for c in families[0].conditions[:2]]
     for number, job in enumerate(jobs):
         write_artifact(job, seed=number)
-    write_beyond_figures(tmp_path, every_course(families), [job.made for job in jobs])
+    write_beyond_figures(tmp_path, every_curve(families), [job.made for job in jobs])
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
         *("beyond.png", "beyond.svg", "beyond-pictures.png"),
     }
@@ -177,5 +177,5 @@ def test_files(tmp_path):
 def test_nothing_but_floors_has_no_pictures(tmp_path):
     truth = make_truth(tmp_path / "artifacts")
     write_artifact(truth)
-    write_beyond_figures(tmp_path, every_course(FAMILIES[:1], ("blank",)), [truth])
+    write_beyond_figures(tmp_path, every_curve(FAMILIES[:1], ("blank",)), [truth])
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {"beyond.png", "beyond.svg"}

@@ -3,28 +3,28 @@ from __future__ import annotations
 from report_parser import parse
 
 from bench.analysis.comparison import NAN, Estimate
-from bench.analysis.crossings import Course
+from bench.analysis.crossings import ConditionCurve
 from bench.catalogue.families import FAMILIES
 from bench.report.build import table_group
 from bench.report.families import family_curves
 from bench.report.styles import looks
 from bench.tables.crossings import crossings_table
 
-from ..tables.test_crossings import contest
+from ..tables.test_crossings import paired
 
 METHODS = ("pc2pix", "surface-apss", "blank")
 NOISE, MISSING = FAMILIES[1], FAMILIES[3]
 
 
-def course(family, metric, method):
+def curve(family, metric, method):
     values = (0.1 * i + 0.01 * METHODS.index(method) for i in range(len(family.steps)))
     estimates = tuple(Estimate(v, v - 0.005, v + 0.005) for v in values)
-    return Course("chair", family, metric, method, estimates)
+    return ConditionCurve("chair", family, metric, method, estimates)
 
 
 def test_a_plot_for_each_family_and_metric():
     cells = [(f, m) for f in (NOISE, MISSING) for m in ("ssim", "fd-views")]
-    made = [course(*cell, method) for cell in cells for method in METHODS]
+    made = [curve(*cell, method) for cell in cells for method in METHODS]
     plots = family_curves(made, looks(METHODS))
     assert [plot.title for plot in plots] == [
         "ssim against noise, class chair",
@@ -44,15 +44,15 @@ def test_a_plot_for_each_family_and_metric():
         "pc2pix, 2048, chair: 0.000 [-0.005, 0.005]",
         "pc2pix, noise-0.05, chair: 0.100 [0.095, 0.105]",
     ]
-    assert "pc2pix: 2048 0.000, noise-0.05 0.100, noise-0.10 0.200, " in plots[0].told
+    assert "pc2pix: 2048 0.000, noise-0.05 0.100, noise-0.10 0.200, " in plots[0].description
 
 
 LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
 
 
 def test_who_is_ahead_stands_beside_the_leads():
-    never = contest([(NAN, NAN, NAN), 0.1, (0.3, 0.2, 0.4)])
-    made = crossings_table("s", (contest(LEADS), never, contest(LEADS, "missing")))
+    never = paired([(NAN, NAN, NAN), 0.1, (0.3, 0.2, 0.4)])
+    made = crossings_table("s", (paired(LEADS), never, paired(LEADS, "missing")))
     ends, noise, missing = table_group(made).tables
     assert (ends.caption, noise.caption, missing.caption) == (
         "from end to end, chair",

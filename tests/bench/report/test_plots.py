@@ -75,7 +75,7 @@ def test_curves_show_values_and_intervals():
     assert min(np.diff(heights)) >= NAMES_APART - 1e-9
     (plot,) = curves(tables, looked)
     assert titles(plot)[0] == "splat, 2048, chair: 0.800 [0.700, 0.900]"
-    assert "splat: 2048 0.800, 512 0.500." in plot.told
+    assert "splat: 2048 0.800, 512 0.500." in plot.description
 
 
 def test_the_page_can_hide_the_parts_of_a_plot():
@@ -202,7 +202,7 @@ def test_costs_are_logarithmic_and_the_frontier_steps_up():
         "surface-apss: 1000 ms, 0.800, on the frontier",
         "blank: 0.500, looks at no cloud",
     ]
-    assert first.told == (
+    assert first.description == (
         "ssim (higher is better), by rising cost: splat: 10.0 ms, 0.600, on the frontier; "
         "surface-apss: 1000 ms, 0.800, on the frontier."
     )
@@ -225,9 +225,9 @@ def test_a_cheaper_and_better_method_is_marked():
 
 def test_a_plot_is_wide_where_labels_want_room():
     """Floors and ceilings have no label, so that neither counts."""
-    knobs = [f"splat@spread={0.5 + i / 10:g}" for i in range(13)]
+    parameters = [f"splat@spread={0.5 + i / 10:g}" for i in range(13)]
     for many, wide in ((12, False), (13, True)):
-        methods = (*knobs[:many], "true-mesh", "constant", "blank")
+        methods = (*parameters[:many], "true-mesh", "constant", "blank")
         costs = {method: (0.0, 0.01 + i / 1000) for i, method in enumerate(methods)}
         values = {method: 0.5 + i / 100 for i, method in enumerate(methods)}
         (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, looks(methods))

@@ -166,10 +166,10 @@ def test_workers_have_an_environment_of_their_own(jobs_for, monkeypatch):
         monkeypatch.delenv(name, raising=False)
     before = dict(os.environ)
     (result,) = run_jobs(jobs_for(TellingTheEnvironment()), 1, AMPLE)
-    told = json.loads(result.records[0].reason.removeprefix("input: "))
+    message = json.loads(result.records[0].reason.removeprefix("input: "))
     for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP"):
-        assert told[f"{name}_NUM_THREADS"] == "1"
-    assert WORKER_ENVIRONMENT.items() <= told.items()
+        assert message[f"{name}_NUM_THREADS"] == "1"
+    assert WORKER_ENVIRONMENT.items() <= message.items()
     assert dict(os.environ) == before
 
 

@@ -135,7 +135,7 @@ def test_a_shard_that_is_there_twice_is_named(shards, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"shard": None}, "shard-2: is a whole run, no shard"),
         ({"shard": "2/3"}, "shard-2: is shard 2/3, .*shard-1 1/2"),
@@ -146,9 +146,9 @@ def test_a_shard_that_is_there_twice_is_named(shards, tmp_path):
         ({"objects": ["chair/a", "chair/b", "chair/c"]}, "objects: 1/2 has 2, 2/2 has 3"),
     ],
 )
-def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, told):
+def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, message):
     write_manifest(shards[1], read_manifest(shards[1]) | changes)
-    with pytest.raises(BadInput, match=told):
+    with pytest.raises(BadInput, match=message):
         merge_shards(shards, tmp_path / "whole")
     assert not (tmp_path / "whole").exists()
 
@@ -164,15 +164,15 @@ def test_another_version_of_a_package_is_named_alone(shards, tmp_path):
 def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_path, harm):
     job = read_jobs(shards[0])[4]
     path = shards[0] / "artifacts" / job.key[:2] / f"{job.key}.npz"
-    told = f"{path}: missing or altered; run the shard again"
+    message = f"{path}: missing or altered; run the shard again"
     if harm == "gone":
         path.unlink()
     elif harm == "altered":
         path.write_bytes(path.read_bytes()[:-1] + b"x")
     else:
         shutil.rmtree(shards[0] / "journal")
-        told = "is not in its journal any more"
-    with pytest.raises(BadInput, match=told):
+        message = "is not in its journal any more"
+    with pytest.raises(BadInput, match=message):
         merge_shards(shards, tmp_path / "whole")
     assert read_manifest(tmp_path / "whole")["finished"] is None
 

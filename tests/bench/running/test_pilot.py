@@ -161,12 +161,12 @@ def test_optional_features_are_measured_on_the_floor(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("objects", "count", "told"),
+    ("objects", "count", "message"),
     [
         ([Tetrahedron("a")], 0, "--pilot 0: must be at least 1"),
         ([Refusing("a")], 1, "none of the objects looked at has a cloud"),
     ],
 )
-def test_refused(objects, count, told):
-    with pytest.raises(BadInput, match=told):
+def test_refused(objects, count, message):
+    with pytest.raises(BadInput, match=message):
         measure(make_protocol(objects), count, 1)

@@ -75,8 +75,8 @@ def test_two_nodes_make_the_tables_that_one_machine_makes(cluster, finished, arg
     assert "24 items done, 0 from before, 0 failed" in err
     assert tables(tmp_path / "run") == tables(finished[0])
     pd.testing.assert_frame_equal(values(tmp_path / "run"), values(finished[0]))
-    told = read_manifest(tmp_path / "run")
-    assert (told["workers"], told["cluster"]["nodes"]) == (2, 3)
+    message = read_manifest(tmp_path / "run")
+    assert (message["workers"], message["cluster"]["nodes"]) == (2, 3)
     _, err = end(start(arguments, tmp_path / "run", "--workers", "1"))  # without the cluster
     assert "0 items done, 24 from before" in err
 

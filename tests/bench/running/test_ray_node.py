@@ -15,7 +15,7 @@ from harness_objects import Killed, Refusing, Tetrahedron
 import bench.running.ray
 from bench.catalogue.suites import SUITES, Limits
 from bench.running.protocol import Protocol
-from bench.running.ray import Node, demands, unfit
+from bench.running.ray import Node, mismatch, requirements
 from bench.running.work import do
 from data_prep.failures import MissingDependency
 
@@ -39,7 +39,7 @@ def asked(tmp_path, driver):
     weights = tmp_path / "views.safetensors"
     weights.write_bytes(b"weights")
     protocol = make_protocol(methods=("splat-net", "blank"), features=(("fd-views", str(weights)),))
-    return demands(replace(protocol, environment=dict(driver)))
+    return requirements(replace(protocol, environment=dict(driver)))
 
 
 def make_protocol(**changes):
@@ -58,11 +58,11 @@ def node(asked):
 
 
 def test_a_machine_meets_its_own_demands(asked):
-    assert unfit(asked) == ""
+    assert mismatch(asked) == ""
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"environment": {"gl": "other"}}, "environment: gl is llvmpipe, not other"),
         ({"versions": {"torch": "0.1"}}, r"versions: torch is 2\..*, not 0\.1; make it"),
@@ -72,14 +72,14 @@ def test_a_machine_meets_its_own_demands(asked):
         ({"weights": {"/none": "x"}}, "weights: /none is no such file"),
     ],
 )
-def test_what_differs_is_named(asked, change, told):
-    assert re.search(told, unfit(replace(asked, **change)))
+def test_what_differs_is_named(asked, change, message):
+    assert re.search(message, mismatch(replace(asked, **change)))
 
 
 def test_weights_that_were_exchanged(asked):
     (path,) = asked.weights
     Path(path).write_bytes(b"other")
-    assert "weights: " in unfit(asked)
+    assert "weights: " in mismatch(asked)
 
 
 def test_a_machine_without_opengl(asked, monkeypatch):
@@ -87,7 +87,7 @@ def test_a_machine_without_opengl(asked, monkeypatch):
         raise MissingDependency("no OpenGL context: install libegl1")
 
     monkeypatch.setattr(bench.running.ray, "environment", environment)
-    assert unfit(asked) == "no OpenGL context: install libegl1"
+    assert mismatch(asked) == "no OpenGL context: install libegl1"
 
 
 def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
@@ -135,7 +135,7 @@ def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
     assert "put the same dataset into the same folder on all nodes" in result.unusable
 
 
-def test_an_unfit_node_does_nothing(asked, tmp_path):
+def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
     made, closed = node(replace(asked, versions={"torch": "0.1"}))
     job = make_truth(tmp_path)
     with closed:

@@ -17,7 +17,7 @@ from bench.metrics import ssim
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.structural_similarity import ssim_per_image_and_box
 from bench.records.artifacts import read_artifact
-from bench.records.job import Spent
+from bench.records.job import JobTiming
 from bench.running.work import cloud_of, do
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.images import to_float, to_uint8
@@ -253,7 +253,7 @@ def test_times_are_taken_apart(measure, monkeypatch):
         )
     _, result = measure(fake, load=clock.taking(16.0, lambda device: fake))
     assert [(record.prepare_s, record.draw_s) for record in result.records] == [(0.25, 0.5)] * 2
-    assert result.spent == Spent(methods=17.25, metrics=2.0, rendering=0.0, harness=12.0)
+    assert result.timing == JobTiming(methods=17.25, metrics=2.0, rendering=0.0, harness=12.0)
 
 
 def test_time_before_a_failure_counts(measure, monkeypatch):
@@ -263,14 +263,14 @@ def test_time_before_a_failure_counts(measure, monkeypatch):
     failing.prepare = clock.taking(0.5, failing.prepare)
     _, result = measure(failing)
     assert outcomes(result) == {("failed", "encode: no")}
-    assert result.spent == Spent(methods=0.5)
+    assert result.timing == JobTiming(methods=0.5)
 
 
 def test_the_time_of_the_ground_truth_is_rendering(tmp_path, monkeypatch):
     clock = Clock()
     monkeypatch.setattr(time, "perf_counter", clock)
     monkeypatch.setattr("data_prep.render.render", clock.taking(3.0, render))
-    assert do(make_truth(tmp_path)).spent == Spent(rendering=3.0)
+    assert do(make_truth(tmp_path)).timing == JobTiming(rendering=3.0)
 
 
 @pytest.mark.parametrize("sees_mesh", [False, True])
@@ -408,7 +408,7 @@ def test_what_a_method_raises_is_a_record(measure, error, reason):
 
 
 @pytest.mark.parametrize(
-    ("shape", "told"),
+    ("shape", "message"),
     [
         ((1, 128, 128, 3), "(1, 128, 128, 3)"),
         ((2, 128, 128), "(2, 128, 128)"),
@@ -416,9 +416,9 @@ def test_what_a_method_raises_is_a_record(measure, error, reason):
         ((2, 3, 128, 128), "(2, 3, 128, 128)"),
     ],
 )
-def test_pictures_of_another_shape(measure, shape, told):
+def test_pictures_of_another_shape(measure, shape, message):
     _, result = measure(Fake(np.zeros(shape, np.float32)))
-    reason = f"draw: pictures of shape {told}, expected (2, 128, 128, 3)"
+    reason = f"draw: pictures of shape {message}, expected (2, 128, 128, 3)"
     assert outcomes(result) == {("failed", reason)}
 
 

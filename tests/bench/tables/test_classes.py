@@ -302,14 +302,14 @@ def test_seven_classes_side_by_side():
 
 
 def test_the_remark_names_what_is_lacking_and_what_is_few():
-    told = remark(to_frame(records()), SUITE)
-    assert "Objects of each class: car 4, lamp 3." in told
-    assert "Left out, because the dataset has none: airplane, bench, cabinet, chair," in told
-    assert "**Fewer than 10 objects: car, lamp.**" in told
+    message = remark(to_frame(records()), SUITE)
+    assert "Objects of each class: car 4, lamp 3." in message
+    assert "Left out, because the dataset has none: airplane, bench, cabinet, chair," in message
+    assert "**Fewer than 10 objects: car, lamp.**" in message
     many = [make_record(obj=str(i), class_name=k) for k in SUITE.classes for i in range(10)]
-    told = remark(to_frame(many), SUITE)
-    assert "Left out" not in told
-    assert "Fewer" not in told
+    message = remark(to_frame(many), SUITE)
+    assert "Left out" not in message
+    assert "Fewer" not in message
 
 
 def test_which_network_stands_for_the_papers():

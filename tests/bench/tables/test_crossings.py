@@ -7,28 +7,28 @@ from dataclasses import replace
 
 import pytest
 
-from bench.analysis.crossings import Crossing
+from bench.analysis.crossings import Crossover
 from bench.catalogue.families import FAMILIES
 from bench.tables.crossings import (
     crossings_table,
+    crossover_text,
+    end_to_end_text,
     shown_in_training,
-    told_crossing,
-    told_end_to_end,
 )
 
-from ..analysis.test_crossings import NAN, contest
+from ..analysis.test_crossings import NAN, paired
 
 # splat-net against pc2pix at 0, 0.05 and 0.10 of noise: ahead, undecided, behind
 LEADS = [(0.1, 0.05, 0.15), (0.025, -0.025, 0.075), (-0.1, -0.15, -0.05)]
-SURE = contest([(0.1, 0.05, 0.15), (0.2, 0.15, 0.25), (0.3, 0.25, 0.35)])
+SURE = paired([(0.1, 0.05, 0.15), (0.2, 0.15, 0.25), (0.3, 0.25, 0.35)])
 
 
-def rows(*contests):
-    return list(csv.DictReader(io.StringIO(crossings_table("s", contests).to_csv())))
+def rows(*paired_comparisons):
+    return list(csv.DictReader(io.StringIO(crossings_table("s", paired_comparisons).to_csv())))
 
 
 def test_csv_is_tidy():
-    first, second, third = rows(contest(LEADS))
+    first, second, third = rows(paired(LEADS))
     assert first == {
         "suite": "s",
         "class": "chair",
@@ -61,17 +61,17 @@ def test_csv_is_tidy():
 
 def test_csv_says_what_nobody_was_shown():
     five = [0.1] * 5
-    assert [row["unseen_by"] for row in rows(contest(five, "noise"))] == [
+    assert [row["unseen_by"] for row in rows(paired(five, "noise"))] == [
         *("", "", ""),
         *("splat-net pc2pix", "splat-net pc2pix"),
     ]
-    assert [row["unseen_by"] for row in rows(contest(five, "points"))] == [
+    assert [row["unseen_by"] for row in rows(paired(five, "points"))] == [
         *("", "", "", "splat-net", "splat-net pc2pix"),
     ]
 
 
 def test_csv_without_numbers():
-    (row, _) = rows(contest([(NAN, NAN, NAN), 0.1]))
+    (row, _) = rows(paired([(NAN, NAN, NAN), 0.1]))
     assert [row[name] for name in ("lead", "ci_low", "ci_high", "ahead")] == [
         "",
         "",
@@ -81,37 +81,37 @@ def test_csv_without_numbers():
 
 
 def test_from_end_to_end():
-    assert told_end_to_end(contest(LEADS)) == (
+    assert end_to_end_text(paired(LEADS)) == (
         "splat-net, then pc2pix; crosses at 0.06 [0.0333, 0.08]"
     )
-    assert told_end_to_end(SURE) == "splat-net; none within"
-    twice = contest([(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)])
-    assert told_end_to_end(twice) == (
+    assert end_to_end_text(SURE) == "splat-net; none within"
+    twice = paired([(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)])
+    assert end_to_end_text(twice) == (
         "splat-net; crosses at 0.025 [0.0125, 0.0375] and 0.075 [0.0625, 0.0875]"
     )
 
 
 @pytest.mark.parametrize(
-    ("crossing", "told"),
+    ("crossing", "message"),
     [
-        (Crossing(0, 1448.155, 1024.0, 2048.0), "1448 [1024, 2048]"),
-        (Crossing(0, 0.13749, 0.1, 0.2), "0.137 [0.1, 0.2]"),
-        (Crossing(0, 0.5, math.nan, math.nan), "0.5"),
+        (Crossover(0, 1448.155, 1024.0, 2048.0), "1448 [1024, 2048]"),
+        (Crossover(0, 0.13749, 0.1, 0.2), "0.137 [0.1, 0.2]"),
+        (Crossover(0, 0.5, math.nan, math.nan), "0.5"),
     ],
 )
-def test_told_crossing(crossing, told):
-    assert told_crossing(crossing) == told
+def test_told_crossing(crossover, message):
+    assert crossover_text(crossover) == message
 
 
 def test_what_training_has_shown():
-    told = {family.id: shown_in_training(family) for family in FAMILIES}
-    assert told["points"] == "splat-net 512 to 2048, pc2pix 256 to 2048"
-    assert told["missing"] == "splat-net 0 only, pc2pix 0 only"
+    message = {family.id: shown_in_training(family) for family in FAMILIES}
+    assert message["points"] == "splat-net 512 to 2048, pc2pix 256 to 2048"
+    assert message["missing"] == "splat-net 0 only, pc2pix 0 only"
 
 
 def test_markdown():
     other = replace(SURE, metric="fd-views")
-    lines = crossings_table("s", (contest(LEADS), other)).to_markdown().splitlines()
+    lines = crossings_table("s", (paired(LEADS), other)).to_markdown().splitlines()
     start = lines.index("## From end to end")
     assert lines[start + 2 : start + 5] == [
         "| family | from | to | first | second | ssim | fd-views |",
@@ -133,7 +133,7 @@ def test_markdown():
 
 
 def test_markdown_of_several_classes_tells_them_apart():
-    made = (contest(LEADS), replace(SURE, class_name="a|b"))
+    made = (paired(LEADS), replace(SURE, class_name="a|b"))
     text = crossings_table("s", made).to_markdown()
     titles = [line for line in text.splitlines() if line.startswith("## ")]
     axis = "## noise: standard deviation, in radii of the unit sphere"
@@ -145,6 +145,6 @@ def test_markdown_of_several_classes_tells_them_apart():
 
 
 def test_markdown_without_a_value():
-    text = crossings_table("s", (contest([(NAN, NAN, NAN), 0.1]),)).to_markdown()
+    text = crossings_table("s", (paired([(NAN, NAN, NAN), 0.1]),)).to_markdown()
     assert "| ssim | splat-net | pc2pix | - | +0.100 |" in text
     assert "no value, then undecided; none within" in text

@@ -198,8 +198,10 @@ def test_markdown_says_once_why_values_are_missing():
     lines = thin_table(chosen).to_markdown().splitlines()
     assert not any("paper's layout" in line for line in lines)
     assert "| splat | 0.500 [0.250, 0.750] 2/3 | 0.500 [0.250, 0.750] 2/3 |" in lines
-    told = [line for line in lines if line.startswith("* ")]
-    assert told == ["* blank, splat: 1 x no value: the true object shows no part thinner than 4 px"]
+    described = [line for line in lines if line.startswith("* ")]
+    assert described == [
+        "* blank, splat: 1 x no value: the true object shows no part thinner than 4 px"
+    ]
     assert "* splat at 2048: 2 x crash; 2 x no value: " in thin_table().to_markdown()
 
 

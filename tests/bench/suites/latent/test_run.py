@@ -58,7 +58,7 @@ def no_probe(monkeypatch):
     monkeypatch.setattr(bench.suites.latent.run, "environment", lambda: {"gl": "some"})
 
 
-def wishes(untrained, out, **changes):
+def stated(untrained, out, **changes):
     methods = (f"pc2pix@{untrained}",)
     return Options(suite="latent", methods=methods, device="cpu", out=out, **changes)
 
@@ -69,7 +69,7 @@ def measured(untrained, tmp_path_factory):
     directory = tmp_path_factory.mktemp("latent") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bench.suites.latent.run, "environment", dict)
-        return bench.suites.latent.run.run(wishes(untrained, directory), SMALL)
+        return bench.suites.latent.run.run(stated(untrained, directory), SMALL)
 
 
 def read(path):
@@ -255,10 +255,10 @@ def test_figures(measured):
 
 def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
     threads = torch.get_num_threads()
-    again = bench.suites.latent.run.run(wishes(untrained, tmp_path / "again"), SMALL)
+    again = bench.suites.latent.run.run(stated(untrained, tmp_path / "again"), SMALL)
     assert torch.get_num_threads() == threads
     other = bench.suites.latent.run.run(
-        wishes(untrained, tmp_path / "other", seed=1, limit=2), SMALL
+        stated(untrained, tmp_path / "other", seed=1, limit=2), SMALL
     )
     for name in FILES:
         one, two, three = (
@@ -273,7 +273,7 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     directory = shutil.copytree(measured.directory, tmp_path / "run")
     (directory / "figures" / "interpolation-2.png").touch()
     (directory / "tables" / FILES[0]).write_text("old")
-    bench.suites.latent.run.run(wishes(untrained, directory, limit=1), SMALL)
+    bench.suites.latent.run.run(stated(untrained, directory, limit=1), SMALL)
     assert (directory / "tables" / FILES[0]).read_text() != "old"
     assert len(list((directory / "figures").iterdir())) == 2
 
@@ -282,7 +282,7 @@ def test_two_methods(measured, untrained, tmp_path):
     second = tmp_path / "second.safetensors"
     shutil.copy(untrained, second)
     shutil.copy(decoder_path(untrained), decoder_path(second))
-    options = wishes(untrained, tmp_path / "run", limit=1)
+    options = stated(untrained, tmp_path / "run", limit=1)
     both = replace(options, methods=(*(options.methods or ()), f"pc2pix@{second}"))
     run = bench.suites.latent.run.run(both, SMALL)
     rows = [row for row in run.tables[0].rows if row.metric == "end-cloud"]
@@ -294,7 +294,7 @@ def test_two_methods(measured, untrained, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--conditions", "512"), "--conditions: has no meaning for the suite latent, clouds have"),
         (("--views", "3"), "--views: has no meaning for the suite latent, everything is seen from"),
@@ -305,13 +305,13 @@ def test_two_methods(measured, untrained, tmp_path):
         (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file"),
     ],
 )
-def test_wishes_without_a_meaning(command, tmp_path, arguments, told):
+def test_wishes_without_a_meaning(command, tmp_path, arguments, message):
     out = tmp_path / "run"
     status, printed, err = command("run", "--suite", "latent", "--out", out, *arguments)
     assert (status, printed) == (2, "")
     assert err.startswith("bench: ")
     assert err.count("\n") == 1
-    assert told in err
+    assert message in err
     assert not out.exists()
 
 

@@ -423,8 +423,10 @@ print(before, during, peak_mib())
 
 
 def test_peak_memory_is_that_of_the_process():
-    told = subprocess.run([sys.executable, "-c", PEAK], check=True, capture_output=True, text=True)
-    before, during, after = map(float, told.stdout.split())
+    message = subprocess.run(
+        [sys.executable, "-c", PEAK], check=True, capture_output=True, text=True
+    )
+    before, during, after = map(float, message.stdout.split())
     assert 1.9 * before <= during <= 2.2 * before
     # a high-water mark; the kernel counts pages in batches of 64 for each thread, 0.25 MiB
     assert abs(after - during) < 1.0

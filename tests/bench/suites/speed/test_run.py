@@ -64,7 +64,7 @@ def taken(monkeypatch):
     return units
 
 
-def wishes(out, **changes):
+def stated(out, **changes):
     return Options("speed", out=out, device="cpu", **changes)
 
 
@@ -78,7 +78,7 @@ def read(path):
 
 def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     out = tmp_path / "run"
-    finished = run(wishes(out), SMALL)
+    finished = run(stated(out), SMALL)
     assert (finished.done, finished.reused, finished.failed) == (4, 0, 0)
     assert sorted(p.name for p in out.iterdir()) == [
         *("figures", "lock", "manifest.json", "measurements", "tables"),
@@ -109,7 +109,7 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
 
 
 def test_one_after_the_other(tmp_path, taken):
-    finished = run(wishes(tmp_path / "run", conditions=("2048", "512")), SMALL)
+    finished = run(stated(tmp_path / "run", conditions=("2048", "512")), SMALL)
     assert taken == [
         (method, condition, threads)
         for method in ("splat", "blank")
@@ -121,7 +121,7 @@ def test_one_after_the_other(tmp_path, taken):
 
 def test_one_core_is_measured_once(tmp_path, taken, monkeypatch):
     monkeypatch.setattr(bench.running.environment, "cores", lambda: 1)
-    run(wishes(tmp_path / "run"), SMALL)
+    run(stated(tmp_path / "run"), SMALL)
     assert [threads for _, _, threads in taken] == [1, 1]
 
 
@@ -131,8 +131,8 @@ def test_the_command_line_tells_what_was_done(tmp_path, taken, command):
     assert status == 0
     assert out.startswith("# Speed: what a picture costs\n")
     assert "# What a picture costs, by the number of views of a cloud\n" in out
-    told = "2 measurements taken, 0 from before, 0 with failures, 2 while something else ran; "
-    assert told in err
+    message = "2 measurements taken, 0 from before, 0 with failures, 2 while something else ran; "
+    assert message in err
     assert err.endswith(f"\nresults in {tmp_path / 'run'}\n")
     assert read_manifest(tmp_path / "run")["objects"] == ["chair/test-0000"]
 
@@ -142,20 +142,20 @@ def test_the_command_line_tells_what_was_done(tmp_path, taken, command):
 
 def test_what_was_measured_is_kept(tmp_path, taken, capsys):
     out = tmp_path / "run"
-    run(wishes(out), SMALL)
+    run(stated(out), SMALL)
     before = {p: p.stat().st_mtime_ns for p in (out / "measurements").iterdir()}
-    told = (out / "tables" / "speed.csv").read_bytes()
+    message = (out / "tables" / "speed.csv").read_bytes()
     assert len(before) == len(taken) == 4
 
-    again = run(wishes(out), SMALL)
+    again = run(stated(out), SMALL)
     assert (again.done, again.reused, len(taken)) == (0, 4, 4)
     assert {p: p.stat().st_mtime_ns for p in (out / "measurements").iterdir()} == before
-    assert (out / "tables" / "speed.csv").read_bytes() == told
+    assert (out / "tables" / "speed.csv").read_bytes() == message
 
     damaged = sorted(before)[1]
     gone = json.loads(damaged.read_text())
     damaged.write_text("{")
-    assert run(wishes(out), SMALL).reused == 3
+    assert run(stated(out), SMALL).reused == 3
     assert taken[4:] == [(gone["method"], "2048", gone["threads"])]
     assert "speed: 3 of 4 are there from before\n" in capsys.readouterr().err
 
@@ -171,10 +171,10 @@ def test_a_run_that_was_stopped_goes_on(tmp_path, taken, monkeypatch):
 
     monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", stopped)
     with pytest.raises(KeyboardInterrupt):
-        run(wishes(out), SMALL)
+        run(stated(out), SMALL)
     assert read_manifest(out)["finished"] is None
     monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", measure_alone)
-    finished = run(wishes(out), SMALL)
+    finished = run(stated(out), SMALL)
     assert (finished.done, finished.reused) == (2, 2)
     assert taken == [("splat", "2048", 1), ("splat", "2048", 2), ("blank", "2048", 1),
                      ("blank", "2048", 2)]  # fmt: skip
@@ -182,33 +182,33 @@ def test_a_run_that_was_stopped_goes_on(tmp_path, taken, monkeypatch):
 
 def test_another_machine_or_version_is_measured_again(tmp_path, taken, monkeypatch):
     out = tmp_path / "run"
-    run(wishes(out), SMALL)
+    run(stated(out), SMALL)
     monkeypatch.setattr(bench.running.environment, "_cpu", lambda: "another")
-    assert run(wishes(out), SMALL).reused == 0
+    assert run(stated(out), SMALL).reused == 0
     monkeypatch.setattr(bench.running.environment, "versions", lambda: {"torch": "0"})
-    assert run(wishes(out), SMALL).reused == 0
+    assert run(stated(out), SMALL).reused == 0
     monkeypatch.setattr(bench.suites.speed.run, "environment", lambda: {"gl": "other"})
-    assert run(wishes(out), SMALL).reused == 0
+    assert run(stated(out), SMALL).reused == 0
 
 
 def test_fresh_starts_over(tmp_path, taken):
     out = tmp_path / "run"
-    run(wishes(out), SMALL)
-    assert run(wishes(out, fresh=True), SMALL).done == 4
+    run(stated(out), SMALL)
+    assert run(stated(out, fresh=True), SMALL).done == 4
     assert len(list((tmp_path / "run.old-1" / "measurements").iterdir())) == 4
 
 
 def test_a_folder_holds_one_number_of_views(tmp_path, taken):
-    run(wishes(tmp_path / "run"), SMALL)
+    run(stated(tmp_path / "run"), SMALL)
     with pytest.raises(BadInput, match="holds a run of views 3, not 5"):
-        run(wishes(tmp_path / "run", views=5), SMALL)
+        run(stated(tmp_path / "run", views=5), SMALL)
 
 
 # --- wishes ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "told"),
+    ("option", "value", "message"),
     [
         ("workers", 2, "--workers: has no meaning for the suite speed"),
         ("inception_weights", "download", "--inception-weights: has no meaning"),
@@ -219,16 +219,16 @@ def test_a_folder_holds_one_number_of_views(tmp_path, taken):
         ("dataset", "nowhere", "unknown dataset 'nowhere'"),
     ],
 )
-def test_wishes_without_a_meaning_are_refused(tmp_path, taken, option, value, told):
-    options = replace(wishes(tmp_path / "run"), **{option: value})
-    with pytest.raises(BadInput, match=told):
+def test_wishes_without_a_meaning_are_refused(tmp_path, taken, option, value, message):
+    options = replace(stated(tmp_path / "run"), **{option: value})
+    with pytest.raises(BadInput, match=message):
         run(options, SMALL)
     assert not (tmp_path / "run").exists()
     assert taken == []
 
 
 def test_methods_views_and_clouds_can_be_chosen(tmp_path, taken):
-    options = wishes(tmp_path / "run", methods=("blank", "blank"), views=5, limit=1)
+    options = stated(tmp_path / "run", methods=("blank", "blank"), views=5, limit=1)
     run(options, SMALL)
     assert taken == [("blank", "2048", 1), ("blank", "2048", 2)]
     manifest = read_manifest(tmp_path / "run")

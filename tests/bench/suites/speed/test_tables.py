@@ -207,7 +207,7 @@ def test_only_what_was_taken_alike_is_compared():
 
 
 @pytest.mark.parametrize(
-    ("cheaper", "views", "second", "told"),
+    ("cheaper", "views", "second", "message"),
     [
         ("always", math.nan, math.nan, "any"),
         ("never", math.nan, math.nan, "none"),
@@ -221,9 +221,9 @@ def test_only_what_was_taken_alike_is_compared():
         ("outside", 2.5, 6.0, "1 to 2, 7 and more"),
     ],
 )
-def test_verdicts_in_whole_views(cheaper, views, second, told):
+def test_verdicts_in_whole_views(cheaper, views, second, message):
     row = BreakEvenRow("speed", "a", "b", "2048", 1, cheaper, views, second)
-    assert verdict(row) == told
+    assert verdict(row) == message
 
 
 def test_markdown_of_times():

@@ -74,16 +74,16 @@ def test_every_metric_is_there(outcomes):
 
 
 def test_values_are_told(outcomes):
-    told = {(o.case, o.subject): (o.expected, o.observed) for o in outcomes}
-    expected, observed = told["black-against-white", "ssim"]
+    message = {(o.case, o.subject): (o.expected, o.observed) for o in outcomes}
+    expected, observed = message["black-against-white", "ssim"]
     assert expected == "9.99900009999e-05 +-2e-13: C1 / (255^2 + C1)"  # 6.5025 / 65031.5025
     assert observed.startswith("9.9990000999")
-    assert told["constant", FRECHET] == ("27 exactly: 3 (2 - 5)^2", "27")
-    assert told["two-images", "thin-recall"] == (
+    assert message["constant", FRECHET] == ("27 exactly: 3 (2 - 5)^2", "27")
+    assert message["two-images", "thin-recall"] == (
         "no value, 1 exactly: each by itself",
         "no value, 1",
     )
-    assert told["no-rows", FRECHET] == (
+    assert message["no-rows", FRECHET] == (
         "TooFewSamples: ...[0, 8]...",
         "TooFewSamples: a covariance needs at least 2 samples, got float64 [0, 8]",
     )
@@ -166,7 +166,7 @@ def test_a_shifted_window_is_found_out(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "message"),
     [
         (-1e-17, "-1e-17, which is no distance"),
         (float("nan"), "nan, which is no distance"),
@@ -174,9 +174,9 @@ def test_a_shifted_window_is_found_out(monkeypatch):
         (1e-20 + 0j, "(1e-20+0j), which is no distance"),
     ],
 )
-def test_a_distance_is_real_and_never_negative(monkeypatch, value, told):
+def test_a_distance_is_real_and_never_negative(monkeypatch, value, message):
     outcome = outcome_of(monkeypatch, Near("0", 0.0, 1.0), **{FRECHET: lambda a, b: value})
-    assert (outcome.kind, outcome.observed) == ("unexpected", told)
+    assert (outcome.kind, outcome.observed) == ("unexpected", message)
 
 
 @pytest.mark.parametrize(

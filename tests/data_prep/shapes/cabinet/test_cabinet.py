@@ -69,11 +69,13 @@ def test_every_front_stands_out_and_is_sunk_in(leaf: str) -> None:
 
 
 def test_handles_of_two_doors_are_next_to_each_other() -> None:
-    knobs = [part for part in doors(FINISH, FIELD, 2) if part.color == BRASS]
-    left, right = (part.vertices[:, 0].mean() for part in knobs)
+    parameters = [part for part in doors(FINISH, FIELD, 2) if part.color == BRASS]
+    left, right = (part.vertices[:, 0].mean() for part in parameters)
     # Six layers from either side of the middle, 0.1.
     assert (left, right) == pytest.approx((0.04, 0.16), abs=0.001)  # a knob has seven sides
-    low, high = zip(*((p.vertices[:, 2].min(), p.vertices[:, 2].max()) for p in knobs), strict=True)
+    low, high = zip(
+        *((p.vertices[:, 2].min(), p.vertices[:, 2].max()) for p in parameters), strict=True
+    )
     assert max(high) > FIELD.z - 2.5 * STEP  # sunk into the door
     assert min(low) < FIELD.z - 4 * STEP
 
