@@ -47,17 +47,17 @@ def test_cuda_where_there_is_none(command, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("request", "classes"),
+    ("asked", "classes"),
     [("chair", ("chair",)), ("chair,sofa", ("chair", "sofa")), ("all", ())],
 )
-def test_classes_to_train_on(command, monkeypatch, request, classes):
+def test_classes_to_train_on(command, monkeypatch, asked, classes):
     asked = []
     monkeypatch.setattr(
         bench.commands.train,
         "train_autoencoder",
         lambda options, *_: asked.append(options) or options.out,
     )
-    status, _, _ = command("train", "autoencoder", "--class", request, "--objects", "2")
+    status, _, _ = command("train", "autoencoder", "--class", asked, "--objects", "2")
     assert (status, [o.classes for o in asked]) == (0, [classes])
 
 

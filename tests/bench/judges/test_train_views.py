@@ -125,11 +125,11 @@ def test_the_rates_are_those_of_pytorchs_schedule():
         schedule.step()
 
 
-@pytest.mark.parametrize("request", [{"objects": 0}, {"views": 0}, {"epochs": -1}])
-def test_nothing_to_train_on(request):
-    ((name, value),) = request.items()
+@pytest.mark.parametrize("wrong", [{"objects": 0}, {"views": 0}, {"epochs": -1}])
+def test_nothing_to_train_on(wrong):
+    ((name, value),) = wrong.items()
     with pytest.raises(BadInput, match=f"^--{name} {value}: must be at least 1$"):
-        train_views(**({"objects": 1, "views": 1, "epochs": 1, "seed": 0} | request))
+        train_views(**({"objects": 1, "views": 1, "epochs": 1, "seed": 0} | wrong))
 
 
 def test_scores_of_a_network_that_always_answers_the_same(two_classes, monkeypatch):
