@@ -202,6 +202,7 @@ METHODS = (
         source="the floor: white pictures; failures are scored as these",
     ),
 )
+RECOMMENDED = "splat-net@tiny"  # docs/trade.md; draws where no method is named
 # What nobody would draw with, but a measurement of cost needs beside the others.
 COST_VARIANTS = (
     _network(

@@ -12,6 +12,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from bench.catalogue.methods import RECOMMENDED
 from bench.commands.options import Device, DeviceOption, WorkersOption, names, worker_count
 from bench.rendering.cloud import (
     CloudFile,
@@ -60,7 +61,7 @@ def render(request: Request) -> dict[str, str]:
 
     One method gives its pictures as they are. Several give a sheet: the points as dots, then a
     tile for each method, with the reason in it where there is no picture. Raises BadInput for what
-    cannot be had; where the wish alone tells, before a worker is started.
+    cannot be had; where the request alone shows it, before a worker is started.
     """
     check(request)
     views = views_of(request)
@@ -86,7 +87,7 @@ def remedied(failed: Failed, file: CloudFile) -> str:
 
 
 def check(request: Request) -> None:
-    """Raises BadInput for what no file and no method could mend."""
+    """Raises BadInput for what is wrong with any file and any method."""
     turns = moves(request.out)
     if request.frames is not None and not turns:
         raise BadInput(
@@ -146,11 +147,16 @@ def render_cloud(
     ],
     method: Annotated[
         str, typer.Option(help="What draws it, see 'bench list'; several make a sheet: a,b.")
-    ],
+    ] = RECOMMENDED,
     out: Annotated[
-        Path,
-        typer.Option("--out", "-o", help="The picture, .png; or a turntable, .gif, .webp, .apng."),
-    ],
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="The picture, .png; or a turntable, .gif, .webp, .apng. Default: beside the "
+            "cloud, with its name and .png.",
+        ),
+    ] = None,
     azimuth: Annotated[float, typer.Option(help="Degrees; 0 is the front.")] = 30.0,
     elevation: Annotated[float, typer.Option(help="Degrees, -90 to 90; 0 is level.")] = 20.0,
     frames: Annotated[
@@ -177,12 +183,23 @@ def render_cloud(
     """
     methods = names(method) or ()
     file = CloudFile(cloud, as_is, up, front, points)
-    failed = render(Request(file, methods, azimuth, elevation, out, frames, device.value))
+    target = out or _beside(cloud)
+    failed = render(Request(file, methods, azimuth, elevation, target, frames, device.value))
     for name, reason in failed.items():
         print(f"bench: {visible(f'{name}: {reason}')}", file=sys.stderr)
     if len(failed) == len(set(methods)):
         raise typer.Exit(1)
-    print(out)
+    if out is None or method == RECOMMENDED:
+        print(f"drawn by {visible(', '.join(methods))}; 'bench list' has others", file=sys.stderr)
+    print(target)
+
+
+def _beside(cloud: Path) -> Path:
+    """The picture's name where none is given. Raises BadInput rather than replace a file."""
+    picture = cloud.with_suffix(".png")
+    if picture.exists():
+        raise BadInput(f"{picture}: exists already; -o {picture} replaces it, -o NAME keeps both")
+    return picture
 
 
 def shrink_record(

@@ -87,6 +87,23 @@ def test_the_picture_is_that_of_the_method(command, cloud, tmp_path):
     assert (here < 255).any()
 
 
+def test_a_cloud_alone_is_drawn_by_the_recommended_method_beside_it(command, cloud, tmp_path):
+    status, out, err = command("render", str(cloud))
+    assert (status, out) == (0, f"{tmp_path / 'cloud.png'}\n")
+    assert err == "drawn by splat-net@tiny; 'bench list' has others\n"
+    command("render", str(cloud), "--method", "splat-net@tiny", "-o", str(tmp_path / "same.png"))
+    np.testing.assert_array_equal(read(tmp_path / "cloud.png"), read(tmp_path / "same.png"))
+
+
+def test_a_file_that_nobody_named_is_not_replaced(command, cloud, tmp_path):
+    (tmp_path / "cloud.png").write_bytes(b"mine")
+    assert refused(command, str(cloud)) == (
+        f"{tmp_path / 'cloud.png'}: exists already; -o {tmp_path / 'cloud.png'} replaces it, "
+        "-o NAME keeps both"
+    )
+    assert (tmp_path / "cloud.png").read_bytes() == b"mine"
+
+
 def test_random_numbers_are_the_same_each_time(plugins):
     """The method fails with any but those."""
     views = (View(30.0, 20.0),)
