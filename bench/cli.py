@@ -35,6 +35,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "data": ("data:app", "Look at datasets."),
     "doctor": ("doctor:doctor", "Check that everything a run needs is here."),
 }
+_USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # Click's, which some Typers contain
 SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 
 
@@ -83,7 +84,7 @@ class Commands(TyperGroup):
         except TrainingDiverged as error:
             print(f"bench: {visible(str(error))}; a lower learning rate may help", file=sys.stderr)
             raise typer.Exit(1) from error
-        except typer.BadParameter as error:  # a value that its option does not take
+        except _USAGE_ERROR as error:  # no such command or option, a value that it does not take
             command = error.ctx.command_path if error.ctx else "bench"
             message = error.format_message().rstrip(".")
             print(f"bench: {visible(message)}; see '{command} --help'", file=sys.stderr)
@@ -99,7 +100,7 @@ class Commands(TyperGroup):
             raise typer.Exit(141) from error  # what other programs end with, killed by SIGPIPE
         except OSError as error:  # a full disk, a folder that may not be written
             message = visible(str(error))
-            print(f"bench: {message}; mend it, and the same command goes on", file=sys.stderr)
+            print(f"bench: {message}; fix this, and the same command goes on", file=sys.stderr)
             raise typer.Exit(2) from error
 
 

@@ -295,7 +295,7 @@ def _numbers(fields: Sequence[bytes], columns: Sequence[int], where: str) -> lis
             values.append(float(fields[column]))
         except ValueError:
             raise _NotACloud(
-                f"{where}: {shown(fields[column])} is not a number; begin what is no data with #"
+                f"{where}: {shown(fields[column])} is not a number; start comment lines with #"
             ) from None
     return values
 

@@ -190,5 +190,5 @@ def _entries(folder: Path) -> Iterator[tuple[Path, bool]]:
                 yield folder / entry.name, entry.is_dir(follow_symlinks=False)
     except OSError as error:
         raise BadInput(
-            f"{folder}: cannot be read ({error.strerror}); mend it, or give another folder"
+            f"{folder}: cannot be read ({error.strerror}); fix this, or give another folder"
         ) from error

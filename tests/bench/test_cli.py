@@ -119,10 +119,12 @@ def test_folders_without_what_is_needed(command, no_machine, tmp_path):
         (("run", "--suite", SUITE, "--device", "gpu"), "'gpu' is not one of 'auto', 'cpu', 'cuda'"),
         (("run",), "Missing option '--suite'; see 'bench run --help'"),
         (("table",), "Missing argument 'DIR'; see 'bench table --help'"),
+        (("run", "--suit", SUITE), "No such option: --suit (Possible options: "),
+        (("runn",), "No such command 'runn'; see 'bench --help'"),
         (("train", "gan", "--steps", "x"), "see 'bench train gan --help'"),
     ],
 )
-def test_values_of_the_wrong_kind(command, arguments, message):
+def test_usage_errors_are_one_line(command, arguments, message):
     status, out, err = command(*arguments)
     assert (status, out) == (2, "")
     assert err.startswith("bench: ")

@@ -168,7 +168,7 @@ BROKEN = {
     "huge.npy": (npy(POINTS).replace(b"(4, 3), }", b"(9999999999999999999999, 3), }"), "claims"),
     "negative.npy": (npy(POINTS).replace(b"(4, 3), }", b"(-4, 3), }"), r"shape '\(-4, 3\)'"),
     "deep.npy": (npy(POINTS).replace(b"(4, 3), }", b"(" * 60), "not a readable NPY"),
-    "words.xyz": (b"x y z\n1 2 3\n", "line 1: 'x' is not a number; begin what is no data with #"),
+    "words.xyz": (b"x y z\n1 2 3\n", "line 1: 'x' is not a number; start comment lines with #"),
     "two.xyz": (b"1 2 3\n1 2\n", "line 2 has 2 columns"),
     "gap.csv": (b"1,,2,3\n", "line 1: '' is not a number"),
     "python.xyz": (b"1_0 2 3\n", "'1_0' is not a number"),

@@ -371,7 +371,7 @@ def test_a_folder_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.Monkey
         return real(path)
 
     monkeypatch.setattr(os, "scandir", refuse)  # who runs tests as root may read everything
-    with pytest.raises(BadInput, match=r"box: cannot be read \(Permission denied\); mend it"):
+    with pytest.raises(BadInput, match=r"box: cannot be read \(Permission denied\); fix this"):
         open_dataset(f"folder:{tmp_path}")
 
 
