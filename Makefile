@@ -1,5 +1,6 @@
 # Two commands: `make bench` measures, `make test` tests. Everything is kept inside this folder.
 #
+#   make test-all                      the slow tests too
 #   make docs                         docs/ as a site, in build/docs
 #   make bench ARGS="--limit 8"        further options for `bench run`
 #   make bench PIP_ARGS="..."          further options for pip, an index of CPU-only torch say
@@ -10,13 +11,16 @@ PIP := $(VENV)/bin/python -m pip --disable-pip-version-check
 ARGS ?=
 PIP_ARGS ?=
 
-.PHONY: bench test docs install libraries test-libraries clean
+.PHONY: bench test test-all docs install libraries test-libraries clean
 
 bench: install
 	$(VENV)/bin/bench run --suite chair-robustness $(ARGS)
 
 test: test-libraries $(VENV)/bin/tox
 	$(VENV)/bin/tox run
+
+test-all: test
+	$(VENV)/bin/tox exec -- pytest -n 2 --dist loadgroup -m slow
 
 docs: install
 	$(PIP) install $(PIP_ARGS) -c constraints.txt -e '.[docs]'

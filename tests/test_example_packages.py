@@ -18,6 +18,8 @@ from data_prep.datasets import open_dataset
 from data_prep.render import render
 from data_prep.scene import View
 
+pytestmark = pytest.mark.slow
+
 REPOSITORY = Path(__file__).parent.parent
 EXAMPLES = REPOSITORY / "examples"
 FILES = {

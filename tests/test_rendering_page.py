@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 PAGE = Path(__file__).parents[1] / "docs" / "rendering.md"
 BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 FRAMES = {"chair.png": 1, "sheet.png": 1, "turntable.gif": 36, "lying.png": 1}

@@ -19,6 +19,8 @@ from studies.memory import (
     write_csv,
 )
 
+pytestmark = [pytest.mark.slow, pytest.mark.memory]
+
 
 def peak(what: str = "drawn", images: int = 1000, end: float = 300.0) -> Peak:
     return Peak(what, images // 40, images, 12.5, 200.0, end)

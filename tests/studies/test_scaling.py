@@ -5,6 +5,8 @@ import pytest
 from bench.running.protocol import Options
 from studies.scaling import Measured, measure, report
 
+pytestmark = pytest.mark.timing
+
 
 def test_overhead_is_what_no_job_took():
     taken = Measured(workers=2, items=30, wall_s=10.0, jobs_s=18.0)
@@ -22,6 +24,7 @@ def test_medians_over_rounds_of_ratios_within_a_round():
     assert lines[3] == "| 2 of Ray | 100 | 6.2 | 16.00 | 1.60 | 10.0% |"
 
 
+@pytest.mark.slow
 def test_items_are_really_done():
     taken = measure(
         (1, None),

@@ -33,6 +33,8 @@ from bench.catalogue.suites import Limits
 from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks
 from data_prep.mesh_files import NEUTRAL_GREY
 
+pytestmark = pytest.mark.slow
+
 LIMITS = Limits(time_s=30.0, memory_gib=1.0)  # 20 times what the slowest one needs
 ROOT = Path(__file__).parents[2]
 CLAIMED = 15 * 10**7  # rows of three float32: 1.7 GiB, more than the limit

@@ -91,6 +91,7 @@ def test_claims_of_a_run_that_lacks_something(tmp_path):
     assert {entry.finding.verdict for entry in made} == {"not testable here"}
 
 
+@pytest.mark.slow
 def test_claims_of_a_run(tmp_path):
     """Random scores: nothing is ahead of anything, and the numbers are those of the tables."""
     run = write_run(

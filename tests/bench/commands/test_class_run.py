@@ -24,6 +24,8 @@ from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 
+pytestmark = pytest.mark.slow
+
 OBJECTS = {"chair": 3, "table": 2}
 
 

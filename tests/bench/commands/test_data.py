@@ -63,6 +63,7 @@ def run(dataset: str, out: Path, methods: str) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (out / "tables").glob("*.csv")}
 
 
+@pytest.mark.slow
 def test_a_run_on_the_tree_is_the_run_on_its_source(tree, tmp_path):
     methods = "splat,pc2pix,blank"
     there = run("procedural", tmp_path / "there", methods)

@@ -111,6 +111,7 @@ def test_dry_run_refuses_as_the_run_does(command, arguments, message):
     assert err.startswith(f"bench: {message}")
 
 
+@pytest.mark.slow
 def test_dry_run_refuses_a_folder_of_another_run(copied, command, arguments):
     status, _, err = command(*arguments, "--dry-run", "--out", copied, "--seed", "1")
     assert (status, err.count("holds a run of seed 0, not 1")) == (2, 1)
@@ -173,6 +174,7 @@ def test_plan_of_a_new_run(command, tmp_path, no_cache):
     assert {row["method"] for row in rows} == {GROUND_TRUTH, "splat", "blank", "splat@spread=1.5"}
 
 
+@pytest.mark.slow
 def test_plan_of_a_begun_run_counts_what_is_left(copied, command, arguments, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(copied.parent))
     plan_arguments = ("plan", *arguments[1:], "--pilot", "1", "--workers", "1", "--out", copied)

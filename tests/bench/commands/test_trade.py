@@ -22,6 +22,8 @@ from data_prep.failures import BadInput
 
 from ..builders import write_run
 
+pytestmark = pytest.mark.slow
+
 SUITE = next(suite for suite in SUITES if suite.id == "speed-accuracy")
 
 

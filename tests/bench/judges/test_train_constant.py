@@ -47,6 +47,7 @@ def test_one_picture_is_best_drawn_as_it_is():
     assert mean_ssim(truth, found) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_fit_beats_where_it_starts_and_white():
     truth = squares(40)
     found = fit(truth, 60, 0)

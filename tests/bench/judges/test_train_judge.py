@@ -56,6 +56,7 @@ def test_a_tiny_training(tmp_path, monkeypatch, capsys):
         train_judge(5, 2, 3, seed=1, out=out, folder=tmp_path / "training")
 
 
+@pytest.mark.slow
 def test_the_loss_falls(data, monkeypatch):
     """On one batch that is all there is."""
     monkeypatch.setattr(module, "OBJECTS", 4)

@@ -85,6 +85,7 @@ def test_cross_entropy_leaves_out_what_has_no_label():
     assert float(training._cross_entropy(answers, torch.full((3,), NO_LABEL))) == 0
 
 
+@pytest.mark.slow
 def test_a_short_training(two_classes, tmp_path, capsys):
     """With blocks and chairs as unlike as can be, some steps are enough to tell them apart."""
     out = tmp_path / "views.safetensors"

@@ -298,6 +298,7 @@ def test_the_remedy_is_named_where_points_may_be_too_many(cloud):
 # --- failures -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "reason"),
     [

@@ -23,6 +23,8 @@ from data_prep.scene import View
 
 from ..builders import make_failed, make_manifest, make_record, write_all
 
+pytestmark = pytest.mark.slow
+
 LIMITS = Limits(time_s=60.0, memory_gib=4.0)
 
 

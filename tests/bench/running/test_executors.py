@@ -32,6 +32,8 @@ from bench.running.work import do
 
 from ..builders import make_job, make_truth, write_artifact
 
+pytestmark = pytest.mark.timing
+
 AMPLE = Limits(time_s=60.0, memory_gib=8.0)
 
 
@@ -108,6 +110,7 @@ def test_workers_give_what_this_process_gives(jobs_for):
         assert (there.ssim, there.structure) == (record.ssim, record.structure)
 
 
+@pytest.mark.slow
 def test_a_job_that_hangs_is_stopped_and_the_others_finish(jobs_for, tmp_path):
     hanging = Hanging("1", pid_file=tmp_path / "pid")
     jobs = jobs_for(hanging, Tetrahedron("2"), Tetrahedron("3"))

@@ -17,6 +17,8 @@ import bench.running.isolation
 from bench.catalogue.suites import Limits
 from bench.running.isolation import Lost, TaskPool, run_tasks
 
+pytestmark = pytest.mark.timing
+
 LIMITS = Limits(time_s=60.0, memory_gib=8.0)
 ROOT = Path(__file__).parents[3]
 
@@ -45,6 +47,7 @@ def test_tasks_come_with_their_results():
     assert dict(run_tasks(range(6), square, 2, LIMITS)) == {x: x * x for x in range(6)}
 
 
+@pytest.mark.slow
 def test_whatever_becomes_of_a_worker_is_told_and_the_others_go_on():
     tasks = ["a", "segfault", "b", "hang", "exit", "hog", "c"]
     limits = Limits(time_s=10.0, memory_gib=0.75)

@@ -97,6 +97,7 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
     assert (whole / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weights, monkeypatch):
     environment = read_manifest(finished[0])["environment"]
     monkeypatch.setattr(bench.running.protocol, "environment", lambda: environment)
@@ -106,6 +107,7 @@ def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weig
     assert (again.done, again.reused, again.failed) == (0, 24, 0)
 
 
+@pytest.mark.slow
 def test_a_merge_that_was_stopped_goes_on(made, tmp_path):
     whole = tmp_path / "whole"
     merge_shards(made, whole)
@@ -211,6 +213,7 @@ def test_more_shards_than_objects(finished, tiny_weights, tmp_path, monkeypatch)
         as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
 
 
+@pytest.mark.slow
 def test_by_the_command_line(made, tmp_path, command):
     status, out, err = command("merge", *made, "--out", tmp_path / "whole")
     assert status == 0

@@ -150,6 +150,7 @@ def test_what_an_item_costs_whose_worker_is_gone(tmp_path, kind, seconds, peak_m
     assert (sample.peak_mib, sample.reason) == (peak_mib, f"{kind}: gone")
 
 
+@pytest.mark.slow
 def test_optional_features_are_measured_on_the_floor(tmp_path, monkeypatch):
     monkeypatch.setattr(bench.running.pilot, "OPTIONAL", JUDGE)
     features = ((JUDGE, str(JUDGE_WEIGHTS)),)

@@ -18,6 +18,8 @@ from bench.records.journal import read_manifest
 from ..builders import make_truth
 from ..conftest import BENCH
 
+pytestmark = [pytest.mark.slow, pytest.mark.ray]
+
 pytest.importorskip("ray", reason="the extra [ray] is not installed")
 
 TELLING_NOTHING = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}

@@ -200,6 +200,7 @@ def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_w
     assert read_manifest(copied)["finished"]
 
 
+@pytest.mark.slow
 def test_damage_is_mended_and_growth_added(finished, copied, same_machine, tiny_weights, capsys):
     """One artifact gone, one altered, and one condition more: only these are done."""
     places = {p.stem: p for p in copied.glob("artifacts/*/*.npz")}
@@ -261,6 +262,7 @@ def lines_in_journal(directory):
     return sum(path.read_bytes().count(b"\n") for path in directory.glob("journal/*.jsonl"))
 
 
+@pytest.mark.slow
 def test_killed_three_times(finished, arguments, tmp_path):
     """SIGKILL while ground truths are drawn, while items are done, and while tables are made.
 
@@ -320,6 +322,7 @@ def no_networks(monkeypatch):
     monkeypatch.setattr(bench.tables.build, "SUITES", suites)
 
 
+@pytest.mark.slow
 def test_interrupted(tmp_path):
     directory = tmp_path / "run"
     arguments = ("run", "--suite", "chair-robustness", "--methods", "splat", "--views", "20")
@@ -347,6 +350,7 @@ BAD_MESHES = {
 }
 
 
+@pytest.mark.slow
 def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
     folder = tmp_path / "meshes"
     folder.mkdir()
@@ -378,6 +382,7 @@ def test_bad_meshes_among_good_ones(same_machine, no_networks, tmp_path):
     assert (again.done, again.reused, again.failed) == (0, 14, 10)
 
 
+@pytest.mark.slow
 def test_nothing_but_bad_meshes(tmp_path):
     """By the real command, so that nobody else writes to stderr either."""
     (tmp_path / "meshes").mkdir()

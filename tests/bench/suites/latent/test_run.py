@@ -253,6 +253,7 @@ def test_figures(measured):
         assert pixels.std() > 1, "something is drawn"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
     threads = torch.get_num_threads()
     again = bench.suites.latent.run.run(stated(untrained, tmp_path / "again"), SMALL)
@@ -278,6 +279,7 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     assert len(list((directory / "figures").iterdir())) == 2
 
 
+@pytest.mark.slow
 def test_two_methods(measured, untrained, tmp_path):
     second = tmp_path / "second.safetensors"
     shutil.copy(untrained, second)

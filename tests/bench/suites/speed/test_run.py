@@ -76,6 +76,7 @@ def read(path):
 # --- a run ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     out = tmp_path / "run"
     finished = run(stated(out), SMALL)

@@ -22,6 +22,8 @@ from bench.suites.stability.formats import (
     measure_formats,
 )
 
+pytestmark = pytest.mark.slow
+
 ROW = FormatRow(
     weights="chair",
     case="plain",

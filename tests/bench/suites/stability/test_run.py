@@ -45,6 +45,7 @@ def matrix(*outcomes):
 # --- a run ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path, quick):
     out = tmp_path / "run"
     assert [made.name for made in finished.matrices] == list(NAMES)
