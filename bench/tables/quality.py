@@ -347,18 +347,19 @@ def image_rows(
 ) -> list[Measured]:
     """Means over pictures of metrics that the records have, for all cells."""
     made = []
+    names = [column(metric) for metric in metrics]
     for cell, group in cells(records):
         ok = group[group["outcome"] == "ok"]
+        means = ok.groupby("object", sort=True)[names].mean()
         # The floor's scores do not depend on the condition.
         missing = _floor_of_failed(cell, group, records)
-        for metric in metrics:
-            name = column(metric)
-            valued, floor = ok[["object", name]], missing[name]
+        for metric, name in zip(metrics, names, strict=True):
+            scores, floor = ok[name].to_numpy(), missing[name].to_numpy()
+            per_object = means[name].to_numpy()
             if metric in UNDEFINED:  # of any other metric, no value is an error and shows as such
-                valued, floor = valued.dropna(), floor.dropna()
-            scores = valued[name].to_numpy()
-            per_object = valued.groupby("object", sort=True)[name].mean().to_numpy()
-            with_blank = np.concatenate([scores, floor.to_numpy()])
+                scores, floor = scores[~np.isnan(scores)], floor[~np.isnan(floor)]
+                per_object = per_object[~np.isnan(per_object)]
+            with_blank = np.concatenate([scores, floor])
             row = make_row(
                 suite,
                 cell,
@@ -369,7 +370,7 @@ def image_rows(
                 published,
                 _mean(with_blank),
                 "",
-                undefined=len(ok) - len(valued),
+                undefined=len(ok) - len(scores),
             )
             made.append(Measured(row, per_object))
     return made
