@@ -123,7 +123,7 @@ def requirements(protocol: Protocol) -> NodeRequirements:
 
 
 def mismatch(requirements: NodeRequirements) -> str:
-    """In what this machine does not meet the demands, and the remedy; empty where it does."""
+    """In what this machine does not meet the requirements, and the remedy; empty where it does."""
     try:
         found = environment()
     except MissingDependency as error:

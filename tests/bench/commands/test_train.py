@@ -51,14 +51,14 @@ def test_cuda_where_there_is_none(command, monkeypatch, tmp_path):
     [("chair", ("chair",)), ("chair,sofa", ("chair", "sofa")), ("all", ())],
 )
 def test_classes_to_train_on(command, monkeypatch, asked, classes):
-    asked = []
+    trained = []
     monkeypatch.setattr(
         bench.commands.train,
         "train_autoencoder",
-        lambda options, *_: asked.append(options) or options.out,
+        lambda options, *_: trained.append(options) or options.out,
     )
     status, _, _ = command("train", "autoencoder", "--class", asked, "--objects", "2")
-    assert (status, [o.classes for o in asked]) == (0, [classes])
+    assert (status, [o.classes for o in trained]) == (0, [classes])
 
 
 @pytest.mark.parametrize(

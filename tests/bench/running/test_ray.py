@@ -105,7 +105,7 @@ from bench.running.isolation import feed
 from bench.running.isolation import Limits
 from bench.running.environment import environment
 from bench.running.ray import RayPool, connected
-from bench.running.ray import demands
+from bench.running.ray import requirements
 from bench.running.protocol import Protocol
 from bench.catalogue.suites import SUITES
 from contextlib import closing
@@ -114,7 +114,7 @@ if __name__ == "__main__":
         jobs = pickle.load(file)
     protocol = Protocol(SUITES[0], "", (), (), (), 2, 0, "cpu", (), {}, environment())
     with connected(sys.argv[2], 1) as cluster:
-        with closing(RayPool(cluster, Limits(5.0, 8.0), demands(protocol))) as pool:
+        with closing(RayPool(cluster, Limits(5.0, 8.0), requirements(protocol))) as pool:
             for result in feed(jobs, pool):
                 print(result.records[0].object, result.records[0].reason)
 """
