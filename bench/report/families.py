@@ -170,11 +170,3 @@ def family_curves(curves: Sequence[ConditionCurve], styles: Mapping[str, Look]) 
             )
         )
     return tuple(plots)
-
-
-_REMARK = (
-    "How much better the first of two methods is than the second: over 0 if it is, with its 95 % "
-    "interval, paired over objects; failed pictures are scored as blank ones. “ahead” and “behind” "
-    "are said where the interval leaves 0 out. Curves cross where the lead passes through 0, on "
-    "straight lines between what was measured; in brackets as far as its interval holds 0."
-)
