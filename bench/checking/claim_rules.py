@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.comparison import Comparison, Estimate, Quality, decimals
 from bench.analysis.intervals import interval_of_means, mean_interval
 from bench.catalogue.metrics import is_similarity
 from bench.metrics.frechet import jackknife_interval
-from bench.tables.classes import NETWORK, SURFACE, decimals
+from bench.tables.classes import NETWORK, SURFACE
 from bench.tables.orderings import Ordering
 from bench.tables.table import Table
 

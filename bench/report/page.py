@@ -58,7 +58,6 @@ class Picture:
 
     uri: str
     description: str
-    size: int = 128
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.frontier import Place, Thinned
+from bench.analysis.frontier import Place, Thinned, places, thinned
 from bench.analysis.recognition import read_class_head
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import (
@@ -174,8 +174,15 @@ def trade(run: ScoredRun) -> Trade | None:
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
         compared = run.compared(metrics)
-        frontier = frontier_table(compared, metrics, views, how_timed(run.manifest))
-        return Trade(frontier, points_table(compared, metrics, views))
+        # Also with a single view: its frontier is another.
+        placed = (
+            place
+            for count in dict.fromkeys((views, 1))
+            for comparison in compared
+            for place in places(comparison, metrics, count)
+        )
+        frontier = frontier_table(placed, how_timed(run.manifest))
+        return Trade(frontier, points_table(thinned(compared, metrics, views), views))
 
 
 @dataclass(frozen=True)

@@ -116,23 +116,15 @@ def quality_table(
 
     Several classes at one condition are never in the paper's layout: they are a line each.
     """
-    digits = partial(_always, decimals)
 
     def layout(rows: Sequence[Row]) -> Iterator[Block]:
         yield remark
-        if paper_layout and not _several_classes_at_one_condition(rows):
-            yield from _paper_layout(rows, digits)
-        yield from all_methods(rows, digits)
+        one_condition = len({row.condition for row in rows}) == 1
+        if paper_layout and not (one_condition and len({row.class_name for row in rows}) > 1):
+            yield from _paper_layout(rows, lambda metric: decimals)
+        yield from all_methods(rows, lambda metric: decimals)
 
     return Table(name, title, columns_of(Row), tuple(rows), layout, remark)
-
-
-def _always(decimals: int, metric: str) -> int:
-    return decimals
-
-
-def _several_classes_at_one_condition(rows: Sequence[Row]) -> bool:
-    return len({r.class_name for r in rows}) > 1 and len({r.condition for r in rows}) == 1
 
 
 def _paper_layout(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
@@ -146,28 +138,33 @@ def _paper_layout(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
     )
     there = {row.method for row in rows}
     methods = [method for method in PAPER_METHODS if method in there or "@" not in method]
-    across = [(c, m) for c in ordered(row.condition for row in rows) for m in methods]
-    heads = [f"{condition} {PAPER_METHODS[method]}" for condition, method in across]
+    across = {
+        (condition, method): f"{condition} {PAPER_METHODS[method]}"
+        for condition in ordered(row.condition for row in rows)
+        for method in methods
+    }
+    metrics = ordered(row.metric for row in rows)
     for class_name in ordered(row.class_name for row in rows):
         of_class = [row for row in rows if row.class_name == class_name]
         at = {(row.metric, row.condition, row.method): row for row in of_class}
-        yield beside_paper(
-            class_name,
-            heads,
-            {
-                metric: [at.get((metric, *place)) for place in across]
-                for metric in ordered(row.metric for row in rows)
-            },
-            digits,
-        )
+        yield beside_paper(class_name, metrics, across, at, digits)
 
 
 def beside_paper(
-    corner: str, heads: Sequence[str], lines: Mapping[str, Sequence[Row | None]], digits: Digits
+    corner: str,
+    metrics: Iterable[str],
+    across: Mapping[tuple[str, str], str],
+    at: Mapping[tuple[str, str, str], Row],
+    digits: Digits,
 ) -> Grid:
-    """A line of ours for each metric, and below it the paper's where it has any."""
+    """A line of ours for each metric, and below it the paper's where it has any.
+
+    across  heads of the columns by their places
+    at      rows by metric and place
+    """
     made = []
-    for metric, rows in lines.items():
+    for metric in metrics:
+        rows = [at.get((metric, *place)) for place in across]
         texts = [shown(row.value, digits(metric)) if row else "-" for row in rows]
         if all(row.skipped for row in rows if row):
             texts = ["skipped"] * len(rows)
@@ -176,7 +173,7 @@ def beside_paper(
         if any(map(math.isfinite, paper)):
             texts = [f"{value:g}" if math.isfinite(value) else "-" for value in paper]
             made.append(Line(f"{metric}, paper", tuple(map(Cell, texts))))
-    return Grid(corner, tuple(map(Head, heads)), tuple(made))
+    return Grid(corner, tuple(map(Head, across.values())), tuple(made))
 
 
 def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
@@ -204,49 +201,31 @@ def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
                 continue
             where = "" if by_class and len(places) == 1 else f", {place}"
             yield f"## {markdown.cell(metric + where)}"
-            yield (_by_class if by_class else _by_method)(chosen, digits(metric))
+            yield _grid(chosen, digits(metric), by_class)
 
 
-def _by_method(rows: Sequence[Row], decimals: int) -> Grid:
-    """Of one class and metric."""
-    class_name = rows[0].class_name
-    return pivot(
-        rows,
-        "method",
-        "condition",
-        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
-        corner="method",
-        about=_about,
-        tags=Tags(class_name=class_name),
-        **_measured(rows, class_name, "condition"),
-    )
-
-
-def _by_class(rows: Sequence[Row], decimals: int) -> Grid:
-    """Of one condition and metric."""
-    condition = rows[0].condition
-    return pivot(
-        rows,
-        "class_name",
-        "method",
-        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
-        corner="class",
-        tags=Tags(condition=condition),
-        **_measured(rows, f"at {condition}", "class_name"),
-    )
-
-
-def _measured(rows: Sequence[Row], where: str, across: str) -> dict[str, Any]:
-    """What grids of a metric have in common."""
+def _grid(rows: Sequence[Row], decimals: int, by_class: bool) -> Grid:
+    """Of one metric, and of one condition or else of one class."""
     metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
     skipped = ordered(row.note for row in rows if row.skipped)
-    return {
-        "caption": f"{metric}, {where} ({'higher' if higher else 'lower'} is better)",
-        "notes": tuple(skipped or _gaps(rows, across)),
-        "void": bool(skipped),
-        "higher": higher,
-        "outcomes": _outcomes,
-    }
+    place = rows[0].condition if by_class else rows[0].class_name
+    where, line, column = place, "method", "condition"
+    if by_class:
+        where, line, column = f"at {place}", "class_name", "method"
+    return pivot(
+        rows,
+        line,
+        column,
+        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
+        corner="class" if by_class else "method",
+        about=(lambda of_line: "") if by_class else _about,
+        outcomes=_outcomes,
+        caption=f"{metric}, {where} ({'higher' if higher else 'lower'} is better)",
+        notes=tuple(skipped or _gaps(rows, "class_name" if by_class else "condition")),
+        void=bool(skipped),
+        higher=higher,
+        tags=Tags(condition=place) if by_class else Tags(class_name=place),
+    )
 
 
 def _gaps(rows: Sequence[Row], across: str) -> list[str]:
@@ -310,8 +289,8 @@ def image_table(
     name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
 ) -> Table[Row]:
     """Means over pictures of the suite's image metrics, with intervals over objects."""
-    made = image_rows(suite.image_metrics, records, suite, published)
-    return quality_table(name, title, (m.row for m in made), 3, paper_layout=_as_paper(suite))
+    rows = [made.row for made in image_rows(suite.image_metrics, records, suite, published)]
+    return quality_table(name, title, rows, 3, paper_layout=_as_paper(suite))
 
 
 def _as_paper(suite: Suite) -> bool:
@@ -321,13 +300,12 @@ def _as_paper(suite: Suite) -> bool:
 
 def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> Table[Row]:
     """As `image_table`, of the suite's detail metrics, which the paper has not."""
-    made = image_rows(suite.detail_metrics, records, suite, {})
-    return quality_table(name, title, (m.row for m in made), 3, _DETAIL_REMARK, paper_layout=False)
-
-
-_DETAIL_REMARK = (
-    "Means are over the pictures that have a value; where some have none, a line below says why."
-)
+    remark = (
+        "Means are over the pictures that have a value; where some have none, a line below says "
+        "why."
+    )
+    rows = [made.row for made in image_rows(suite.detail_metrics, records, suite, {})]
+    return quality_table(name, title, rows, 3, remark, paper_layout=False)
 
 
 class Measured(NamedTuple):

@@ -31,7 +31,6 @@ from bench.suites.speed.samples import (
 )
 from bench.suites.speed.summary import Summary, summarise
 from bench.suites.speed.tables import (
-    Machine,
     amortised_table,
     break_even_table,
     samples_table,
@@ -207,9 +206,8 @@ def _write(
     directory: Path, summaries: Sequence[Summary], suite: SpeedSuite, machine: dict[str, Any]
 ) -> tuple[Table[Any], ...]:
     """Write all tables and the figure; the tables that are for people."""
-    here = Machine(machine["cpu"], machine["cores"])
     people = (
-        speed_table(summaries, suite, here, published(suite.id)),
+        speed_table(summaries, suite, machine, published(suite.id)),
         amortised_table(summaries, suite),
     )
     scripts = (
