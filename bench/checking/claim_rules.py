@@ -92,21 +92,8 @@ class Scored:
         return next((metric for metric in DISTANCES if metric in measured), DISTANCES[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """A run of the suite `speed`: its samples, as in `tables/speed_samples.csv`."""
-
-    samples: pd.DataFrame
-
-
-@dataclass(frozen=True, eq=False)
-class Latent:
-    """A run of the suite `latent`: the means of both of its tables."""
-
-    means: pd.DataFrame
-
-
-Evidence = Scored | Timed | Latent
+# Of `speed` the samples, as in `tables/speed_samples.csv`; of `latent` the means of both tables.
+Evidence = Scored | pd.DataFrame
 
 
 # --- chairs, condition by condition ---------------------------------------------------------------
@@ -250,12 +237,12 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
 # --- speed ----------------------------------------------------------------------------------------
 
 
-def faster(run: Timed, times: float) -> list[Finding]:
+def faster(samples: pd.DataFrame, times: float) -> list[Finding]:
     """A picture of the network costs less than one over `times` of one of SR, preparing included.
 
     On one thread, cloud by cloud: the interval is over clouds.
     """
-    costs = _costs(run.samples)
+    costs = _costs(samples)
     networks = [m for m in costs if m.partition("@")[0] == NETWORK]
     if SURFACE not in costs or not networks:
         raise Lacking(f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}")
@@ -287,12 +274,14 @@ def _costs(samples: pd.DataFrame) -> dict[str, Floats]:
 # --- latent ---------------------------------------------------------------------------------------
 
 
-def mean_above(run: Latent, metric: str, what: str, than: str | None = None) -> list[Finding]:
+def mean_above(
+    means: pd.DataFrame, metric: str, what: str, than: str | None = None
+) -> list[Finding]:
     """A mean of the suite `latent` is surely above another one's, or above 0 without another.
 
     Two means are compared by their intervals, which must not touch: they are not paired.
     """
-    rows = run.means[(run.means["metric"] == metric) & (run.means["kind"] == "all")]
+    rows = means[(means["metric"] == metric) & (means["kind"] == "all")]
     found = []
     for method in dict.fromkeys(rows["method"]):
         at = rows[rows["method"] == method].set_index("what")

@@ -39,6 +39,7 @@ from bench.tables.quality import (
     beside_paper,
     cells,
     image_rows,
+    pictures_of,
     set_rows,
 )
 from bench.tables.table import NAN, Block, Table, columns_of, ordered
@@ -92,8 +93,7 @@ def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) 
     values = np.full(len(records), np.nan)
     places = records.reset_index(drop=True)
     for cell, group in cells(places[places["outcome"] == "ok"]):
-        pictures = list(zip(group["object"].tolist(), group["view"].tolist(), strict=True))
-        values[group.index] = head.confidence(features.of(*cell, pictures), cell[2])
+        values[group.index] = head.confidence(features.of(*cell, pictures_of(group)), cell[2])
     (metric,) = RECOGNITION_METRICS
     return records.assign(**{column(metric): values})
 

@@ -370,12 +370,7 @@ def _floor_of_failed(
 
 
 def control_table(
-    name: str,
-    title: str,
-    records: pd.DataFrame,
-    judged: Features | None,
-    skipped: str,
-    suite: Suite,
+    records: pd.DataFrame, judged: Features | None, skipped: str, suite: Suite
 ) -> Table[Row]:
     """What the judge makes of each method's pictures: the view, and which object it is.
 
@@ -387,26 +382,26 @@ def control_table(
     among: control.Gallery | None = None
     made = []
     for cell, group in cells(records):
-        if judged is None:
-            answered = [(NAN, (NAN, NAN), NAN, skipped)] * len(suite.control_metrics)
-        else:
-            ok = group[group["outcome"] == "ok"]
-            missing = _floor_of_failed(cell, group, records)
+        ok = group[group["outcome"] == "ok"]
+        missing = _floor_of_failed(cell, group, records)
+        answers, floor = np.empty(0), np.empty(0)
+        if judged is not None:
             if among is None or among.class_name != cell[2]:  # of one class at a time
                 among = true_gallery(judged, cell[2])
                 sizes[cell[2]] = len(among.objects)
             answers = _answers(cell, ok, judged)
             floor = _answers((FLOOR, *cell[1:]), missing, judged)
-            answered = [
-                _controlled(metric, ok, answers, missing, floor, among)
-                for metric in suite.control_metrics
-            ]
-        made += [
-            make_row(suite, cell, metric, value, interval, group, {}, with_blank, note)
-            for metric, (value, interval, with_blank, note) in zip(
-                suite.control_metrics, answered, strict=True
-            )
-        ]
+        for metric in suite.control_metrics:
+            note, value, interval, with_blank = skipped, NAN, (NAN, NAN), NAN
+            if among is not None:
+                why = control.why_no_retrieval(among) if metric == "retrieval" else ""
+                note = why or ("no pictures" if ok.empty else "")
+            if among is not None and not note:
+                values = _per_picture(metric, ok, answers, among)
+                of_floor = _per_picture(metric, missing, floor, among)
+                value, interval, with_blank = _judged(metric, values, of_floor, ok)
+            row = make_row(suite, cell, metric, value, interval, group, {}, with_blank, note)
+            made.append(row)
     message = ", ".join(f"{count} of class {markdown.cell(name)}" for name, count in sizes.items())
     remark = (
         "A judge tells view and shape from the picture alone; `true-mesh` shows how far the judge "
@@ -414,45 +409,36 @@ def control_table(
     )
     if message:
         remark += f" Retrieval is among all objects of the run ({message}): by chance 1 in as many."
-    return quality_table(name, title, made, 2, remark, paper_layout=False)
+    title = "Control: does the picture show the view and the object it should?"
+    return quality_table("table_control", title, made, 2, remark, paper_layout=False)
 
 
-def _controlled(
-    metric: str,
-    ok: pd.DataFrame,
-    answers: NDArray[Any],
-    missing: pd.DataFrame,
-    floor: NDArray[Any],
-    among: control.Gallery,
-) -> tuple[float, tuple[float, float], float, str]:
-    """Value, interval, value with the floor's pictures (`missing`), reason why there is none."""
-    note = control.why_no_retrieval(among) if metric == "retrieval" else ""
-    if not note and ok.empty:
-        note = "no pictures"
-    if note:
-        return NAN, (NAN, NAN), NAN, note
-    values = _per_picture(metric, ok, answers, among)
-    with_blank = np.concatenate([values, _per_picture(metric, missing, floor, among)])
-    objects = ok["object"].to_numpy()
+def _judged(
+    metric: str, values: Floats, floor: Floats, records: pd.DataFrame
+) -> tuple[float, tuple[float, float], float]:
+    """Value of the records' pictures, its interval, and the value with the floor's pictures."""
+    objects = records["object"].to_numpy()
+    with_blank = np.concatenate([values, floor])
     if metric == "retrieval":
         per_object = pd.Series(values).groupby(objects, sort=True).mean().to_numpy()
-        return _mean(values), mean_interval(per_object), _mean(with_blank), ""
+        return _mean(values), mean_interval(per_object), _mean(with_blank)
     interval = median_interval(values, objects)
-    return float(np.median(values)), interval, float(np.median(with_blank)), ""
+    return float(np.median(values)), interval, float(np.median(with_blank))
 
 
-def _pictures(records: pd.DataFrame) -> list[Picture]:
+def pictures_of(records: pd.DataFrame) -> list[Picture]:
+    """Object and view of each record."""
     return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
 
 
-def _answers(cell: tuple[str, str, str], records: pd.DataFrame, judged: Features) -> NDArray[Any]:
+def _answers(cell: CellKey, records: pd.DataFrame, judged: Features) -> NDArray[Any]:
     """What the judge says of each record's picture, in their order."""
-    return np.empty(0) if records.empty else judged.of(*cell, _pictures(records))
+    return np.empty(0) if records.empty else judged.of(*cell, pictures_of(records))
 
 
 def _per_picture(
     metric: str, records: pd.DataFrame, answers: NDArray[Any], among: control.Gallery
-) -> NDArray[np.float64]:
+) -> Floats:
     """The error or the hit of each record's picture, in their order."""
     if records.empty:
         return np.empty(0)
@@ -460,7 +446,7 @@ def _per_picture(
         return control.azimuth_error_deg(answers, records["azimuth_deg"].to_numpy())
     if metric == "elevation-error-deg":
         return control.elevation_error_deg(answers, records["elevation_deg"].to_numpy())
-    return control.found(among, answers, _pictures(records))
+    return control.found(among, answers, pictures_of(records))
 
 
 def set_table(

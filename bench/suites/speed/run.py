@@ -15,16 +15,15 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.running import environment as manifests
-from bench.running.environment import ROOT, code_sha256, environment
+from bench.running.environment import code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
 from bench.running.protocol import Options, digest, manifest_of, method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.speed.figure import amortised_figure
-from bench.suites.speed.measure import Unit, measure
+from bench.suites.speed.measure import Unit, lost, measure
 from bench.suites.speed.samples import (
     FORM,
-    Failure,
     Measurement,
     read_measurement,
     write_measurement,
@@ -67,7 +66,8 @@ def speed_units(
     for an unknown method or condition.
     """
     common = [
-        *(FORM, suite.id, sources_sha256(), circumstances, views, seed),
+        # `Method.version` is raised when pictures change; times also change where they do not.
+        *(FORM, suite.id, code_sha256(TIMED), circumstances, views, seed),
         *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
         [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],
     ]
@@ -93,14 +93,6 @@ def speed_units(
                 for count in threads
             ]
     return units
-
-
-def sources_sha256(root: Path = ROOT) -> str:
-    """Checksum of all code under `root` that is timed.
-
-    `Method.version` is raised when pictures change; times also change where they do not.
-    """
-    return code_sha256(TIMED, root)
 
 
 def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
@@ -181,25 +173,6 @@ def _measure_alone(unit: Unit) -> Measurement:
     environment = thread_counts(unit.threads)
     ((_, result),) = run_tasks([unit], measure, 1, unit.suite.limits, environment)
     return lost(unit, result.reason) if isinstance(result, Lost) else result
-
-
-def lost(unit: Unit, reason: str) -> Measurement:
-    """What is written down where the process of a measurement died: no cloud has a time."""
-    failures = (Failure(f"{o.class_name}/{o.object_id}", reason) for o in unit.objects)
-    return Measurement(
-        key=unit.key,
-        method=unit.method,
-        condition=unit.condition,
-        threads=unit.threads,
-        views=unit.views,
-        clouds=len(unit.objects),
-        device=unit.device,
-        samples=(),
-        failures=tuple(failures),
-        idle_mib=None,
-        peak_mib=None,
-        elsewhere_cores=None,
-    )
 
 
 def _write(

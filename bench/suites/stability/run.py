@@ -131,7 +131,7 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
         with one_thread():
             formats = measure_formats()
         matrices = _matrices(methods, observations, formats)
-        behind = observations_table(observations), formats_table("number_formats", formats)
+        behind = observations_table(observations), formats_table(formats)
         write_tables(directory, [*matrices, *behind])
         _draw(directory, matrices, jobs, outcomes, methods)
     printed = [markdown.table(counts(matrices))] + [

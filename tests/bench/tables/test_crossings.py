@@ -92,14 +92,14 @@ def test_from_end_to_end():
 
 
 @pytest.mark.parametrize(
-    ("crossing", "message"),
+    ("crossover", "message"),
     [
         (Crossover(0, 1448.155, 1024.0, 2048.0), "1448 [1024, 2048]"),
         (Crossover(0, 0.13749, 0.1, 0.2), "0.137 [0.1, 0.2]"),
         (Crossover(0, 0.5, math.nan, math.nan), "0.5"),
     ],
 )
-def test_told_crossing(crossover, message):
+def test_text_of_a_crossover(crossover, message):
     assert crossover_text(crossover) == message
 
 

@@ -15,8 +15,8 @@ from bench.catalogue.suites import SPEED, Limits
 from bench.records.journal import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.protocol import Options
-from bench.suites.speed.measure import Unit
-from bench.suites.speed.run import lost, run
+from bench.suites.speed.measure import Unit, lost
+from bench.suites.speed.run import run
 from bench.suites.speed.samples import Sample, read_measurement
 from bench.tables.build import read_scored, tables
 from data_prep.conditions import Unchanged
