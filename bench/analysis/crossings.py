@@ -66,6 +66,11 @@ class PairedComparison:
     leads: tuple[Estimate, ...]
 
     @property
+    def sides(self) -> tuple[Family, str, str]:
+        """Family, method and rival."""
+        return self.family, self.method, self.rival
+
+    @property
     def ahead(self) -> tuple[str, ...]:
         """At each step whose lead has an interval on its side of 0; else UNDECIDED or NO_VALUE."""
         return tuple(_ahead(of, self.method, self.rival) for of in self.leads)

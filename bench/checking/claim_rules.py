@@ -145,11 +145,10 @@ def above_blank(run: Scored) -> list[Finding]:
     """The network's pictures are nearer to the truth than white ones, by SSIM and by distance."""
     found = []
     for network in run.networks:
-        leads = {}
-        for metric in ("ssim", run.distance):
-            leads[metric] = _lead(
-                *(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank"))
-            )
+        leads = {
+            metric: _lead(*(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank")))
+            for metric in ("ssim", run.distance)
+        }
         numbers = "; ".join(f"{m}: ahead by {_text(m, lead)}" for m, lead in leads.items())
         lacking = [m for m, lead in leads.items() if not lead.low > 0]
         why = f"not surely ahead of a blank picture by {', '.join(lacking)}"
@@ -230,8 +229,7 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
         f"variance between objects {a:.2f}, {less} {b:.2f}; more by {_text('fd-views', estimate)}; "
         f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
     )
-    found = _judged("true pictures", numbers, estimate, "network", "")
-    return [found]
+    return [_judged("true pictures", numbers, estimate, "network", "")]
 
 
 # --- speed ----------------------------------------------------------------------------------------
@@ -382,10 +380,9 @@ def _stand_in(metric: str) -> str:
 
 
 def _compared(metric: str, own: float, other: str, value: float, how: str, lead: Estimate) -> str:
-    return (
-        f"{metric} {_number(metric, own)}, {other} {_number(metric, value)}; "
-        f"{how} by {_text(metric, lead)}"
-    )
+    digits = decimals(metric)
+    values = f"{metric} {own:.{digits}f}, {other} {value:.{digits}f}"
+    return f"{values}; {how} by {_text(metric, lead)}"
 
 
 def _text(metric: str, estimate: Estimate) -> str:
@@ -396,7 +393,3 @@ def _text(metric: str, estimate: Estimate) -> str:
 
 def _figures(estimate: Estimate) -> str:
     return f"{estimate.value:.3g} [{estimate.low:.3g}, {estimate.high:.3g}]"
-
-
-def _number(metric: str, value: float) -> str:
-    return f"{value:.{decimals(metric)}f}"

@@ -2,7 +2,7 @@
 
 Golden values are ours, made by one run of the default protocol; each carries a tolerance and the
 reason for it. The paper's values are never a criterion: other data, other weights. What can be
-compared is which of the two roads is ahead in each cell.
+compared is which of the two methods is ahead in each cell.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _cell(row: Row) -> tuple[str, str, str, str]:
 
 
 def _against_paper(made: list[Table[Row]]) -> list[str]:
-    """For each metric that the paper has: in how many cells the same road is ahead."""
+    """For each metric that the paper has: in how many cells the same method is ahead."""
     rows = {_cell(row): row for table in made for row in table.rows}
     sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants
     if any(method == PAPER_NETWORK for method, *_ in rows):  # of all classes

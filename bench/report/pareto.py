@@ -207,7 +207,7 @@ def _plain(value: float, _: int) -> str:
 
 
 def _short(place: Place) -> str:
-    """What tells a method from others of its family: a knob's value, a variant's name."""
+    """What tells a method from others of its family: a parameter's value, a variant's name."""
     setting = find_setting(place.method)
     if setting is not None:
         return f"{setting.value:g}"

@@ -24,7 +24,7 @@ from bench.report.styles import (
     RULE,
     Look,
     family,
-    is_yardstick,
+    is_cost_variant,
     looks,
     rivals,
 )
@@ -178,7 +178,7 @@ def axis_title(metric: str) -> str:
 def curve_panels(tables: Sequence[Table[Row]]) -> list[CurvePanel]:
     """A panel for each of the metrics that has values, and for each class or condition.
 
-    Left out are the ceiling, settings of a knob, and what is measured for its cost alone.
+    Left out are the ceiling, settings of a parameter, and what is measured for its cost alone.
     """
     made = []
     for metric in METRICS:
@@ -200,7 +200,7 @@ def _rows(tables: Sequence[Table[Row]], metric: str) -> list[Row]:
         if math.isfinite(row.value)
         and role(row.method) != "ceiling"
         and family(row.method) == row.method
-        and not is_yardstick(row.method)
+        and not is_cost_variant(row.method)
     ]
 
 

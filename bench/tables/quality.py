@@ -587,6 +587,6 @@ def _mean(values: NDArray[np.float64]) -> float:
 
 
 def with_objectives(table: Table[Row], objectives: Mapping[str, str]) -> Table[Row]:
-    """The table with each network's row told what its weights were trained with."""
+    """The table with what the weights of each network were trained with."""
     rows = (replace(row, objective=objectives.get(row.method, "")) for row in table.rows)
     return replace(table, rows=tuple(rows))

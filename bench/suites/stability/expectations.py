@@ -30,7 +30,7 @@ class Observation:
     """One method on one case.
 
     reason         why there are no pictures; empty where there are
-    notes          what the method mended on its way
+    notes          what the method repaired on its way
     shown          share of the pixels that are not white, mean over the views; None without
     mean_change    mean absolute difference to the pictures of the case it should be like, in grey
                    levels 0..255; None where there is none, or no pictures of either

@@ -13,7 +13,7 @@ it was measured on 60 validation chairs (24 in float16; 12 of them also made ext
   value (at least 1). Allowed: 100 u.
 * The picture, in grey levels: the mean error over all pixels was at most 463 u on plain clouds and
   763 u on extreme ones, which drive the last tanh to -1 and 1, so that a rounding error that
-  changes a sign costs 255. Allowed: 1000 u and 1500 u. The largest error of a pixel is told but not
+  changes a sign costs 255. Allowed: 1000 u and 1500 u. The largest error of a pixel is shown, not
   bounded: along edges the picture of the paired network is that steep.
 
 That is twice what was found; the amplification varied from chair to chair by a factor of 3.
