@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.catalogue.methods import FLOOR, FLOORS, find_method
-from bench.catalogue.metrics import column, is_similarity
+from bench.catalogue.metrics import KERNEL_METRICS, column, is_similarity
 from bench.metrics.frechet import jackknife_interval
 from data_prep.failures import BadInput
 
@@ -150,7 +150,7 @@ def difference(a: Quality, b: Quality) -> Estimate:
 
 def decimals(metric: str) -> int:
     """Digits after the point that values of a metric are printed with."""
-    return 3 if is_similarity(metric) else 1
+    return 3 if is_similarity(metric) or metric in KERNEL_METRICS else 1
 
 
 def milliseconds(value: float) -> str:

@@ -8,11 +8,11 @@ on the axis of the family: on the logarithm where the axis is logarithmic.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, lead
+from bench.analysis.comparison import NAN, Comparison, Estimate, Quality, lead
 from bench.catalogue.families import Family, families_of
 
 # Who is set against whom; settings and weights of a method (`pc2pix@FILE`) stand for it too.
@@ -66,6 +66,11 @@ class PairedComparison:
     leads: tuple[Estimate, ...]
 
     @property
+    def sides(self) -> tuple[Family, str, str]:
+        """Family, method and rival."""
+        return self.family, self.method, self.rival
+
+    @property
     def ahead(self) -> tuple[str, ...]:
         """At each step whose lead has an interval on its side of 0; else UNDECIDED or NO_VALUE."""
         return tuple(_ahead(of, self.method, self.rival) for of in self.leads)
@@ -90,43 +95,47 @@ def condition_curves(
     comparisons: Sequence[Comparison], metrics: Sequence[str]
 ) -> tuple[ConditionCurve, ...]:
     """Every method along every family that the conditions make up: by class, family and metric."""
-    made = []
-    for class_name, by_condition in _by_class(comparisons).items():
-        for family in families_of(by_condition):
-            for metric in metrics:
-                steps = [by_condition[c].qualities[metric] for c in family.conditions]
-                made += [
-                    ConditionCurve(
-                        class_name, family, metric, method, tuple(s[method].estimate for s in steps)
-                    )
-                    for method in steps[0]
-                ]
-    return tuple(made)
+    return tuple(
+        ConditionCurve(
+            class_name, family, metric, method, tuple(step[method].estimate for step in steps)
+        )
+        for class_name, family, metric, steps in _steps(comparisons, metrics)
+        for method in steps[0]
+    )
 
 
 def paired_comparisons(
     comparisons: Sequence[Comparison], metrics: Sequence[str]
 ) -> tuple[PairedComparison, ...]:
     """The pairs that there are, along every family: by class, family, metric and pair."""
-    made = []
-    for class_name, by_condition in _by_class(comparisons).items():
+    return tuple(
+        PairedComparison(
+            class_name,
+            family,
+            metric,
+            method,
+            rival,
+            tuple(step[method].estimate.value for step in steps),
+            tuple(step[rival].estimate.value for step in steps),
+            tuple(lead(step[method], step[rival]) for step in steps),
+        )
+        for class_name, family, metric, steps in _steps(comparisons, metrics)
+        for method, rival in pairs_among(list(steps[0]))
+    )
+
+
+def _steps(
+    comparisons: Sequence[Comparison], metrics: Sequence[str]
+) -> Iterator[tuple[str, Family, str, list[Mapping[str, Quality]]]]:
+    """Class, family and metric, with the qualities by method at each condition of the family."""
+    by_class: dict[str, dict[str, Comparison]] = {}
+    for comparison in comparisons:
+        by_class.setdefault(comparison.class_name, {})[comparison.condition] = comparison
+    for class_name, by_condition in by_class.items():
         for family in families_of(by_condition):
             for metric in metrics:
                 steps = [by_condition[c].qualities[metric] for c in family.conditions]
-                for method, rival in pairs_among(list(steps[0])):
-                    made.append(
-                        PairedComparison(
-                            class_name,
-                            family,
-                            metric,
-                            method,
-                            rival,
-                            tuple(step[method].estimate.value for step in steps),
-                            tuple(step[rival].estimate.value for step in steps),
-                            tuple(lead(step[method], step[rival]) for step in steps),
-                        )
-                    )
-    return tuple(made)
+                yield class_name, family, metric, steps
 
 
 def pairs_among(methods: Sequence[str]) -> list[tuple[str, str]]:
@@ -159,13 +168,6 @@ def _ahead(of: Estimate, method: str, rival: str) -> str:
     if not math.isfinite(of.value):
         return NO_VALUE
     return method if of.low > 0 else rival if of.high < 0 else UNDECIDED
-
-
-def _by_class(comparisons: Sequence[Comparison]) -> Mapping[str, Mapping[str, Comparison]]:
-    made: dict[str, dict[str, Comparison]] = {}
-    for comparison in comparisons:
-        made.setdefault(comparison.class_name, {})[comparison.condition] = comparison
-    return made
 
 
 def place_of(value: float, family: Family) -> float:

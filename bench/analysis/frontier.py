@@ -142,7 +142,7 @@ class Thinned:
 def thinned(comparisons: Sequence[Comparison], metrics: Sequence[str], views: int) -> list[Thinned]:
     """Candidates at the conditions that only take points away; none where the full cloud is not.
 
-    The number of points is a knob of every method: what fewer save, and what they lose.
+    The number of points is a parameter of every method: what fewer save, and what they lose.
     """
     counted = [(c, points) for c in comparisons if (points := point_count(c.condition))]
     full = {c.class_name: c for c, points in counted if points == CLOUD_SIZE}

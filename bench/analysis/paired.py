@@ -37,34 +37,8 @@ class Side:
 
 
 @dataclass(frozen=True)
-class PairedDifference:
-    """A cell.
-
-    value_a, value_b  of the two sides
-    difference        b - a, with its 95 % interval; NaN where there are too few objects
-    p                 of no difference, two-sided; NaN where there are too few objects
-    p_holm            corrected for the number of cells that have a p value
-    ahead             who is better; a tie where `p_holm` is not below SIGNIFICANCE
-    objects           number of objects that are paired
-    """
-
-    metric: str
-    condition: str
-    class_name: str
-    a: Side
-    b: Side
-    value_a: float
-    value_b: float
-    difference: Estimate
-    p: float
-    p_holm: float
-    ahead: Ahead
-    objects: int
-
-
-@dataclass(frozen=True)
 class Pair:
-    """What is known of a cell before the correction: the two qualities of the same objects."""
+    """A cell: the qualities of its two sides by one metric, on the same objects."""
 
     condition: str
     class_name: str
@@ -74,26 +48,35 @@ class Pair:
     quality_b: Quality
     objects: int
 
+    @property
+    def metric(self) -> str:
+        """Of both qualities."""
+        return self.quality_a.metric
+
+
+@dataclass(frozen=True)
+class PairedDifference:
+    """What differs in a cell.
+
+    difference  b - a, with its 95 % interval; NaN where there are too few objects
+    p           of no difference, two-sided; NaN where there are too few objects
+    p_holm      corrected for the number of cells that have a p value
+    ahead       who is better; a tie where `p_holm` is not below SIGNIFICANCE
+    """
+
+    pair: Pair
+    difference: Estimate
+    p: float
+    p_holm: float
+    ahead: Ahead
+
 
 def paired_differences(pairs: Sequence[Pair]) -> list[PairedDifference]:
     """The difference of each pair, in their order, corrected for all of them together."""
     changes = [difference(pair.quality_b, pair.quality_a) for pair in pairs]
     values = [p_value(pair, change) for pair, change in zip(pairs, changes, strict=True)]
     return [
-        PairedDifference(
-            metric=pair.quality_a.metric,
-            condition=pair.condition,
-            class_name=pair.class_name,
-            a=pair.a,
-            b=pair.b,
-            value_a=pair.quality_a.estimate.value,
-            value_b=pair.quality_b.estimate.value,
-            difference=change,
-            p=p,
-            p_holm=corrected,
-            ahead=_ahead(pair.quality_a.metric, change, corrected),
-            objects=pair.objects,
-        )
+        PairedDifference(pair, change, p, corrected, _ahead(pair.metric, change, corrected))
         for pair, change, p, corrected in zip(pairs, changes, values, holm(values), strict=True)
     ]
 
@@ -102,7 +85,7 @@ def p_value(pair: Pair, change: Estimate) -> float:
     """Two-sided p value of no difference; NaN where the cell has no interval."""
     if not math.isfinite(change.low):
         return math.nan
-    if is_similarity(pair.quality_a.metric):
+    if is_similarity(pair.metric):
         return sign_flip_p(pair.quality_b.per_object - pair.quality_a.per_object)
     if change.value == 0:
         return 1.0

@@ -1,4 +1,4 @@
-"""Which method to take: by a budget, by the quality wished for, and what choosing so gives away.
+"""Which method to take: by a budget, by the quality required, and what choosing so gives away.
 
 Pure functions of comparisons. "Affordable" is a method whose median cost is within the budget.
 """
@@ -54,7 +54,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Advice:
-    """What the wish comes to under one condition.
+    """The answer to a request under one condition.
 
     best, next    within the budget: the best by its mean, and those after it, the cheapest of those
                   that print equal; None and none where nothing is affordable
@@ -63,7 +63,7 @@ class Advice:
                   than the best: mean over objects
     regret_blind  the same where each object's method is chosen by the other objects, as that of a
                   new cloud has to be; NaN with a single object
-    on_average    the cheapest whose mean ssim is what was wished, within the budget or not
+    on_average    the cheapest whose mean ssim is what was required, within the budget or not
     surely        the cheapest of which even the lower end of the interval is
     cheapest, finest  of all: what comes nearest where nothing is affordable or good enough
     """

@@ -19,9 +19,7 @@ from bench.checking.claim_rules import (
     Evidence,
     Finding,
     Lacking,
-    Latent,
     Scored,
-    Timed,
     Verdict,
 )
 from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
@@ -140,12 +138,10 @@ def read_run(directory: Path) -> Run:
         )
     name = f"{suite} on {manifest['dataset']}"
     if suite == SPEED:
-        return Run(name, suite, Timed(_read_table(directory, "speed_samples")))
+        return Run(name, suite, _read_table(directory, "speed_samples"))
     if suite == LATENT:
-        tables = [
-            _read_table(directory, f"latent_{name}") for name in ("interpolation", "arithmetic")
-        ]
-        return Run(name, suite, Latent(pd.concat(tables, ignore_index=True)))
+        of_both = [_read_table(directory, f"latent_{of}") for of in ("interpolation", "arithmetic")]
+        return Run(name, suite, pd.concat(of_both, ignore_index=True))
     return Run(name, suite, _scored(directory, manifest))
 
 

@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import Comparison, Estimate, Quality
+from bench.analysis.comparison import Comparison, Estimate, Quality, decimals
 from bench.analysis.intervals import interval_of_means, mean_interval
 from bench.catalogue.metrics import is_similarity
 from bench.metrics.frechet import jackknife_interval
-from bench.tables.classes import NETWORK, SURFACE, decimals
+from bench.tables.classes import NETWORK, SURFACE
 from bench.tables.orderings import Ordering
 from bench.tables.table import Table
 
@@ -92,21 +92,8 @@ class Scored:
         return next((metric for metric in DISTANCES if metric in measured), DISTANCES[0])
 
 
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """A run of the suite `speed`: its samples, as in `tables/speed_samples.csv`."""
-
-    samples: pd.DataFrame
-
-
-@dataclass(frozen=True, eq=False)
-class Latent:
-    """A run of the suite `latent`: the means of both of its tables."""
-
-    means: pd.DataFrame
-
-
-Evidence = Scored | Timed | Latent
+# Of `speed` the samples, as in `tables/speed_samples.csv`; of `latent` the means of both tables.
+Evidence = Scored | pd.DataFrame
 
 
 # --- chairs, condition by condition ---------------------------------------------------------------
@@ -158,11 +145,10 @@ def above_blank(run: Scored) -> list[Finding]:
     """The network's pictures are nearer to the truth than white ones, by SSIM and by distance."""
     found = []
     for network in run.networks:
-        leads = {}
-        for metric in ("ssim", run.distance):
-            leads[metric] = _lead(
-                *(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank"))
-            )
+        leads = {
+            metric: _lead(*(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank")))
+            for metric in ("ssim", run.distance)
+        }
         numbers = "; ".join(f"{m}: ahead by {_text(m, lead)}" for m, lead in leads.items())
         lacking = [m for m, lead in leads.items() if not lead.low > 0]
         why = f"not surely ahead of a blank picture by {', '.join(lacking)}"
@@ -243,19 +229,18 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
         f"variance between objects {a:.2f}, {less} {b:.2f}; more by {_text('fd-views', estimate)}; "
         f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
     )
-    found = _judged("true pictures", numbers, estimate, "network", "")
-    return [found]
+    return [_judged("true pictures", numbers, estimate, "network", "")]
 
 
 # --- speed ----------------------------------------------------------------------------------------
 
 
-def faster(run: Timed, times: float) -> list[Finding]:
+def faster(samples: pd.DataFrame, times: float) -> list[Finding]:
     """A picture of the network costs less than one over `times` of one of SR, preparing included.
 
     On one thread, cloud by cloud: the interval is over clouds.
     """
-    costs = _costs(run.samples)
+    costs = _costs(samples)
     networks = [m for m in costs if m.partition("@")[0] == NETWORK]
     if SURFACE not in costs or not networks:
         raise Lacking(f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}")
@@ -287,12 +272,14 @@ def _costs(samples: pd.DataFrame) -> dict[str, Floats]:
 # --- latent ---------------------------------------------------------------------------------------
 
 
-def mean_above(run: Latent, metric: str, what: str, than: str | None = None) -> list[Finding]:
+def mean_above(
+    means: pd.DataFrame, metric: str, what: str, than: str | None = None
+) -> list[Finding]:
     """A mean of the suite `latent` is surely above another one's, or above 0 without another.
 
     Two means are compared by their intervals, which must not touch: they are not paired.
     """
-    rows = run.means[(run.means["metric"] == metric) & (run.means["kind"] == "all")]
+    rows = means[(means["metric"] == metric) & (means["kind"] == "all")]
     found = []
     for method in dict.fromkeys(rows["method"]):
         at = rows[rows["method"] == method].set_index("what")
@@ -393,10 +380,9 @@ def _stand_in(metric: str) -> str:
 
 
 def _compared(metric: str, own: float, other: str, value: float, how: str, lead: Estimate) -> str:
-    return (
-        f"{metric} {_number(metric, own)}, {other} {_number(metric, value)}; "
-        f"{how} by {_text(metric, lead)}"
-    )
+    digits = decimals(metric)
+    values = f"{metric} {own:.{digits}f}, {other} {value:.{digits}f}"
+    return f"{values}; {how} by {_text(metric, lead)}"
 
 
 def _text(metric: str, estimate: Estimate) -> str:
@@ -407,7 +393,3 @@ def _text(metric: str, estimate: Estimate) -> str:
 
 def _figures(estimate: Estimate) -> str:
     return f"{estimate.value:.3g} [{estimate.low:.3g}, {estimate.high:.3g}]"
-
-
-def _number(metric: str, value: float) -> str:
-    return f"{value:.{decimals(metric)}f}"

@@ -2,7 +2,7 @@
 
 Golden values are ours, made by one run of the default protocol; each carries a tolerance and the
 reason for it. The paper's values are never a criterion: other data, other weights. What can be
-compared is which of the two roads is ahead in each cell.
+compared is which of the two methods is ahead in each cell.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bench.catalogue.suites import STABILITY
 from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
 from bench.suites.stability.tables import read_outcomes
-from bench.tables.build import beyond, class_orderings, read_scored, tables
+from bench.tables.build import class_orderings, crossings, read_scored, tables
 from bench.tables.orderings import PAPER_NETWORK
 from bench.tables.published import golden, golden_path
 from bench.tables.quality import PAPER_METHODS, Row
@@ -55,9 +55,7 @@ def check(directory: Path) -> Verdict:
     _same_protocol(directory, manifest, expected)
     made = tables(run)
     found = {_cell(row): row.value for table in made for row in table.rows}
-    ordered, along = class_orderings(run), beyond(run)
-    further = [ordered, along.crossings if along is not None else None]
-    written: list[Table[Any]] = [*made, *(table for table in further if table is not None)]
+    written: list[Table[Any]] = [*made, *filter(None, (class_orderings(run), crossings(run)))]
     compared, regressions = 0, _stale_tables(directory, written)
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
@@ -151,7 +149,7 @@ def _cell(row: Row) -> tuple[str, str, str, str]:
 
 
 def _against_paper(made: list[Table[Row]]) -> list[str]:
-    """For each metric that the paper has: in how many cells the same road is ahead."""
+    """For each metric that the paper has: in how many cells the same method is ahead."""
     rows = {_cell(row): row for table in made for row in table.rows}
     sr, network, *_ = PAPER_METHODS  # the bundled default; the others are variants
     if any(method == PAPER_NETWORK for method, *_ in rows):  # of all classes

@@ -64,12 +64,12 @@ def _write_figures(
     directory: Path, suite: str, outputs: Outputs, artifacts: Sequence[Artifact]
 ) -> None:
     by_class = next((t for t in outputs.tables if t.name == CLASSES), None)
-    along = outputs.beyond
     if by_class is not None:
         write_class_figures(directory, by_class, published(suite), artifacts)
     elif outputs.trade is not None:
-        write_frontier(directory / FIGURES, outputs.trade.frontier.rows)
-    elif along is not None and along.curves:
-        write_beyond_figures(directory, along.curves, artifacts)
+        frontier, _ = outputs.trade
+        write_frontier(directory / FIGURES, frontier.rows)
+    elif outputs.curves:
+        write_beyond_figures(directory, outputs.curves, artifacts)
     else:
         write_figures(directory, outputs.tables, artifacts)

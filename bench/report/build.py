@@ -30,7 +30,7 @@ from bench.report.pictures import cases, extremes, grids, shown_objects
 from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
 from bench.report.styles import looks
-from bench.tables.build import Outputs, how_timed
+from bench.tables.build import Outputs, how_timed, in_order
 from bench.tables.frontier import cost_grid
 from bench.tables.table import Table, Tags
 from data_prep.conditions import CONDITIONS
@@ -64,7 +64,8 @@ def write_report(made: Outputs, out: Path | None = None) -> Path:
 def read_page(made: Outputs) -> Page:
     """All that the report of a finished run shows. Raises BadInput as `write_report`."""
     run, manifest, suite = made.run, made.run.manifest, made.run.suite
-    records = _in_order(run.records, manifest)
+    by = ("method", "condition", "class", "object", "view")
+    records = in_order(run.records, manifest, by)
     views = int(manifest["views"])
     chosen = extremes(records)
     sources = open_sources(run.directory, manifest, _shown(records, chosen))
@@ -75,11 +76,9 @@ def read_page(made: Outputs) -> Page:
         costs = cost_plots(comparisons, metrics, views, styles)
         costed = cost_grid(comparisons, metrics[0], views)
     failures = failure_groups(records)
-    ordered, along = made.orderings, made.beyond
-    fought = along.crossings if along is not None else None
     left_out = _left_out(manifest["methods"])
-    if along is not None and along.curves:
-        drawn, title = family_curves(along.curves, styles), "Beyond training"
+    if made.curves:
+        drawn, title = family_curves(made.curves, styles), "Beyond training"
         remark = f"{_OF_OBJECTS} {_BANDS} {left_out}"
     else:
         drawn = curves(made.tables, styles)
@@ -96,9 +95,9 @@ def read_page(made: Outputs) -> Page:
         curves_title=title,
         curves_remark=remark.strip(),
         tables=(
-            *([table_group(fought)] if fought else ()),
+            *([table_group(made.crossings)] if made.crossings else ()),
             *map(table_group, made.tables),
-            *([table_group(ordered, folded=False)] if ordered else ()),
+            *([table_group(made.orderings, folded=False)] if made.orderings else ()),
         ),
         costs=costs,
         cost_table=costed,
@@ -112,20 +111,6 @@ def read_page(made: Outputs) -> Page:
         command=_command(manifest),
         manifest=tuple(json.dumps(manifest, indent=2, ensure_ascii=False).split("\n")),
         meanings=_meanings(manifest, suite),
-    )
-
-
-def _in_order(records: pd.DataFrame, manifest: Mapping[str, Any]) -> pd.DataFrame:
-    """Rows in the order of the manifest's methods and conditions, then by object and view."""
-    ranks = {
-        column: {name: i for i, name in enumerate(manifest[plural])}
-        for column, plural in (("method", "methods"), ("condition", "conditions"))
-    }
-    return records.sort_values(
-        ["method", "condition", "class", "object", "view"],
-        key=lambda values: values.map(ranks[str(values.name)]) if values.name in ranks else values,
-        kind="stable",
-        ignore_index=True,
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.analysis.paired import PairedDifference
+from bench.analysis.paired import Pair, PairedDifference
 from bench.catalogue.metrics import is_similarity
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
@@ -36,18 +36,18 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
     Cells without a difference are left out; None where there are no others.
     """
     known = [cell for cell in cells if math.isfinite(cell.difference.value)]
-    metrics = list(dict.fromkeys(cell.metric for cell in known))
-    labels = list(dict.fromkeys(map(_label, known)))
+    metrics = list(dict.fromkeys(cell.pair.metric for cell in known))
+    labels = list(dict.fromkeys(_label(cell.pair) for cell in known))
     if not metrics:
         return None
     size_in = 2.5 + 3.5 * len(metrics), 1.6 + 0.28 * len(labels)
     figure, (axes,) = panels(1, len(metrics), size_in, sharey=True)
     for axis, metric in zip(axes, metrics, strict=True):
-        for cell in (one for one in known if one.metric == metric):
+        for cell in (one for one in known if one.pair.metric == metric):
             low, value, high = cell.difference.low, cell.difference.value, cell.difference.high
             axis.errorbar(
                 [value],
-                [labels.index(_label(cell))],
+                [labels.index(_label(cell.pair))],
                 xerr=[[value - low], [high - value]] if math.isfinite(low) else None,
                 marker="o",
                 markersize=4,
@@ -67,8 +67,8 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
     return figure
 
 
-def _label(cell: PairedDifference) -> str:
-    named = [cell.condition, cell.class_name]
-    if cell.a.method == cell.b.method:
-        named.insert(0, cell.b.method)
+def _label(pair: Pair) -> str:
+    named = [pair.condition, pair.class_name]
+    if pair.a.method == pair.b.method:
+        named.insert(0, pair.b.method)
     return visible(", ".join(named))

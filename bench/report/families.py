@@ -11,20 +11,18 @@ from bench.catalogue.families import Family
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import is_similarity
 from bench.records.artifacts import Artifact
-from bench.records.record import GROUND_TRUTH
 from bench.report.inline import Drawing, inline
 from bench.report.page import Plot
 from bench.report.robustness import (
-    Curve,
     Point,
     axis_title,
     draw_curve,
     in_words,
-    picture_rows,
     scale_distances,
+    write_pictures,
 )
 from bench.report.styles import RULE, Look, looks
-from bench.tables.figure import FIGURES, drawing, image_grid, panels, save
+from bench.tables.figure import FIGURES, drawing, panels, save
 from bench.tables.markdown import visible
 from bench.tables.table import Tags, ordered
 
@@ -49,12 +47,8 @@ def write_beyond_figures(
     for kind in ("png", "svg"):
         save(figure, folder / f"beyond.{kind}")
     conditions = ordered(c for curve in curves for c in curve.family.conditions)
-    objects = list(dict.fromkeys(a.item.object for a in artifacts))[:OBJECTS_SHOWN]
-    rows = picture_rows(artifacts, objects, conditions)
-    if rows:
-        size_in = (1.2 * (1 + len(conditions)) + 1, 1.2 * len(rows) + 0.2)
-        grid = image_grid([GROUND_TRUTH, *conditions], rows, size_in)
-        save(grid, folder / "beyond-pictures.png", dpi=80)
+    path = folder / "beyond-pictures.png"
+    write_pictures(path, artifacts, conditions, OBJECTS_SHOWN, cell_in=1.2, titles_in=0.2, dpi=80)
 
 
 @drawing()
@@ -111,7 +105,7 @@ def _draw_panel(
             Point(x, condition, c.class_name, estimate)
             for x, condition, estimate in zip(places, family.conditions, c.estimates, strict=True)
         ]
-        line = draw_curve(drawn, axis, Curve(c.metric, c.method, points), styles[c.method])
+        line = draw_curve(drawn, axis, c.metric, c.method, points, styles[c.method])
         drawn.mark(line, Tags(method=c.method), series=True)
     axis.set_xticks(places, [f"{value:g}" for value in family.values], fontsize=8)
     axis.tick_params(axis="y", labelsize=8)
@@ -170,11 +164,3 @@ def family_curves(curves: Sequence[ConditionCurve], styles: Mapping[str, Look]) 
             )
         )
     return tuple(plots)
-
-
-_REMARK = (
-    "How much better the first of two methods is than the second: over 0 if it is, with its 95 % "
-    "interval, paired over objects; failed pictures are scored as blank ones. “ahead” and “behind” "
-    "are said where the interval leaves 0 out. Curves cross where the lead passes through 0, on "
-    "straight lines between what was measured; in brackets as far as its interval holds 0."
-)

@@ -40,9 +40,9 @@ _REFERENCE = re.compile(r"#([\w.-]+)")
 class Part:
     """What the page does with a part of a figure.
 
-    tags    what the filters go by
-    told    shown where the mouse rests on it
-    series  whether the figure is hidden where all such parts are
+    tags         what the filters go by
+    description  shown where the mouse rests on it
+    series       whether the figure is hidden where all such parts are
     """
 
     tags: Tags

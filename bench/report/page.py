@@ -39,9 +39,9 @@ class Svg:
 class Plot:
     """A figure.
 
-    axis  what is measured, and whether more of it is better
-    told  all of it in words, for those who do not see it
-    wide  whether it wants the whole width of the page
+    axis         what is measured, and whether more of it is better
+    description  all of it in words, for those who do not see it
+    wide         whether it takes the whole width of the page
     """
 
     title: str
@@ -58,7 +58,6 @@ class Picture:
 
     uri: str
     description: str
-    size: int = 128
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from bench.catalogue.metrics import IMAGE_METRICS
 from bench.catalogue.parameters import find_setting
 from bench.report.inline import Drawing, inline
 from bench.report.page import Plot
-from bench.report.robustness import axis_title, point_style
+from bench.report.robustness import axis_title, point_style, shortened
 from bench.report.styles import INK, RULE, SOFT, Look, looks
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
@@ -207,12 +207,11 @@ def _plain(value: float, _: int) -> str:
 
 
 def _short(place: Place) -> str:
-    """What tells a method from others of its family: a knob's value, a variant's name."""
+    """What tells a method from others of its family: a parameter's value, a variant's name."""
     setting = find_setting(place.method)
     if setting is not None:
         return f"{setting.value:g}"
-    name = visible(place.method.partition("@")[2])
-    return name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}"
+    return shortened(visible(place.method.partition("@")[2]), LONGEST)
 
 
 def _family(place: Place) -> str:
@@ -357,10 +356,6 @@ def _limits(places: Sequence[Place], metric: str, styles: Mapping[str, Look]) ->
     _scale(axis, metric)
     _draw_panel(Drawing(figure), axis, places, styles)
     return axis.get_xlim(), axis.get_ylim()
-
-
-def _of_views(views: int) -> str:
-    return "1 view" if views == 1 else f"its {views} views"
 
 
 def _text(place: Place) -> str:

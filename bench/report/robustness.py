@@ -24,11 +24,12 @@ from bench.report.styles import (
     RULE,
     Look,
     family,
-    is_yardstick,
+    is_cost_variant,
     looks,
     rivals,
 )
 from bench.tables.figure import (
+    DPI,
     FIGURES,
     Image,
     drawing,
@@ -73,45 +74,38 @@ def write_figures(
     curved = curve_panels(tables)
     if curved:
         save(robustness_figure(curved, styles).figure, folder / "robustness.png")
-    _write_grid(folder / "pictures.png", artifacts)
+    conditions = ordered(a.item.condition for a in artifacts if a.item.condition)
+    write_pictures(folder / "pictures.png", artifacts, conditions)
     _write_thin_parts(folder / "thin-parts.png", artifacts)
 
 
-def _write_grid(path: Path, artifacts: Sequence[Artifact]) -> None:
-    """The first view of the first objects: a row per object and method, a column per condition.
-
-    Ceiling and floors are left out: the first column shows the truth, and what looks at no cloud
-    needs no picture.
-    """
-    objects = list(dict.fromkeys(artifact.item.object for artifact in artifacts))[:OBJECTS_SHOWN]
-    conditions = ordered(a.item.condition for a in artifacts if a.item.condition)
-    rows = picture_rows(artifacts, objects, conditions)
-    if rows:
-        size_in = (1.3 * (1 + len(conditions)) + 1, 1.3 * len(rows))
-        save(image_grid([GROUND_TRUTH, *conditions], rows, size_in), path)
-
-
-def picture_rows(
+def write_pictures(
+    path: Path,
     artifacts: Sequence[Artifact],
-    objects: Sequence[tuple[str, str]],
     conditions: Sequence[str],
-) -> list[tuple[str, list[Image | None]]]:
-    """For `image_grid`: of each object and method that competes the truth, then its pictures at
-    the conditions, in the first view."""
+    objects_shown: int = OBJECTS_SHOWN,
+    cell_in: float = 1.3,
+    titles_in: float = 0.0,
+    dpi: float = DPI,
+) -> None:
+    """The first view of the first objects, which nobody has chosen: a row for each object and
+    method that competes, the truth and then a column for each condition."""
     by_item = {artifact.item: artifact for artifact in artifacts}
     methods = rivals(ordered(item.method for item in by_item if item.condition))
-    return [
-        (
-            f"{obj[1][:LONGEST]}\n{method}",
-            [
-                None if (artifact := by_item.get(Item(*cell, *obj))) is None
-                else artifact.pictures()[0]
-                for cell in [(GROUND_TRUTH, ""), *((method, c) for c in conditions)]
-            ],
-        )
-        for obj in objects
+    cells = [(GROUND_TRUTH, ""), *(("", condition) for condition in conditions)]
+
+    def first(cell: tuple[str, str], method: str, obj: tuple[str, str]) -> Image | None:
+        artifact = by_item.get(Item(cell[0] or method, cell[1], *obj))
+        return None if artifact is None else artifact.pictures()[0]
+
+    rows = [
+        (f"{obj[1][:LONGEST]}\n{method}", [first(cell, method, obj) for cell in cells])
+        for obj in ordered(artifact.item.object for artifact in artifacts)[:objects_shown]
         for method in methods
-    ]  # fmt: skip
+    ]
+    if rows:
+        size_in = (cell_in * len(cells) + 1, cell_in * len(rows) + titles_in)
+        save(image_grid([GROUND_TRUTH, *conditions], rows, size_in), path, dpi=dpi)
 
 
 def _write_thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
@@ -175,11 +169,6 @@ class CurvePanel:
         """Where a row stands."""
         return row.class_name if self.by_class else row.condition
 
-    @property
-    def axis(self) -> str:
-        """What is measured."""
-        return axis_title(self.metric)
-
 
 def axis_title(metric: str) -> str:
     """The metric, and its better direction."""
@@ -189,7 +178,7 @@ def axis_title(metric: str) -> str:
 def curve_panels(tables: Sequence[Table[Row]]) -> list[CurvePanel]:
     """A panel for each of the metrics that has values, and for each class or condition.
 
-    Left out are the ceiling, settings of a knob, and what is measured for its cost alone.
+    Left out are the ceiling, settings of a parameter, and what is measured for its cost alone.
     """
     made = []
     for metric in METRICS:
@@ -211,7 +200,7 @@ def _rows(tables: Sequence[Table[Row]], metric: str) -> list[Row]:
         if math.isfinite(row.value)
         and role(row.method) != "ceiling"
         and family(row.method) == row.method
-        and not is_yardstick(row.method)
+        and not is_cost_variant(row.method)
     ]
 
 
@@ -223,13 +212,13 @@ def curves(tables: Sequence[Table[Row]], styles: Mapping[str, Look]) -> tuple[Pl
 
 
 def _plot(panel: CurvePanel, styles: Mapping[str, Look], name: str) -> Plot:
-    place = panel.place
+    place, axis = panel.place, axis_title(panel.metric)
     description = in_words(panel.metric, ((r.method, panel.step(r), r.value) for r in panel.rows))
     where = f"at {place}, by class" if panel.by_class else f"against the conditions, class {place}"
     return Plot(
         title=f"{panel.metric} {where}",
-        axis=panel.axis,
-        description=f"{panel.axis}. {description}",
+        axis=axis,
+        description=f"{axis}. {description}",
         svg=inline(robustness_figure([panel], styles), name),
         wide=panel.by_class,
         tags=Tags(condition=place) if panel.by_class else Tags(class_name=place),
@@ -276,10 +265,11 @@ def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[st
             if row.method == method
         ]
         # Classes have no order that a line could follow.
-        curve = Curve(panel.metric, method, points, joined=not panel.by_class)
-        lines.append(draw_curve(drawn, axis, curve, styles[method]))
-        drawn.mark(lines[-1], Tags(method=method))
-    axis.set_title(panel.axis, fontsize=11)
+        joined = not panel.by_class
+        line = draw_curve(drawn, axis, panel.metric, method, points, styles[method], joined)
+        drawn.mark(line, Tags(method=method))
+        lines.append(line)
+    axis.set_title(axis_title(panel.metric), fontsize=11)
     axis.grid(axis="y", color=RULE, linewidth=0.8)
     axis.set_axisbelow(True)
     axis.set_xlim(-0.5, max(len(steps) - 0.5, 0.5))
@@ -305,35 +295,34 @@ class Point(NamedTuple):
     estimate: Estimate
 
 
-class Curve(NamedTuple):
-    """The values of a method; `joined` whether a line goes through them."""
-
-    metric: str
-    method: str
-    points: Sequence[Point]
-    joined: bool = True
-
-
-def draw_curve(drawn: Drawing, axis: Any, curve: Curve, look: Look) -> Any:
-    """Draw a line and its points with their intervals; of a floor the line alone, or where it is
-    not joined a level at each point.
+def draw_curve(
+    drawn: Drawing,
+    axis: Any,
+    metric: str,
+    method: str,
+    points: Sequence[Point],
+    look: Look,
+    joined: bool = True,
+) -> Any:
+    """Draw the points of a method with their intervals, and a line through them if `joined`; of a
+    floor the line alone, or where it is not joined a level at each point.
 
     Returns the line, which is labelled with the method and not marked yet.
     """
-    at, values = [p.x for p in curve.points], [p.estimate.value for p in curve.points]
-    style: Any = {"linestyle": look.dashes if curve.joined else "none", "linewidth": 1.2}
-    style |= {"markevery": [], "label": _short(curve.method)}
+    at, values = [p.x for p in points], [p.estimate.value for p in points]
+    style: Any = {"linestyle": look.dashes if joined else "none", "linewidth": 1.2}
+    style |= {"markevery": [], "label": shortened(visible(method), LONGEST)}
     (line,) = axis.plot(at, values, **point_style(look, 5.5) | style)
-    if not look.marker and not curve.joined:
+    if not look.marker and not joined:
         left, right = np.array(at) - 0.5, np.array(at) + 0.5
         levels = axis.hlines(values, left, right, look.colour, look.dashes, linewidth=1)
-        drawn.mark(levels, Tags(method=curve.method))
-    for x, condition, class_name, (value, low, high) in curve.points if look.marker else ():
+        drawn.mark(levels, Tags(method=method))
+    for x, condition, class_name, (value, low, high) in points if look.marker else ():
         if not math.isfinite(value):
             continue
-        tags = Tags(curve.method, condition, class_name)
-        digits = decimals(curve.metric)
-        description = f"{curve.method}, {condition}, {class_name}: {value:.{digits}f}"
+        tags = Tags(method, condition, class_name)
+        digits = decimals(metric)
+        description = f"{method}, {condition}, {class_name}: {value:.{digits}f}"
         if math.isfinite(low):
             description += f" [{low:.{digits}f}, {high:.{digits}f}]"
             (interval,) = axis.plot([x, x], [low, high], color=look.colour, linewidth=0.9)
@@ -372,7 +361,6 @@ def scale_distances(axis: Any) -> None:
     axis.yaxis.set_major_formatter("{x:g}")
 
 
-def _short(name: str) -> str:
-    """The name of weights may be a long path: its end tells most."""
-    shown = visible(name)
-    return shown if len(shown) <= LONGEST else f"…{shown[1 - LONGEST :]}"
+def shortened(name: str, longest: int) -> str:
+    """At most so many letters: a name may hold the path of a weights file, whose end tells most."""
+    return name if len(name) <= longest else f"…{name[1 - longest :]}"

@@ -13,7 +13,7 @@ Dashes = str | tuple[int, tuple[float, ...]]
 # Colours of the page's style sheet in light; in dark it replaces them one by one.
 INK, PAPER, SOFT, RULE = "#000000", "#ffffff", "#535b64", "#d9d6d0"
 HUES = ("#0b5fa5", "#b4450a", "#00735a", "#8a3b8f", "#7a5b00", "#b3123b", "#0b6e85", "#57606a")
-# Told apart by form too: a method is never known by its hue alone.
+# Forms differ too: a method is never identified by its hue alone.
 MARKERS = ("o", "s", "^", "D", "v", ">", "<", "X")
 DASHES: tuple[Dashes, ...] = (
     *("-", (0, (5.5, 2.5)), (0, (2, 2)), (0, (6, 2, 1.2, 2)), (0, (9, 2.5))),
@@ -36,13 +36,13 @@ def rivals(methods: Iterable[str]) -> list[str]:
     return [method for method in methods if not role(method)]
 
 
-def is_yardstick(method: str) -> bool:
+def is_cost_variant(method: str) -> bool:
     """Whether nobody would draw with it: it is there for its cost."""
-    return any(yardstick.id == method for yardstick in COST_VARIANTS)
+    return any(variant.id == method for variant in COST_VARIANTS)
 
 
 def family(method: str) -> str:
-    """The method whose knob this one turns; without a knob the method itself."""
+    """The method whose parameter this one sets; without a parameter the method itself."""
     setting = find_setting(method)
     return method if setting is None else setting.parameter.method
 
@@ -53,7 +53,7 @@ def looks(methods: Iterable[str]) -> dict[str, Look]:
     The first eight families differ in hue, marker and dashes at once; further ones in hue. Variants
     of a method (`@`) come after the methods.
     """
-    ids = sorted(methods, key=lambda method: (is_yardstick(method), "@" in family(method)))
+    ids = sorted(methods, key=lambda method: (is_cost_variant(method), "@" in family(method)))
     families: list[str] = []
     floors = 0
     made = {}

@@ -296,7 +296,15 @@ def refuse(suite: str, stated: Iterable[tuple[str, object, str]]) -> None:
     """
     for name, value, why in stated:
         if value is not None:
-            raise BadInput(f"--{name}: has no meaning for the suite {suite}, {why}; leave it")
+            option = name.replace("_", "-")
+            raise BadInput(f"--{option}: has no meaning for the suite {suite}, {why}; leave it")
+
+
+def refuse_below_one(options: Options) -> None:
+    """Raises BadInput where objects or views are limited to fewer than one."""
+    for name, value in (("limit", options.limit), ("views", options.views)):
+        if value is not None and value < 1:
+            raise BadInput(f"--{name} {value}: must be at least 1")
 
 
 def workers_of(suite: Suite, options: Options) -> int:
@@ -336,9 +344,7 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     for condition in conditions:
         find(condition, CONDITIONS, "condition")
-    for name, value in (("limit", options.limit), ("views", options.views)):
-        if value is not None and value < 1:
-            raise BadInput(f"--{name} {value}: must be at least 1")
+    refuse_below_one(options)
     dataset = open_dataset(options.dataset)
     objects = tuple(
         obj

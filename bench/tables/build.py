@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import Comparison, compare
 from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.frontier import Place, Thinned
+from bench.analysis.frontier import Place, Thinned, places, thinned
 from bench.analysis.recognition import read_class_head
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import (
@@ -93,25 +93,6 @@ class ScoredRun:
         return self._compared[tuple(metrics)]
 
 
-@dataclass(frozen=True)
-class Trade:
-    """Quality against cost: the frontier, and what fewer points save."""
-
-    frontier: Table[Place]
-    points: Table[Thinned]
-
-
-@dataclass(frozen=True)
-class Beyond:
-    """The methods along the families of conditions that a run has, of which there may be none.
-
-    crossings  who is ahead of whom, and where that changes; None without two such methods
-    """
-
-    curves: tuple[ConditionCurve, ...]
-    crossings: Table[Step] | None
-
-
 def tables(run: ScoredRun) -> list[Table[Row]]:
     """The tables of a run, from its records and features alone.
 
@@ -130,16 +111,8 @@ def tables(run: ScoredRun) -> list[Table[Row]]:
             detail_table(*detail, run.records, run.suite),
         ]
         if run.suite.control_metrics:
-            made.append(
-                control_table(
-                    "table_control",
-                    "Control: does the picture show the view and the object it should?",
-                    run.records,
-                    run.features.get(JUDGE),
-                    run.skipped.get(JUDGE, ""),
-                    run.suite,
-                )
-            )
+            judged, skipped = run.features.get(JUDGE), run.skipped.get(JUDGE, "")
+            made.append(control_table(run.records, judged, skipped, run.suite))
         objectives = dict(run.manifest.get("objectives", {}))
         return [with_objectives(table, objectives) for table in made]
 
@@ -152,20 +125,23 @@ def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
         return orderings(run.records, run.features, run.suite, published(run.suite.id))
 
 
-def beyond(run: ScoredRun) -> Beyond | None:
-    """The methods of a run along families of conditions; None for suites without."""
-    if not run.suite.crossings:
-        return None
+def curves(run: ScoredRun) -> tuple[ConditionCurve, ...]:
+    """The methods of a run along the families of conditions that it has; none for other suites."""
     metrics = run.measured(run.suite.crossings)
     with threadpool_limits(1):
-        compared = run.compared(metrics)
-        fought = paired_comparisons(compared, metrics)
-        table = crossings_table(run.suite.id, fought) if fought else None
-        return Beyond(condition_curves(compared, metrics), table)
+        return condition_curves(run.compared(metrics), metrics) if metrics else ()
 
 
-def trade(run: ScoredRun) -> Trade | None:
-    """Quality against cost; None for suites without a trade.
+def crossings(run: ScoredRun) -> Table[Step] | None:
+    """Who is ahead of whom along these, and where that changes; None without two such methods."""
+    metrics = run.measured(run.suite.crossings)
+    with threadpool_limits(1):
+        found = paired_comparisons(run.compared(metrics), metrics) if metrics else ()
+    return crossings_table(run.suite.id, found) if found else None
+
+
+def trade(run: ScoredRun) -> tuple[Table[Place], Table[Thinned]] | None:
+    """Quality against cost: the frontier, and what fewer points save; None for other suites.
 
     Not among `tables`: times differ from run to run, so nothing is ever compared with them.
     """
@@ -174,32 +150,33 @@ def trade(run: ScoredRun) -> Trade | None:
     metrics, views = run.measured(run.suite.frontier), int(run.manifest["views"])
     with threadpool_limits(1):
         compared = run.compared(metrics)
-        frontier = frontier_table(compared, metrics, views, how_timed(run.manifest))
-        return Trade(frontier, points_table(compared, metrics, views))
+        # Also with a single view: its frontier is another.
+        placed = (
+            place
+            for count in dict.fromkeys((views, 1))
+            for comparison in compared
+            for place in places(comparison, metrics, count)
+        )
+        frontier = frontier_table(placed, how_timed(run.manifest))
+        return frontier, points_table(thinned(compared, metrics, views), views)
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is made of the records and features of a run.
-
-    trade      quality against cost; None for a suite without
-    orderings  SR against pc2pix class by class; None for a suite without
-    beyond     methods along families of conditions; None for a suite without
-    """
+    """What is made of the records and features of a run; see the functions of the same names."""
 
     run: ScoredRun
     tables: tuple[Table[Row], ...]
     cost: str
-    trade: Trade | None
+    trade: tuple[Table[Place], Table[Thinned]] | None
     orderings: Table[Ordering] | None
-    beyond: Beyond | None
+    curves: tuple[ConditionCurve, ...]
+    crossings: Table[Step] | None
 
     @property
     def further(self) -> list[Table[Any]]:
         """The tables that only some suites have."""
-        crossings = self.beyond.crossings if self.beyond is not None else None
-        of_trade = () if self.trade is None else (self.trade.frontier, self.trade.points)
-        return [table for table in (*of_trade, self.orderings, crossings) if table is not None]
+        return [t for t in (*(self.trade or ()), self.orderings, self.crossings) if t is not None]
 
 
 def make_outputs(run: ScoredRun) -> Outputs:
@@ -210,7 +187,8 @@ def make_outputs(run: ScoredRun) -> Outputs:
         cost=cost_table(run.records, how_timed(run.manifest)),
         trade=trade(run),
         orderings=class_orderings(run),
-        beyond=beyond(run),
+        curves=curves(run),
+        crossings=crossings(run),
     )
 
 
@@ -286,7 +264,7 @@ def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
             f"{directory}: its manifest has no {', '.join(lacking)}; start the run again with its "
             "command"
         )
-    records = _in_suite_order(read_records(directory), manifest)
+    records = in_order(read_records(directory), manifest, ("condition", "method"))
     features: dict[str, MeasuredFeatures] = {}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
     for metric in suite.extractors:
@@ -320,13 +298,15 @@ def _why_unrecognised(
     return ""
 
 
-def _in_suite_order(records: pd.DataFrame, manifest: dict[str, Any]) -> pd.DataFrame:
-    """Rows in the order of the manifest's conditions and methods, which is the tables' order."""
-    rank = [
-        records[column].map({name: i for i, name in enumerate(manifest[plural])})
-        for column, plural in (("condition", "conditions"), ("method", "methods"))
-    ]
-    order = pd.DataFrame({"condition": rank[0], "method": rank[1]}).sort_values(
-        ["condition", "method"], kind="stable"
+def in_order(records: pd.DataFrame, manifest: Mapping[str, Any], by: Sequence[str]) -> pd.DataFrame:
+    """Records by some columns, methods and conditions in the order of the manifest; stable."""
+    ranks = {
+        column: {name: i for i, name in enumerate(manifest[plural])}
+        for column, plural in (("method", "methods"), ("condition", "conditions"))
+    }
+    return records.sort_values(
+        list(by),
+        key=lambda values: values.map(ranks[str(values.name)]) if values.name in ranks else values,
+        kind="stable",
+        ignore_index=True,
     )
-    return records.loc[order.index].reset_index(drop=True)

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from bench.analysis.comparison import decimals
 from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import interval_of_means
 from bench.analysis.recognition import ClassHead
@@ -38,6 +39,7 @@ from bench.tables.quality import (
     beside_paper,
     cells,
     image_rows,
+    pictures_of,
     set_rows,
 )
 from bench.tables.table import NAN, Block, Table, columns_of, ordered
@@ -91,8 +93,7 @@ def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) 
     values = np.full(len(records), np.nan)
     places = records.reset_index(drop=True)
     for cell, group in cells(places[places["outcome"] == "ok"]):
-        pictures = list(zip(group["object"].tolist(), group["view"].tolist(), strict=True))
-        values[group.index] = head.confidence(features.of(*cell, pictures), cell[2])
+        values[group.index] = head.confidence(features.of(*cell, pictures_of(group)), cell[2])
     (metric,) = RECOGNITION_METRICS
     return records.assign(**{column(metric): values})
 
@@ -100,11 +101,6 @@ def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) 
 def network_of(methods: Sequence[str]) -> str | None:
     """What stands for the paper's PC2PIX in a run; None where no variant of it was measured."""
     return next((m for m in methods if m.partition("@")[0] == NETWORK), None)
-
-
-def decimals(metric: str) -> int:
-    """Digits after the point that values of a metric are printed with."""
-    return 3 if is_similarity(metric) or metric in KERNEL_METRICS else 1
 
 
 def remark(records: pd.DataFrame, suite: Suite) -> str:
@@ -217,15 +213,12 @@ def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
     )
     at = {(row.metric, row.class_name, row.method): row for row in rows}
     names = {SURFACE: "SR", network: "PC2PIX"}
+    metrics = ordered(row.metric for row in rows)
     classes = ordered(row.class_name for row in rows)
     for start in range(0, len(classes), IN_A_ROW):
-        across = [(k, method) for k in classes[start : start + IN_A_ROW] for method in names]
-        yield beside_paper(
-            "",
-            [f"{class_name} {names[method]}" for class_name, method in across],
-            {
-                metric: [at.get((metric, *place)) for place in across]
-                for metric in ordered(row.metric for row in rows)
-            },
-            decimals,
-        )
+        across = {
+            (class_name, method): f"{class_name} {name}"
+            for class_name in classes[start : start + IN_A_ROW]
+            for method, name in names.items()
+        }
+        yield beside_paper("", metrics, across, at, decimals)

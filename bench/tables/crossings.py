@@ -143,28 +143,21 @@ def _summary(paired_comparisons: Sequence[PairedComparison]) -> Grid:
     """Pairs of methods along families down, metrics across."""
     class_name = paired_comparisons[0].class_name
     return pivot(
-        [_Ends(c, (c.family, c.method, c.rival), c.metric) for c in paired_comparisons],
-        "pair",
+        paired_comparisons,
+        "sides",
         "metric",
-        lambda row: Cell(end_to_end_text(row.paired)),
-        named=lambda row: row.paired.family.id,
+        lambda row: Cell(end_to_end_text(row)),
+        named=lambda row: row.family.id,
         corner="family",
         before={
-            "from": lambda row: Cell(row.paired.family.conditions[0]),
-            "to": lambda row: Cell(row.paired.family.conditions[-1]),
-            "first": lambda row: Cell(row.paired.method),
-            "second": lambda row: Cell(row.paired.rival),
+            "from": lambda row: Cell(row.family.conditions[0]),
+            "to": lambda row: Cell(row.family.conditions[-1]),
+            "first": lambda row: Cell(row.method),
+            "second": lambda row: Cell(row.rival),
         },
         caption=f"from end to end, {class_name}",
         tags=Tags(class_name=class_name),
     )
-
-
-@dataclass(frozen=True)
-class _Ends:
-    paired: PairedComparison
-    pair: tuple[Family, str, str]
-    metric: str
 
 
 def _leads(rows: Sequence[Step]) -> Grid:

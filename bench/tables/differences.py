@@ -61,11 +61,14 @@ class Differences:
     def table(self) -> Table[PairedDifference]:
         """One row a cell; people see a grid for each metric and class."""
         made = (
-            *columns("metric", "condition", ("class", "class_name")),
-            *columns(("run_a", "a.run"), ("method_a", "a.method")),
-            *columns(("run_b", "b.run"), ("method_b", "b.method"), "value_a", "value_b"),
+            *columns(("metric", "pair.metric"), ("condition", "pair.condition")),
+            *columns(("class", "pair.class_name"), ("run_a", "pair.a.run")),
+            *columns(("method_a", "pair.a.method"), ("run_b", "pair.b.run")),
+            *columns(("method_b", "pair.b.method"), ("value_a", "pair.quality_a.estimate.value")),
+            *columns(("value_b", "pair.quality_b.estimate.value")),
             *columns(("difference", "difference.value"), ("ci_low", "difference.low")),
-            *columns(("ci_high", "difference.high"), "p", "p_holm", "ahead", "objects"),
+            *columns(("ci_high", "difference.high"), "p", "p_holm", "ahead"),
+            *columns(("objects", "pair.objects")),
         )
         title = f"{self.b} against {self.a}"
         return Table("differences", title, made, self.cells, self._layout)
@@ -78,34 +81,36 @@ class Differences:
             "`=`: a tie, no difference is shown."
         )
         yield from self.remarks
-        if rows and (fewest := min(row.objects for row in rows)) < ENOUGH:
+        if rows and (fewest := min(row.pair.objects for row in rows)) < ENOUGH:
             yield (
                 f"With {fewest} objects no p value of an image metric is below "
                 f"{smallest_p(fewest):.2g}: too few to show a difference."
             )
-        for metric, class_name in ordered((row.metric, row.class_name) for row in rows):
-            of_grid = [r for r in rows if (r.metric, r.class_name) == (metric, class_name)]
+        for metric, class_name in ordered((r.pair.metric, r.pair.class_name) for r in rows):
+            of_grid = [
+                r for r in rows if (r.pair.metric, r.pair.class_name) == (metric, class_name)
+            ]
             better = "higher" if is_similarity(metric) else "lower"
             yield f"## {markdown.cell(f'{metric}, {class_name}')} ({better} is better)"
-            yield pivot(of_grid, "b.method", "condition", _cell, corner="method", named=_methods)
+            yield pivot(
+                *(of_grid, "pair.b.method", "pair.condition", _cell),
+                corner="method",
+                named=_methods,
+            )
 
 
 def _methods(row: PairedDifference) -> str:
-    if row.a.method == row.b.method:
-        return row.b.method
-    return f"{row.b.method} against {row.a.method}"
+    a, b = row.pair.a.method, row.pair.b.method
+    return b if a == b else f"{b} against {a}"
 
 
 def _cell(row: PairedDifference) -> Cell:
-    digits = decimals(row.metric)
-
-    def signed(value: float) -> str:
-        return f"{value:+.{digits}f}"
-
     if not math.isfinite(row.difference.value):
         return NOTHING
-    values = f"{shown(row.value_a, digits)} to {shown(row.value_b, digits)}: "
-    cell = number(row.difference, signed, special=_MARKS.get(row.ahead))
+    digits = decimals(row.pair.metric)
+    of_a, of_b = row.pair.quality_a.estimate, row.pair.quality_b.estimate
+    values = f"{shown(of_a.value, digits)} to {shown(of_b.value, digits)}: "
+    cell = number(row.difference, f"{{:+.{digits}f}}".format, special=_MARKS.get(row.ahead))
     return replace(cell, text=values + cell.text)
 
 
@@ -192,7 +197,7 @@ def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> 
 
 
 def _by_metric(pairs: Sequence[Pair], metrics: Sequence[str]) -> list[Pair]:
-    return sorted(pairs, key=lambda pair: metrics.index(pair.quality_a.metric))
+    return sorted(pairs, key=lambda pair: metrics.index(pair.metric))
 
 
 def _metrics(

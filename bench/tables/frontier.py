@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
 
 from bench.analysis.comparison import Comparison, decimals, milliseconds
-from bench.analysis.frontier import Place, Thinned, places, thinned
+from bench.analysis.frontier import Place, Thinned, places
 from bench.catalogue.methods import role
 from bench.tables import markdown
 from bench.tables.table import (
@@ -44,24 +44,11 @@ def _interval_columns(name: str, path: str, ends: str) -> tuple[Column, ...]:
     )
 
 
-def frontier_table(
-    comparisons: Sequence[Comparison], metrics: Sequence[str], views: int, remark: str
-) -> Table[Place]:
-    """Places for clouds with so many views, and with one: the frontier is another.
+def frontier_table(rows: Iterable[Place], remark: str) -> Table[Place]:
+    """The places of all methods, at each condition and for each number of views.
 
     `remark` is what people have to know to read it.
     """
-    made = (
-        place
-        for count in dict.fromkeys((views, 1))
-        for comparison in comparisons
-        for place in places(comparison, metrics, count)
-    )
-    return table_of_places(list(made), remark)
-
-
-def table_of_places(rows: Sequence[Place], remark: str) -> Table[Place]:
-    """The places of all methods, at each condition and for each number of views."""
     made = (
         *columns("condition", ("class", "class_name"), "views", "metric", "method"),
         *_interval_columns("cost_ms", "cost_ms", "cost_ci"),
@@ -102,15 +89,8 @@ _LEGEND = (
 )
 
 
-def points_table(
-    comparisons: Sequence[Comparison], metrics: Sequence[str], views: int
-) -> Table[Thinned]:
-    """What fewer points cost and save, for clouds with so many views."""
-    return table_of_points(thinned(comparisons, metrics, views), views)
-
-
-def table_of_points(rows: Sequence[Thinned], views: int) -> Table[Thinned]:
-    """What a method loses and saves where a cloud has fewer points."""
+def points_table(rows: Iterable[Thinned], views: int) -> Table[Thinned]:
+    """What a method loses and saves where a cloud with so many views has fewer points."""
     made = (
         *columns(("class", "class_name"), "metric", "method", "condition", "points"),
         constant("views", views),

@@ -15,7 +15,7 @@ from typing import Literal
 
 import pandas as pd
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, compare, lead
+from bench.analysis.comparison import NAN, Comparison, Estimate, compare, decimals, lead
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_means
 from bench.catalogue.methods import FLOOR
@@ -23,7 +23,7 @@ from bench.catalogue.metrics import column, is_similarity
 from bench.catalogue.suites import Suite
 from bench.metrics.frechet import jackknife_interval
 from bench.tables import markdown
-from bench.tables.classes import AVERAGE, NETWORK, SURFACE, decimals, network_of, objects_of
+from bench.tables.classes import AVERAGE, NETWORK, SURFACE, network_of, objects_of
 from bench.tables.quality import Published
 from bench.tables.table import (
     Block,

@@ -116,23 +116,15 @@ def quality_table(
 
     Several classes at one condition are never in the paper's layout: they are a line each.
     """
-    digits = partial(_always, decimals)
 
     def layout(rows: Sequence[Row]) -> Iterator[Block]:
         yield remark
-        if paper_layout and not _several_classes_at_one_condition(rows):
-            yield from _paper_layout(rows, digits)
-        yield from all_methods(rows, digits)
+        one_condition = len({row.condition for row in rows}) == 1
+        if paper_layout and not (one_condition and len({row.class_name for row in rows}) > 1):
+            yield from _paper_layout(rows, lambda metric: decimals)
+        yield from all_methods(rows, lambda metric: decimals)
 
     return Table(name, title, columns_of(Row), tuple(rows), layout, remark)
-
-
-def _always(decimals: int, metric: str) -> int:
-    return decimals
-
-
-def _several_classes_at_one_condition(rows: Sequence[Row]) -> bool:
-    return len({r.class_name for r in rows}) > 1 and len({r.condition for r in rows}) == 1
 
 
 def _paper_layout(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
@@ -146,28 +138,33 @@ def _paper_layout(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
     )
     there = {row.method for row in rows}
     methods = [method for method in PAPER_METHODS if method in there or "@" not in method]
-    across = [(c, m) for c in ordered(row.condition for row in rows) for m in methods]
-    heads = [f"{condition} {PAPER_METHODS[method]}" for condition, method in across]
+    across = {
+        (condition, method): f"{condition} {PAPER_METHODS[method]}"
+        for condition in ordered(row.condition for row in rows)
+        for method in methods
+    }
+    metrics = ordered(row.metric for row in rows)
     for class_name in ordered(row.class_name for row in rows):
         of_class = [row for row in rows if row.class_name == class_name]
         at = {(row.metric, row.condition, row.method): row for row in of_class}
-        yield beside_paper(
-            class_name,
-            heads,
-            {
-                metric: [at.get((metric, *place)) for place in across]
-                for metric in ordered(row.metric for row in rows)
-            },
-            digits,
-        )
+        yield beside_paper(class_name, metrics, across, at, digits)
 
 
 def beside_paper(
-    corner: str, heads: Sequence[str], lines: Mapping[str, Sequence[Row | None]], digits: Digits
+    corner: str,
+    metrics: Iterable[str],
+    across: Mapping[tuple[str, str], str],
+    at: Mapping[tuple[str, str, str], Row],
+    digits: Digits,
 ) -> Grid:
-    """A line of ours for each metric, and below it the paper's where it has any."""
+    """A line of ours for each metric, and below it the paper's where it has any.
+
+    across  heads of the columns by their places
+    at      rows by metric and place
+    """
     made = []
-    for metric, rows in lines.items():
+    for metric in metrics:
+        rows = [at.get((metric, *place)) for place in across]
         texts = [shown(row.value, digits(metric)) if row else "-" for row in rows]
         if all(row.skipped for row in rows if row):
             texts = ["skipped"] * len(rows)
@@ -176,7 +173,7 @@ def beside_paper(
         if any(map(math.isfinite, paper)):
             texts = [f"{value:g}" if math.isfinite(value) else "-" for value in paper]
             made.append(Line(f"{metric}, paper", tuple(map(Cell, texts))))
-    return Grid(corner, tuple(map(Head, heads)), tuple(made))
+    return Grid(corner, tuple(map(Head, across.values())), tuple(made))
 
 
 def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
@@ -204,49 +201,31 @@ def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
                 continue
             where = "" if by_class and len(places) == 1 else f", {place}"
             yield f"## {markdown.cell(metric + where)}"
-            yield (_by_class if by_class else _by_method)(chosen, digits(metric))
+            yield _grid(chosen, digits(metric), by_class)
 
 
-def _by_method(rows: Sequence[Row], decimals: int) -> Grid:
-    """Of one class and metric."""
-    class_name = rows[0].class_name
-    return pivot(
-        rows,
-        "method",
-        "condition",
-        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
-        corner="method",
-        about=_about,
-        tags=Tags(class_name=class_name),
-        **_measured(rows, class_name, "condition"),
-    )
-
-
-def _by_class(rows: Sequence[Row], decimals: int) -> Grid:
-    """Of one condition and metric."""
-    condition = rows[0].condition
-    return pivot(
-        rows,
-        "class_name",
-        "method",
-        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
-        corner="class",
-        tags=Tags(condition=condition),
-        **_measured(rows, f"at {condition}", "class_name"),
-    )
-
-
-def _measured(rows: Sequence[Row], where: str, across: str) -> dict[str, Any]:
-    """What grids of a metric have in common."""
+def _grid(rows: Sequence[Row], decimals: int, by_class: bool) -> Grid:
+    """Of one metric, and of one condition or else of one class."""
     metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
     skipped = ordered(row.note for row in rows if row.skipped)
-    return {
-        "caption": f"{metric}, {where} ({'higher' if higher else 'lower'} is better)",
-        "notes": tuple(skipped or _gaps(rows, across)),
-        "void": bool(skipped),
-        "higher": higher,
-        "outcomes": _outcomes,
-    }
+    place = rows[0].condition if by_class else rows[0].class_name
+    where, line, column = place, "method", "condition"
+    if by_class:
+        where, line, column = f"at {place}", "class_name", "method"
+    return pivot(
+        rows,
+        line,
+        column,
+        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
+        corner="class" if by_class else "method",
+        about=(lambda of_line: "") if by_class else _about,
+        outcomes=_outcomes,
+        caption=f"{metric}, {where} ({'higher' if higher else 'lower'} is better)",
+        notes=tuple(skipped or _gaps(rows, "class_name" if by_class else "condition")),
+        void=bool(skipped),
+        higher=higher,
+        tags=Tags(condition=place) if by_class else Tags(class_name=place),
+    )
 
 
 def _gaps(rows: Sequence[Row], across: str) -> list[str]:
@@ -310,8 +289,8 @@ def image_table(
     name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
 ) -> Table[Row]:
     """Means over pictures of the suite's image metrics, with intervals over objects."""
-    made = image_rows(suite.image_metrics, records, suite, published)
-    return quality_table(name, title, (m.row for m in made), 3, paper_layout=_as_paper(suite))
+    rows = [made.row for made in image_rows(suite.image_metrics, records, suite, published)]
+    return quality_table(name, title, rows, 3, paper_layout=_as_paper(suite))
 
 
 def _as_paper(suite: Suite) -> bool:
@@ -321,13 +300,12 @@ def _as_paper(suite: Suite) -> bool:
 
 def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> Table[Row]:
     """As `image_table`, of the suite's detail metrics, which the paper has not."""
-    made = image_rows(suite.detail_metrics, records, suite, {})
-    return quality_table(name, title, (m.row for m in made), 3, _DETAIL_REMARK, paper_layout=False)
-
-
-_DETAIL_REMARK = (
-    "Means are over the pictures that have a value; where some have none, a line below says why."
-)
+    remark = (
+        "Means are over the pictures that have a value; where some have none, a line below says "
+        "why."
+    )
+    rows = [made.row for made in image_rows(suite.detail_metrics, records, suite, {})]
+    return quality_table(name, title, rows, 3, remark, paper_layout=False)
 
 
 class Measured(NamedTuple):
@@ -393,12 +371,7 @@ def _floor_of_failed(
 
 
 def control_table(
-    name: str,
-    title: str,
-    records: pd.DataFrame,
-    judged: Features | None,
-    skipped: str,
-    suite: Suite,
+    records: pd.DataFrame, judged: Features | None, skipped: str, suite: Suite
 ) -> Table[Row]:
     """What the judge makes of each method's pictures: the view, and which object it is.
 
@@ -410,26 +383,26 @@ def control_table(
     among: control.Gallery | None = None
     made = []
     for cell, group in cells(records):
-        if judged is None:
-            answered = [(NAN, (NAN, NAN), NAN, skipped)] * len(suite.control_metrics)
-        else:
-            ok = group[group["outcome"] == "ok"]
-            missing = _floor_of_failed(cell, group, records)
+        ok = group[group["outcome"] == "ok"]
+        missing = _floor_of_failed(cell, group, records)
+        answers, floor = np.empty(0), np.empty(0)
+        if judged is not None:
             if among is None or among.class_name != cell[2]:  # of one class at a time
                 among = true_gallery(judged, cell[2])
                 sizes[cell[2]] = len(among.objects)
             answers = _answers(cell, ok, judged)
             floor = _answers((FLOOR, *cell[1:]), missing, judged)
-            answered = [
-                _controlled(metric, ok, answers, missing, floor, among)
-                for metric in suite.control_metrics
-            ]
-        made += [
-            make_row(suite, cell, metric, value, interval, group, {}, with_blank, note)
-            for metric, (value, interval, with_blank, note) in zip(
-                suite.control_metrics, answered, strict=True
-            )
-        ]
+        for metric in suite.control_metrics:
+            note, value, interval, with_blank = skipped, NAN, (NAN, NAN), NAN
+            if among is not None:
+                why = control.why_no_retrieval(among) if metric == "retrieval" else ""
+                note = why or ("no pictures" if ok.empty else "")
+            if among is not None and not note:
+                values = _per_picture(metric, ok, answers, among)
+                of_floor = _per_picture(metric, missing, floor, among)
+                value, interval, with_blank = _judged(metric, values, of_floor, ok)
+            row = make_row(suite, cell, metric, value, interval, group, {}, with_blank, note)
+            made.append(row)
     message = ", ".join(f"{count} of class {markdown.cell(name)}" for name, count in sizes.items())
     remark = (
         "A judge tells view and shape from the picture alone; `true-mesh` shows how far the judge "
@@ -437,45 +410,36 @@ def control_table(
     )
     if message:
         remark += f" Retrieval is among all objects of the run ({message}): by chance 1 in as many."
-    return quality_table(name, title, made, 2, remark, paper_layout=False)
+    title = "Control: does the picture show the view and the object it should?"
+    return quality_table("table_control", title, made, 2, remark, paper_layout=False)
 
 
-def _controlled(
-    metric: str,
-    ok: pd.DataFrame,
-    answers: NDArray[Any],
-    missing: pd.DataFrame,
-    floor: NDArray[Any],
-    among: control.Gallery,
-) -> tuple[float, tuple[float, float], float, str]:
-    """Value, interval, value with the floor's pictures (`missing`), reason why there is none."""
-    note = control.why_no_retrieval(among) if metric == "retrieval" else ""
-    if not note and ok.empty:
-        note = "no pictures"
-    if note:
-        return NAN, (NAN, NAN), NAN, note
-    values = _per_picture(metric, ok, answers, among)
-    with_blank = np.concatenate([values, _per_picture(metric, missing, floor, among)])
-    objects = ok["object"].to_numpy()
+def _judged(
+    metric: str, values: Floats, floor: Floats, records: pd.DataFrame
+) -> tuple[float, tuple[float, float], float]:
+    """Value of the records' pictures, its interval, and the value with the floor's pictures."""
+    objects = records["object"].to_numpy()
+    with_blank = np.concatenate([values, floor])
     if metric == "retrieval":
         per_object = pd.Series(values).groupby(objects, sort=True).mean().to_numpy()
-        return _mean(values), mean_interval(per_object), _mean(with_blank), ""
+        return _mean(values), mean_interval(per_object), _mean(with_blank)
     interval = median_interval(values, objects)
-    return float(np.median(values)), interval, float(np.median(with_blank)), ""
+    return float(np.median(values)), interval, float(np.median(with_blank))
 
 
-def _pictures(records: pd.DataFrame) -> list[Picture]:
+def pictures_of(records: pd.DataFrame) -> list[Picture]:
+    """Object and view of each record."""
     return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
 
 
-def _answers(cell: tuple[str, str, str], records: pd.DataFrame, judged: Features) -> NDArray[Any]:
+def _answers(cell: CellKey, records: pd.DataFrame, judged: Features) -> NDArray[Any]:
     """What the judge says of each record's picture, in their order."""
-    return np.empty(0) if records.empty else judged.of(*cell, _pictures(records))
+    return np.empty(0) if records.empty else judged.of(*cell, pictures_of(records))
 
 
 def _per_picture(
     metric: str, records: pd.DataFrame, answers: NDArray[Any], among: control.Gallery
-) -> NDArray[np.float64]:
+) -> Floats:
     """The error or the hit of each record's picture, in their order."""
     if records.empty:
         return np.empty(0)
@@ -483,7 +447,7 @@ def _per_picture(
         return control.azimuth_error_deg(answers, records["azimuth_deg"].to_numpy())
     if metric == "elevation-error-deg":
         return control.elevation_error_deg(answers, records["elevation_deg"].to_numpy())
-    return control.found(among, answers, _pictures(records))
+    return control.found(among, answers, pictures_of(records))
 
 
 def set_table(
@@ -624,6 +588,6 @@ def _mean(values: NDArray[np.float64]) -> float:
 
 
 def with_objectives(table: Table[Row], objectives: Mapping[str, str]) -> Table[Row]:
-    """The table with each network's row told what its weights were trained with."""
+    """The table with what the weights of each network were trained with."""
     rows = (replace(row, objective=objectives.get(row.method, "")) for row in table.rows)
     return replace(table, rows=tuple(rows))

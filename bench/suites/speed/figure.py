@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,11 +43,7 @@ def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure 
         sharex=True,
         sharey=True,
     )
-    by_cell = {
-        (condition, count): axis
-        for condition, axis_row in zip(conditions, axes, strict=True)
-        for count, axis in zip(threads, axis_row, strict=True)
-    }
+    by_cell = dict(zip(product(conditions, threads), axes.flat, strict=True))
     for (condition, count), axis in by_cell.items():
         axis.set_title(f"{condition}, {count} thread{'s' if count > 1 else ''}")
         axis.grid(alpha=0.3)

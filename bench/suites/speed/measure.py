@@ -12,7 +12,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -102,6 +103,20 @@ def measure(unit: Unit) -> Measurement:
         method, lambda: method.load(unit.device), subjects, unit.suite, CLOCK
     )
     elsewhere_s = (_busy_s() - busy) - (time.process_time() - own)
+    return replace(
+        lost(unit, ""),
+        device=_device(),
+        samples=tuple(samples),
+        failures=(*unusable, *failures),
+        idle_mib=idle_mib,
+        peak_mib=peak_mib(),
+        elsewhere_cores=max(0.0, elsewhere_s / (time.perf_counter() - start)),
+    )
+
+
+def lost(unit: Unit, reason: str) -> Measurement:
+    """The measurement whose process died: no cloud has a time, each failed for this reason."""
+    failures = (Failure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects)
     return Measurement(
         key=unit.key,
         method=unit.method,
@@ -109,12 +124,12 @@ def measure(unit: Unit) -> Measurement:
         threads=unit.threads,
         views=unit.views,
         clouds=len(unit.objects),
-        device=_device(),
-        samples=tuple(samples),
-        failures=(*unusable, *failures),
-        idle_mib=idle_mib,
-        peak_mib=peak_mib(),
-        elsewhere_cores=max(0.0, elsewhere_s / (time.perf_counter() - start)),
+        device=unit.device,
+        samples=(),
+        failures=tuple(failures),
+        idle_mib=None,
+        peak_mib=None,
+        elsewhere_cores=None,
     )
 
 
@@ -152,7 +167,7 @@ def take_samples(
     failures: list[Failure] = []
     left = list(subjects)
     try:
-        renderer, sample = _timed(load, Place("", 0, "load", 0), clock)
+        renderer, sample = _timed(load, clock, "", 0, "load")
     except (BadInput, MissingDependency):
         raise
     except (Exception, SystemExit) as error:  # a method may call exit()
@@ -196,23 +211,15 @@ def _calls(views: Sequence[View], singles: int) -> list[Sequence[View]]:
     return [*([view] for view in views[:singles]), *([views] if len(views) > 1 else [])]
 
 
-@dataclass(frozen=True)
-class Place:
-    """What a sample is of: its fields but the times."""
-
-    cloud: str
-    round: int
-    stage: Stage
-    views: int
-
-
-def _timed(call: Callable[[], Value], place: Place, clock: Clock) -> tuple[Value, Sample]:
+def _timed(
+    call: Callable[[], Value], clock: Clock, cloud: str, number: int, stage: Stage, views: int = 0
+) -> tuple[Value, Sample]:
     clock.finish()
     core, wall = clock.core(), clock.wall()
     value = call()
     clock.finish()
     wall_s, core_s = clock.wall() - wall, clock.core() - core
-    return value, Sample(place.cloud, place.round, place.stage, place.views, wall_s, core_s)
+    return value, Sample(cloud, number, stage, views, wall_s, core_s)
 
 
 def _round(
@@ -227,12 +234,12 @@ def _round(
     """Prepare a cloud and draw it, a call for each element of `calls`; all times are appended."""
     rng = subject.rng()
     cloud = subject.cloud if method.sees_mesh else PointCloud(subject.cloud.points)
-    place = Place(subject.id, number, "prepare", 0)
-    state, sample = _timed(lambda: renderer.prepare(cloud, rng), place, clock)
+    prepare = partial(renderer.prepare, cloud, rng)
+    state, sample = _timed(prepare, clock, subject.id, number, "prepare")
     samples.append(sample)
     for views in calls:
-        place = Place(subject.id, number, "draw", len(views))
-        _, sample = _timed(lambda v=views: renderer.draw(state, v, rng), place, clock)
+        draw_all = partial(renderer.draw, state, views, rng)
+        _, sample = _timed(draw_all, clock, subject.id, number, "draw", len(views))
         samples.append(sample)
 
 

@@ -8,30 +8,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import find_method, objectives
+from bench.catalogue.methods import objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.running import environment as manifests
-from bench.running.environment import ROOT, code_sha256, environment
+from bench.running.environment import code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
-from bench.running.protocol import Options, digest, manifest_of, method_identity, refuse
+from bench.running.protocol import Options, digest, manifest_of, method_identity
 from bench.running.run import open_run
+from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.speed.figure import amortised_figure
-from bench.suites.speed.measure import Unit, measure
+from bench.suites.speed.measure import Unit, lost, measure
 from bench.suites.speed.samples import (
     FORM,
-    Failure,
     Measurement,
     read_measurement,
     write_measurement,
 )
 from bench.suites.speed.summary import Summary, summarise
 from bench.suites.speed.tables import (
-    Machine,
     amortised_table,
     break_even_table,
     samples_table,
@@ -42,7 +40,6 @@ from bench.tables.published import published
 from bench.tables.table import Table, write_tables
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import SceneObject, open_dataset
-from data_prep.failures import BadInput
 from data_prep.progress import progress, say
 
 TIMED = (  # what decides how long something takes
@@ -69,7 +66,8 @@ def speed_units(
     for an unknown method or condition.
     """
     common = [
-        *(FORM, suite.id, sources_sha256(), circumstances, views, seed),
+        # `Method.version` is raised when pictures change; times also change where they do not.
+        *(FORM, suite.id, code_sha256(TIMED), circumstances, views, seed),
         *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
         [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],
     ]
@@ -97,56 +95,32 @@ def speed_units(
     return units
 
 
-def sources_sha256(root: Path = ROOT) -> str:
-    """Checksum of all code under `root` that is timed.
-
-    `Method.version` is raised when pictures change; times also change where they do not.
-    """
-    return code_sha256(TIMED, root)
-
-
-@dataclass(frozen=True)
-class SpeedRun:
-    """A finished run: where it is, its tables for people, and what was measured now and before.
-
-    noisy  measurements during which something else kept this machine busy
-    """
-
-    directory: Path
-    tables: tuple[Table[Any], ...]
-    done: int
-    reused: int
-    failed: int
-    noisy: int
-    seconds: float
-
-    @property
-    def printed(self) -> list[str]:
-        """What `bench run` prints."""
-        return [table.to_markdown() for table in self.tables]
-
-    @property
-    def summary(self) -> str:
-        """What it says at the end."""
-        noisy = f", {self.noisy} while something else ran" if self.noisy else ""
-        return (
-            f"{self.done} measurements taken, {self.reused} from before, "
-            f"{self.failed} with failures{noisy}; {self.seconds:.0f} s"
-        )
-
-
-def run(options: Options, suite: SpeedSuite = SPEED) -> SpeedRun:
-    """Carry out the suite, or what is left of it. Raises BadInput for what the user has to mend."""
+def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
+    """Carry out the suite, or what is left of it. Raises BadInput for what the user has to fix."""
     start = time.perf_counter()
-    _check(options, suite)
-    methods = tuple(dict.fromkeys(options.methods or suite.methods))
-    for method in methods:
-        find_method(method)
+    methods = methods_of(
+        options,
+        suite,
+        workers="its measurements are taken one after the other",
+        shard="which times one machine",
+        ray="which times one machine",
+        inception_weights="no fid is taken",
+    )
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     clouds = options.limit or suite.clouds
     objects = open_dataset(options.dataset).objects(suite.class_name, clouds, clouds)
     directory = options.directory
-    manifest = _describe(options, suite, methods, conditions, objects)
+    manifest = manifest_of(
+        options,
+        suite.id,
+        options.views or suite.views,
+        environment(),
+        methods=list(methods),
+        objectives=objectives(methods),
+        conditions=list(conditions),
+        threads=sorted({1, manifests.cores()}),
+        objects=[f"{obj.class_name}/{obj.object_id}" for obj in objects],
+    )
     units = speed_units(
         suite,
         methods,
@@ -162,51 +136,14 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SpeedRun:
         measured, reused = _measure_all(units, directory)
         summaries = [summarise(measurement) for measurement in measured]
         tables = _write(directory, summaries, suite, manifest["machine"])
-    return SpeedRun(
-        directory,
-        tables,
-        done=len(units) - reused,
-        reused=reused,
-        failed=sum(bool(measurement.failures) for measurement in measured),
-        noisy=sum((m.elsewhere_cores or 0) > suite.quiet_cores for m in measured),
-        seconds=time.perf_counter() - start,
+    failed = sum(bool(measurement.failures) for measurement in measured)
+    noisy = sum((m.elsewhere_cores or 0) > suite.quiet_cores for m in measured)
+    summary = (
+        f"{len(units) - reused} measurements taken, {reused} from before, {failed} with failures"
+        + (f", {noisy} while something else ran" if noisy else "")
+        + f"; {time.perf_counter() - start:.0f} s"
     )
-
-
-def _check(options: Options, suite: SpeedSuite) -> None:
-    """Raises BadInput for wishes that have no meaning here."""
-    refuse(
-        suite.id,
-        (
-            ("workers", options.workers, "its measurements are taken one after the other"),
-            ("shard", options.shard, "which times one machine"),
-            ("ray", options.ray, "which times one machine"),
-            ("inception-weights", options.inception_weights, "no fid is taken"),
-        ),
-    )
-    for name, value in (("limit", options.limit), ("views", options.views)):
-        if value is not None and value < 1:
-            raise BadInput(f"--{name} {value}: must be at least 1")
-
-
-def _describe(
-    options: Options,
-    suite: SpeedSuite,
-    methods: Sequence[str],
-    conditions: Sequence[str],
-    objects: Sequence[SceneObject],
-) -> dict[str, Any]:
-    return manifest_of(
-        options,
-        suite.id,
-        options.views or suite.views,
-        environment(),
-        methods=list(methods),
-        objectives=objectives(methods),
-        conditions=list(conditions),
-        threads=sorted({1, manifests.cores()}),
-        objects=[f"{obj.class_name}/{obj.object_id}" for obj in objects],
-    )
+    return SuiteRun(directory, tables, [table.to_markdown() for table in tables], summary)
 
 
 def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measurement], int]:
@@ -238,32 +175,12 @@ def _measure_alone(unit: Unit) -> Measurement:
     return lost(unit, result.reason) if isinstance(result, Lost) else result
 
 
-def lost(unit: Unit, reason: str) -> Measurement:
-    """What is written down where the process of a measurement died: no cloud has a time."""
-    failures = (Failure(f"{o.class_name}/{o.object_id}", reason) for o in unit.objects)
-    return Measurement(
-        key=unit.key,
-        method=unit.method,
-        condition=unit.condition,
-        threads=unit.threads,
-        views=unit.views,
-        clouds=len(unit.objects),
-        device=unit.device,
-        samples=(),
-        failures=tuple(failures),
-        idle_mib=None,
-        peak_mib=None,
-        elsewhere_cores=None,
-    )
-
-
 def _write(
     directory: Path, summaries: Sequence[Summary], suite: SpeedSuite, machine: dict[str, Any]
 ) -> tuple[Table[Any], ...]:
     """Write all tables and the figure; the tables that are for people."""
-    here = Machine(machine["cpu"], machine["cores"])
     people = (
-        speed_table(summaries, suite, here, published(suite.id)),
+        speed_table(summaries, suite, machine, published(suite.id)),
         amortised_table(summaries, suite),
     )
     scripts = (

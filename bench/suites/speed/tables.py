@@ -5,21 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 from bench.catalogue.methods import FLOORS, find_method
 from bench.catalogue.suites import SpeedSuite
 from bench.suites.speed.samples import Measurement, Sample
-from bench.suites.speed.summary import MS, Summary, beside, break_even, speedups
+from bench.suites.speed.summary import (
+    MS,
+    BreakEven,
+    Summary,
+    Value,
+    beside,
+    break_even,
+    speedups,
+)
 from bench.tables import markdown
 from bench.tables.table import (
     BOLD,
     ITALIC,
     Block,
     Cell,
+    Column,
     Grid,
     Table,
     columns,
-    columns_of,
+    constant,
     grid,
     ordered,
     pivot,
@@ -27,48 +37,25 @@ from bench.tables.table import (
 
 PAPER_CLASS = "all"  # the paper gives one number for its 13 classes
 Paper = Mapping[tuple[str, str, str, str], float]  # by class, metric, condition and method
-
-
-@dataclass(frozen=True)
-class Machine:
-    """Where times were taken: model of the processor, and cores that were to be had."""
-
-    cpu: str
-    cores: int
+WHERE = ("method", "condition", "threads")  # what a measurement is of
+METHOD = "summary.measurement.method"
 
 
 @dataclass(frozen=True)
 class SpeedRow:
-    """A number with all that it was taken under. `n` counts samples, `n_ok` and `clouds` clouds.
+    """A number of a measurement, and the same as published, on an NVIDIA GTX 1060."""
 
-    paper  the same as published, on an NVIDIA GTX 1060
-    """
-
-    suite: str
-    method: str
-    condition: str
-    threads: int
+    summary: Summary
     metric: str
-    value: float
-    n: int
-    n_ok: int
-    clouds: int
-    reason: str
+    found: Value
     paper: float
-    elsewhere_cores: float
-    device: str
-    cpu: str
-    cores: int
 
 
 @dataclass(frozen=True)
 class AmortisedRow:
     """Milliseconds a picture, by the clock and of cores, where `views` are drawn of a cloud."""
 
-    suite: str
-    method: str
-    condition: str
-    threads: int
+    summary: Summary
     views: int
     wall_ms: float
     core_ms: float
@@ -76,32 +63,33 @@ class AmortisedRow:
 
 @dataclass(frozen=True)
 class BreakEvenRow:
-    """For how many views of a cloud a method is cheaper than a rival; see `Cost`."""
+    """For how many views of a cloud a method is cheaper than a rival."""
 
-    suite: str
-    method: str
+    summary: Summary
     rival: str
-    condition: str
-    threads: int
-    cheaper: str
-    views: float
-    views_2: float
+    found: BreakEven
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The numbers of views with equal costs, of which there are up to two; else NaN."""
+        first, second, *_ = (*self.found.views, math.nan, math.nan)
+        return first, second
 
 
-@dataclass(frozen=True)
-class TimedSample:
+class TimedSample(NamedTuple):
     """A timed call with the measurement that it belongs to."""
 
     measurement: Measurement
     sample: Sample
 
 
-def speed_rows(
-    summaries: Sequence[Summary],
-    suite: SpeedSuite,
-    machine: Machine,
-    paper: Paper,
-) -> list[SpeedRow]:
+def _columns(suite: SpeedSuite, *own: Column) -> tuple[Column, ...]:
+    """Of rows that have a summary: the suite, what was measured, and their own."""
+    where = columns(*((name, f"summary.measurement.{name}") for name in WHERE))
+    return (constant("suite", suite.id), *where, *own)
+
+
+def speed_rows(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> list[SpeedRow]:
     """All numbers, a row each; the paper's stand beside those of a picture among V of a cloud."""
     rows = []
     for summary in summaries:
@@ -109,25 +97,8 @@ def speed_rows(
         rival = beside(summaries, summary, suite.rivals[0])
         for metric, found in (dict(summary.values) | speedups(summary, rival)).items():
             published = metric.replace(f"picture-of-{of.views}-", "picture-")
-            rows.append(
-                SpeedRow(
-                    suite=suite.id,
-                    method=of.method,
-                    condition=of.condition,
-                    threads=of.threads,
-                    metric=metric,
-                    value=found.value,
-                    n=found.n,
-                    n_ok=summary.n_ok,
-                    clouds=of.clouds,
-                    reason=summary.reason,
-                    paper=paper.get((PAPER_CLASS, published, of.condition, of.method), math.nan),
-                    elsewhere_cores=math.nan if of.elsewhere_cores is None else of.elsewhere_cores,
-                    device=of.device,
-                    cpu=machine.cpu,
-                    cores=machine.cores,
-                )
-            )
+            key = (PAPER_CLASS, published, of.condition, of.method)
+            rows.append(SpeedRow(summary, metric, found, paper.get(key, math.nan)))
     return rows
 
 
@@ -135,10 +106,7 @@ def amortised_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Amor
     """The cost of a picture against the number of views; methods without a cost have no rows."""
     return [
         AmortisedRow(
-            suite.id,
-            summary.measurement.method,
-            summary.measurement.condition,
-            summary.measurement.threads,
+            summary,
             views,
             MS * summary.wall.per_picture(views),
             MS * summary.core.per_picture(views),
@@ -157,18 +125,14 @@ def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Bre
             rival = beside(summaries, summary, name)
             if rival is None or rival is summary or not (rival.wall and summary.wall):
                 continue
-            found = break_even(summary.wall, rival.wall)
-            of = summary.measurement
-            first, second = (*found.views, math.nan, math.nan)[:2]
-            where = (suite.id, of.method, name, of.condition, of.threads)
-            rows.append(BreakEvenRow(*where, found.cheaper, first, second))
+            rows.append(BreakEvenRow(summary, name, break_even(summary.wall, rival.wall)))
     return rows
 
 
 def samples_table(measurements: Iterable[Measurement]) -> Table[TimedSample]:
     """Every timed call behind the tables, a row each, for scripts."""
     made = (
-        *columns(*((name, f"measurement.{name}") for name in ("method", "condition", "threads"))),
+        *columns(*((name, f"measurement.{name}") for name in WHERE)),
         *columns(*((one.name, f"sample.{one.name}") for one in fields(Sample)), digits=".6g"),
     )
     rows = tuple(TimedSample(m, sample) for m in measurements for sample in m.samples)
@@ -176,10 +140,13 @@ def samples_table(measurements: Iterable[Measurement]) -> Table[TimedSample]:
 
 
 def speed_table(
-    summaries: Sequence[Summary], suite: SpeedSuite, machine: Machine, paper: Paper
+    summaries: Sequence[Summary], suite: SpeedSuite, machine: Mapping[str, Any], paper: Paper
 ) -> Table[SpeedRow]:
     """All numbers; for people the claim of the paper, then all times: a pair of grids for each
-    condition and number of threads."""
+    condition and number of threads.
+
+    machine  model of the processor (`cpu`), and `cores` that were available
+    """
 
     def layout(rows: Sequence[SpeedRow]) -> Iterator[Block]:
         yield _circumstances_in_words(summaries, suite, machine)
@@ -195,20 +162,32 @@ def speed_table(
             )
         yield "\n".join(_failures(summaries))
 
-    rows = tuple(speed_rows(summaries, suite, machine, paper))
-    return Table("speed", "Speed: what a picture costs", columns_of(SpeedRow, ".6g"), rows, layout)
+    of = "summary.measurement"
+    made = _columns(
+        suite,
+        *columns("metric", ("value", "found.value"), ("n", "found.n"), digits=".6g"),
+        *columns(
+            ("n_ok", "summary.n_ok"), ("clouds", f"{of}.clouds"), ("reason", "summary.reason")
+        ),
+        *columns("paper", ("elsewhere_cores", f"{of}.elsewhere_cores"), digits=".6g"),
+        *columns(("device", f"{of}.device")),
+        constant("cpu", machine["cpu"]),
+        constant("cores", machine["cores"]),
+    )
+    rows = tuple(speed_rows(summaries, suite, paper))
+    return Table("speed", "Speed: what a picture costs", made, rows, layout)
 
 
 def _circumstances_in_words(
-    summaries: Sequence[Summary], suite: SpeedSuite, machine: Machine
+    summaries: Sequence[Summary], suite: SpeedSuite, machine: Mapping[str, Any]
 ) -> str:
     devices = ", ".join(ordered(s.measurement.device for s in summaries))
     return (
-        f"On {markdown.cell(machine.cpu)}, {machine.cores} cores; device {markdown.cell(devices)}. "
-        "Each method alone in a fresh process, its libraries on the threads named. Medians over "
-        f"clouds (here {summaries[0].measurement.clouds}) and rounds (at least "
-        f"{suite.least_rounds}, after {suite.warm_ups} not counted), the 95th percentile in "
-        "brackets. 2x: a picture costs half of what it does with "
+        f"On {markdown.cell(machine['cpu'])}, {machine['cores']} cores; device "
+        f"{markdown.cell(devices)}. Each method alone in a fresh process, its libraries on the "
+        f"threads named. Medians over clouds (here {summaries[0].measurement.clouds}) and rounds "
+        f"(at least {suite.least_rounds}, after {suite.warm_ups} not counted), the 95th percentile "
+        "in brackets. 2x: a picture costs half of what it does with "
         f"{markdown.cell(suite.rivals[0])}."
     )
 
@@ -327,8 +306,8 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
             "bold the cheapest that looks at the cloud alone."
         )
         for condition, threads in ordered(map(_circumstance, summaries)):
-            here = [r for r in rows if (r.condition, r.threads) == (condition, threads)]
-            equal = [r for r in pairs if (r.condition, r.threads) == (condition, threads)]
+            here = [r for r in rows if _circumstance(r.summary) == (condition, threads)]
+            equal = [r for r in pairs if _circumstance(r.summary) == (condition, threads)]
             yield f"## {markdown.cell(condition)}, {_threads(threads)}"
             yield _per_picture(here, suite)
             if equal:
@@ -336,63 +315,68 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
                 yield _break_even(equal, suite)
 
     title = "What a picture costs, by the number of views of a cloud"
-    rows = tuple(amortised_rows(summaries, suite))
-    return Table("amortised", title, columns_of(AmortisedRow, ".6g"), rows, layout)
+    made = _columns(suite, *columns("views", "wall_ms", "core_ms", digits=".6g"))
+    return Table("amortised", title, made, tuple(amortised_rows(summaries, suite)), layout)
 
 
 def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[BreakEvenRow]:
     """Each method against each rival, for scripts."""
-    rows = tuple(break_even_rows(summaries, suite))
-    return Table("break_even", "", columns_of(BreakEvenRow, ".6g"), rows)
+    made = (
+        constant("suite", suite.id),
+        *columns(("method", METHOD), "rival", ("condition", "summary.measurement.condition")),
+        *columns(("threads", "summary.measurement.threads"), ("cheaper", "found.cheaper")),
+        Column("views", lambda row: row.ends[0], ".6g"),
+        Column("views_2", lambda row: row.ends[1], ".6g"),
+    )
+    return Table("break_even", "", made, tuple(break_even_rows(summaries, suite)))
 
 
 def _per_picture(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
     cheapest = {
-        views: min((r.wall_ms for r in rows if r.views == views and _rival(r.method)), default=None)
+        views: min((r.wall_ms for r in rows if r.views == views and _rival(r)), default=None)
         for views in suite.amortised
     }
 
     def cell(row: AmortisedRow) -> Cell:
-        first = _rival(row.method) and row.wall_ms == cheapest[row.views]
+        first = _rival(row) and row.wall_ms == cheapest[row.views]
         return Cell(_number(row.wall_ms), special=BOLD if first else None)
 
-    return pivot(rows, "method", "views", cell, columns=suite.amortised, corner="method")
+    return pivot(rows, METHOD, "views", cell, columns=suite.amortised, corner="method")
 
 
-def _rival(method: str) -> bool:
-    """Whether it looks at the cloud alone."""
+def _rival(row: AmortisedRow) -> bool:
+    """Whether its method looks at the cloud alone."""
+    method = row.summary.measurement.method
     return method not in FLOORS and not find_method(method).sees_mesh
 
 
 def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
     there = {row.rival for row in rows}
-    return pivot(
-        rows,
-        "method",
-        "rival",
-        lambda row: Cell(verdict(row)),
-        columns=[name for name in suite.rivals if name in there],
-        corner="method",
-    )
+    rivals = [name for name in suite.rivals if name in there]
+
+    def cell(row: BreakEvenRow) -> Cell:
+        return Cell(verdict(row.found))
+
+    return pivot(rows, METHOD, "rival", cell, columns=rivals, corner="method")
 
 
-def verdict(row: BreakEvenRow) -> str:
+def verdict(found: BreakEven) -> str:
     """The break-even in whole views: "any", "none", "1 to 12", "13 and more"."""
-    until = math.ceil(row.views) - 1 if math.isfinite(row.views) else 0  # the last below
-    after = math.floor(row.views) + 1 if math.isfinite(row.views) else 0  # the first above
-    match row.cheaper:
+    below = [math.ceil(views) - 1 for views in found.views]
+    above = [math.floor(views) + 1 for views in found.views]
+    match found.cheaper:
         case "always":
             return "any"
         case "never":
             return "none"
         case "up to":
-            return _range(1, until)
+            return _range(1, below[0])
         case "from":
-            return f"{after} and more"
+            return f"{above[0]} and more"
         case "between":
-            return _range(after, math.ceil(row.views_2) - 1)
+            return _range(above[0], below[1])
         case _:
-            return f"{_range(1, until)}, {math.floor(row.views_2) + 1} and more"
+            return f"{_range(1, below[0])}, {above[1]} and more"
 
 
 def _range(first: int, last: int) -> str:

@@ -30,7 +30,7 @@ class Observation:
     """One method on one case.
 
     reason         why there are no pictures; empty where there are
-    notes          what the method mended on its way
+    notes          what the method repaired on its way
     shown          share of the pixels that are not white, mean over the views; None without
     mean_change    mean absolute difference to the pictures of the case it should be like, in grey
                    levels 0..255; None where there is none, or no pictures of either
@@ -59,11 +59,11 @@ def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observ
         record = first[job.key]
         shown = mean = most = None
         if (job.method, job.condition) in drawn:
-            pictures = _pictures(job)
+            pictures = job.made.pictures()
             shown = float(foreground(pictures).mean())
             other = drawn.get((job.method, likes[job.condition] or ""))
             if other is not None:
-                mean, most = _change(pictures, _pictures(other))
+                mean, most = _change(pictures, other.made.pictures())
         observed.append(
             Observation(
                 case=job.condition,
@@ -85,10 +85,6 @@ def _change(pictures: NDArray[np.uint8], like: NDArray[np.uint8]) -> tuple[float
     counterpart = like[np.arange(len(pictures)) % len(like)]
     difference = np.abs(pictures.astype(np.int16) - counterpart)
     return float(difference.mean()), int(difference.max())
-
-
-def _pictures(job: Job) -> NDArray[np.uint8]:
-    return job.made.pictures()
 
 
 Kind = Literal["holds", "refused", "differs", "contained", "unexpected"]
@@ -199,28 +195,66 @@ def _slow(why: str) -> Either:
     return Either((Fails("timeout: ", "contained"), Draws()), why)
 
 
-def _surface() -> dict[str, Expectation]:
-    inside = Either((Draws(), _SOME_BLANK), "a camera may stand inside the surface")
-    slow = _slow("APSS takes minutes for many points")
-    return {
+_INSIDE = Either((Draws(), _SOME_BLANK), "a camera may stand inside the surface")
+_MANY = ("100000-points", "1000000-points")
+_CHAOTIC = ("float16", "shuffled", "turned", "millimetres")
+
+_MESH_OF_THE_POINTS: dict[str, Expectation] = {  # ball pivoting, and what is built on it
+    **_at_least(5, "normals"),
+    **dict.fromkeys(_MANY, _slow("ball pivoting takes minutes")),
+    **dict.fromkeys(("collinear", *_FAR), Fails("ball-pivoting: no faces")),
+    **_FINITE_ONLY,
+    **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS), _BLANK),
+    **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
+    **dict.fromkeys(_REPEATED, _WRONG_NORMALS),
+    **dict.fromkeys(_CHAOTIC, _CHAOS),
+}
+_PC2PIX: dict[str, Expectation] = {
+    "0-points": Fails("encode: the cloud is empty"),
+    **dict.fromkeys(_NOT_FINITE, Fails("encode: the cloud has non-finite points")),
+    **dict.fromkeys((*_FAR, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _OFF),
+    **dict.fromkeys(_SMALL, _UNIT),
+    # Of a larger cloud random parts are seen, here with some rows twice.
+    **dict.fromkeys(_REPEATED, Agrees(1.0)),
+    "turned": Changes(1.0, "the network knows chairs in one pose only"),
+}
+_POINTS: dict[str, Expectation] = {  # what draws the points themselves
+    "0-points": Fails("input: no points"),
+    **_FINITE_ONLY,
+    # One of 2,048 is out of sight: of a disc some 9 pixels by up to 165 levels in 16,384.
+    **dict.fromkeys(_FAR, Agrees(0.1)),
+    **dict.fromkeys((*_SMALL, *_LARGE), _UNIT),
+}
+_SPLAT_NET = _POINTS | {
+    **dict.fromkeys(
+        _SHIFTS,
+        Either((_UNIT, _SOME_BLANK), "what it draws where it sees nothing is left open"),
+    ),
+    **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
+    # The points are seen as before, but for rounding, of which bfloat16 shows the more.
+    "turned": Agrees(0.02),
+}
+
+# By method, the cases that are not simply drawn, and do not simply agree.
+STATED: Mapping[str, Mapping[str, Expectation]] = {
+    "surface-apss": {
         **_at_least(5, "normals"),
-        **dict.fromkeys(("100000-points", "1000000-points"), slow),
+        **dict.fromkeys(_MANY, _slow("APSS takes minutes for many points")),
         **dict.fromkeys(("all-equal", "coplanar", "int"), Fails("apss: no faces")),
         "collinear": Fails("ball-pivoting: no faces"),
         **dict.fromkeys(_FAR, Fails("ball-pivoting: ")),
         **_FINITE_ONLY,
         **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS), _BLANK),
-        **dict.fromkeys(("noise-1", "noise-2", "noise-5", "noise-10"), inside),
+        **dict.fromkeys(("noise-1", "noise-2", "noise-5", "noise-10"), _INSIDE),
         **dict.fromkeys(_REPEATED, _WRONG_NORMALS),
-        **dict.fromkeys(("float16", "shuffled", "turned", "millimetres"), _CHAOS),
-    }
-
-
-def _surface_fit() -> dict[str, Expectation]:
-    left = Fails(r"input: \d+ of \d+ points are left")
-    return {
+        **dict.fromkeys(_CHAOTIC, _CHAOS),
+    },
+    "surface-fit": {
         **_at_least(5, "normals"),
-        **dict.fromkeys(("all-equal", "int", *_SMALL, *_LARGE, *_SHIFTS), left),
+        **dict.fromkeys(
+            ("all-equal", "int", *_SMALL, *_LARGE, *_SHIFTS),
+            Fails(r"input: \d+ of \d+ points are left"),
+        ),
         "collinear": Fails("ball-pivoting: no faces"),
         "coplanar": Fails("apss: no faces"),
         # What lies beyond the camera is left out; the cubes of the others stay where they are.
@@ -228,124 +262,48 @@ def _surface_fit() -> dict[str, Expectation]:
         **_FINITE_ONLY,
         **dict.fromkeys(_REPEATED, _EXACT),
         **dict.fromkeys(("float16", "turned", "millimetres"), _CHAOS),
-    }
-
-
-def _mesh_of_the_points() -> dict[str, Expectation]:
-    """Of ball pivoting and what is built on it."""
-    slow = _slow("ball pivoting takes minutes")
-    return {
-        **_at_least(5, "normals"),
-        **dict.fromkeys(("100000-points", "1000000-points"), slow),
-        **dict.fromkeys(("collinear", *_FAR), Fails("ball-pivoting: no faces")),
-        **_FINITE_ONLY,
-        **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS), _BLANK),
-        **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
-        **dict.fromkeys(_REPEATED, _WRONG_NORMALS),
-        **dict.fromkeys(("float16", "shuffled", "turned", "millimetres"), _CHAOS),
-    }
-
-
-def _surface_bpa() -> dict[str, Expectation]:
-    return _mesh_of_the_points() | dict.fromkeys(("all-equal", "int"), _BLANK)
-
-
-def _poisson() -> dict[str, Expectation]:
-    no_faces = Fails("poisson: no faces")
-    return _mesh_of_the_points() | dict.fromkeys(("all-equal", "int"), no_faces)
-
-
-def _alpha_shape() -> dict[str, Expectation]:
-    flat = Fails("delaunay: QH")
-    larger = Changes(1.0, "alpha grows with the box")
-    return {
+    },
+    "surface-bpa": _MESH_OF_THE_POINTS | dict.fromkeys(("all-equal", "int"), _BLANK),
+    "poisson": _MESH_OF_THE_POINTS
+    | dict.fromkeys(("all-equal", "int"), Fails("poisson: no faces")),
+    "alpha-shape": {
         **_at_least(4, "tetrahedra"),
         **dict.fromkeys(("4-points", "16-points"), Fails("alpha-shape: no triangle fits")),
-        **dict.fromkeys(("all-equal", "collinear", "coplanar", "int", "outlier-1e30"), flat),
-        **dict.fromkeys(("outlier-1e3", "outlier-1e6"), larger),
+        **dict.fromkeys(
+            ("all-equal", "collinear", "coplanar", "int", "outlier-1e30"), Fails("delaunay: QH")
+        ),
+        **dict.fromkeys(("outlier-1e3", "outlier-1e6"), Changes(1.0, "alpha grows with the box")),
         **_FINITE_ONLY,
         **dict.fromkeys((*_SMALL, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _BLANK),
         **dict.fromkeys(_REPEATED, _EXACT),
         "1000000-points": _slow("Delaunay takes a minute"),
         # Rounding decides which of several balls through nearly the same points is the empty one.
         "turned": Agrees(0.5),
-    }
-
-
-def _pc2pix() -> dict[str, Expectation]:
-    return {
-        "0-points": Fails("encode: the cloud is empty"),
-        **dict.fromkeys(_NOT_FINITE, Fails("encode: the cloud has non-finite points")),
-        **dict.fromkeys((*_FAR, *_LARGE, *_SHIFTS, "noise-5", "noise-10"), _OFF),
-        **dict.fromkeys(_SMALL, _UNIT),
-        # Of a larger cloud random parts are seen, here with some rows twice.
-        **dict.fromkeys(_REPEATED, Agrees(1.0)),
-        "turned": Changes(1.0, "the network knows chairs in one pose only"),
-    }
-
-
-def _pc2pix_bf16() -> dict[str, Expectation]:
+    },
+    "pc2pix": _PC2PIX,
+    "pc2pix@all": _PC2PIX | {"noise-2": _OFF},
     # The same code but for the seventh digit, and bfloat16 has three: single pixels move by more.
-    return _pc2pix() | dict.fromkeys(("all-equal", "azimuth+180"), Agrees(EXACT_MEAN))
-
-
-def _pc2pix_acgan() -> dict[str, Expectation]:
-    return _pc2pix() | {
+    "pc2pix@bf16": _PC2PIX | dict.fromkeys(("all-equal", "azimuth+180"), Agrees(EXACT_MEAN)),
+    "pc2pix@acgan": _PC2PIX
+    | {
         "noise-2": _OFF,
         "azimuth+180": Changes(1.0, "the azimuth is one number, with a jump at 180"),
         "shuffled": Changes(1.0, "the paper's encoder goes along the order of the points"),
         # Its encoder takes 2,048 points: it is given rows as often as that in any case.
         **dict.fromkeys(_REPEATED, _EXACT),
-    }
-
-
-def _points() -> dict[str, Expectation]:
-    """Of what draws the points themselves."""
-    return {
-        "0-points": Fails("input: no points"),
-        **_FINITE_ONLY,
-        # One of 2,048 is out of sight: of a disc some 9 pixels by up to 165 levels in 16,384.
-        **dict.fromkeys(_FAR, Agrees(0.1)),
-        **dict.fromkeys((*_SMALL, *_LARGE), _UNIT),
-    }
-
-
-def _splat() -> dict[str, Expectation]:
-    why = "the nearest other point is at no distance, and discs are the smallest"
-    return {
-        **_points(),
+    },
+    "splat-net": _SPLAT_NET,
+    "splat-net@grey": _SPLAT_NET,
+    "splat-net@bf16": _SPLAT_NET,
+    "splat-net@tiny": _SPLAT_NET,
+    "splat": _POINTS
+    | {
         **dict.fromkeys(_SHIFTS, _BLANK),
-        **dict.fromkeys(_REPEATED, Changes(1.0, why)),
-    }
-
-
-def _splat_net() -> dict[str, Expectation]:
-    empty = Either((_UNIT, _SOME_BLANK), "what it draws where it sees nothing is left open")
-    return {
-        **_points(),
-        **dict.fromkeys(_SHIFTS, empty),
-        **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
-        # The points are seen as before, but for rounding, of which bfloat16 shows the more.
-        "turned": Agrees(0.02),
-    }
-
-
-# By method, the cases that are not simply drawn, and do not simply agree.
-STATED: Mapping[str, Mapping[str, Expectation]] = {
-    "surface-apss": _surface(),
-    "surface-fit": _surface_fit(),
-    "surface-bpa": _surface_bpa(),
-    "poisson": _poisson(),
-    "alpha-shape": _alpha_shape(),
-    "pc2pix": _pc2pix(),
-    "pc2pix@all": _pc2pix() | {"noise-2": _OFF},
-    "pc2pix@bf16": _pc2pix_bf16(),
-    "pc2pix@acgan": _pc2pix_acgan(),
-    "splat-net": _splat_net(),
-    "splat-net@grey": _splat_net(),
-    "splat-net@bf16": _splat_net(),
-    "splat-net@tiny": _splat_net(),
-    "splat": _splat(),
+        **dict.fromkeys(
+            _REPEATED,
+            Changes(1.0, "the nearest other point is at no distance, and discs are the smallest"),
+        ),
+    },
     "true-mesh": {},
     "constant": {},
     "blank": {},

@@ -17,7 +17,7 @@ from data_prep.scene import IMAGE_SIZE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Told apart by lightness and by letter too: colour alone does not reach everybody.
+# Kinds differ in lightness and letter too: not everybody sees colours.
 COLOURS: dict[Kind | None, tuple[str, str]] = {
     "holds": ("#cfe8cf", ""),
     "refused": ("#f5e6a3", "r"),

@@ -13,7 +13,7 @@ it was measured on 60 validation chairs (24 in float16; 12 of them also made ext
   value (at least 1). Allowed: 100 u.
 * The picture, in grey levels: the mean error over all pixels was at most 463 u on plain clouds and
   763 u on extreme ones, which drive the last tanh to -1 and 1, so that a rounding error that
-  changes a sign costs 255. Allowed: 1000 u and 1500 u. The largest error of a pixel is told but not
+  changes a sign costs 255. Allowed: 1000 u and 1500 u. The largest error of a pixel is shown, not
   bounded: along edges the picture of the paired network is that steep.
 
 That is twice what was found; the amplification varied from chair to chair by a factor of 3.
@@ -80,19 +80,12 @@ class FormatRow:
     refused: str
 
 
-@dataclass(frozen=True)
-class Overflow:
-    """An overflow to be expected: in which layer, and where it is refused; "" if it is not."""
-
-    layer: str
-    refused: str
-
-
-# float16 ends at 65,504; the other formats hold 3e38, and everything else is expected to hold.
-OVERFLOWS: dict[tuple[str, str, Format], Overflow] = {
+# The layer that overflows, and the stage that refuses it ("": none does). float16 ends at 65,504;
+# the other formats hold 3e38, and everything else is expected to hold.
+OVERFLOWS: dict[tuple[str, str, Format], tuple[str, str]] = {
     # The cloud itself does not fit.
     **{
-        (weights, case, "float16"): Overflow(f"input of {first}", "encode")
+        (weights, case, "float16"): (f"input of {first}", "encode")
         for weights, first in zip(
             WEIGHTS, ("encoder.points.0", "encoder.branches.0.0.bn"), strict=True
         )
@@ -100,14 +93,12 @@ OVERFLOWS: dict[tuple[str, str, Format], Overflow] = {
     },
     # Largest value at 1e3 in float64: 96,915 in block 4's shortcut; its input, the sum that ends
     # block 3, is beyond 65,504 before that.
-    ("chair-acgan", "scaled-1e3", "float16"): Overflow(
-        "input of generator.blocks.4.bn1", "generate"
-    ),
+    ("chair-acgan", "scaled-1e3", "float16"): ("input of generator.blocks.4.bn1", "generate"),
     # 54 times the scale, so beyond 65,504 from 1.22e3 on.
-    ("chair-acgan", "scaled-1.3e3", "float16"): Overflow("encoder.dense", "encode"),
+    ("chair-acgan", "scaled-1.3e3", "float16"): ("encoder.dense", "encode"),
     # 59 times the scale, so beyond 65,504 from 1.11e3 on. All of it is below 0, and the ReLU after
     # it makes 0 of minus infinity: picture and code are finite, and nothing tells.
-    ("chair", "scaled-1.3e3", "float16"): Overflow("generator.blocks.0.conv1", ""),
+    ("chair", "scaled-1.3e3", "float16"): ("generator.blocks.0.conv1", ""),
 }
 
 
@@ -187,9 +178,9 @@ def _outcome(row: FormatRow) -> Outcome:
         if not row.overflowed and _at_most(row.code_error_largest, code, row.grey_error_mean, grey):
             kind = "holds"
     else:
-        stated = f"overflow in {expected.layer}, {_then(expected.refused)}"
-        if (row.overflowed, row.refused) == (expected.layer, expected.refused):
-            kind = "refused" if expected.refused else "differs"
+        stated = _overflow(*expected)
+        if (row.overflowed, row.refused) == expected:
+            kind = "refused" if row.refused else "differs"
     return Outcome(
         case=row.case,
         group=GROUP,
@@ -206,12 +197,13 @@ def _at_most(code_error: float | None, code: float, grey_error: float | None, gr
     return code_error <= code and grey_error <= grey
 
 
-def _then(refused: str) -> str:
-    return f"refused at {refused}" if refused else "unnoticed: code and picture are finite"
+def _overflow(layer: str, refused: str) -> str:
+    then = f"refused at {refused}" if refused else "unnoticed: code and picture are finite"
+    return f"overflow in {layer}, {then}"
 
 
 def _observed(row: FormatRow) -> str:
-    said = [f"overflow in {row.overflowed}, {_then(row.refused)}"] if row.overflowed else []
+    said = [_overflow(row.overflowed, row.refused)] if row.overflowed else []
     if row.code_error_largest is not None:
         said.append(f"code within {row.code_error_largest:.2g} sd")
     if row.grey_error_mean is not None and row.grey_error_largest is not None:
@@ -222,10 +214,10 @@ def _observed(row: FormatRow) -> str:
     return "; ".join(said)
 
 
-def formats_table(name: str, rows: Sequence[FormatRow]) -> Table[FormatRow]:
+def formats_table(rows: Sequence[FormatRow]) -> Table[FormatRow]:
     """The numbers behind the matrix; for people "not finite" where there is no error to report."""
     title = "pc2pix in number formats"
-    return Table(name, title, columns_of(FormatRow, ".6g"), tuple(rows), _layout)
+    return Table("number_formats", title, columns_of(FormatRow, ".6g"), tuple(rows), _layout)
 
 
 def _layout(rows: Sequence[FormatRow]) -> Iterator[Block]:

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from bench.catalogue.methods import FLOORS, find_method, objectives
+from bench.catalogue.methods import FLOORS, objectives
 from bench.catalogue.suites import STABILITY, StabilitySuite
 from bench.records.artifacts import artifact_path
 from bench.records.job import Job
@@ -23,8 +21,9 @@ from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import cores, environment
 from bench.running.executors import JobPool, do_jobs
 from bench.running.isolation import one_thread
-from bench.running.protocol import Options, digest, manifest_of, method_identity, refuse
+from bench.running.protocol import Options, digest, manifest_of, method_identity
 from bench.running.run import open_run
+from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
 from bench.suites.stability.expectations import STATED, Observation, Outcome, observe, outcome
 from bench.suites.stability.figures import extremes_figure, matrix_figure
@@ -89,41 +88,37 @@ def stability_jobs(
     return jobs
 
 
-@dataclass(frozen=True)
-class StabilityRun:
-    """A finished run: where it is, its matrices, and how long it took."""
-
-    directory: Path
-    matrices: tuple[Table[Outcome], ...]
-    seconds: float
-
-    @property
-    def printed(self) -> list[str]:
-        """What `bench run` prints: the kinds of outcomes counted, and the unexpected ones."""
-        return [markdown.table(counts(self.matrices))] + [
-            f"UNEXPECTED {one.subject}, {one.case}: {one.observed}; stated was: {one.expected}"
-            for made in self.matrices
-            for one in unexpected(made)
-        ]
-
-    @property
-    def summary(self) -> str:
-        """What it says at the end."""
-        return f"{self.seconds:.0f} s"
-
-
-def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
-    """Carry out the suite, or what is left of it. Raises BadInput for what the user has to mend."""
+def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
+    """Carry out the suite, or what is left of it. Raises BadInput for what the user has to fix."""
     start = time.perf_counter()
-    _check(options, suite)
-    methods = tuple(dict.fromkeys(options.methods or suite.methods))
-    for method in methods:
-        find_method(method)
+    methods = methods_of(
+        options,
+        suite,
+        conditions="its cases take their place",
+        views="each case has its own",
+        **dict.fromkeys(("limit", "shard", "ray"), "all cases are taken of one object"),
+        inception_weights="no fid is taken",
+    )
+    if options.dataset != "procedural":
+        raise BadInput(
+            f"--dataset {options.dataset}: the suite {suite.id} states what happens to one "
+            "procedural object; leave it"
+        )
     directory = options.directory
     workers = options.workers or cores()
     machine = environment()
     jobs = stability_jobs(suite, methods, options.seed, options.device, machine, directory)
-    manifest = _describe(options, suite, methods, workers, machine)
+    manifest = manifest_of(
+        options,
+        suite.id,
+        len(VIEWS),
+        machine,
+        methods=list(methods),
+        objectives=objectives(methods),
+        objects=[f"{suite.class_name}/test-{suite.index:04d}"],
+        cases=[case.id for case in CASES],
+        workers=workers,
+    )
     with open_run(directory, manifest, options.fresh) as journal:
         outcomes = do_jobs(
             jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
@@ -136,50 +131,15 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> StabilityRun:
         with one_thread():
             formats = measure_formats()
         matrices = _matrices(methods, observations, formats)
-        behind = observations_table(observations), formats_table("number_formats", formats)
+        behind = observations_table(observations), formats_table(formats)
         write_tables(directory, [*matrices, *behind])
         _draw(directory, matrices, jobs, outcomes, methods)
-    return StabilityRun(directory, matrices, time.perf_counter() - start)
-
-
-def _check(options: Options, suite: StabilitySuite) -> None:
-    """Raises BadInput for wishes that have no meaning here."""
-    refuse(
-        suite.id,
-        (
-            ("conditions", options.conditions, "its cases take their place"),
-            ("views", options.views, "each case has its own"),
-            ("limit", options.limit, "all cases are taken of one object"),
-            ("shard", options.shard, "all cases are taken of one object"),
-            ("ray", options.ray, "all cases are taken of one object"),
-            ("inception-weights", options.inception_weights, "no fid is taken"),
-        ),
-    )
-    if options.dataset != "procedural":
-        raise BadInput(
-            f"--dataset {options.dataset}: the suite {suite.id} states what happens to one "
-            "procedural object; leave it"
-        )
-
-
-def _describe(
-    options: Options,
-    suite: StabilitySuite,
-    methods: Sequence[str],
-    workers: int,
-    machine: Mapping[str, str],
-) -> dict[str, Any]:
-    return manifest_of(
-        options,
-        suite.id,
-        len(VIEWS),
-        machine,
-        methods=list(methods),
-        objectives=objectives(methods),
-        objects=[f"{suite.class_name}/test-{suite.index:04d}"],
-        cases=[case.id for case in CASES],
-        workers=workers,
-    )
+    printed = [markdown.table(counts(matrices))] + [
+        f"UNEXPECTED {one.subject}, {one.case}: {one.observed}; stated was: {one.expected}"
+        for made in matrices
+        for one in unexpected(made)
+    ]
+    return SuiteRun(directory, matrices, printed, f"{time.perf_counter() - start:.0f} s")
 
 
 def _matrices(

@@ -89,7 +89,7 @@ def test_the_difference_is_b_less_a_and_the_better_side_is_named():
     a = np.linspace(0.5, 0.6, 12)
     (cell,) = paired_differences([pair(a, a + 0.1)])
     assert cell.difference == pytest.approx((0.1, 0.1, 0.1))
-    assert (cell.ahead, cell.objects, cell.p) == ("b", 12, smallest_p(12))
+    assert (cell.ahead, cell.pair.objects, cell.p) == ("b", 12, smallest_p(12))
     (cell,) = paired_differences([pair(a, a - 0.1)])
     assert cell.ahead == "a"
 

@@ -9,7 +9,7 @@ import pytest
 from bench.analysis.comparison import Comparison, Estimate, Quality
 from bench.analysis.intervals import interval_of_means, mean_interval
 from bench.checking import claim_rules as rules
-from bench.checking.claim_rules import Lacking, Latent, Scored, Timed, combined
+from bench.checking.claim_rules import Lacking, Scored, combined
 from bench.metrics.frechet import jackknife_interval
 from bench.tables.orderings import Ordering, orderings_table
 
@@ -326,7 +326,7 @@ def times():
                 sample(method, cloud, "draw", 20, 77.0, threads=2),
                 sample(method, cloud, "draw", 20, 77.0, condition="512"),
             ]
-    return Timed(pd.DataFrame(rows))
+    return pd.DataFrame(rows)
 
 
 def test_speed():
@@ -337,7 +337,7 @@ def test_speed():
     assert verdicts(rules.faster(times(), 9.0)) == ["supported"]
     (found,) = rules.faster(times(), 11.0)
     assert (found.verdict, found.reason) == ("not supported", "not surely more than 11 times")
-    alone = Timed(times().samples.query("method == 'pc2pix'"))
+    alone = times().query("method == 'pc2pix'")
     with pytest.raises(Lacking, match="no times of surface-apss"):
         rules.faster(alone, 1.0)
 
@@ -351,7 +351,7 @@ def test_latent_means():
         ("code", "cloud-gain", "arms", 0.01, 0.005, 0.02),
     ]
     names = ["what", "metric", "kind", "value", "ci_low", "ci_high"]
-    run = Latent(pd.DataFrame(rows, columns=names).assign(method="pc2pix"))
+    run = pd.DataFrame(rows, columns=names).assign(method="pc2pix")
     (found,) = rules.mean_above(run, "family-confidence", "code", "cross-fade")
     assert found.verdict == "supported"
     assert found.numbers == (

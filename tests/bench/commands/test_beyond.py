@@ -14,7 +14,7 @@ from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.report.build import read_page
 from bench.running.protocol import Options
-from bench.tables.build import beyond, make_outputs, read_scored, tables, write_outputs
+from bench.tables.build import crossings, curves, make_outputs, read_scored, tables, write_outputs
 
 from ..builders import write_run
 
@@ -32,8 +32,7 @@ def written(tmp_path_factory):
 
 def test_leads_follow_from_the_records(written):
     records = pd.read_parquet(written / "records.parquet")
-    made = write_outputs(read_scored(written)).beyond
-    assert made is not None
+    made = write_outputs(read_scored(written))
     assert made.crossings is not None
     text = (written / "tables" / "crossings.csv").read_text()
     rows = list(csv.DictReader(io.StringIO(text)))
@@ -85,17 +84,16 @@ def test_check_sees_a_table_that_is_not_what_the_records_give(written, monkeypat
 
 
 def test_curves_are_of_all_methods(written):
-    made = beyond(read_scored(written))
-    assert made is not None
-    assert list(dict.fromkeys(c.method for c in made.curves)) == METHODS
-    assert len(made.curves) == 3 * 3 * len(METHODS)
+    made = curves(read_scored(written))
+    assert list(dict.fromkeys(c.method for c in made)) == METHODS
+    assert len(made) == 3 * 3 * len(METHODS)
     distances = {
         (row.method, row.condition): row.value
         for table in tables(read_scored(written))
         for row in table.rows
         if row.metric == "fd-views"
     }
-    for curve in made.curves:
+    for curve in made:
         if curve.metric == "fd-views":
             found = [of.value for of in curve.estimates]
             assert found == [distances[curve.method, c] for c in curve.family.conditions]
@@ -126,8 +124,7 @@ def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
     directory = write_run(
         tmp_path, suite=SUITE.id, methods=["splat", "blank"], conditions=CONDITIONS
     )
-    made = write_outputs(read_scored(directory)).beyond
-    assert made is not None
+    made = write_outputs(read_scored(directory))
     assert made.crossings is None
     assert len(made.curves) == 3 * 3 * 2
     assert not (directory / "tables" / "crossings.csv").exists()
@@ -136,9 +133,8 @@ def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
 
 def test_without_a_family_the_report_is_as_any_other(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id, conditions=["2048", "density-3"])
-    made = beyond(read_scored(directory))
-    assert made is not None
-    assert (made.curves, made.crossings) == ((), None)
+    run = read_scored(directory)
+    assert (curves(run), crossings(run)) == ((), None)
     page = read_page(make_outputs(read_scored(directory)))
     assert page.curves_title == "Robustness"
     assert page.curves[0].title == "ssim against the conditions, class chair"
@@ -147,9 +143,8 @@ def test_without_a_family_the_report_is_as_any_other(tmp_path):
 def test_without_features_there_is_no_distance(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
     (directory / "features" / "fd-views.parquet").unlink()
-    made = beyond(read_scored(directory))
-    assert made is not None
-    assert list(dict.fromkeys(c.metric for c in made.curves)) == [
+    made = curves(read_scored(directory))
+    assert list(dict.fromkeys(c.metric for c in made)) == [
         "ssim",
         "silhouette-iou",
     ]
@@ -157,8 +152,8 @@ def test_without_features_there_is_no_distance(tmp_path):
 
 def test_other_suites_have_none(tmp_path):
     directory = write_run(tmp_path)
-    assert beyond(read_scored(directory)) is None
-    assert write_outputs(read_scored(directory)).beyond is None
+    made = write_outputs(read_scored(directory))
+    assert (made.curves, made.crossings) == ((), None)
     assert not (directory / "tables" / "crossings.csv").exists()
 
 
@@ -177,7 +172,7 @@ def test_a_run(tmp_path, monkeypatch):
         )
     )
     assert (done.done, done.failed) == (6, 0)
-    assert done.outputs.beyond is not None
+    assert done.outputs.curves
     found = {
         path.name
         for folder in ("tables", "figures")

@@ -118,10 +118,9 @@ def test_places_follow_from_the_records(finished, tiny_weights):
 def test_distances_are_those_of_the_table(finished):
     (sets,) = (table for table in finished.outputs.tables if table.name == "table_frechet")
     expected = {(row.method, row.condition): row.value for row in sets.rows}
+    frontier, _ = finished.outputs.trade
     found = {
-        (p.method, p.condition): p.quality.value
-        for p in finished.outputs.trade.frontier.rows
-        if p.metric == "fd-views"
+        (p.method, p.condition): p.quality.value for p in frontier.rows if p.metric == "fd-views"
     }
     assert found == expected
 
@@ -157,7 +156,7 @@ def test_metrics_without_features_have_no_places(tmp_path):
     (directory / "features" / "fd-views.parquet").unlink()
     trade = write_outputs(read_scored(directory)).trade
     assert trade is not None
-    metrics = dict.fromkeys(place.metric for place in trade.frontier.rows)
+    metrics = dict.fromkeys(place.metric for place in trade[0].rows)
     assert list(metrics) == ["ssim", "structure", "silhouette-iou"]
 
 

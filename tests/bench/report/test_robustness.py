@@ -20,9 +20,9 @@ def drawn(monkeypatch, tmp_path):
     """Writes figures and keeps them: the curves and the grid."""
     kept = []
 
-    def keep(figure, path):
+    def keep(figure, path, **options):
         kept.append(figure)
-        save(figure, path)
+        save(figure, path, **options)
 
     monkeypatch.setattr(bench.report.robustness, "save", keep)
 

@@ -5,9 +5,7 @@ import io
 
 from bench.analysis.comparison import NAN, Estimate
 from bench.analysis.frontier import Place, Thinned
-from bench.tables.frontier import frontier_table, points_table, table_of_places, table_of_points
-
-from ..analysis.test_frontier import FIELD, comparison
+from bench.tables.frontier import frontier_table, points_table
 
 NOTHING = Estimate(NAN, NAN, NAN)
 
@@ -31,7 +29,7 @@ def rows(text):
 
 def test_csv_is_tidy():
     failed = place("poisson", verdict="no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0)
-    first, second = rows(table_of_places((place(rival="a,b"), failed), "").to_csv())
+    first, second = rows(frontier_table((place(rival="a,b"), failed), "").to_csv())
     assert first == {
         "condition": "2048",
         "class": "chair",
@@ -55,7 +53,7 @@ def test_csv_is_tidy():
 def test_markdown_has_methods_by_cost_and_marks():
     dear = Estimate(1234.5, NAN, NAN)
     distance = {"metric": "fd-views", "quality": Estimate(12.34, 11.0, 13.0)}
-    table = table_of_places(
+    table = frontier_table(
         (
             place("poisson", verdict="no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0),
             place("pc2pix", verdict="tied", cost_ms=dear),
@@ -93,7 +91,7 @@ def test_points():
         "chair", "ssim", "splat", "512", 512, Estimate(10.5, 10.0, 11.0),
         Estimate(0.45, 0.4, 0.5), Estimate(0.15, -0.01, 0.31),
     )  # fmt: skip
-    table = table_of_points((few, full), 20)
+    table = points_table((few, full), 20)
     first, _ = rows(table.to_csv())
     assert first["points"] == "512"
     assert (first["lost"], first["lost_ci_low"]) == ("0.150000", "-0.010000")
@@ -104,17 +102,3 @@ def test_points():
         "|---|---|---|",
         "| splat | 0.600, 21.0 ms | 0.450, +0.150 [-0.010, +0.310], 10.5 ms |",
     ]
-
-
-def test_tables_of_comparisons():
-    compared = [comparison(FIELD), comparison(FIELD, condition="512")]
-    table = frontier_table(compared, ["ssim"], 20, "")
-    assert [p.views for p in table.rows] == [20] * 20 + [1] * 20
-    assert [p.condition for p in table.rows] == (["2048"] * 10 + ["512"] * 10) * 2
-    assert len(frontier_table(compared, ["ssim"], 1, "").rows) == 20
-    points = points_table(compared, ["ssim"], 20)
-    assert [(row.points, row.method) for row in points.rows[:2]] == [
-        (2048, "splat"),
-        (2048, "poisson"),
-    ]
-    assert len(points.rows) == 2 * 7  # the candidates alone

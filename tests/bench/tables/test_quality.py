@@ -222,7 +222,7 @@ def judged(pictures, seen):
 
 
 def controls(records, answers, skipped=""):
-    return control_table("table_control", "C", to_frame(records), answers, skipped, SUITE)
+    return control_table(to_frame(records), answers, skipped, SUITE)
 
 
 CODES = {"a": (1.0, 0.0), "b": (0.0, 1.0), "c": (-1.0, 0.0)}

@@ -302,7 +302,7 @@ def test_two_methods(measured, untrained, tmp_path):
         (("--views", "3"), "--views: has no meaning for the suite latent, everything is seen from"),
         (("--workers", "2"), "--workers: has no meaning for the suite latent, it works in one"),
         (("--inception-weights", "x"), "--inception-weights: has no meaning for the suite latent"),
-        (("--limit", "0"), "--limit 0: must be at least 1 (pairs, and triples)"),
+        (("--limit", "0"), "--limit 0: must be at least 1"),
         (("--methods", "splat"), "--methods splat: has no code to do arithmetic with; use pc2pix"),
         (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file"),
     ],

@@ -13,6 +13,7 @@ import pytest
 
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import SPEED, SUITES
+from bench.running.environment import code_sha256
 from bench.running.protocol import Protocol, plan
 from bench.running.work import cloud_of, rng_of
 from bench.suites.speed.measure import (
@@ -337,21 +338,21 @@ def test_whatever_times_depend_on_is_in_the_key(changes):
 def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
     from bench.suites.speed import run as speed_plan
 
-    before = speed_plan.sources_sha256()
-    assert before == speed_plan.sources_sha256(Path(speed_plan.__file__).parents[3])
+    before = code_sha256(speed_plan.TIMED)
+    assert before == code_sha256(speed_plan.TIMED, Path(speed_plan.__file__).parents[3])
     for name in speed_plan.TIMED:
         path = tmp_path / name if name.endswith(".py") else tmp_path / name / "sub" / "a.py"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("1\n")
-    seen = {speed_plan.sources_sha256(tmp_path)}
+    seen = {code_sha256(speed_plan.TIMED, tmp_path)}
     for path in sorted(tmp_path.rglob("*.py")):
         path.write_text("2\n")
-        seen.add(speed_plan.sources_sha256(tmp_path))
+        seen.add(code_sha256(speed_plan.TIMED, tmp_path))
     (tmp_path / "baselines" / "notes.md").write_text("no code")
-    assert speed_plan.sources_sha256(tmp_path) in seen
+    assert code_sha256(speed_plan.TIMED, tmp_path) in seen
     assert len(seen) == 1 + len(speed_plan.TIMED)
     old = {u.key for u in units()}
-    monkeypatch.setattr(speed_plan, "sources_sha256", lambda: "other")
+    monkeypatch.setattr(speed_plan, "code_sha256", lambda names: "other")
     assert old.isdisjoint(u.key for u in units())
 
 

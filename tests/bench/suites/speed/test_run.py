@@ -15,8 +15,8 @@ from bench.catalogue.suites import SPEED, Limits
 from bench.records.journal import read_manifest
 from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.protocol import Options
-from bench.suites.speed.measure import Unit
-from bench.suites.speed.run import lost, run
+from bench.suites.speed.measure import Unit, lost
+from bench.suites.speed.run import run
 from bench.suites.speed.samples import Sample, read_measurement
 from bench.tables.build import read_scored, tables
 from data_prep.conditions import Unchanged
@@ -80,7 +80,8 @@ def read(path):
 def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     out = tmp_path / "run"
     finished = run(stated(out), SMALL)
-    assert (finished.done, finished.reused, finished.failed) == (4, 0, 0)
+    counted = "4 measurements taken, 0 from before, 0 with failures"
+    assert finished.summary.startswith(counted)
     assert sorted(p.name for p in out.iterdir()) == [
         *("figures", "lock", "manifest.json", "measurements", "tables"),
     ]
@@ -117,7 +118,8 @@ def test_one_after_the_other(tmp_path, taken):
         for condition in ("2048", "512")
         for threads in (1, 2)
     ]
-    assert (finished.done, finished.noisy) == (8, 4)
+    counted = "8 measurements taken, 0 from before, 0 with failures, 4 while something else ran; "
+    assert finished.summary.startswith(counted)
 
 
 def test_one_core_is_measured_once(tmp_path, taken, monkeypatch):
@@ -149,14 +151,15 @@ def test_what_was_measured_is_kept(tmp_path, taken, capsys):
     assert len(before) == len(taken) == 4
 
     again = run(stated(out), SMALL)
-    assert (again.done, again.reused, len(taken)) == (0, 4, 4)
+    assert again.summary.startswith("0 measurements taken, 4 from before, ")
+    assert len(taken) == 4
     assert {p: p.stat().st_mtime_ns for p in (out / "measurements").iterdir()} == before
     assert (out / "tables" / "speed.csv").read_bytes() == message
 
     damaged = sorted(before)[1]
     gone = json.loads(damaged.read_text())
     damaged.write_text("{")
-    assert run(stated(out), SMALL).reused == 3
+    assert ", 3 from before, " in run(stated(out), SMALL).summary
     assert taken[4:] == [(gone["method"], "2048", gone["threads"])]
     assert "speed: 3 of 4 are there from before\n" in capsys.readouterr().err
 
@@ -176,7 +179,7 @@ def test_a_run_that_was_stopped_goes_on(tmp_path, taken, monkeypatch):
     assert read_manifest(out)["finished"] is None
     monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", measure_alone)
     finished = run(stated(out), SMALL)
-    assert (finished.done, finished.reused) == (2, 2)
+    assert finished.summary.startswith("2 measurements taken, 2 from before, ")
     assert taken == [("splat", "2048", 1), ("splat", "2048", 2), ("blank", "2048", 1),
                      ("blank", "2048", 2)]  # fmt: skip
 
@@ -185,17 +188,17 @@ def test_another_machine_or_version_is_measured_again(tmp_path, taken, monkeypat
     out = tmp_path / "run"
     run(stated(out), SMALL)
     monkeypatch.setattr(bench.running.environment, "_cpu", lambda: "another")
-    assert run(stated(out), SMALL).reused == 0
+    assert ", 0 from before, " in run(stated(out), SMALL).summary
     monkeypatch.setattr(bench.running.environment, "versions", lambda: {"torch": "0"})
-    assert run(stated(out), SMALL).reused == 0
+    assert ", 0 from before, " in run(stated(out), SMALL).summary
     monkeypatch.setattr(bench.suites.speed.run, "environment", lambda: {"gl": "other"})
-    assert run(stated(out), SMALL).reused == 0
+    assert ", 0 from before, " in run(stated(out), SMALL).summary
 
 
 def test_fresh_starts_over(tmp_path, taken):
     out = tmp_path / "run"
     run(stated(out), SMALL)
-    assert run(stated(out, fresh=True), SMALL).done == 4
+    assert run(stated(out, fresh=True), SMALL).summary.startswith("4 measurements taken, ")
     assert len(list((tmp_path / "run.old-1" / "measurements").iterdir())) == 4
 
 

@@ -143,7 +143,7 @@ def test_words():
 
 
 def test_csv():
-    table = list(csv.DictReader(io.StringIO(formats_table("t", [ROW, REFUSED]).to_csv())))
+    table = list(csv.DictReader(io.StringIO(formats_table([ROW, REFUSED]).to_csv())))
     assert [line["case"] for line in table] == ["plain", "scaled-1e9"]
     assert table[0]["largest"] == "68.4375"
     assert float(table[0]["grey_error_mean"]) == 0.04
@@ -152,7 +152,7 @@ def test_csv():
 
 
 def test_markdown():
-    lines = formats_table("t", [ROW, REFUSED]).to_markdown().splitlines()[2:]
+    lines = formats_table([ROW, REFUSED]).to_markdown().splitlines()[2:]
     assert len({line.count("|") for line in lines}) == 1
     assert lines[2] == (
         "| chair | plain | float16 | 0.001 | 0.04 | 7 | 68.4 | generator.blocks.4.shortcut |  |  |"

@@ -48,8 +48,8 @@ def matrix(*outcomes):
 @pytest.mark.slow
 def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path, quick):
     out = tmp_path / "run"
-    assert [made.name for made in finished.matrices] == list(NAMES)
-    methods = finished.matrices[0]
+    assert [made.name for made in finished.tables] == list(NAMES)
+    methods = finished.tables[0]
     assert {(o.case, o.subject) for o in methods.rows} == {
         (case.id, method) for case in CASES for method in ("blank", "true-mesh")
     }

@@ -1,0 +1,45 @@
+"""What the suites with a procedure of their own share: the request for a run, and its result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.catalogue.methods import find_method
+from bench.catalogue.suites import LatentSuite, SpeedSuite, StabilitySuite
+from bench.running.protocol import Options, refuse, refuse_below_one
+from bench.tables.table import Table
+
+
+@dataclass(frozen=True)
+class SuiteRun:
+    """A finished run.
+
+    tables   for people
+    printed  what `bench run` prints
+    summary  what it says at the end
+    """
+
+    directory: Path
+    tables: tuple[Table[Any], ...]
+    printed: list[str]
+    summary: str
+
+
+def methods_of(
+    options: Options, suite: LatentSuite | SpeedSuite | StabilitySuite, **meaningless: str
+) -> tuple[str, ...]:
+    """The methods of a run, each once, in the order of the request or else of the suite.
+
+    meaningless  options that this suite does not take, and why
+
+    Raises BadInput for one of these, for counts below 1 and for unknown methods.
+    """
+    given = vars(options)
+    refuse(suite.id, [(name, given[name], why) for name, why in meaningless.items()])
+    refuse_below_one(options)
+    methods = tuple(dict.fromkeys(options.methods or suite.methods))
+    for method in methods:
+        find_method(method)
+    return methods
