@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -17,7 +18,7 @@ from data_prep.training_set import add_surfaces, training_clouds, training_set
 
 if TYPE_CHECKING:
     from baselines.splat_net.network import NetworkConfig
-    from learning.progress import ConsoleProgress
+    from learning.training_loop import OnProgress
 
 DEFAULT_OBJECTS = 1500
 Config = TypeVar("Config")
@@ -222,12 +223,12 @@ def _config(kind: Callable[..., Config], options: TrainingOptions, **own: Any) -
     return kind(**shared | own)
 
 
-def _progress(title: str) -> ConsoleProgress:
+def _progress(title: str) -> AbstractContextManager[OnProgress]:
     """On standard error, by the first of several processes."""
     from learning.processes import is_first
-    from learning.progress import ConsoleProgress
+    from learning.progress import training_progress
 
-    return ConsoleProgress(title, quiet=not is_first())
+    return training_progress(title, quiet=not is_first())
 
 
 def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
