@@ -9,6 +9,7 @@ import pytest
 from harness_objects import Calling, Refusing, Tetrahedron
 
 import bench.records.artifacts
+import bench.running.work
 from baselines.surface import SurfaceApss
 from bench.catalogue.methods import METHODS, Method
 from bench.judges import VIEWS_WEIGHTS
