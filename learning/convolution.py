@@ -8,10 +8,21 @@ convolution is called.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+
+Precision = Literal["float32", "bfloat16"]
+DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
+
+
+def dtype_of(precision: Precision) -> torch.dtype:
+    """The type in memory. Raises ValueError for another precision."""
+    if precision not in DTYPES:
+        raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
+    return DTYPES[precision]
 
 
 class Convolution:

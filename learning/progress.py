@@ -1,67 +1,57 @@
-"""Progress of a training run on standard error: a live line on a terminal, else plain lines."""
+"""Progress of a training on standard error: a live line on a terminal, else plain lines."""
 
 from __future__ import annotations
 
 import sys
 import time
-from types import TracebackType
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from learning.training_loop import StepReport
+from data_prep.progress import say
+from learning.training_loop import OnProgress, StepReport
 
 PLAIN_EVERY_S = 30.0
 
 
-class ConsoleProgress:
-    """A context manager to be handed to a training function as `on_progress`.
+@contextmanager
+def training_progress(title: str, *, quiet: bool = False) -> Iterator[OnProgress]:
+    """Yields what a training function takes as `on_progress`.
 
     Where standard error is not a terminal: one line at the first report, then at most one every 30
     seconds, and one at the last step. `quiet` shows nothing.
     """
+    if quiet:
+        yield lambda report: None
+    elif sys.stderr.isatty():
+        with Live(console=Console(stderr=True)) as live:
+            yield lambda report: live.update(_bar(title, report))
+    else:
+        yield _plain(title)
 
-    def __init__(self, title: str, *, quiet: bool = False) -> None:
-        self.title = title
-        self.quiet = quiet
-        self.console = Console(stderr=True)
-        shown = sys.stderr.isatty() and not quiet
-        self.live = Live(console=self.console, transient=False) if shown else None
-        self.last_plain_s = float("-inf")
 
-    def __enter__(self) -> ConsoleProgress:
-        if self.live:
-            self.live.start()
-        return self
+def _plain(title: str) -> OnProgress:
+    last_s = float("-inf")
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self.live:
-            self.live.stop()
-
-    def __call__(self, report: StepReport) -> None:
-        """Show a report."""
-        if self.quiet:
-            return
-        if self.live:
-            self.live.update(self._table(report))
-            return
+    def show(report: StepReport) -> None:
+        nonlocal last_s
         now = time.monotonic()
-        if report.step == report.steps or now - self.last_plain_s >= PLAIN_EVERY_S:
-            self.last_plain_s = now
-            print(f"{self.title}: {describe(report)}", file=sys.stderr, flush=True)
+        if report.step == report.steps or now - last_s >= PLAIN_EVERY_S:
+            last_s = now
+            say(f"{title}: {describe(report)}")
 
-    def _table(self, report: StepReport) -> Table:
-        table = Table.grid(padding=(0, 1))
-        bar = ProgressBar(total=report.steps, completed=report.step, width=30)
-        table.add_row(self.title, bar, describe(report))
-        return table
+    return show
+
+
+def _bar(title: str, report: StepReport) -> Table:
+    table = Table.grid(padding=(0, 1))
+    bar = ProgressBar(total=report.steps, completed=report.step, width=30)
+    table.add_row(title, bar, describe(report))
+    return table
 
 
 def describe(report: StepReport) -> str:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from data_prep.failures import BadInput
-from learning import checkpoint, loss_curves, loss_log
+from learning import checkpoint, loss_log
 from learning.divergence import TrainingDiverged, Watch
 from learning.processes import ONE, Processes, local_rank
 from learning.weights import understanding_header
@@ -190,7 +190,7 @@ def run(
             picture = trainer.sheet()
             if picture is not None:
                 _write_png(out_dir / "sheets" / f"step-{step:06d}.png", picture)
-            loss_curves.write_loss_curves(losses_csv, out_dir / "losses.png", step)
+            loss_log.write_loss_curves(losses_csv, out_dir / "losses.png", step)
     processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
     return path
 

@@ -29,18 +29,15 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Sequence
-from typing import Literal, Protocol
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from data_prep.scene import IMAGE_SIZE
-from learning.convolution import Convolution, normalisation
+from learning.convolution import Convolution, Precision, dtype_of, normalisation
 from pc2pix.model import NOISE_DIM, Generator, UpBlock, channels_last, sine_cosine
-
-Precision = Literal["float32", "bfloat16"]
-DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 
 NINE_PRODUCTS_FROM = 128  # channels; below, differences and sums cost more than they save
 VECTOR_BYTES = 64  # a register of AVX-512; what is added in shorter runs is added one by one
@@ -267,7 +264,7 @@ class FoldedGenerator:
 
     def __init__(self, generator: Generator, precision: Precision) -> None:
         self.precision: Precision = precision
-        self.dtype = DTYPES[precision]
+        self.dtype = dtype_of(precision)
         self.generator = copy.deepcopy(generator)
         self.config = generator.config
         weight = self.generator.dense.weight.detach()
@@ -332,8 +329,6 @@ def fold(generator: Generator, precision: Precision = "float32") -> FoldedGenera
     everything between the layers in 8 binary digits, sums and BatchNorm in float32. On a CPU
     without bfloat16 that is right, but slow. Raises ValueError for another precision.
     """
-    if precision not in DTYPES:
-        raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
     return FoldedGenerator(generator, precision)
 
 

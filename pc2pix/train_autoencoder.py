@@ -9,7 +9,6 @@ learn the one order it has seen. PointNet, which is ours, is fed fewer points, f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from learning import checkpoint, training_loop
 from learning.clouds import draw_points
 from learning.processes import ONE, Processes, connect
+from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, degrade, take_evenly
 from pc2pix.losses import chamfer
 from pc2pix.model import LITE, Decoder, Encoder, ModelConfig, PointNet, build_encoder
@@ -108,8 +108,10 @@ def load_encoder(path: Path) -> Encoder | PointNet:
     return encoder.eval()
 
 
-class _AutoencoderTrainer:
+class _AutoencoderTrainer(NetworkTrainer):
     kind = KIND
+    kept = ()
+    config: AutoencoderConfig
 
     def __init__(
         self,
@@ -118,7 +120,8 @@ class _AutoencoderTrainer:
         device: torch.device,
         team: Processes = ONE,
     ) -> None:
-        self.config, self.device, self.batch, self.team = config, device, config.batch, team
+        super().__init__(config, device, team)
+        self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder, self.decoder = training_loop.seeded(
             config.seed, lambda: (build_encoder(config.model), Decoder(config.model))
@@ -132,7 +135,6 @@ class _AutoencoderTrainer:
             alpha=0.9,
             eps=1e-7,
         )
-        self.random = team.random(config.seed)
 
     def _draw_batch(self) -> tuple[Tensor, Tensor]:
         """What the encoder is fed [B, n, 3], and what the decoder has to return [B, 2048, 3]."""
@@ -151,35 +153,19 @@ class _AutoencoderTrainer:
         fed, whole = self._draw_batch()
         self.encoder.train()
         self.decoder.train()
-        enabled = self.config.precision == "bfloat16"
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=enabled):
+        with self.autocast():
             decoded = self.decoder(self.encoder(fed))
         loss = chamfer(decoded.float(), whole)
-        self.optimizer.zero_grad()
-        loss.backward()
-        self.team.average_gradients([*self.encoder.parameters(), *self.decoder.parameters()])
-        self.optimizer.step()
+        self.minimise(loss, self.optimizer)
         return {"chamfer": loss.detach()}
 
-    def state(self) -> dict[str, Tensor]:
-        return checkpoint.pack(
-            encoder=self.encoder,
-            decoder=self.decoder,
-            optimizer=self.optimizer,
-            random=self.random,
-        )
-
-    def restore(self, state: Mapping[str, Tensor]) -> None:
-        checkpoint.unpack(
-            state,
-            encoder=self.encoder,
-            decoder=self.decoder,
-            optimizer=self.optimizer,
-            random=self.random,
-        )
-
-    def independent_steps(self, steps: int) -> None:
-        """All: the learning rate does not depend on where the training ends."""
+    def parts(self) -> dict[str, Part]:
+        return {
+            "encoder": self.encoder,
+            "decoder": self.decoder,
+            "optimizer": self.optimizer,
+            "random": self.random,
+        }
 
     def learning_rates(self, steps: int) -> str:
         return f"{self.config.learning_rate:g}"
@@ -191,9 +177,12 @@ class _AutoencoderTrainer:
         self.encoder.eval()
         self.decoder.eval()
         decoded = self.decoder(self.encoder(clouds.to(self.device))).cpu()
-        return np.vstack(
-            [np.hstack([dots(cloud.numpy()) for cloud in row]) for row in (clouds, decoded)]
-        )
+        return dots_of(clouds, decoded)
+
+
+def dots_of(*rows: Tensor) -> NDArray[np.uint8]:
+    """A sample sheet [128 R, 128 K, 3] of R rows of K clouds [K, N, 3]."""
+    return np.vstack([np.hstack([dots(cloud.numpy()) for cloud in row]) for row in rows])
 
 
 def dots(points: NDArray[np.float32]) -> NDArray[np.uint8]:

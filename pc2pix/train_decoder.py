@@ -9,7 +9,6 @@ but Adam: nothing here has to follow the original.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,12 +18,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from data_prep.scene import CLOUD_SIZE
-from learning import checkpoint, training_loop
+from learning import training_loop
 from learning.clouds import draw_points
 from learning.processes import ONE, Processes, connect
+from learning.trainer import NetworkTrainer, Part
 from pc2pix.losses import chamfer
 from pc2pix.model import Decoder, ModelConfig
-from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots
+from pc2pix.train_autoencoder import SHEET_CLOUDS, AutoencoderData, dots_of
 from pc2pix.weights import DECODER, Weights
 
 KIND = DECODER
@@ -74,8 +74,9 @@ def train_decoder(
     return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
-class _DecoderTrainer:
+class _DecoderTrainer(NetworkTrainer):
     kind = KIND
+    config: DecoderConfig
 
     def __init__(
         self,
@@ -85,14 +86,13 @@ class _DecoderTrainer:
         device: torch.device,
         team: Processes = ONE,
     ) -> None:
-        self.config, self.device, self.batch, self.team = config, device, config.batch, team
+        super().__init__(config, device, team)
+        self.batch = config.batch
         self.clouds = torch.from_numpy(data.clouds)
         self.encoder = weights.encoder.to(device)
         self.mean, self.std = weights.code_mean.to(device), weights.code_std.to(device)
         self.decoder = training_loop.seeded(config.seed, lambda: Decoder(config.model)).to(device)
         self.adam = torch.optim.Adam(self.decoder.parameters(), lr=config.learning_rate)
-        self.random = team.random(config.seed)
-        self.steps_done = torch.zeros((), dtype=torch.int64)
 
     @torch.no_grad()
     def _encode(self, clouds: Tensor) -> Tensor:
@@ -104,30 +104,16 @@ class _DecoderTrainer:
         # another half of the points in another order each time: the code of a shape varies a little
         clouds = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
         codes = self._encode(clouds)
-        enabled = self.config.precision == "bfloat16"
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=enabled):
+        with self.autocast():
             decoded = self.decoder(codes)
         loss = chamfer(decoded.float(), clouds.to(self.device))
         rate = self.config.learning_rate / math.sqrt(1 + int(self.steps_done) / DECAY_STEPS)
-        for group in self.adam.param_groups:
-            group["lr"] = rate
-        self.adam.zero_grad()
-        loss.backward()
-        self.team.average_gradients(self.decoder.parameters())
-        self.adam.step()
+        self.minimise(loss, self.adam, rate)
         self.steps_done += 1
         return {"chamfer": loss.detach()}
 
-    def state(self) -> dict[str, Tensor]:
-        packed = checkpoint.pack(decoder=self.decoder, adam=self.adam, random=self.random)
-        return packed | {"steps_done": self.steps_done}
-
-    def restore(self, state: Mapping[str, Tensor]) -> None:
-        checkpoint.unpack(state, decoder=self.decoder, adam=self.adam, random=self.random)
-        self.steps_done = state["steps_done"].clone()
-
-    def independent_steps(self, steps: int) -> None:
-        """All: the learning rate does not depend on where the training ends."""
+    def parts(self) -> dict[str, Part]:
+        return {"decoder": self.decoder, "adam": self.adam, "random": self.random}
 
     def learning_rates(self, steps: int) -> str:
         return f"{self.config.learning_rate:g} / sqrt(1 + t / {DECAY_STEPS}) after t steps"
@@ -137,6 +123,4 @@ class _DecoderTrainer:
         """Two rows: clouds, and the same clouds decoded from their codes."""
         clouds = self.clouds[:SHEET_CLOUDS, :CLOUD_SIZE]
         decoded = self.decoder(self._encode(clouds)).cpu()
-        return np.vstack(
-            [np.hstack([dots(cloud.numpy()) for cloud in row]) for row in (clouds, decoded)]
-        )
+        return dots_of(clouds, decoded)

@@ -31,10 +31,11 @@ from torch import Tensor
 
 from data_prep.failures import BadInput
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE
-from learning import checkpoint, training_loop
+from learning import training_loop
 from learning.averaging import update
 from learning.clouds import draw_points
 from learning.processes import ONE, Processes, connect
+from learning.trainer import NetworkTrainer, Part
 from pc2pix.augment import PLAIN_POINTS, Scene, degrade, mirror, take_evenly
 from pc2pix.losses import (
     OBJECTIVES,
@@ -189,8 +190,9 @@ def encode_clouds(
     return torch.cat([encoder(batch.to(device)).cpu() for batch in batches])
 
 
-class _GanTrainer:
+class _GanTrainer(NetworkTrainer):
     kind = KIND
+    config: GanConfig
 
     def __init__(
         self,
@@ -200,7 +202,8 @@ class _GanTrainer:
         device: torch.device,
         team: Processes = ONE,
     ) -> None:
-        self.config, self.device, self.batch, self.team = config, device, config.batch, team
+        super().__init__(config, device, team)
+        self.batch = config.batch
         self.objective = OBJECTIVES[config.objective]
         self.paired = self.objective.reconstruction_weight > 0
         self.clouds = torch.from_numpy(data.clouds)
@@ -234,10 +237,8 @@ class _GanTrainer:
         self.discriminator_adam = torch.optim.Adam(
             self.discriminator.parameters(), lr=config.discriminator_lr, betas=betas, fused=True
         )
-        self.random = team.random(config.seed)
-        self.steps_done = torch.zeros((), dtype=torch.int64)
 
-    def _parts(self) -> dict[str, torch.nn.Module | torch.optim.Optimizer | torch.Generator]:
+    def parts(self) -> dict[str, Part]:
         return {
             "drawing": self.drawing,
             "discriminator": self.discriminator,
@@ -248,15 +249,8 @@ class _GanTrainer:
         }
 
     def state(self) -> dict[str, Tensor]:
-        return checkpoint.pack(**self._parts()) | {
-            "code_mean": self.code_mean,
-            "code_std": self.code_std,
-            "steps_done": self.steps_done,
-        }
-
-    def restore(self, state: Mapping[str, Tensor]) -> None:
-        checkpoint.unpack(state, **self._parts())
-        self.steps_done = state["steps_done"].clone()
+        """With the statistics of the codes: a checkpoint is all that export needs."""
+        return super().state() | {"code_mean": self.code_mean, "code_std": self.code_std}
 
     def _pictures(self, objects: Tensor, views: Tensor) -> Tensor:
         """Real pictures [B, 3, 128, 128] in [-1, 1], channels last."""
@@ -291,10 +285,6 @@ class _GanTrainer:
         parts = (self._codes(objects), elevation, azimuth)
         return noise.to(self.device), Condition(*(part.to(self.device) for part in parts))
 
-    def _autocast(self) -> torch.autocast:
-        enabled = self.config.precision == "bfloat16"
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
-
     def take_step(self) -> dict[str, Tensor]:
         self.generator.train()
         self.discriminator.train()
@@ -305,11 +295,11 @@ class _GanTrainer:
     def _take_papers_step(self) -> dict[str, Tensor]:
         real_images, real = self._draw_real()
         noise, fake = self._draw_fake()
-        with self._autocast(), torch.no_grad():
+        with self.autocast(), torch.no_grad():
             fake_images = self.generator(noise, *fake)
         on_discriminator = self._train_discriminator(real_images, real, fake_images, fake)
         noise, fake = self._draw_fake()
-        with self._autocast():
+        with self.autocast():
             fake_images = self.generator(noise, *fake)
         terms = self._judge_drawn(fake_images, fake)
         self._train_generator(terms["g_total"])
@@ -320,7 +310,7 @@ class _GanTrainer:
         self.encoder.train()
         noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
         angles = scene.elevation01.to(self.device), scene.azimuth01.to(self.device)
-        with self._autocast():
+        with self.autocast():
             code = self._whiten(self.encoder(scene.points.to(self.device)).float())
             drawn = self.generator(noise.to(self.device), code, *angles)
         error = reconstruction_error(drawn, scene.images)
@@ -366,23 +356,20 @@ class _GanTrainer:
     def _train_discriminator(
         self, real_images: Tensor, real: Condition, fake_images: Tensor, fake: Condition
     ) -> dict[str, Tensor]:
-        with self._autocast():
+        with self.autocast():
             # one batch of both halves, as in the original: u moves once
             judged = self.discriminator(torch.cat([real_images, fake_images.float()]))
         halves = zip(*(t.float().chunk(2) for t in judged), strict=True)
         on_real, on_fake = (DiscriminatorOutput(*half) for half in halves)
         terms = discriminator_loss(on_real, on_fake, real, fake, self.objective)
-        self.discriminator_adam.zero_grad()
-        terms.total.backward()
-        self.team.average_gradients(self.discriminator.parameters())
-        self.discriminator_adam.step()
+        self.minimise(terms.total, self.discriminator_adam)
         return _detached({f"d_{name}": value for name, value in terms._asdict().items()})
 
     def _judge_drawn(self, drawn: Tensor, condition: Condition) -> dict[str, Tensor]:
         """Eq. 7 for drawn pictures."""
         # gradients pass through the discriminator, but its own would be thrown away
         self.discriminator.requires_grad_(False)
-        with self._autocast():
+        with self.autocast():
             judged = self.discriminator(drawn)
         self.discriminator.requires_grad_(True)
         judged = DiscriminatorOutput(*(t.float() for t in judged))
@@ -391,19 +378,12 @@ class _GanTrainer:
 
     def _train_generator(self, total: Tensor) -> None:
         warm = self.steps_done < self.config.warm_up
-        for group in self.generator_adam.param_groups:
-            group["lr"] = self.config.generator_lr * (WARM_UP_RATE if warm else 1.0)
-        self.generator_adam.zero_grad()
-        total.backward()
-        self.team.average_gradients(self.drawing.parameters())
-        self.generator_adam.step()
+        rate = self.config.generator_lr * (WARM_UP_RATE if warm else 1.0)
+        self.minimise(total, self.generator_adam, rate)
 
     def _update_average(self) -> None:
         self.steps_done += 1
         update(self.average, self.drawing, self.config.ema_decay, int(self.steps_done))
-
-    def independent_steps(self, steps: int) -> None:
-        """All: the learning rate does not depend on where the training ends."""
 
     def learning_rates(self, steps: int) -> str:
         config = self.config

@@ -40,8 +40,8 @@ from data_prep.randomness import generator as random_numbers
 from data_prep.render import render
 from data_prep.sampling import sample_surface
 from data_prep.scene import View
-from learning.convolution import Convolution
-from pc2pix.engine import DTYPES, UnfoldedGenerator, fold
+from learning.convolution import DTYPES, Convolution
+from pc2pix.engine import UnfoldedGenerator, fold
 from pc2pix.model import GENERATOR_CHANNELS, NOISE_DIM, Generator
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import Weights, load_weights

@@ -6,16 +6,13 @@ What it draws is what `SplatNet` draws in evaluation mode, up to the rounding of
 from __future__ import annotations
 
 import functools
-from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
 from baselines.splat_net.network import Block, SplatNet, composite
-from learning.convolution import Convolution, normalisation
+from learning.convolution import Convolution, Precision, dtype_of, normalisation
 
-Precision = Literal["float32", "bfloat16"]
-DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
 GROUP = 20  # pictures that pass together: fewer leave the processor waiting between operations
 
 
@@ -24,10 +21,8 @@ class FoldedSplatNet:
     ValueError for another precision."""
 
     def __init__(self, network: SplatNet, precision: Precision = "float32", size: int = 128):
-        if precision not in DTYPES:
-            raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
         self.network = network
-        self.dtype = DTYPES[precision]
+        self.dtype = dtype_of(precision)
         self.size = size
         self.for_many = _Layers(network, self.dtype, size, GROUP)
 

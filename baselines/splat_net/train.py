@@ -10,7 +10,6 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,10 +42,11 @@ from baselines.splat_net.weights import KIND
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from data_prep.training_set import SurfaceSet
-from learning import checkpoint, training_loop
+from learning import training_loop
 from learning.averaging import take_statistics, update
 from learning.clouds import add_noise, draw_points
 from learning.processes import ONE, Processes, connect
+from learning.trainer import NetworkTrainer, Part
 
 HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 2  # of a cloud, in a step
@@ -134,8 +134,9 @@ def train_splat_net(
     return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
-class _Trainer:
+class _Trainer(NetworkTrainer):
     kind = KIND
+    config: SplatNetConfig
 
     def __init__(
         self,
@@ -145,8 +146,8 @@ class _Trainer:
         team: Processes = ONE,
         start: SplatNet | None = None,
     ) -> None:
-        self.data, self.config, self.device, self.team = data, config, device, team
-        self.batch = config.batch
+        super().__init__(config, device, team)
+        self.data, self.batch = data, config.batch
         self.objective = OBJECTIVES[config.objective]
         self.clouds = torch.from_numpy(data.seen.clouds)
         network, judge = training_loop.seeded(
@@ -162,11 +163,9 @@ class _Trainer:
         self.judge_adam = torch.optim.Adam(
             self.judge.parameters(), lr=config.judge_lr, betas=(0.5, 0.999), fused=True
         )
-        self.random = team.random(config.seed)
-        self.steps_done = torch.zeros((), dtype=torch.int64)
         self.searchers = ThreadPoolExecutor(torch.get_num_threads())
 
-    def _parts(self) -> dict[str, torch.nn.Module | torch.optim.Optimizer | torch.Generator]:
+    def parts(self) -> dict[str, Part]:
         return {
             "network": self.network,
             "judge": self.judge,
@@ -176,20 +175,13 @@ class _Trainer:
             "random": self.random,
         }
 
-    def state(self) -> dict[str, Tensor]:
-        return checkpoint.pack(**self._parts()) | {"steps_done": self.steps_done}
-
-    def restore(self, state: Mapping[str, Tensor]) -> None:
-        checkpoint.unpack(state, **self._parts())
-        self.steps_done = state["steps_done"].clone()
-
     def take_step(self) -> dict[str, Tensor]:
         self.network.train()
         self.judge.train()
         if self._left() <= self.config.cool_down:
             take_statistics(self.network, self.average)
         channels, truth, noise = self._draw_batch()
-        with self._autocast():
+        with self.autocast():
             output = self.network(channels)
         _, (colour, grey) = composite(output, HEADS)
         terms = {
@@ -205,12 +197,7 @@ class _Trainer:
             clean, noisy = self.objective.patch_weight
             weight = clean + (noisy - clean) * noise.to(self.device) / MAX_NOISE
             total = total + (weight * patches).mean()
-        self.adam.zero_grad()
-        total.backward()
-        self.team.average_gradients(self.network.parameters())
-        for group in self.adam.param_groups:
-            group["lr"] = self._rate(int(self.steps_done))
-        self.adam.step()
+        self.minimise(total, self.adam, self._rate(int(self.steps_done)))
         self.steps_done += 1
         update(self.average, self.network, self.config.ema_decay, int(self.steps_done))
         return {name: value.detach() for name, value in terms.items()}
@@ -244,22 +231,15 @@ class _Trainer:
             return torch.zeros((), device=drawn.device), torch.zeros(
                 len(drawn), device=drawn.device
             )
-        with self._autocast():
+        with self.autocast():
             judged = self.judge(torch.cat([real, drawn.detach()])).float()
         error = judge_error(*judged.chunk(2))
-        self.judge_adam.zero_grad()
-        error.backward()
-        self.team.average_gradients(self.judge.parameters())
-        self.judge_adam.step()
+        self.minimise(error, self.judge_adam)
         self.judge.requires_grad_(False)
-        with self._autocast():
+        with self.autocast():
             patches = -self.judge(drawn).float().mean(dim=(1, 2, 3))
         self.judge.requires_grad_(True)
         return error.detach(), patches
-
-    def _autocast(self) -> torch.autocast:
-        enabled = self.config.precision == "bfloat16"
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
 
     def _draw_batch(self) -> tuple[Tensor, Truth, Tensor]:
         """Channels [B, C, S, S] and truth of B views, and the standard deviation [B] of the noise

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy as np
 
     from data_prep.scene import Images, PointCloud, Renderer, View
@@ -20,11 +22,49 @@ BUNDLED = "chair"
 TO_PAPER_WIDTH = 4  # the bundled networks have a quarter of it
 
 
-def pc2pix_renderer(weights: str, device: str, precision: Precision = "float32") -> Renderer:
-    """pc2pix with a bundled name or file of weights."""
-    import pc2pix
+@dataclass(frozen=True)
+class Network:
+    """A network of this project with files of weights.
 
-    return pc2pix.load(weights, device=_chosen(device), precision=precision)
+    package    has `load`, and a module `weights`
+    libraries  what its pictures depend on
+    version    raised by hand when a change alters its pictures
+    command    trains it
+    """
+
+    package: str
+    libraries: tuple[str, ...]
+    version: int
+    command: str
+
+    def load(self, weights: str, device: str, precision: Precision = "float32") -> Renderer:
+        """Its renderer, with a bundled name or file of weights."""
+        package = importlib.import_module(self.package)
+        return package.load(weights, device=_chosen(device), precision=precision)
+
+    def file(self, weights: str) -> Path:
+        """The file of a bundled name, its checksum verified."""
+        return self._weights().find_weights(weights)
+
+    def identity(self, weights: str) -> str:
+        """The versions of its libraries, and the checksum of bundled weights."""
+        from learning.weights import file_sha256
+
+        return self._identity(file_sha256(self.file(weights)))
+
+    def file_identity(self, path: str) -> str:
+        """As above, for a file nobody has vouched for: loaded, to be refused before the run."""
+        return self._identity(self._weights().load_weights(path).sha256)
+
+    def _identity(self, sha256: str) -> str:
+        return f"{versions(*self.libraries)}, weights {sha256}"
+
+    def _weights(self) -> Any:
+        return importlib.import_module(f"{self.package}.weights")
+
+
+PC2PIX = Network("pc2pix", ("torch",), 4, "bench train gan")
+SPLAT_NET = Network("baselines.splat_net", ("torch", "scipy"), 1, "bench train splat-net")
 
 
 def unfolded(device: str) -> Renderer:
@@ -37,7 +77,7 @@ def unfolded(device: str) -> Renderer:
 
 def one_by_one(device: str) -> Renderer:
     """The bundled pc2pix, a call for each view."""
-    return OneByOne(pc2pix_renderer(BUNDLED, device))
+    return OneByOne(PC2PIX.load(BUNDLED, device))
 
 
 def widened(device: str, precision: Precision = "float32") -> Renderer:
@@ -51,32 +91,6 @@ def widened(device: str, precision: Precision = "float32") -> Renderer:
     return Pc2pixRenderer(weights, device=_chosen(device), precision=precision)
 
 
-def splat_net(weights: str, device: str, precision: Precision = "float32") -> Renderer:
-    """splat-net with a bundled name or file of weights."""
-    from baselines import splat_net
-
-    return splat_net.load(weights, device=_chosen(device), precision=precision)
-
-
-def splat_net_identity(weights: str) -> str:
-    """The versions of torch and scipy, and the checksum of the weights."""
-    from baselines.splat_net.weights import find_weights
-    from learning.weights import file_sha256
-
-    return f"{_splat_net_libraries()}, weights {file_sha256(find_weights(weights))}"
-
-
-def splat_net_file_identity(path: str) -> str:
-    """As above, for a file nobody has vouched for: it is loaded, to be refused before the run."""
-    from baselines.splat_net.weights import load_weights
-
-    return f"{_splat_net_libraries()}, weights {load_weights(path).sha256}"
-
-
-def _splat_net_libraries() -> str:
-    return f"torch {installed('torch')}, scipy {installed('scipy')}"
-
-
 def _chosen(device: str) -> str:
     import torch
 
@@ -85,31 +99,11 @@ def _chosen(device: str) -> str:
     return device
 
 
-def pc2pix_identity(weights: str) -> str:
-    """The version of torch and the checksum of the weights."""
-    from learning.weights import file_sha256
-    from pc2pix.weights import find_weights
-
-    return f"torch {installed('torch')}, weights {file_sha256(find_weights(weights))}"
-
-
-def pc2pix_file_identity(path: str) -> str:
-    """As above, for a file nobody has vouched for: it is loaded, to be refused before the run."""
-    from pc2pix.weights import load_weights
-
-    return f"torch {installed('torch')}, weights {load_weights(path).sha256}"
-
-
 def renderer(where: str, device: str, **fields: float) -> Renderer:
     """What is not learned: a class, as MODULE:NAME; on the processor whatever the device."""
     del device
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)(**fields)
-
-
-def pymeshlab_identity() -> str:
-    """Its version."""
-    return f"pymeshlab {installed('pymeshlab')}"
 
 
 def constant(device: str) -> Renderer:
@@ -129,11 +123,11 @@ def constant_identity() -> str:
     return f"picture {sha256(read_picture().tobytes()).hexdigest()}"
 
 
-def installed(*packages: str) -> str:
-    """Versions of installed packages."""
+def versions(*packages: str) -> str:
+    """Installed packages with their versions; empty for none."""
     from importlib.metadata import version
 
-    return ", ".join(version(package) for package in packages)
+    return ", ".join(f"{package} {version(package)}" for package in packages)
 
 
 @dataclass(frozen=True)

@@ -44,95 +44,67 @@ class Method:
     weights_file: Callable[[], Path] | None = None  # of a network
 
 
-PC2PIX_VERSION = 4
-
-
 def _network(
-    method_id: str, load: Callable[[str], Renderer], source: str, weights: str = loaders.BUNDLED
+    method_id: str,
+    source: str,
+    weights: str = loaders.BUNDLED,
+    network: loaders.Network = loaders.PC2PIX,
+    precision: Precision = "float32",
+    load: Callable[[str], Renderer] | None = None,
 ) -> Method:
-    """pc2pix with bundled weights."""
+    """A network with bundled weights; `load` where it is not loaded as usual."""
     return Method(
         method_id,
-        load=load,
-        identity=partial(loaders.pc2pix_identity, weights),
-        version=PC2PIX_VERSION,
+        load=load or partial(network.load, weights, precision=precision),
+        identity=partial(network.identity, weights),
+        version=network.version,
         source=source,
-        weights_file=partial(_pc2pix_file, weights),
+        weights_file=partial(network.file, weights),
     )
 
 
-def _pc2pix_file(weights: str) -> Path:
-    from pc2pix.weights import find_weights
-
-    return find_weights(weights)
-
-
-SPLAT_NET_VERSION = 1
-
-
-def _splat_net(
-    method_id: str, weights: str, source: str, precision: Precision = "float32"
-) -> Method:
-    """splat-net with bundled weights."""
-    return Method(
-        method_id,
-        load=partial(loaders.splat_net, weights, precision=precision),
-        identity=partial(loaders.splat_net_identity, weights),
-        version=SPLAT_NET_VERSION,
-        source=source,
-        weights_file=partial(_splat_net_file, weights),
-    )
-
-
-def _splat_net_file(weights: str) -> Path:
-    from baselines.splat_net.weights import find_weights
-
-    return find_weights(weights)
-
+_splat_net = partial(_network, network=loaders.SPLAT_NET)
 
 METHODS = (
     _network(
         "pc2pix",
-        load=partial(loaders.pc2pix_renderer, "chair"),
         source="paper, section 3; bundled weights, objective paired (pc2pix/weights/chair.md)",
     ),
     _network(
         "pc2pix@acgan",
-        load=partial(loaders.pc2pix_renderer, "chair-acgan"),
         source="paper, section 3; the paper's objective (pc2pix/weights/chair-acgan.md)",
         weights="chair-acgan",
     ),
     _network(
         "pc2pix@all",
-        load=partial(loaders.pc2pix_renderer, "all"),
         source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
         weights="all",
     ),
     _network(
         "pc2pix@bf16",
-        load=partial(loaders.pc2pix_renderer, "chair", precision="bfloat16"),
         source="pc2pix in bfloat16: twice as fast where the processor has it",
+        precision="bfloat16",
     ),
     _splat_net(
         "splat-net",
-        "chair",
+        weights="chair",
         source="a U-Net over the projected points; bundled weights "
         "(baselines/splat_net/weights/chair.md)",
     ),
     _splat_net(
         "splat-net@grey",
-        "chair-grey",
+        weights="chair-grey",
         source="splat-net in neutral grey: no colour is made up",
     ),
     _splat_net(
         "splat-net@bf16",
-        "chair",
+        weights="chair",
         source="splat-net in bfloat16",
         precision="bfloat16",
     ),
     _splat_net(
         "splat-net@tiny",
-        "chair-tiny",
+        weights="chair-tiny",
         source="splat-net without normals, of half the width, in bfloat16 "
         "(baselines/splat_net/weights/chair-tiny.md)",
         precision="bfloat16",
@@ -140,49 +112,49 @@ METHODS = (
     Method(
         "surface-apss",
         load=partial(loaders.renderer, "baselines.surface:SurfaceApss"),
-        identity=loaders.pymeshlab_identity,
+        identity=partial(loaders.versions, "pymeshlab"),
         version=1,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
     ),
     Method(
         "surface-fit",
         load=partial(loaders.renderer, "baselines.surface_fit:SurfaceFit"),
-        identity=loaders.pymeshlab_identity,
+        identity=partial(loaders.versions, "pymeshlab"),
         version=1,
         source="the paper's SR on a grid no finer than the picture can show",
     ),
     Method(
         "surface-bpa",
         load=partial(loaders.renderer, "baselines.surface:SurfaceBpa"),
-        identity=loaders.pymeshlab_identity,
+        identity=partial(loaders.versions, "pymeshlab"),
         version=1,
         source="the paper's SR without its last step: ball pivoting and holes closed",
     ),
     Method(
         "poisson",
         load=partial(loaders.renderer, "baselines.poisson:Poisson"),
-        identity=lambda: f"{loaders.pymeshlab_identity()}, scipy {loaders.installed('scipy')}",
+        identity=partial(loaders.versions, "pymeshlab", "scipy"),
         version=1,
         source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
     ),
     Method(
         "alpha-shape",
         load=partial(loaders.renderer, "baselines.alpha_shape:AlphaShape"),
-        identity=lambda: f"scipy {loaders.installed('scipy')}",
+        identity=partial(loaders.versions, "scipy"),
         version=1,
         source="alpha shape (Edelsbrunner and Muecke 1994)",
     ),
     Method(
         "splat",
         load=partial(loaders.renderer, "baselines.splat:Splat"),
-        identity=lambda: f"scipy {loaders.installed('scipy')}",
+        identity=partial(loaders.versions, "scipy"),
         version=1,
         source="depth-buffered discs: what a viewer shows",
     ),
     Method(
         "true-mesh",
         load=partial(loaders.renderer, "baselines.reference:TrueMesh"),
-        identity=lambda: "",
+        identity=loaders.versions,
         version=1,
         source="the ceiling: the mesh behind the cloud",
         sees_mesh=True,
@@ -197,7 +169,7 @@ METHODS = (
     Method(
         "blank",
         load=partial(loaders.renderer, "baselines.reference:Blank"),
-        identity=lambda: "",
+        identity=loaders.versions,
         version=1,
         source="the floor: white pictures; failures are scored as these",
     ),
@@ -227,32 +199,18 @@ COST_VARIANTS = (
     ),
     _splat_net(
         "splat-net@no-normals",
-        "chair-no-normals",
+        weights="chair-no-normals",
         source="splat-net without normals and flattened points: no neighbours are sought "
         "(baselines/splat_net/weights/chair-no-normals.md)",
     ),
     _splat_net(
         "splat-net@large",
-        "chair-large",
+        weights="chair-large",
         source="splat-net one and a half times as wide "
         "(baselines/splat_net/weights/chair-large.md)",
     ),
 )
-# Of networks that take weights of your own: loader, identity, version, the command that trains.
-OWN_WEIGHTS: dict[str, tuple[Callable[..., Renderer], Callable[[str], str], int, str]] = {
-    "pc2pix": (
-        loaders.pc2pix_renderer,
-        loaders.pc2pix_file_identity,
-        PC2PIX_VERSION,
-        "bench train gan",
-    ),
-    "splat-net": (
-        loaders.splat_net,
-        loaders.splat_net_file_identity,
-        SPLAT_NET_VERSION,
-        "bench train splat-net",
-    ),
-}
+OWN_WEIGHTS = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}  # that take files of yours
 PLUGINS = "pc2pix_bench.methods"
 FLOOR = "blank"
 FLOORS = ("constant", FLOOR)  # what looks at no cloud
@@ -274,15 +232,14 @@ def find_method(method_id: str) -> Method:
         load = partial(loaders.renderer, setting.parameter.renderer, **setting.fields)
         return replace(method, id=method_id, load=load, source=source)
     name, at, weights = method_id.partition("@")
-    if at and weights.endswith(".safetensors") and (own_weights := OWN_WEIGHTS.get(name)):
-        load, identity, version, command = own_weights
+    if at and weights.endswith(".safetensors") and (network := OWN_WEIGHTS.get(name)):
         if not is_regular_file(Path(weights)):
-            raise BadInput(f"{weights}: no such weights file; train one with '{command}'")
+            raise BadInput(f"{weights}: no such weights file; train one with '{network.command}'")
         return Method(
             method_id,
-            load=partial(load, weights),
-            identity=partial(identity, weights),
-            version=version,
+            load=partial(network.load, weights),
+            identity=partial(network.file_identity, weights),
+            version=network.version,
             source=f"{name} with the weights in {weights}",
             weights_file=partial(Path, weights),
         )

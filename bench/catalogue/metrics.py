@@ -23,23 +23,6 @@ if TYPE_CHECKING:  # `bench list` answers at once
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = [
-    "CONTROL_METRICS",
-    "EXTRACTORS",
-    "IMAGE_METRICS",
-    "JUDGE",
-    "KERNEL_METRICS",
-    "RECOGNITION_METRICS",
-    "SET_METRICS",
-    "UNDEFINED",
-    "Extractor",
-    "FeatureSource",
-    "WeightsUnavailable",
-    "column",
-    "find_extractor",
-    "is_similarity",
-]
-
 # `bench.metrics.image_scores` computes them all; `column` gives their names in the records.
 IMAGE_METRICS = {
     "ssim": "structural similarity, mean of the product of the next three; 1 is identical",

@@ -12,7 +12,7 @@ import typer
 
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
-from bench.running.environment import PACKAGES, environment
+from bench.running.environment import PACKAGES, cores, environment
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES
 
@@ -58,9 +58,8 @@ def examine() -> Iterator[Finding]:
             yield Finding(True, f"metric {metric.id}", str(metric.weights(None)))
         except WeightsUnavailable as error:
             yield Finding(True, f"metric {metric.id}", f"skipped in runs: {error}")
-    cores = len(os.sched_getaffinity(0))
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    yield Finding(True, "machine", f"{cores} cores, {memory:.1f} GiB of memory")
+    yield Finding(True, "machine", f"{cores()} cores, {memory:.1f} GiB of memory")
 
 
 def doctor() -> None:

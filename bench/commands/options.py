@@ -6,9 +6,10 @@ import functools
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
-from enum import StrEnum
+from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from types import UnionType
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -48,37 +49,49 @@ DeviceOption = Annotated[Device, typer.Option(help="Where networks run.")]
 
 @dataclass(frozen=True)
 class Stated:
-    """An option: its annotation, and what makes the value of a field from what was given.
+    """What an option has that the field of the dataclass does not say.
 
-    default  where the field of the dataclass has none
+    flag     where the option has another name than the field
+    kind     the type of what is given, where it is not that of the field
+    convert  makes the value of the field from what is given
+    default  of what is given, where it is not that of the field
     """
 
-    annotation: Any
-    convert: Callable[[Any], Any] = lambda value: value
+    help: str | None = None
+    flag: str | None = None
+    metavar: str | None = None
+    kind: Any = None
+    convert: Callable[[Any], Any] | None = None
     default: Any = inspect.Parameter.empty
 
 
 def takes(
-    kind: type[Any], stated: Mapping[str, Stated], leave_out: tuple[str, ...] = ()
+    kind: type[Any], stated: Mapping[str, str | Stated], leave_out: tuple[str, ...] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command an option for each field of the dataclass `kind`, in the order of `stated`.
 
-    The command gets the dataclass as its first argument; options of its own come after it. Defaults
-    are those of the dataclass.
+    stated  the help of each, or more than that
+
+    The command gets the dataclass as its first argument; options of its own come after it. Types
+    and defaults are those of the dataclass; a tuple of names is given as comma-separated text.
     """
-    of_kind = {field.name: field for field in fields(kind)}
-    taken = {name: option for name, option in stated.items() if name not in leave_out}
+    hints, of_kind = get_type_hints(kind), {field.name: field for field in fields(kind)}
+    taken = {
+        name: _option(name, hints[name], of_kind[name].default, option)
+        for name, option in stated.items()
+        if name not in leave_out
+    }
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
 
         @functools.wraps(command)
         def parsed(**values: Any) -> None:
-            of_options = {name: option.convert(values.pop(name)) for name, option in taken.items()}
-            command(kind(**of_options), **values)
+            converted = {name: convert(values.pop(name)) for name, (_, convert) in taken.items()}
+            command(kind(**converted), **values)
 
         parameters = [
-            *(_parameter(of_kind[name], option) for name, option in taken.items()),
+            *(parameter for parameter, _ in taken.values()),
             *(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own),
         ]
         parsed.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -88,15 +101,37 @@ def takes(
     return decorate
 
 
-def _parameter(field: Any, option: Stated) -> inspect.Parameter:
-    default = option.default
-    if default is inspect.Parameter.empty and field.default is not MISSING:
-        default = field.default
-    return inspect.Parameter(
-        field.name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=default,
-        annotation=option.annotation,
+def _option(
+    name: str, hint: Any, default: Any, option: str | Stated
+) -> tuple[inspect.Parameter, Callable[[Any], Any]]:
+    """The parameter of a command, and what makes a field's value from what it is given."""
+    option = option if isinstance(option, Stated) else Stated(option)
+    kind = option.kind or hint
+    convert = option.convert or (lambda value: value)
+    if option.default is not inspect.Parameter.empty:
+        default = option.default
+    elif default is MISSING:
+        default = inspect.Parameter.empty
+    parts = get_args(kind) if isinstance(kind, UnionType) else (kind,)
+    if any(get_origin(part) is tuple for part in parts):
+        kind, convert = str | None, option.convert or names
+    elif get_origin(kind) is Literal:
+        kind = StrEnum(name.capitalize(), {value: value for value in get_args(kind)})
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        default, convert = kind(default), str
+    flags = [option.flag] if option.flag else []
+    if kind is bool and not default:
+        flags = [f"--{name.replace('_', '-')}"]  # there is nothing to switch off
+    return (
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=default,
+            annotation=Annotated[
+                kind, typer.Option(*flags, help=option.help, metavar=option.metavar)
+            ],
+        ),
+        convert,
     )
 
 
@@ -106,67 +141,33 @@ def _shard(text: str | None) -> Any:
     return read_shard(text) if text else None
 
 
-RUN_OPTIONS = {  # of `bench.running.protocol.Options`, as `bench run` and `bench plan` have them
-    "suite": Stated(Annotated[str, typer.Option(help="The suite, see 'bench list'.")]),
-    "dataset": Stated(
-        Annotated[
-            str,
-            typer.Option(
-                help="procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
-                "modelnet:PATH or paper:PATH; see 'bench data inspect PATH'."
-            ),
-        ]
-    ),
-    "methods": Stated(
-        Annotated[str | None, typer.Option(help="Comma-separated; blank is always measured.")],
-        names,
-    ),
-    "conditions": Stated(Annotated[str | None, typer.Option(help="Comma-separated.")], names),
-    "limit": Stated(Annotated[int | None, typer.Option(help="At most so many objects a class.")]),
-    "views": Stated(Annotated[int | None, typer.Option(help="Views per object.")]),
+RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
+    "suite": "The suite, see 'bench list'.",
+    "dataset": "procedural, folder:PATH (sub-folders are classes), shapenet:PATH, modelnet:PATH or "
+    "paper:PATH; see 'bench data inspect PATH'.",
+    "methods": "Comma-separated; blank is always measured.",
+    "conditions": "Comma-separated.",
+    "limit": "At most so many objects a class.",
+    "views": "Views per object.",
     "workers": Stated(
-        Annotated[
-            int | None, typer.Option(help="Worker processes, one thread each; default: all cores.")
-        ],
-        worker_count,
+        "Worker processes, one thread each; default: all cores.", convert=worker_count
     ),
-    "device": Stated(DeviceOption, str, Device.auto),
-    "seed": Stated(Annotated[int, typer.Option(help="Seed of clouds, views and noise.")]),
-    "out": Stated(
-        Annotated[
-            Path | None,
-            typer.Option(help="The run's folder; default: results/runs/SUITE-DATASET."),
-        ]
-    ),
+    "device": Stated("Where networks run.", kind=Device),
+    "seed": "Seed of clouds, views and noise.",
+    "out": "The run's folder; default: results/runs/SUITE-DATASET.",
     "shard": Stated(
-        Annotated[
-            str | None,
-            typer.Option(metavar="k/N", help="Only the kth of N parts; 'bench merge' joins them."),
-        ],
-        _shard,
+        "Only the kth of N parts; 'bench merge' joins them.",
+        metavar="k/N",
+        kind=str | None,
+        convert=_shard,
     ),
     "ray": Stated(
-        Annotated[
-            str | None,
-            typer.Option(
-                metavar="ADDRESS|local",
-                help="On a Ray cluster: host:port, auto; see docs/cluster.md.",
-            ),
-        ]
+        "On a Ray cluster: host:port, auto; see docs/cluster.md.", metavar="ADDRESS|local"
     ),
-    "fresh": Stated(
-        Annotated[
-            bool, typer.Option("--fresh", help="Start over; an old run is renamed, not deleted.")
-        ]
-    ),
+    "fresh": "Start over; an old run is renamed, not deleted.",
     "inception_weights": Stated(
-        Annotated[
-            str | None,
-            typer.Option(
-                metavar="PATH|download",
-                help="Weights for fid: a file, or 'download' (95 MB, once). Default: as "
-                "downloaded before, else fid is skipped.",
-            ),
-        ]
+        "Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded before, else "
+        "fid is skipped.",
+        metavar="PATH|download",
     ),
 }

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -18,36 +18,10 @@ from data_prep.training_set import add_surfaces, training_clouds, training_set
 
 if TYPE_CHECKING:
     from baselines.splat_net.network import NetworkConfig
+    from learning.training_loop import OnProgress
 
 DEFAULT_OBJECTS = 1500
-
-
-class Width(StrEnum):
-    """Width of the networks: the paper's, or a quarter of it."""
-
-    lite = "lite"
-    paper = "paper"
-
-
-class Precision(StrEnum):
-    """bfloat16 is mixed precision."""
-
-    float32 = "float32"
-    bfloat16 = "bfloat16"
-
-
-class Encoder(StrEnum):
-    """Dilated convolutions along the order of the points, or PointNet."""
-
-    paper = "paper"
-    pointnet = "pointnet"
-
-
-class Azimuth(StrEnum):
-    """How the networks are told the azimuth."""
-
-    scalar = "scalar"
-    sine_cosine = "sine-cosine"
+Config = TypeVar("Config")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,36 +107,26 @@ class DecoderOptions(TrainingOptions):
 def train_autoencoder(options: AutoencoderOptions) -> Path:
     """Train the point-cloud autoencoder; returns its checkpoint. Resumes what is in `out`."""
     from learning.processes import is_first
-    from learning.progress import ConsoleProgress
     from pc2pix.model import LITE, PAPER
     from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
     from pc2pix.train_autoencoder import train_autoencoder as train
 
     _set_threads(options.threads)
     clouds = training_clouds(training_objects(options), quiet=not is_first())
-    config = AutoencoderConfig(
-        model=replace(
-            {"lite": LITE, "paper": PAPER}[options.width],
-            encoder=options.encoder,
-            latent_dim=options.latent_dim,
-        ),
-        steps=options.steps,
-        batch=options.batch,
-        learning_rate=options.learning_rate,
-        augment=options.augment,
-        precision=options.precision,
-        seed=options.seed,
+    model = replace(
+        {"lite": LITE, "paper": PAPER}[options.width],
+        encoder=options.encoder,
+        latent_dim=options.latent_dim,
     )
-    with ConsoleProgress("autoencoder", quiet=not is_first()) as show:
-        return train(
-            AutoencoderData(clouds), config, options.out, device=options.device, on_progress=show
-        )
+    config = _config(AutoencoderConfig, options, model=model)
+    data = AutoencoderData(clouds)
+    with _progress("autoencoder") as show:
+        return train(data, config, options.out, device=options.device, on_progress=show)
 
 
 def train_gan(options: GanOptions) -> Path:
     """Train the rendering GAN on a trained autoencoder; returns the exported weights file."""
     from learning.processes import is_first
-    from learning.progress import ConsoleProgress
     from pc2pix.train_autoencoder import load_encoder
     from pc2pix.train_gan import GanConfig, GanData
     from pc2pix.train_gan import train_gan as train
@@ -171,19 +135,9 @@ def train_gan(options: GanOptions) -> Path:
     _set_threads(options.threads)
     encoder = load_encoder(options.autoencoder)
     made = training_set(training_objects(options), options.views, quiet=not is_first())
-    config = GanConfig(
-        model=replace(encoder.config, azimuth=options.azimuth),
-        objective=options.objective,
-        steps=options.steps,
-        warm_up=options.warm_up,
-        batch=options.batch,
-        augment=options.augment,
-        generator_lr=options.generator_lr,
-        precision=options.precision,
-        seed=options.seed,
-    )
+    config = _config(GanConfig, options, model=replace(encoder.config, azimuth=options.azimuth))
     data = GanData(made.images, made.azimuth_deg, made.elevation_deg, made.clouds)
-    with ConsoleProgress("gan", quiet=not is_first()) as show:
+    with _progress("gan") as show:
         checkpoint = train(
             data, encoder, config, options.out, device=options.device, on_progress=show
         )
@@ -200,7 +154,6 @@ def train_splat_net(options: SplatNetOptions) -> Path:
     from baselines.splat_net.train import SplatNetConfig, train_splat_net
     from baselines.splat_net.weights import export
     from learning.processes import is_first
-    from learning.progress import ConsoleProgress
 
     _set_threads(options.threads)
     if options.size not in SIZES:
@@ -209,24 +162,14 @@ def train_splat_net(options: SplatNetOptions) -> Path:
     start = None
     if options.start is not None:
         start = read_start(options.start, network, options.seed)
-    config = SplatNetConfig(
-        network=network,
-        objective=options.objective,
-        steps=options.steps,
-        warm_up=options.warm_up,
-        cool_down=options.cool_down,
-        batch=options.batch,
-        augment=options.augment,
-        learning_rate=options.learning_rate,
-        precision=options.precision,
-        seed=options.seed,
-        start=start.sha256 if start else None,
+    config = _config(
+        SplatNetConfig, options, network=network, start=start.sha256 if start else None
     )
     objects = training_objects(options)
     seen = training_set(objects, options.views, quiet=not is_first())
     with progress("silhouettes", len(objects), quiet=not is_first()) as advance:
         data = add_surfaces(seen, objects, lambda: advance(0))
-    with ConsoleProgress("splat-net", quiet=not is_first()) as show:
+    with _progress("splat-net") as show:
         checkpoint = train_splat_net(
             data,
             config,
@@ -252,41 +195,40 @@ def train_decoder(options: DecoderOptions) -> Path:
     for name, value in (("objects", count), ("steps", options.steps), ("batch", options.batch)):
         if value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
-    import torch
-
     from learning.processes import is_first
-    from learning.progress import ConsoleProgress
     from pc2pix.train_autoencoder import AutoencoderData
     from pc2pix.train_decoder import DecoderConfig
     from pc2pix.train_decoder import train_decoder as train
     from pc2pix.weights import decoder_path, export_decoder, load_weights
 
-    if options.threads is not None:
-        torch.set_num_threads(options.threads)
+    _set_threads(options.threads)
     weights = load_weights(options.weights)
     objects = tuple(ProceduralObject("chair", "train", i) for i in range(count))
-    clouds = training_clouds(objects, quiet=not is_first())
-    config = DecoderConfig(
-        weights=weights.sha256,
-        model=weights.encoder.config,
-        steps=options.steps,
-        batch=options.batch,
-        precision=options.precision,
-        seed=options.seed,
-    )
-    with ConsoleProgress("decoder", quiet=not is_first()) as show:
+    data = AutoencoderData(training_clouds(objects, quiet=not is_first()))
+    config = _config(DecoderConfig, options, weights=weights.sha256, model=weights.encoder.config)
+    with _progress("decoder") as show:
         checkpoint = train(
-            AutoencoderData(clouds),
-            weights,
-            config,
-            options.out,
-            device=options.device,
-            on_progress=show,
+            data, weights, config, options.out, device=options.device, on_progress=show
         )
     path = decoder_path(options.weights)
     if is_first():
         export_decoder(checkpoint, path)
     return path
+
+
+def _config(kind: Callable[..., Config], options: TrainingOptions, **own: Any) -> Config:
+    """The configuration: the fields that it shares with the options, and its `own`."""
+    named = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    shared = {name: value for name, value in vars(options).items() if name in named}
+    return kind(**shared | own)
+
+
+def _progress(title: str) -> AbstractContextManager[OnProgress]:
+    """On standard error, by the first of several processes."""
+    from learning.processes import is_first
+    from learning.progress import training_progress
+
+    return training_progress(title, quiet=not is_first())
 
 
 def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
@@ -327,38 +269,28 @@ def _set_threads(threads: int | None) -> None:
 
 app = typer.Typer(help="Train the networks.", no_args_is_help=True, rich_markup_mode=None)
 Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
+Folder = Annotated[Path, typer.Option(help="Folder; a training that is there is continued.")]
 
-TRAIN_OPTIONS = {
-    "out": Stated(
-        Annotated[Path, typer.Option(help="Folder; a training that is there is continued.")]
-    ),
-    "dataset": Stated(Annotated[str, typer.Option(help="As of 'bench run'; its train split.")]),
+TRAIN_OPTIONS: dict[str, str | Stated] = {
+    "out": "Folder; a training that is there is continued.",
+    "dataset": "As of 'bench run'; its train split.",
     "classes": Stated(
-        Annotated[
-            str,
-            typer.Option("--class", help="What to train on: a class, several (a,b), or all."),
-        ],
-        lambda text: () if text == "all" else names(text) or (),
-        "chair",
+        "What to train on: a class, several (a,b), or all.",
+        flag="--class",
+        kind=str,
+        convert=lambda text: () if text == "all" else names(text) or (),
+        default="chair",
     ),
-    "objects": Stated(
-        Annotated[int | None, typer.Option(help="Objects of each class; default 1500 or all.")]
-    ),
-    "augment": Stated(
-        Annotated[bool, typer.Option("--augment", help="Show the encoder noise and fewer points.")]
-    ),
-    "steps": Stated(
-        Annotated[int, typer.Option(help="Steps in all, those before a resume included.")]
-    ),
-    "batch": Stated(Annotated[int, typer.Option(help="Pictures or clouds a step.")]),
-    "precision": Stated(Annotated[Precision, typer.Option()], str, Precision.float32),
-    "device": Stated(Annotated[Device, typer.Option()], str, Device.cpu),
-    "seed": Stated(Annotated[int, typer.Option(help="Seed of initial weights and batches.")]),
-    "threads": Stated(
-        Annotated[int | None, typer.Option(help="CPU threads; default: PyTorch's choice.")]
-    ),
+    "objects": "Objects of each class; default 1500 or all.",
+    "augment": "Show the encoder noise and fewer points.",
+    "steps": "Steps in all, those before a resume included.",
+    "batch": "Pictures or clouds a step.",
+    "precision": Stated(),
+    "device": Stated(kind=Device),
+    "seed": "Seed of initial weights and batches.",
+    "threads": "CPU threads; default: PyTorch's choice.",
 }
-GAN_VIEWS = Stated(Annotated[int, typer.Option(help="Pictures of each object.")])
+VIEWS = "Pictures of each object."
 
 
 @app.command("autoencoder")
@@ -366,17 +298,10 @@ GAN_VIEWS = Stated(Annotated[int, typer.Option(help="Pictures of each object.")]
     AutoencoderOptions,
     TRAIN_OPTIONS
     | {
-        "width": Stated(Annotated[Width, typer.Option()], str, Width.lite),
-        "encoder": Stated(
-            Annotated[
-                Encoder,
-                typer.Option(help="The paper's, or one that does not depend on their order."),
-            ],
-            str,
-            Encoder.paper,
-        ),
-        "latent_dim": Stated(Annotated[int, typer.Option("--latent", help="Length of the code.")]),
-        "learning_rate": Stated(Annotated[float, typer.Option(help="Of RMSprop.")]),
+        "width": Stated(),
+        "encoder": "The paper's, or one that does not depend on their order.",
+        "latent_dim": Stated("Length of the code.", flag="--latent"),
+        "learning_rate": "Of RMSprop.",
     },
 )
 def autoencoder_command(options: AutoencoderOptions) -> None:
@@ -387,29 +312,14 @@ def autoencoder_command(options: AutoencoderOptions) -> None:
 @app.command("gan")
 @takes(
     GanOptions,
-    {
-        "autoencoder": Stated(Annotated[Path, typer.Option(help="Checkpoint of the autoencoder.")]),
-    }
+    {"autoencoder": "Checkpoint of the autoencoder."}
     | TRAIN_OPTIONS
     | {
-        "views": GAN_VIEWS,
-        "objective": Stated(
-            Annotated[str, typer.Option(help="acgan-code, acgan-paper or paired.")]
-        ),
-        "azimuth": Stated(
-            Annotated[
-                Azimuth,
-                typer.Option(help="One number as in the paper, or two without a jump."),
-            ],
-            str,
-            Azimuth.scalar,
-        ),
-        "warm_up": Stated(
-            Annotated[
-                int, typer.Option(help="First steps without the discriminator (paired only).")
-            ]
-        ),
-        "generator_lr": Stated(Annotated[float, typer.Option(help="Adam's learning rate.")]),
+        "views": VIEWS,
+        "objective": "acgan-code, acgan-paper or paired.",
+        "azimuth": "One number as in the paper, or two without a jump.",
+        "warm_up": "First steps without the discriminator (paired only).",
+        "generator_lr": "Adam's learning rate.",
     },
 )
 def gan_command(options: GanOptions) -> None:
@@ -422,39 +332,19 @@ def gan_command(options: GanOptions) -> None:
     SplatNetOptions,
     TRAIN_OPTIONS
     | {
-        "augment": Stated(Annotated[bool, typer.Option(help="Show noise and fewer points.")]),
-        "size": Stated(Annotated[str, typer.Option(help="tiny, default or large.")]),
-        "views": GAN_VIEWS,
-        "start": Stated(
-            Annotated[
-                str | None,
-                typer.Option(
-                    help="Go on from weights: a bundled name, or a file with the grey one beside."
-                ),
-            ]
-        ),
-        "objective": Stated(Annotated[str, typer.Option(help="l1 or l1-patch.")]),
+        "augment": "Show noise and fewer points.",
+        "size": "tiny, default or large.",
+        "views": VIEWS,
+        "start": "Go on from weights: a bundled name, or a file with the grey one beside.",
+        "objective": "l1 or l1-patch.",
         "without": Stated(
-            Annotated[
-                str | None,
-                typer.Option(help="Inputs to leave out: normals,density,flattened,far,discs."),
-            ],
-            lambda text: names(text) or (),
-            None,
+            "Inputs to leave out: normals,density,flattened,far,discs.",
+            convert=lambda text: names(text) or (),
+            default=None,
         ),
-        "warm_up": Stated(
-            Annotated[
-                int,
-                typer.Option(help="First steps without the judge of patches (l1-patch only)."),
-            ]
-        ),
-        "cool_down": Stated(
-            Annotated[
-                int,
-                typer.Option(help="Last steps, over which the learning rate falls to zero."),
-            ]
-        ),
-        "learning_rate": Stated(Annotated[float, typer.Option(help="Of Adam.")]),
+        "warm_up": "First steps without the judge of patches (l1-patch only).",
+        "cool_down": "Last steps, over which the learning rate falls to zero.",
+        "learning_rate": "Of Adam.",
     },
 )
 def splat_net_command(options: SplatNetOptions) -> None:
@@ -465,18 +355,8 @@ def splat_net_command(options: SplatNetOptions) -> None:
 @app.command("decoder")
 @takes(
     DecoderOptions,
-    {
-        "weights": Stated(
-            Annotated[
-                str, typer.Option(help="A bundled name or a file; the decoder is put beside it.")
-            ]
-        ),
-    }
-    | {
-        name: option
-        for name, option in TRAIN_OPTIONS.items()
-        if name not in ("dataset", "classes", "augment")
-    },
+    {"weights": "A bundled name or a file; the decoder is put beside it."} | TRAIN_OPTIONS,
+    leave_out=("dataset", "classes", "augment"),
 )
 def decoder_command(options: DecoderOptions) -> None:
     """A decoder from codes to clouds for trained weights, for the suite latent."""
@@ -489,9 +369,7 @@ def train_views(
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
     epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
     seed: Seed = 0,
-    out: Annotated[
-        Path, typer.Option(help="Folder; a training that is there is continued.")
-    ] = Path("training/views"),
+    out: Folder = Path("training/views"),
 ) -> None:
     """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
     from bench.judges.train_views import train_views as train
@@ -518,9 +396,7 @@ def train_judge(
     views: Annotated[int, typer.Option(help="Pictures of each object.")] = 16,
     steps: Annotated[int, typer.Option(help="Steps of 96 pictures.")] = 3000,
     seed: Seed = 0,
-    out: Annotated[
-        Path, typer.Option(help="Folder; a training that is there is continued.")
-    ] = Path("training/judge"),
+    out: Folder = Path("training/judge"),
 ) -> None:
     """The judge of view and shape: replaces the bundled weights, hence what it measures."""
     from bench.judges.train_judge import train_judge as train

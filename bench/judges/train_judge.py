@@ -21,14 +21,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bench.judges import JUDGE_WEIGHTS
-from bench.judges.answers import (
-    ELEVATION_UNIT_DEG,
-    azimuth_error_deg,
-    elevation_error_deg,
-    found,
-    gallery,
-)
+from bench.judges.answers import azimuth_error_deg, elevation_error_deg, found, gallery
 from bench.judges.judge import FEATURES, JudgeNetwork, darkness, greyscale, judge
+from bench.judges.training import CosineTrainer, JudgeConfig, view_answers
 from data_prep.datasets import MeshObject, ProceduralObject, SceneObject, Split
 from data_prep.failures import BadInput
 from data_prep.mesh_files import NEUTRAL_GREY
@@ -37,15 +32,8 @@ from data_prep.training_set import training_set
 from data_prep.whole_files import write_whole
 from learning import checkpoint
 from learning.processes import ONE, Processes, connect, is_first
-from learning.progress import ConsoleProgress
-from learning.training_loop import (
-    DEFAULT_CADENCE,
-    Cadence,
-    denormals_flushed,
-    hash_arrays,
-    run,
-    seeded,
-)
+from learning.trainer import Part
+from learning.training_loop import denormals_flushed, hash_arrays, seeded
 
 OBJECTS = 48  # a batch is two pictures of each
 LEARNING_RATE = 2e-3
@@ -93,15 +81,6 @@ class Pictures:
     clouds: NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class JudgeConfig:
-    """What a resumed training has to have in common with the one before, beside its data."""
-
-    steps: int
-    seed: int
-    cadence: Cadence = DEFAULT_CADENCE
-
-
 @denormals_flushed()
 def train_judge(
     objects: int,
@@ -126,10 +105,8 @@ def train_judge(
         )
     team = connect(torch.device("cpu"))
     data, validation = pictures("train", objects, views), pictures("validation", *VALIDATION)
-    config = JudgeConfig(steps, seed)
-    trainer = _Trainer(data, validation, config, team)
-    with ConsoleProgress("judge", quiet=not is_first()) as show:
-        run(trainer, config, hash_arrays(*vars(data).values()), folder, show, team)
+    trainer = _Trainer(data, validation, JudgeConfig(steps, seed), team)
+    trainer.train(hash_arrays(*vars(data).values()), folder)
     if is_first():
         write_whole(out, save(trainer.best))
     network = JudgeNetwork()
@@ -145,36 +122,32 @@ def train_judge(
     }
 
 
-class _Trainer:
+class _Trainer(CosineTrainer):
     """Everything that a step changes, and the weights whose validation was best so far."""
 
     kind = "judge"
+    peak = LEARNING_RATE
+    kept = ("best_merit", "order", "steps_done")
 
     def __init__(
         self, data: Pictures, validation: Pictures, config: JudgeConfig, team: Processes = ONE
     ) -> None:
-        self.validation, self.config, self.team, self.batch = validation, config, team, 2 * OBJECTS
+        super().__init__(config, team)
+        self.validation, self.batch = validation, 2 * OBJECTS
         # `shape` is an aid to the training only
         self.network, self.shape = seeded(
             config.seed, lambda: (JudgeNetwork(), nn.Linear(FEATURES, SHAPE_NUMBERS))
         )
         self.painted = torch.from_numpy(data.painted)
         self.neutral = torch.from_numpy(data.neutral)
-        azimuth = np.radians(data.azimuth_deg)
-        view = [np.sin(azimuth), np.cos(azimuth), data.elevation_deg / ELEVATION_UNIT_DEG]
-        self.view = torch.from_numpy(np.stack(view, axis=-1).astype(np.float32))
+        self.view = torch.from_numpy(view_answers(data.azimuth_deg, data.elevation_deg))
         self.shapes = torch.from_numpy(shape_descriptors(data.clouds))
-        self.parameters = [*self.network.parameters(), *self.shape.parameters()]
-        self.optimizer = torch.optim.AdamW(
-            self.parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY
-        )
-        self.random = team.random(config.seed)
-        self.order = torch.empty(0, dtype=torch.long)
-        self.steps_done = torch.zeros((), dtype=torch.int64)
+        parameters = [*self.network.parameters(), *self.shape.parameters()]
+        self.optimizer = torch.optim.AdamW(parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY)
         self.best = _compact(self.network)
         self.best_merit = torch.tensor(WORST_MERIT, dtype=torch.float64)
 
-    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer | torch.Generator]:
+    def parts(self) -> dict[str, Part]:
         return {
             "network": self.network,
             "shape": self.shape,
@@ -183,49 +156,25 @@ class _Trainer:
         }
 
     def state(self) -> dict[str, Tensor]:
-        best = {f"best.{name}": value for name, value in self.best.items()}
-        return checkpoint.pack(**self._parts()) | best | {
-            "best_merit": self.best_merit,
-            "order": self.order,
-            "steps_done": self.steps_done,
-        }  # fmt: skip
+        return super().state() | {f"best.{name}": value for name, value in self.best.items()}
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        checkpoint.unpack(state, **self._parts())
+        super().restore(state)
         self.best = checkpoint.sub_state(state, "best")
-        self.best_merit = state["best_merit"].clone()
-        self.order, self.steps_done = state["order"].clone(), state["steps_done"].clone()
-
-    def independent_steps(self, steps: int) -> int:
-        """None: the cosine spans all."""
-        return 0
 
     def learning_rates(self, steps: int) -> str:
-        return (
-            f"{LEARNING_RATE:g} by a cosine to zero over {self.config.steps} steps, rising over "
-            f"the first {self._warm_up()}"
-        )
-
-    def sheet(self) -> None:
-        """There is nothing to see: the network draws no pictures."""
+        return f"{super().learning_rates(steps)}, rising over the first {self._warm_up()}"
 
     def _warm_up(self) -> int:
         return max(1, round(WARM_UP * self.config.steps))
 
-    def _rate(self, done: int) -> float:
-        """The learning rate of the step after `done` steps."""
-        cosine = (1 + math.cos(math.pi * done / self.config.steps)) / 2
-        return LEARNING_RATE * min((done + 1) / self._warm_up(), cosine)
+    def rate(self, done: int) -> float:
+        return min(self.peak * ((done + 1) / self._warm_up()), super().rate(done))
 
     def take_step(self) -> dict[str, Tensor]:
         """One step on two pictures of each of OBJECTS objects, with a validation now and then."""
         loss = self._loss()
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        self.team.average_gradients(self.parameters)
-        for group in self.optimizer.param_groups:
-            group["lr"] = self._rate(int(self.steps_done))
-        self.optimizer.step()
+        self.minimise(loss, self.optimizer, self.rate(int(self.steps_done)))
         self.steps_done += 1
         step, steps = int(self.steps_done), self.config.steps
         if step % math.ceil(steps / VALIDATIONS) == 0 or step == steps:

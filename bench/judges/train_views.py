@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from bench.judges import VIEWS_WEIGHTS
+from bench.judges.answers import azimuth_error_deg, elevation_error_deg
+from bench.judges.training import CosineTrainer, JudgeConfig, view_answers
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from data_prep.datasets import ProceduralObject, Split
 from data_prep.failures import BadInput
@@ -22,17 +23,9 @@ from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.chair.spec import BACKS, draw_chair_spec
 from data_prep.training_set import TrainingSet, training_set
 from data_prep.whole_files import write_whole
-from learning import checkpoint
 from learning.processes import ONE, Processes, connect, is_first
-from learning.progress import ConsoleProgress
-from learning.training_loop import (
-    DEFAULT_CADENCE,
-    Cadence,
-    denormals_flushed,
-    hash_arrays,
-    run,
-    seeded,
-)
+from learning.trainer import Part
+from learning.training_loop import denormals_flushed, hash_arrays, seeded
 
 BATCH = 64
 LEARNING_RATE = 2e-3
@@ -80,15 +73,6 @@ class Scores:
         return "\n".join(lines)
 
 
-@dataclass(frozen=True)
-class ViewsConfig:
-    """What a resumed training has to have in common with the one before, beside its data."""
-
-    steps: int
-    seed: int
-    cadence: Cadence = DEFAULT_CADENCE
-
-
 @denormals_flushed()
 def train_views(
     objects: int,
@@ -113,61 +97,38 @@ def train_views(
     known = labels()
     data, answers = _labelled(known, "train", objects, views)
     images = torch.from_numpy(data.images).flatten(0, 1)
-    config = ViewsConfig(epochs * math.ceil(len(images) / BATCH), seed)
+    config = JudgeConfig(epochs * math.ceil(len(images) / BATCH), seed)
     trainer = _Trainer(known, images, answers, config, team)
-    data_hash = hash_arrays(data.images, *(answer.numpy() for answer in answers.values()))
-    with ConsoleProgress("views", quiet=not is_first()) as show:
-        run(trainer, config, data_hash, folder, show, team)
+    trainer.train(
+        hash_arrays(data.images, *(answer.numpy() for answer in answers.values())), folder
+    )
     if is_first():
         write_whole(out, to_file(trainer.network))
     return _score(trainer.network.eval(), *validation)
 
 
-class _Trainer:
+class _Trainer(CosineTrainer):
     """Everything that a step changes: BATCH pictures [N, H, W, 3], all once in an epoch."""
 
     kind = "views"
     batch = BATCH
+    peak = LEARNING_RATE
 
     def __init__(
         self,
         known: Labels,
         images: Tensor,
         answers: dict[str, Tensor],
-        config: ViewsConfig,
+        config: JudgeConfig,
         team: Processes = ONE,
     ) -> None:
-        self.images, self.answers, self.config, self.team = images, answers, config, team
+        super().__init__(config, team)
+        self.images, self.answers = images, answers
         self.network = seeded(config.seed, lambda: ViewsNetwork(known))
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE)
-        self.random = team.random(config.seed)
-        self.order = torch.empty(0, dtype=torch.long)
-        self.steps_done = torch.zeros((), dtype=torch.int64)
 
-    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer | torch.Generator]:
+    def parts(self) -> dict[str, Part]:
         return {"network": self.network, "optimizer": self.optimizer, "random": self.random}
-
-    def state(self) -> dict[str, Tensor]:
-        rest = {"order": self.order, "steps_done": self.steps_done}
-        return checkpoint.pack(**self._parts()) | rest
-
-    def restore(self, state: Mapping[str, Tensor]) -> None:
-        checkpoint.unpack(state, **self._parts())
-        self.order, self.steps_done = state["order"].clone(), state["steps_done"].clone()
-
-    def independent_steps(self, steps: int) -> int:
-        """None: the cosine spans all."""
-        return 0
-
-    def learning_rates(self, steps: int) -> str:
-        return f"{LEARNING_RATE:g} by a cosine to zero over {self.config.steps} steps"
-
-    def sheet(self) -> None:
-        """There is nothing to see: the network draws no pictures."""
-
-    def _rate(self, done: int) -> float:
-        """The learning rate of the step after `done` steps."""
-        return LEARNING_RATE * (1 + math.cos(math.pi * done / self.config.steps)) / 2
 
     def take_step(self) -> dict[str, Tensor]:
         if not len(self.order):
@@ -177,12 +138,7 @@ class _Trainer:
             features = self.network(_varied(self.images[rows], self.random))
         targets = {name: answer[rows] for name, answer in self.answers.items()}
         loss = _loss(self.network, features.float(), targets)
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        self.team.average_gradients(self.network.parameters())
-        for group in self.optimizer.param_groups:
-            group["lr"] = self._rate(int(self.steps_done))
-        self.optimizer.step()
+        self.minimise(loss, self.optimizer, self.rate(int(self.steps_done)))
         self.steps_done += 1
         return {"loss": loss.detach()}
 
@@ -211,11 +167,10 @@ def _labelled(
     """Pictures of `count` objects of each class, and the right answers about each picture."""
     objects = [ProceduralObject(name, split, i) for name in known.classes for i in range(count)]
     data = training_set(tuple(objects), views, quiet=not is_first())
-    azimuth = np.radians(data.azimuth_deg)
-    view = np.stack([np.sin(azimuth), np.cos(azimuth), data.elevation_deg / 40], axis=-1)
+    view = torch.from_numpy(view_answers(data.azimuth_deg, data.elevation_deg))
     answers = np.repeat([_answers(known, obj) for obj in objects], views, axis=0)
     named = zip(("class", "family", "back"), torch.from_numpy(answers).unbind(1), strict=True)
-    return data, dict(named) | {"view": torch.from_numpy(view.astype(np.float32)).flatten(0, 1)}
+    return data, dict(named) | {"view": view.flatten(0, 1)}
 
 
 def _answers(known: Labels, obj: ProceduralObject) -> tuple[int, int, int]:
@@ -252,16 +207,15 @@ def _score(network: ViewsNetwork, objects: int, views: int) -> Scores:
     right = {n: found[n].argmax(axis=1) == true[n].numpy() for n in ("family", "back")}
     confusion = np.zeros((classes, classes), np.int64)
     np.add.at(confusion, (true["class"].numpy(), found["class"].argmax(axis=1)), 1)
-    sin, cos, elevation = found["view"].T
-    turn = (np.degrees(np.arctan2(sin, cos)) - data.azimuth_deg.ravel() + 180) % 360 - 180
-    tilt = 40 * elevation - data.elevation_deg.ravel()
+    azimuth_error = azimuth_error_deg(found["view"], data.azimuth_deg.ravel())
+    elevation_error = elevation_error_deg(found["view"], data.elevation_deg.ravel())
     return Scores(
         network.labels.classes,
         confusion,
         family=float(right["family"].mean()),
         back=_mean(right["back"][true["back"].numpy() != NO_LABEL]),
-        azimuth_deg=_medians(np.abs(turn), classes),
-        elevation_deg=_medians(np.abs(tilt), classes),
+        azimuth_deg=_medians(azimuth_error, classes),
+        elevation_deg=_medians(elevation_error, classes),
     )
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.records.record import GROUND_TRUTH
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, CannotWrite
 from data_prep.fingerprints import file_sha256
+from data_prep.whole_files import write_whole
 
 
 class Item(NamedTuple):
@@ -65,6 +66,16 @@ def artifact_sha256(path: Path) -> str | None:
         return file_sha256(path)
     except (BadInput, OSError):
         return None
+
+
+def write_artifact(path: Path, data: bytes) -> None:
+    """Write an artifact, whole or not at all. Raises CannotWrite: the run stops, and may go on."""
+    try:
+        write_whole(path, data)
+    except OSError as error:
+        raise CannotWrite(
+            f"{path}: cannot be written ({error.strerror}); make room and run again"
+        ) from error
 
 
 def read_artifact(path: Path) -> dict[str, NDArray[Any]]:

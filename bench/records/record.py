@@ -40,16 +40,16 @@ class Record:
     outcome: Outcome
     reason: str
     notes: str
-    ssim: float | None
-    luminance: float | None
-    contrast: float | None
-    structure: float | None
-    ssim_object: float | None
-    silhouette_iou: float | None
-    thin_recall: float | None
-    thin_precision: float | None
-    prepare_s: float | None
-    draw_s: float | None
+    ssim: float | None = None
+    luminance: float | None = None
+    contrast: float | None = None
+    structure: float | None = None
+    ssim_object: float | None = None
+    silhouette_iou: float | None = None
+    thin_recall: float | None = None
+    thin_precision: float | None = None
+    prepare_s: float | None = None
+    draw_s: float | None = None
 
 
 COLUMNS = tuple(  # of `records.parquet`

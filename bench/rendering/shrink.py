@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import islice
@@ -28,14 +26,14 @@ from bench.records.job import Job
 from bench.records.journal import MANIFEST, read_finished
 from bench.records.parquet import read_records
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file, find_drawer
-from bench.running.isolation import Lost, run_tasks
+from bench.running.isolation import Lost, TaskPool, run_tasks
 from bench.running.protocol import Protocol, objects_to_search, plan
 from bench.running.work import cloud_of, reason_of, rng_of
 from bench.suites.stability.run import stability_jobs
 from data_prep.cloud_files import save_ply
 from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput
-from data_prep.progress import PLAIN_EVERY_S
+from data_prep.progress import PLAIN_EVERY_S, say
 from data_prep.scene import PointCloud, Points
 from data_prep.untrusted import is_regular_file
 
@@ -348,22 +346,10 @@ class _OutOfTime(Exception):
     """The budget is spent."""
 
 
-class _Feed(Iterator[_Trial]):
-    """The trials that wait for a worker. Where there are none now, there may be some later."""
-
-    def __init__(self) -> None:
-        self.waiting: deque[_Trial] = deque()
-
-    def __next__(self) -> _Trial:
-        if not self.waiting:
-            raise StopIteration
-        return self.waiting.popleft()
-
-
 class _Search:
     """Trials in warm workers, until `budget_s` after `start`.
 
-    reason  how the wanted failure was last told
+    reason  the last message of the wanted failure
     last    how the last trial ended
     left    number of points of the best cloud so far
     """
@@ -377,17 +363,13 @@ class _Search:
         self._workers = workers
         self._start, self._budget_s = start, budget_s
         self._said = time.monotonic()
-        self._feed = _Feed()
-        # Asked again and again for tasks, also after there were none: its workers stay.
-        self._results: Generator[tuple[_Trial, str | Lost], None, None] = run_tasks(
-            self._feed, _attempt, workers, item.limits
-        )
+        self._pool: TaskPool[_Trial, str] = TaskPool(_attempt, workers, item.limits)
 
     def __enter__(self) -> _Search:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._results.close()
+        self._pool.close()
 
     def first_failing(self, trials: Iterable[_Trial]) -> _Trial | None:
         """The first of these that fails in the way that is wanted.
@@ -407,10 +389,12 @@ class _Search:
         return None
 
     def _reasons(self, trials: Sequence[_Trial]) -> list[str]:
-        self._feed.waiting.extend(trials)
+        for trial in trials:
+            self._pool.submit(trial)
         found: dict[_Trial, str] = {}
-        for trial, result in islice(self._results, len(trials)):
-            found[trial] = result.reason if isinstance(result, Lost) else result
+        while len(found) < len(trials):
+            for trial, result in self._pool.collect():
+                found[trial] = result.reason if isinstance(result, Lost) else result
         self.trials += len(trials)
         self._say()
         return [found[trial] for trial in trials]
@@ -421,11 +405,9 @@ class _Search:
         if now - self._said < PLAIN_EVERY_S:
             return
         self._said = now
-        print(
+        say(
             f"{self._name}: {self.left} of {self._count} points left, {self.trials} trials, "
-            f"{now - self._start:.0f} s of {self._budget_s:.0f} s",
-            file=sys.stderr,
-            flush=True,
+            f"{now - self._start:.0f} s of {self._budget_s:.0f} s"
         )
 
 

@@ -22,6 +22,8 @@ from typing import Any
 from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.failures import MissingDependency
 
+ROOT = Path(__file__).resolve().parents[2]
+SUFFIXES = (".py", ".vert", ".frag")  # of code
 PACKAGES = (
     "pc2pix-bench",
     "torch",
@@ -87,11 +89,10 @@ def _cpu() -> str:
 
 def _git() -> dict[str, Any]:
     """Commit and cleanliness of the checkout; empty where this is none."""
-    root = Path(__file__).resolve().parents[2]
     try:
         commit, status = (
             subprocess.run(
-                ["git", "-C", str(root), *command],
+                ["git", "-C", str(ROOT), *command],
                 capture_output=True,
                 text=True,
                 check=True,
@@ -113,8 +114,6 @@ def environment() -> dict[str, str]:
     Raises MissingDependency where nothing can be rendered on this machine; the message says which
     Debian packages to install.
     """
-    import os
-
     from data_prep.render import REMEDY
 
     try:
@@ -154,10 +153,6 @@ def main() -> None:
     except MissingDependency as error:
         answer = {"error": str(error)}
     print(json.dumps(answer))
-
-
-ROOT = Path(__file__).resolve().parents[2]
-SUFFIXES = (".py", ".vert", ".frag")
 
 
 def code_sha256(names: Iterable[str], root: Path = ROOT) -> str:

@@ -21,6 +21,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
 from bench.catalogue.suites import Limits
@@ -72,18 +73,10 @@ class Executor(Protocol[TaskIn, DoneOut]):
 
 
 def feed(tasks: Iterable[Task], executor: Executor[Task, Done]) -> Generator[Done, None, None]:
-    """What becomes of each task, as it comes.
-
-    Tasks are taken from their iterable as there is room; one that has ended is asked again after
-    results, so that an iterable may wait for them before it goes on.
-    """
+    """What becomes of each task, as it comes; tasks are taken as there is room."""
     queue, under_way = iter(tasks), 0
     while True:
-        while under_way < executor.room:
-            try:
-                task = next(queue)
-            except StopIteration:
-                break
+        for task in islice(queue, max(0, executor.room - under_way)):
             executor.submit(task)
             under_way += 1
         if not under_way:
@@ -245,9 +238,8 @@ def run_tasks(
 ) -> Generator[tuple[Task, Result | Lost], None, None]:
     """Each task with `work(task)`, or with what became of its worker, as they come.
 
-    As `TaskPool`. Closing the iterator stops all workers at once. Tasks are taken
-    from their iterable as workers get free; one that has ended is asked again after each result,
-    so that an iterable may wait for results before it goes on.
+    As `TaskPool`. Closing the iterator stops all workers at once. Tasks are taken from their
+    iterable as workers get free.
     """
     with closing(TaskPool(work, workers, limits, environment)) as pool:
         yield from feed(tasks, pool)

@@ -20,15 +20,10 @@ from typing import Any, Generic
 
 from bench.records.artifacts import artifact_path, artifact_sha256
 from bench.records.job import Result
-from bench.records.journal import (
-    FIXED,
-    Journal,
-    read_finished,
-    read_lines,
-)
+from bench.records.journal import FIXED, Journal, read_finished, read_lines
 from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
-from bench.running.protocol import WHOLE, Shard, deal_back, read_shard
+from bench.running.protocol import WHOLE, Shard, interleave, read_shard
 from bench.running.run import Measured, Outputs, open_run, write_parquet
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.progress import progress
@@ -140,7 +135,7 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
     """The manifest of the whole. Raises BadInput where objects are missing or there twice."""
     dealt = [list(part.manifest["objects"]) for part in parts]
     try:
-        objects = deal_back(dealt)
+        objects = interleave(dealt)
     except ValueError as error:
         counts = ", ".join(f"{p.shard} has {len(o)}" for p, o in zip(parts, dealt, strict=True))
         raise BadInput(

@@ -22,7 +22,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import psutil
@@ -179,13 +179,10 @@ def measured(task: tuple[Job, float]) -> Sample:
     if result.unusable:
         raise MissingDependency(result.unusable)
     scores = [record.ssim for record in result.records if record.ssim is not None]
-    return Sample(
-        job.method,
-        job.condition,
-        job.object.class_name,
-        job.object.object_id,
+    return _sample(
+        job,
         size,
-        seconds,
+        seconds=seconds,
         method_s=result.timing.methods,
         size_b=float(len(to_line(result)))
         + (job.artifact.stat().st_size if result.artifact_sha256 else 0),
@@ -214,11 +211,8 @@ def lost_sample(job: Job, size: float, lost: Lost, limits: Limits) -> Sample:
     """Of an item that was stopped at its time limit, or (nan) whose worker died otherwise."""
     stopped = lost.kind == "timeout"
     taken = limits.time_s if stopped else math.nan
-    return Sample(
-        job.method,
-        job.condition,
-        job.object.class_name,
-        job.object.object_id,
+    return _sample(
+        job,
         size,
         seconds=taken,
         method_s=taken,
@@ -227,6 +221,10 @@ def lost_sample(job: Job, size: float, lost: Lost, limits: Limits) -> Sample:
         ssim=None,
         reason=lost.reason,
     )
+
+
+def _sample(job: Job, size: float, **measured: Any) -> Sample:
+    return Sample(job.method, job.condition, *job.item.object, size, **measured)
 
 
 def _forget_peak() -> None:

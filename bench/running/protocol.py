@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -61,19 +62,17 @@ def read_shard(text: str) -> Shard:
     raise BadInput(f"--shard {text}: give k/N, the kth of N parts, as in 1/4 ... 4/4")
 
 
-def deal_back(shards: Sequence[Sequence[Thing]]) -> list[Thing]:
-    """What was dealt to shards 1 to N, in the order that it had.
+def interleave(shards: Sequence[Sequence[Thing]]) -> list[Thing]:
+    """The things of shards 1 to N in the order that they had before `Shard.of` chose among them.
 
-    Raises ValueError where no things can have been dealt so: each shard has as many as the one
-    before, or, once, one less.
+    Raises ValueError where no things can have been shared out so: each shard has as many as the
+    one before, or, once, one less.
     """
     total = sum(map(len, shards))
-    dealt = [Shard(k, len(shards)).of(range(total)) for k in range(1, len(shards) + 1)]
-    if [*map(len, shards)] != [*map(len, dealt)]:
+    places = [Shard(k, len(shards)).of(range(total)) for k in range(1, len(shards) + 1)]
+    if [*map(len, shards)] != [*map(len, places)]:
         raise ValueError(f"{[*map(len, shards)]} things were not dealt in turns")
-    back: dict[int, Thing] = {}
-    for places, things in zip(dealt, shards, strict=True):
-        back |= zip(places, things, strict=True)
+    back = dict(zip(chain(*places), chain(*shards), strict=True))
     return [back[place] for place in range(total)]
 
 

@@ -30,15 +30,15 @@ from typing import Any
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
+from bench.records.artifacts import write_artifact
 from bench.records.job import Job, Result, failed
 from bench.records.record import GROUND_TRUTH
 from bench.running.environment import code_sha256, environment, versions
 from bench.running.executors import JobPool
 from bench.running.protocol import Protocol, method_identity
-from data_prep.failures import BadInput, CannotWrite, MissingDependency
+from data_prep.failures import BadInput, MissingDependency
 from data_prep.fingerprints import file_sha256
 from data_prep.scene_objects import SceneObject
-from data_prep.whole_files import write_whole
 
 PACKAGES = ("data_prep", "learning", "baselines", "pc2pix", "bench")
 
@@ -302,7 +302,7 @@ class RayPool:
             job = self._waiting.pop(ref)
             result, artifact = _outcome(ref, job)
             if artifact is not None:
-                _keep(job.artifact, artifact)
+                write_artifact(job.artifact, artifact)
             yield result
 
     def close(self) -> None:
@@ -339,15 +339,6 @@ def _outcome(ref: Any, job: Job) -> tuple[Result, bytes | None]:
     except RayError as error:
         reason = f"crash: its node was lost {NODES_PER_JOB + 1} times ({type(error).__name__})"
         return failed(job, reason), None
-
-
-def _keep(path: Path, artifact: bytes) -> None:
-    try:
-        write_whole(path, artifact)
-    except OSError as error:
-        raise CannotWrite(
-            f"{path}: cannot be written ({error.strerror}); make room and run again"
-        ) from error
 
 
 def _wants_gpu(job: Job) -> bool:

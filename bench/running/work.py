@@ -21,14 +21,13 @@ from numpy.typing import NDArray
 from bench.catalogue.methods import FLOORS, Method, find_method
 from bench.catalogue.metrics import Extractor, find_extractor
 from bench.metrics.image_scores import scores
-from bench.records.artifacts import read_artifact
+from bench.records.artifacts import read_artifact, write_artifact
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, View
-from data_prep.whole_files import write_whole
 
 Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
 
@@ -203,12 +202,7 @@ def _write_artifact(job: Job, pictures: Pictures, watch: Stopwatch) -> str:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
-    try:
-        write_whole(job.artifact, data)
-    except OSError as error:  # no fault of the method: the run has to stop, and can go on later
-        raise CannotWrite(
-            f"{job.artifact}: cannot be written ({error.strerror}); make room and run again"
-        ) from error
+    write_artifact(job.artifact, data)
     return sha256(data).hexdigest()
 
 

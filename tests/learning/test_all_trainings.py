@@ -102,7 +102,7 @@ def start_judge(out_dir, on_progress, **changes):
 
 
 def start_views(out_dir, on_progress, **changes):
-    config = train_views.ViewsConfig(**{"seed": 0, "cadence": CADENCE} | changes)
+    config = train_views.JudgeConfig(**{"seed": 0, "cadence": CADENCE} | changes)
     message = Labels(("lamp", "car"), ("lamp/desk", "car/van"), ("ladder",))
     images = torch.from_numpy(make_set(objects=5).images).flatten(0, 1)
     answers = {name: torch.arange(10) % 2 for name in ("class", "family")}

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from learning.progress import ConsoleProgress, describe
+from learning.progress import describe, training_progress
 from learning.training_loop import StepReport
 
 
@@ -16,7 +16,7 @@ def test_description():
 
 
 def test_plain_lines_where_there_is_no_terminal(capsys):
-    with ConsoleProgress("autoencoder") as progress:
+    with training_progress("autoencoder") as progress:
         for step in (1, 2, 3, 100):
             progress(report(step))
     out, err = capsys.readouterr()

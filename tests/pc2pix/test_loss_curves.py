@@ -4,8 +4,7 @@ import numpy as np
 from PIL import Image
 
 from learning import loss_log
-from learning.loss_curves import draw, make_panels, write_loss_curves
-from learning.loss_log import LossLog, read_losses
+from learning.loss_log import LossLog, draw, make_panels, read_losses, write_loss_curves
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
 
 from .conftest import TINY, make_clouds

@@ -117,11 +117,11 @@ def test_the_rates_are_those_of_pytorchs_schedule():
     """Which computes each from the one before: rounding errors add up to some 1e-13."""
     optimizer = torch.optim.Adam([torch.zeros(1, requires_grad=True)], lr=training.LEARNING_RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, 500)
-    config = training.ViewsConfig(steps=500, seed=0)
+    config = training.JudgeConfig(steps=500, seed=0)
     trainer = training._Trainer(labels(), torch.zeros(1), {}, config)
     for done in range(500):
         rate = optimizer.param_groups[0]["lr"]
-        assert trainer._rate(done) == pytest.approx(rate, rel=1e-8, abs=1e-15)
+        assert trainer.rate(done) == pytest.approx(rate, rel=1e-8, abs=1e-15)
         optimizer.step()
         schedule.step()
 

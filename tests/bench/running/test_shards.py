@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.running.protocol import Shard, deal_back, objects_to_search, read_shard
+from bench.running.protocol import Shard, interleave, objects_to_search, read_shard
 from data_prep.failures import BadInput
 
 
@@ -18,13 +18,13 @@ def test_every_nth_from_the_kth():
 
 @given(st.lists(st.integers(), max_size=40), st.integers(1, 12))
 def test_what_was_dealt_comes_back_in_its_order(things, count):
-    assert deal_back([Shard(k, count).of(things) for k in range(1, count + 1)]) == things
+    assert interleave([Shard(k, count).of(things) for k in range(1, count + 1)]) == things
 
 
 @pytest.mark.parametrize("dealt", [["ab", "cde"], ["abc", "d"], ["ab", "c", "de"], ["", "a"]])
 def test_what_cannot_have_been_dealt(dealt):
     with pytest.raises(ValueError, match="not dealt in turns"):
-        deal_back(dealt)
+        interleave(dealt)
 
 
 def test_names():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from harness_objects import Calling, Refusing, Tetrahedron
 
+import bench.records.artifacts
 import bench.running.work
 from baselines.surface import SurfaceApss
 from bench.catalogue.methods import METHODS, Method
@@ -474,7 +475,7 @@ def test_a_disk_that_cannot_be_written_ends_the_run(measure, monkeypatch):
     def full(path, data):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(bench.running.work, "write_whole", full)
+    monkeypatch.setattr(bench.records.artifacts, "write_whole", full)
     job, result = measure(Fake())
     assert result.unusable == (
         f"{job.artifact}: cannot be written (No space left on device); make room and run again"

@@ -1,0 +1,70 @@
+"""What the trainings of the judging networks share: a cosine schedule, and how they are run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from bench.judges.answers import ELEVATION_UNIT_DEG
+from learning.processes import ONE, Processes, is_first
+from learning.progress import training_progress
+from learning.trainer import NetworkTrainer
+from learning.training_loop import DEFAULT_CADENCE, Cadence, run
+
+
+@dataclass(frozen=True)
+class JudgeConfig:
+    """What a resumed training has to have in common with the one before, beside its data."""
+
+    steps: int
+    seed: int
+    cadence: Cadence = DEFAULT_CADENCE
+
+
+class CosineTrainer(NetworkTrainer):
+    """A trainer on the CPU whose learning rate falls from `peak` by a cosine to zero.
+
+    Objects are drawn in random order, each once in an epoch; `order` has those that are left.
+    """
+
+    peak: float
+    kept = ("order", "steps_done")
+    config: JudgeConfig
+
+    def __init__(self, config: JudgeConfig, team: Processes = ONE) -> None:
+        super().__init__(config, torch.device("cpu"), team)
+        self.order = torch.empty(0, dtype=torch.long)
+
+    def independent_steps(self, steps: int) -> int:
+        """None: the cosine spans all."""
+        return 0
+
+    def learning_rates(self, steps: int) -> str:
+        """The whole schedule."""
+        return f"{self.peak:g} by a cosine to zero over {self.config.steps} steps"
+
+    def rate(self, done: int) -> float:
+        """The learning rate of the step after `done` steps."""
+        return self.peak * (1 + math.cos(math.pi * done / self.config.steps)) / 2
+
+    def train(self, data_hash: str, folder: Path) -> None:
+        """All steps, those that a training in `folder` has taken included.
+
+        Raises as `learning.training_loop.run`.
+        """
+        with training_progress(self.kind, quiet=not is_first()) as show:
+            run(self, self.config, data_hash, folder, show, self.team)
+
+
+def view_answers(
+    azimuth_deg: NDArray[np.float64], elevation_deg: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """The right answers [..., 3]: sine and cosine of the azimuth, elevation over 40 degrees."""
+    azimuth = np.radians(azimuth_deg)
+    view = [np.sin(azimuth), np.cos(azimuth), elevation_deg / ELEVATION_UNIT_DEG]
+    return np.stack(view, axis=-1).astype(np.float32)

@@ -1,0 +1,82 @@
+"""What all trainers of networks share: their state, mixed precision, one step of an optimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from learning import checkpoint
+from learning.processes import ONE, Processes
+
+Part = nn.Module | torch.optim.Optimizer | torch.Generator
+
+
+class NetworkTrainer:
+    """A `learning.training_loop.Trainer`; its step, parts and learning rates are its own.
+
+    kept  attributes, tensors, that are part of the state beside the parts
+
+    The configuration has at least a `seed`, and a `precision` where `autocast` is used.
+    """
+
+    kept: tuple[str, ...] = ("steps_done",)
+    kind: str
+    batch: int
+    config: Any
+
+    def __init__(self, config: Any, device: torch.device, team: Processes = ONE) -> None:
+        self.config, self.device, self.team = config, device, team
+        self.random = team.random(config.seed)
+        self.steps_done = torch.zeros((), dtype=torch.int64)
+
+    def parts(self) -> dict[str, Part]:
+        """Networks, optimisers and the random generator, by their names in a checkpoint."""
+        raise NotImplementedError
+
+    def take_step(self) -> dict[str, Tensor]:
+        """One step of optimisation; the losses by name."""
+        raise NotImplementedError
+
+    def state(self) -> dict[str, Tensor]:
+        """Everything that the next step depends on."""
+        return checkpoint.pack(**self.parts()) | {name: getattr(self, name) for name in self.kept}
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        """The inverse of `state`."""
+        checkpoint.unpack(state, **self.parts())
+        for name in self.kept:
+            setattr(self, name, state[name].clone())
+
+    def independent_steps(self, steps: int) -> int | None:
+        """All: the learning rate does not depend on where the training ends."""
+        return None
+
+    def sheet(self) -> NDArray[np.uint8] | None:
+        """Nothing to see."""
+        return None
+
+    def autocast(self) -> torch.autocast:
+        """Mixed precision, where the configuration asks for it."""
+        enabled = self.config.precision == "bfloat16"
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
+
+    def minimise(
+        self, loss: Tensor, optimizer: torch.optim.Optimizer, rate: float | None = None
+    ) -> None:
+        """One step of the optimiser with the mean gradients of all processes.
+
+        rate  the learning rate of this step; None: that of the step before
+        """
+        groups = optimizer.param_groups
+        optimizer.zero_grad()
+        loss.backward()
+        self.team.average_gradients(p for group in groups for p in group["params"])
+        if rate is not None:
+            for group in groups:
+                group["lr"] = rate
+        optimizer.step()
