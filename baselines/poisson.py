@@ -5,7 +5,7 @@ be. Two things make it fit for bare clouds of thin objects:
 
 Orientation  Normals are those of the mesh that ball pivoting and the closing of holes give, not
              those of single points made to agree with their neighbours: the two sides of a thin
-             part are told apart more often.
+             part are distinguished more often.
 Trimming     Faces with a vertex farther from all points than the cloud's spacing are dropped. The
              spacing is MeshLab's: half the distance to the 16th nearest point (itself counted), as
              for a flat neighbourhood; here the median over the cloud.

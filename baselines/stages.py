@@ -16,7 +16,7 @@ from data_prep.scene import Images, Mesh, Points, View
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A reconstructed mesh with finite vertices, and what had to be mended on the way."""
+    """A reconstructed mesh with finite vertices, and what was repaired on the way."""
 
     mesh: Mesh
     notes: tuple[str, ...]

@@ -4,7 +4,7 @@
     v2    <synset>/<id>/models/model_normalized.obj     up +Y, front -Z
 
 Which of the two an object is says its own path, and that decides how it is turned. Some models of
-v1 are mirrored (README.txt of v2; shapenet.org/annotations): that cannot be told from the files,
+v1 are mirrored (README.txt of v2; shapenet.org/annotations): that cannot be seen in the files,
 and is not undone. Both are normalised again, so that their different scales do not matter.
 """
 

@@ -1,6 +1,6 @@
-"""The ways in which things go wrong, told apart because they end differently.
+"""The ways in which things go wrong, distinguished because they end differently.
 
-`BadInput` is the user's to mend: a command that meets it prints one line and exits with 2.
+`BadInput` is for the user to fix: a command that meets it prints one line and exits with 2.
 `StageFailure` is a result: a method could not render a cloud, the record says why, the run goes on.
 """
 

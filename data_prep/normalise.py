@@ -50,7 +50,7 @@ def normalise_points(points: NDArray[Any]) -> PointCloud:
 
     Afterwards the bounding box is centred at the origin and the farthest point lies at radius 1
     (float64 arithmetic, rounded to float32 once). Works at any scale and far from the origin, as
-    long as float64 tells the points apart.
+    long as float64 distinguishes the points.
 
     Raises BadInput where there is no point, where one is not finite, and where all are equal.
     """
@@ -58,7 +58,7 @@ def normalise_points(points: NDArray[Any]) -> PointCloud:
         raise ValueError(f"expected real numbers [N, 3], got {points.dtype} {list(points.shape)}")
     if len(points) == 0:
         raise BadInput("the cloud has no points (0); give at least two")
-    with np.errstate(over="ignore", invalid="ignore"):  # not finite, and told as such below
+    with np.errstate(over="ignore", invalid="ignore"):  # not finite, and reported as such below
         values = points.astype(np.float64)
     broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(broken):

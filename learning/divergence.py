@@ -17,7 +17,7 @@ class TrainingDiverged(RuntimeError):
 
 
 class Watch:
-    """Tells when a loss explodes, from the losses that are logged.
+    """Detects when a loss explodes, from the losses that are logged.
 
     A loss explodes when it is more than FACTOR times what it was at the start (median of the FIRST
     logged values) *and* FACTOR times what it was of late (median of the last WINDOW). The recent

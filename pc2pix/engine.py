@@ -44,7 +44,7 @@ VECTOR_BYTES = 64  # a register of AVX-512; what is added in shorter runs is add
 # Of a block's result: stays in the cache with what is made from it. Larger tensors come fresh from
 # the operating system, too, and to touch a new page costs more than to compute what is in it.
 GROUP_BYTES = 2 << 20
-ALL = 1 << 30  # images in a group on other devices: no cache to stay in, and calls are dear
+ALL = 1 << 30  # images in a group on other devices: no cache to stay in, and calls are expensive
 # Matrices R with R [a, b, c] = the kernel rows in question, see above.
 _PHASE_ROWS = torch.tensor(
     [[[1.0, 0, 0], [0, 1, 1]], [[1, 1, 0], [0, 0, 1]]], dtype=torch.float64

@@ -48,7 +48,7 @@ class ModelConfig:
     width       factor on every hidden width but PointNet's; 1.0 is the paper's
     latent_dim  length of the code rho: 32 for chairs, 512 for all classes in the paper
     encoder     "paper": dilated convolutions along the order of 2,048 points. "pointnet": ours,
-                heedless of order, any number of points.
+                independent of order, any number of points.
     azimuth     how networks give and take it. "scalar": as in the paper, one number that jumps at
                 the back of the object. "sine-cosine": ours, two numbers without a jump.
 
@@ -203,7 +203,7 @@ def spectrally_normalised(weight: Tensor, u: Tensor, *, store: bool) -> Tensor:
     which is drawn from N(0, 1), and sigma from the new vectors. Two departures: the original stores
     the new u in *every* forward pass, here only training mode does (`store`), so that evaluation
     has no side effect; and the original lets gradients flow through u and v, which are constants
-    here as in Miyato et al. 2018 (measured: 0.05 % of the gradient or less once u has settled).
+    here as in Miyato et al. 2018 (measured: 0.05 % of the gradient or less once u has converged).
     Works in the precision of the weights, whatever autocast says. A zero kernel gives NaN.
     """
     with torch.autocast(weight.device.type, enabled=False):

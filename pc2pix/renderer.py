@@ -137,7 +137,7 @@ def parts(points: NDArray[np.float32]) -> NDArray[np.float32]:
     grows with their number, under noise above all, and the encoder has seen no more than
     PLAIN_POINTS; several selections use all points nonetheless (SSIM on validation chairs: +0.004
     under the heavier noise, +0.001 without noise). The points are sorted first, and the selections
-    depend on their number only: the code heeds no order.
+    depend on their number only: the code does not depend on order.
     """
     if len(points) <= PLAIN_POINTS:
         return points[None]

@@ -443,7 +443,7 @@ How far the metrics of the benchmark move by what should not matter. Made by
 --condition {condition}
 
 whose head says what was changed and how: {chairs} chairs of the validation split x {views} views,
-condition `{condition}`, {seeds} seeds. Each table tells the absolute change of a cell; an empty
+condition `{condition}`, {seeds} seeds. Each table gives the absolute change of a cell; an empty
 field is a metric without a value (`blank` draws nothing that could be precise).
 """
 BUDGET = """\
@@ -456,7 +456,7 @@ uses, but which OpenGL allows. 16 samples are another matter: no driver that fol
 A tolerance is three times the largest effect, rounded up, hence the last column should be 0.33 or
 less. It is for cells of 24 chairs x 20 views; with fewer pictures the thin parts and the medians of
 the judge move more than that. Batch, threads and precision are far below all of them. The seed is
-part of a golden value; its table tells what a difference between two runs with different seeds
+part of a golden value; its table shows what a difference between two runs with different seeds
 means. `bench/checking/tolerances.py` has the tolerances, and why some are wider than that."""
 
 

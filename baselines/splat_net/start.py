@@ -2,7 +2,7 @@
 
 A training exports its network twice, each with one head; what is trained has both. Inputs that the
 new network does without are cut out of the first layer. A wider network draws as the narrower one
-did: the channels it has more of are random, and nothing that was there before hears them yet.
+did: the channels it has more of are random, and no earlier channel uses them yet.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
 def _fill(network: SplatNet, narrow: Mapping[str, Tensor]) -> None:
     """Put the weights of a network in place that is no wider; `network` draws as it did.
 
-    The first channels of each layer are those of `narrow`, and do not hear the others.
+    The first channels of each layer are those of `narrow`, and do not depend on the others.
     """
     for key, own in network.state_dict().items():  # which are the network's own, not copies
         known = narrow[key]

@@ -37,7 +37,7 @@ def true_gallery(answers: Features, class_name: str) -> Gallery:
 
 @dataclass(frozen=True, eq=False)
 class ClassHead:
-    """The layer that tells the class from features of length d.
+    """The layer that predicts the class from features of length d.
 
     classes  the C classes, in the order of the rows
     weight   float64 [C, d]

@@ -54,12 +54,12 @@ def load_announced(
         found = entry.load()
     except Exception as error:  # whatever a stranger's module raises
         raise BadInput(
-            f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); mend or "
+            f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); fix or "
             "remove that package"
         ) from error
     if not isinstance(found, type_) or found.id != wanted:
         raise BadInput(
-            f"{where}: {entry.value} is not a {named} with that id; mend or remove that package"
+            f"{where}: {entry.value} is not a {named} with that id; fix or remove that package"
         )
     if names_files and not _KEBAB_CASE.fullmatch(wanted):
         raise BadInput(f"{where}: an id is kebab-case, it names files; rename it")

@@ -220,9 +220,10 @@ def find_method(method_id: str) -> Method:
     """The method with this id, or a variant of one.
 
     `pc2pix@FILE.safetensors` and `splat-net@FILE.safetensors` have weights of your own,
-    `METHOD@KNOB=VALUE` is a method with a knob turned (`bench.catalogue.parameters.KNOBS`).
+    `METHOD@PARAMETER=VALUE` is a method with one parameter set
+    (`bench.catalogue.parameters.PARAMETERS`).
 
-    Raises BadInput for an unknown id (naming the nearest), a knob or value that there is not, a
+    Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, a
     weights file that is missing, and where another package announces a method that it does not
     have.
     """

@@ -4,8 +4,8 @@ Image metrics score a picture against the true one. Set metrics are Fréchet dis
 of pictures, on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d].
 Nothing but the distance on the published Inception features is called `fid`, and nothing but the
 kernel distance on these `kid`. Control metrics ask
-whether a picture shows the view and the object that it should; a judge tells them from the picture
-alone, and its answers are features too, which no distance is taken of.
+whether a picture shows the view and the object that it should; a judge predicts them from the
+picture alone, and its answers are features too, which no distance is taken of.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 class FeatureSource:
     """What takes features of pictures; a set metric is named after the one that it is taken of.
 
-    `weights` finds the file to load, given the wish of the command line; it raises
+    `weights` finds the file to load, given the option of the command line; it raises
     WeightsUnavailable where there is none, and then its metrics are skipped. `load` takes that
     path.
     `version` is raised by hand when a change alters the features.

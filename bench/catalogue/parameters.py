@@ -1,6 +1,6 @@
-"""Methods with one knob turned: `surface-apss@resolution=64`, `poisson@depth=5`.
+"""Methods with one parameter set: `surface-apss@resolution=64`, `poisson@depth=5`.
 
-What may be turned stands in a literal table; the method itself says what a knob does.
+The parameters stand in a literal table; the method itself says what each does.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ PARAMETERS = (
 
 @dataclass(frozen=True)
 class Setting:
-    """A knob and what it is set to."""
+    """A parameter and its value."""
 
     parameter: Parameter
     value: float
@@ -112,9 +112,9 @@ class Setting:
 
 
 def find_setting(method_id: str) -> Setting | None:
-    """What an id of the form METHOD@KNOB=VALUE says; None for an id of another form.
+    """What an id of the form METHOD@PARAMETER=VALUE says; None for an id of another form.
 
-    Raises BadInput for a knob that the method does not have, and for a value out of its range.
+    Raises BadInput for a parameter that the method does not have, and for a value out of its range.
     """
     method, at, turned = method_id.partition("@")
     name, equals, text = turned.partition("=")

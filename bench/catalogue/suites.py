@@ -86,8 +86,8 @@ SUITES = (
     ),
     Suite(
         id="speed-accuracy",
-        about="quality against cost: every method with its knobs turned, and the frontier",
-        methods=(  # the settings of a knob in its order: the figure joins them
+        about="quality against cost: every method over its parameters, and the frontier",
+        methods=(  # the values of a parameter in order: the figure joins them
             *(f"surface-apss@resolution={cells}" for cells in (25, 50, 75, 100, 150)),
             "surface-apss",
             "surface-apss@resolution=300",
@@ -275,7 +275,7 @@ class SpeedSuite:
     """What pictures cost: `bench.suites.speed.run` takes the times.
 
     methods       what is timed, each in a process of its own for each number of threads
-    rivals        roads that all others are compared with; the first is the paper's
+    rivals        methods that all others are compared with; the first is the paper's
     conditions    of the clouds
     class_name    of the objects
     clouds        objects whose clouds are drawn

@@ -156,7 +156,7 @@ def _scored(directory: Path, manifest: dict[str, Any]) -> Scored:
     chosen = scored.records["method"].isin([SURFACE, "true-mesh", FLOOR, *known])
     compared = compare(scored.records[chosen], scored.features, list(dict.fromkeys(there)))
     if not compared:
-        raise BadInput(f"{directory}: no object of this run could be drawn; mend the dataset")
+        raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     features = scored.features.get("fd-views")
     classes = scored.records["class"].unique().tolist()
     return Scored(

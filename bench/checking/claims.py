@@ -127,7 +127,7 @@ PROMISES = (
         "two-hundredths-of-a-second",
         "rendered at the average of 0.02sec using pc2pix and 0.18sec after SR on a GTX 1060",
         "section 4",
-        why_not="seconds on one graphics card of 2016; the suite speed compares the two roads",
+        why_not="seconds on one graphics card of 2016; the suite speed compares the two approaches",
     ),
     Claim(
         "sr-degrades-with-fewer-points",

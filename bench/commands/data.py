@@ -31,8 +31,8 @@ from data_prep.untrusted import is_regular_file
 
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
 ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
-# Readings of the angles closer than this are not told apart: an object that looks nearly the same
-# from both sides, with the outermost points of its outlines beside its pixels.
+# Readings of the angles closer than this are not distinguished: an object that looks nearly the
+# same from both sides, with the outermost points of its outlines beside its pixels.
 INDIFFERENCE = 0.01
 
 
@@ -127,7 +127,7 @@ def _examine(obj: SceneObject) -> _Examined:
         odd = tuple(oddities(obj))
         try:
             return _Examined(odd, tuple(agreement(obj)))
-        except BadInput:  # told above
+        except BadInput:  # printed above
             return _Examined(odd)
     try:
         obj.cloud(generator("inspect"))

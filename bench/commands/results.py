@@ -177,7 +177,7 @@ def recommend(
 def advice_lines(
     given: Sequence[Advice], request: Request, views_drawn: int, in_full: bool
 ) -> list[str]:
-    """Lines of text: for each advice one for the budget and one for the quality wished for.
+    """Lines of text: for each advice one for the budget and one for the minimum quality.
 
     views_drawn  in a call, when the costs were taken
     in_full      the alternatives and the regret too
@@ -277,7 +277,7 @@ def _digits(value: float) -> str:
 
 
 def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Request:
-    """A wish of the command line. Raises BadInput for one that is empty or makes no sense."""
+    """A request of the command line. Raises BadInput for one that is empty or makes no sense."""
     if budget_ms is None and min_ssim is None:
         raise BadInput("nothing to go by; give --budget-ms, --min-ssim, or both")
     if views < 1:

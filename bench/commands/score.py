@@ -77,11 +77,11 @@ def checked_scores(metric: ImageMetric, truth: Pictures, drawn: Pictures) -> NDA
     try:
         found = np.asarray(metric.score(truth, drawn), np.float64)
     except Exception as error:  # whatever a stranger's function raises
-        raise BadInput(f"metric '{metric.id}': {reason_of(error)}; mend that package") from error
+        raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
     if found.shape != (len(drawn),) or not np.isfinite(found).all():
         raise BadInput(
             f"metric '{metric.id}': gives {found.shape} values, {np.isfinite(found).sum()} finite, "
-            f"for {len(drawn)} pictures; mend that package"
+            f"for {len(drawn)} pictures; fix that package"
         )
     return found
 

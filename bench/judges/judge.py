@@ -1,6 +1,6 @@
 """The judge of drawn pictures: from where a chair is seen, and which chair it is.
 
-A network that has seen true pictures only. From a picture it tells the direction of view, to be
+A network that has seen true pictures only. From a picture it predicts the direction of view, to be
 compared with the one that was asked for, and a shape code, by which the object can be found among
 others. It looks at brightness alone, because methods draw in other colours than the truth, and was
 trained on blurred, repainted and damaged pictures, because methods draw those. Trained by
@@ -40,7 +40,7 @@ class JudgeNetwork(nn.Module):
             _Residual(160),
             _layer(160, 256, 3, 2),  # 4
             _layer(256, 96, 1, 1),
-            # Where something is tells the view as much as what it is: no average over places.
+            # Where something is shows the view as much as what it is: no average over places.
             nn.Flatten(),
             nn.Linear(96 * 4 * 4, FEATURES),
             nn.ReLU(),

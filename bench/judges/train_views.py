@@ -39,7 +39,7 @@ NO_LABEL = -100  # of the back, for what is no chair
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """On objects of the validation split: what the network tells right.
+    """On objects of the validation split: what the network predicts correctly.
 
     confusion    int [C, C]: pictures by true (rows) and answered class
     family       share of pictures with the right family, over all classes

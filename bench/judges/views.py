@@ -1,10 +1,11 @@
 """The network behind `fd-views`: a small classifier of rendered views of the procedural set.
 
-From a 128 x 128 picture it tells the class of an object, its structural family, the back of a chair
-and the direction of view; the 64 averages before its last layer are the features. It stands in
-where the published Inception weights are not at hand, and its distances are never called FID. Its
-answer about the class is what `class-confidence` is made of. Trained by `bench train views` on the
-procedural train split; the weights are bundled, and their file says what the network tells apart.
+From a 128 x 128 picture it predicts the class of an object, its structural family, the back of a
+chair and the direction of view; the 64 averages before its last layer are the features. It stands
+in where the published Inception weights are not at hand, and its distances are never called FID.
+Its answer about the class is what `class-confidence` is made of. Trained by `bench train views` on
+the procedural train split; the weights are bundled, and their file says what the network
+distinguishes.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _LABELS = "labels"
 
 @dataclass(frozen=True)
 class Labels:
-    """What the network tells apart, in the order of the outputs of its heads.
+    """What the network distinguishes, in the order of the outputs of its heads.
 
     families  as "class/family", of all classes
     backs     of chairs

@@ -221,7 +221,7 @@ def frechet_interval(
     covariance and its rank. A Fréchet distance grows when sets get smaller, so that every replicate
     lies above the estimate and the percentile interval may exclude the very value it belongs to.
     Leaving out one object in g changes the size, and with it the bias, by 1 in g only. Neither
-    method removes the bias: the interval tells how far this number would move with other objects,
+    method removes the bias: the interval shows how far this number would move with other objects,
     not where the distance of infinite sets lies.
 
     Of more than `MOST_BLOCKS` objects blocks are left out, see `object_blocks`.

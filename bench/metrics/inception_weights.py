@@ -31,9 +31,9 @@ class WeightsUnavailable(RuntimeError):
 def find_weights(chosen: str | None) -> Path:
     """The verified weight file.
 
-    wish None        the user's cache: `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache
-    wish "download"  the same, filled from the net where it does not hold the intact file
-    any other wish   the path of the file
+    chosen None        the user's cache: `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache
+    chosen "download"  the same, filled from the net where it does not hold the intact file
+    anything else      the path of the file
 
     The network is asked on request only: the default run needs none, and taking the features of all
     its pictures would more than double its time. Raises BadInput where a path cannot be read or is

@@ -123,7 +123,7 @@ class Shrunk:
     points      float32 [n, 3], as they are in `path`
     before      number of points that there were
     trials, seconds  what it took
-    minimal     False where the budget was spent: fewer points may do
+    minimal     False where the time ran out: fewer points may do
     reproduced  what `command` comes to: the reason of its failure, empty where it does not fail
     """
 
@@ -155,7 +155,7 @@ class Shrunk:
         end = (
             "without any one of them it does not fail so"
             if self.minimal
-            else "the budget is spent, fewer may do"
+            else "the time is up, fewer may do"
         )
         lines = [
             f"{self.drawing.method}: {self.reason}",
@@ -194,9 +194,9 @@ def shrink(record: str, budget_s: float, workers: int, out: Path | None) -> Shru
     """Make the cloud of a failed record again, and take away what its failure does not need.
 
     The best cloud so far is always in the folder (default: DIR/shrunk/NAME), so that nothing is
-    lost where the work is stopped. Beyond the budget goes what is under way when it is spent: the
+    lost where the work is stopped. Work under way at the end of the budget goes beyond it: the
     time limit of the suite at most. Raises BadInput for a record that is none, an object that
-    cannot be loaded, and a budget that was spent before the failure was seen again.
+    cannot be loaded, and a budget that ended before the failure was seen again.
     """
     if not budget_s > 0:
         raise BadInput(f"--budget-s {budget_s:g}: must be more than 0")
@@ -343,7 +343,7 @@ class _Trial:
 
 
 class _OutOfTime(Exception):
-    """The budget is spent."""
+    """The time is up."""
 
 
 class _Search:
@@ -428,7 +428,7 @@ def _first_failing_view(search: _Search, job: Job, points: Points) -> _Trial | N
         ) or search.first_failing([_Trial(rows, points, as_run)])
     except _OutOfTime:
         raise BadInput(
-            "--budget-s: spent before the failure was seen again; give more seconds"
+            "--budget-s: over before the failure was seen again; give more seconds"
         ) from None
 
 

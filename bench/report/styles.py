@@ -1,4 +1,4 @@
-"""How the report tells methods apart: who competes, and the look of each in figures."""
+"""How the report distinguishes methods: who competes, and the look of each in figures."""
 
 from __future__ import annotations
 

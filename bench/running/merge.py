@@ -34,7 +34,7 @@ ALIKE = (
     *("methods", "identities", "conditions", "skipped_metrics", "feature_identity", "environment"),
     "versions",
 )
-OWN = ("shard", "started", "finished", "machine", "git")  # what is told of each
+OWN = ("shard", "started", "finished", "machine", "git")  # stated for each
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ def interleave(shards: Sequence[Sequence[Thing]]) -> list[Thing]:
     total = sum(map(len, shards))
     places = [Shard(k, len(shards)).of(range(total)) for k in range(1, len(shards) + 1)]
     if [*map(len, shards)] != [*map(len, places)]:
-        raise ValueError(f"{[*map(len, shards)]} things were not dealt in turns")
+        raise ValueError(f"{[*map(len, shards)]} things are not interleaved")
     back = dict(zip(chain(*places), chain(*shards), strict=True))
     return [back[place] for place in range(total)]
 
@@ -265,7 +265,7 @@ RUNS = Path("results/runs")
 
 @dataclass(frozen=True)
 class Options:
-    """The wishes of the command line; None means the suite's choice."""
+    """The options of the command line; None means the suite's choice."""
 
     suite: str
     dataset: str = "procedural"
@@ -307,9 +307,9 @@ def refuse_below_one(options: Options) -> None:
 
 
 def workers_of(suite: Suite, options: Options) -> int:
-    """Worker processes: as wished, else all cores; one where times are compared.
+    """Worker processes: as requested, else all cores; one where times are compared.
 
-    Raises BadInput where that is not what was wished.
+    Raises BadInput where that is not what was requested.
     """
     if suite.frontier:
         more = options.workers if options.workers != 1 else None
@@ -335,7 +335,8 @@ def file_name(*parts: str) -> str:
 def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]:
     """What is to be measured, and the metrics that cannot be, with the reason.
 
-    Raises BadInput for wishes that cannot be met, and MissingDependency where nothing can be drawn.
+    Raises BadInput for options that cannot be met, and MissingDependency where nothing can be
+    drawn.
     """
     methods = with_floor(options.methods or suite.methods)
     for method in methods:
@@ -388,7 +389,7 @@ def _dealt(shard: Shard, objects: tuple[SceneObject, ...]) -> tuple[SceneObject,
 
 
 def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
-    """The suite's classes that the dataset has; of several, those it lacks are told and left out.
+    """The suite's classes that the dataset has; of several, those it lacks are named and left out.
 
     Raises BadInput where the suite compares classes and the dataset does not tell them apart.
     """

@@ -123,9 +123,9 @@ class ExecutorFactory:
 
 @contextmanager
 def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorFactory]:
-    """As wished; connected to the cluster for as long as the block lasts.
+    """As requested; connected to the cluster for as long as the block lasts.
 
-    Raises BadInput for wishes that have no meaning, and as `bench.running.ray.connected`.
+    Raises BadInput for options that have no meaning, and as `bench.running.ray.connected`.
     """
     suite = protocol.suite
     workers = workers_of(suite, options)
@@ -309,7 +309,7 @@ def _unscorable(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> dict[str, tup
 
 
 def _count_new(todo: Plan, unscorable: Container[str], journal: Journal) -> int:
-    """Items that this start has settled; one without a ground truth was settled with that."""
+    """Items that this start has done; one without a ground truth is done with that."""
     truths: dict[Path | None, str] = {job.artifact: job.key for job in todo.references}
     outcome_keys = (truths[j.reference] if j.key in unscorable else j.key for j in todo.items)
     return sum(key in journal.added for key in outcome_keys)

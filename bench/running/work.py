@@ -34,7 +34,7 @@ Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Pictures of a cloud, what the method mended on its way, and its times as in a record."""
+    """Pictures of a cloud, what the method repaired on the way, and its times as in a record."""
 
     pictures: Pictures
     notes: str

@@ -35,7 +35,7 @@ class Network:
     view: View
 
     def encode(self, name: str, cloud: PointCloud) -> Tensor:
-        """Whitened code [1, d] of a cloud; `name` tells it in an error.
+        """Whitened code [1, d] of a cloud; `name` is for errors.
 
         Raises BadInput where the code is not finite.
         """

@@ -1,7 +1,8 @@
 """Procedural chairs: the embedded data set's best-stocked class.
 
-A chair is drawn in two steps, so that a shape can be told apart from the chance that made it:
-`draw_chair_spec` turns randomness into a description, `build_chair` the description into a mesh.
+A chair is drawn in two steps, so that a shape can be separated from the random choices that made
+it: `draw_chair_spec` turns randomness into a description, `build_chair` the description into a
+mesh.
 """
 
 from __future__ import annotations

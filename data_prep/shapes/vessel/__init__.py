@@ -1,1 +1,1 @@
-"""Vessels: smooth hulls, and what tells them apart on deck. The bow points to -Z."""
+"""Vessels: smooth hulls, and what distinguishes them on deck. The bow points to -Z."""

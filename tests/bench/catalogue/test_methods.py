@@ -67,7 +67,7 @@ def test_what_a_package_announces_and_has_not_is_refused_by_name(stranger, metho
     with pytest.raises(BadInput) as error:
         find_method(method)
     assert str(error.value).startswith(f"method '{method}' of stranger: {problem}")
-    assert str(error.value).endswith("; mend or remove that package")
+    assert str(error.value).endswith("; fix or remove that package")
 
 
 def test_without_other_packages_there_are_ours_only():

@@ -341,7 +341,7 @@ def test_when_the_budget_is_spent_the_best_is_kept(plugins, tmp_path, capsys, mo
     assert not found.minimal
     assert found.seconds < 40.0
     assert found.reproduced == "ValueError: at last"
-    assert "; the budget is spent, fewer may do\n" in found.message
+    assert "; the time is up, fewer may do\n" in found.message
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) >= 2
     message = r"fake-slow/plain: \d+ of 2048 points left, \d+ trials, \d+ s of 10 s"
