@@ -29,7 +29,7 @@ def interpolate(start: Tensor, end: Tensor, positions: int) -> Tensor:
 
 
 def add_difference(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
-    """A - B + C of codes [1, d]: what `a` has and `b` has not, added to `c`; exactly `c` where a is b.
+    """A - B + C of codes [1, d]: `c` plus what `a` has and `b` has not; exactly `c` where a is b.
 
     Raises ValueError where a shape is not [1, d].
     """

@@ -198,8 +198,8 @@ def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Ite
     if paper:
         yield (
             "The paper gives one number for each approach, on an NVIDIA GTX 1060, and does not "
-            "say how many pictures a reconstruction was shared by. pc2pix@paper has the paper's width: it "
-            "is made of the bundled pc2pix, which has a quarter of it, when it is loaded."
+            "say how many pictures a reconstruction was shared by. pc2pix@paper has the paper's "
+            "width: it is made of the bundled pc2pix, which has a quarter of it, when it is loaded."
         )
     counts = ordered((1, summaries[0].measurement.views))
     for condition in ordered(s.measurement.condition for s in summaries):
