@@ -28,7 +28,15 @@ REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
 TUTORIAL = DOCS / "quickstart.md"
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-STANDS_FOR = {"CLOUD": "a.ply", "NAME": "gan", "ID": "speed", "COMMAND": "run", "DIR…": "a b"}
+STANDS_FOR = {
+    "CLOUD": "a.ply",
+    "METHOD": "splat",
+    "FILE": "a.png",
+    "NAME": "gan",
+    "ID": "speed",
+    "COMMAND": "run",
+    "DIR…": "a b",
+}
 
 
 def blocks(page: Path, language: str) -> list[str]:
