@@ -27,6 +27,12 @@ from data_prep.scene import PointCloud
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
 TUTORIAL = DOCS / "quickstart.md"
+PAGES = [
+    *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted(DOCS.glob("*.md")),
+    *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),
+    *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
+]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 STANDS_FOR = {
     "CLOUD": "a.ply",
@@ -66,7 +72,7 @@ def parse(arguments: list[str]) -> None:
     command.make_context(name, rest)
 
 
-@pytest.mark.parametrize("page", [REPOSITORY / "README.md", *sorted(DOCS.glob("*.md"))], ids=str)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_links_lead_somewhere(page):
     text = BLOCK.sub("", page.read_text())
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
