@@ -11,3 +11,11 @@ def names(text: str) -> tuple[str, ...]:
 def numbers(text: str) -> tuple[int, ...]:
     """Comma-separated whole numbers. Raises ValueError for anything else."""
     return tuple(int(part) for part in text.split(","))
+
+
+def positive(text: str) -> int:
+    """A whole number from 1 on. Raises ValueError for anything else."""
+    value = int(text)
+    if value < 1:
+        raise ValueError(text)
+    return value

@@ -1,7 +1,7 @@
 """How far every metric moves by what should not matter: the noise floor of the benchmark.
 
     python -m studies.noise_floor [--chairs 24] [--views 10] [--seeds 6] [--condition 2048]
-                                     [--out docs/noise-floor.md]
+                                     [--out results/noise-floor.md]
 
 A cell is the value of one metric for one method, over chairs x views of the validation split, as in
 the tables of a run. It is measured again with one thing changed at a time:
@@ -367,7 +367,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=10, help=f"per chair, at most {BATCH}")
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--condition", default="2048")
-    parser.add_argument("--out", type=Path, default=Path("docs/noise-floor.md"))
+    parser.add_argument("--out", type=Path, default=Path("results/noise-floor.md"))
     options = parser.parse_args()
     torch.set_num_threads(1)
     study = Study(options.chairs, options.views, options.condition)

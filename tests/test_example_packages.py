@@ -1,4 +1,4 @@
-"""The packages of docs/extending.md: installed as their authors would, and found by commands."""
+"""The packages of the pages on adding a method and a metric: installed and found by commands."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_they_are_small(name):
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_page_shows_them(name):
-    page = (REPOSITORY / "docs" / "extending.md").read_text()
+    page = (REPOSITORY / "docs" / f"adding-a-{name}.md").read_text()
     for language, file in zip(("toml", "python"), FILES[name], strict=True):
         assert f"```{language}\n{(EXAMPLES / name / file).read_text()}```" in page
 
@@ -93,7 +93,7 @@ def test_the_method_is_run_and_stands_in_the_tables(run_folder):
 
 
 def test_the_metric_is_taken_of_the_run(bench, run_folder):
-    """Of the pictures themselves, by the arithmetic of its closed form: nought for the truth, and
+    """Of the pictures themselves, by the arithmetic of its closed form: zero for the truth, and
     for white pictures how dark the truth is."""
     before = {path: path.read_bytes() for path in (run_folder / "tables").iterdir()}
     done = bench("score", run_folder)

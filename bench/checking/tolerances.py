@@ -40,15 +40,14 @@ drivers and processors. How they were measured, at 128 px:
   0.00016, 0.00014 and 0.00028 (`splat`, `constant`). For APSS, one point in fifty moved by one
   rounding error on 12 chairs moved it per chair by 1.5 times as much as ssim on clean clouds and
   0.24 times on noisy ones. With the larger, 3 standard errors over 24 chairs are 0.0143.
-* The thirteen classes by `studies.class_noise` of commit eb7cb32 (8 objects x 10 views of each;
-  golden cells have 30): the turn moved cells of `splat`, `blank` and both networks by at most
-  0.0004 (ssim and its components), 0.0006 (silhouette-iou) and 2 % (fd-views), half of it to be
-  expected of 30 objects: the tolerances of chairs hold. Rounding moved an object by a standard
-  deviation of 0.0059 (ssim) with APSS and 0.0016 with `surface-fit`, less than chairs under noise.
-  New are class-confidence, moved by at most 0.0045 by the turn and 0.0061 by rounding, and
-  kd-views, by at most 2.6 % of itself, and where it is small by 0.03. Three times the largest is
-  allowed for all methods; true pictures, too, are neither certain nor at no kernel distance from
-  themselves.
+* The thirteen classes by `studies.class_noise` (8 objects x 10 views of each; golden cells have
+  30): the turn moved cells of `splat`, `blank` and both networks by at most 0.0004 (ssim and its
+  components), 0.0006 (silhouette-iou) and 2 % (fd-views), half of it to be expected of 30 objects:
+  the tolerances of chairs hold. Rounding moved an object by a standard deviation of 0.0059 (ssim)
+  with APSS and 0.0016 with `surface-fit`, less than chairs under noise. New are class-confidence,
+  moved by at most 0.0045 by the turn and 0.0061 by rounding, and kd-views, by at most 2.6 % of
+  itself, and where it is small by 0.03. Three times the largest is allowed for all methods; true
+  pictures, too, are neither certain nor at no kernel distance from themselves.
 * What does not matter beside that: views one at a time or 20 in a batch, 1 thread or 2, float64 for
   float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
   components and ssim-object), 0 (thin parts, retrieval), 2e-5 (fd) and 2e-4 degrees (the judge).

@@ -95,6 +95,6 @@ def score_run(
     """Take metrics of other packages of a finished run's pictures; print their tables."""
     chosen = names(metrics) or metric_ids()
     if not chosen:
-        raise BadInput("no installed package adds a metric; see docs/extending.md")
+        raise BadInput("no installed package adds a metric; see docs/adding-a-metric.md")
     for made in score(directory, chosen):
         print(made.to_markdown())

@@ -88,7 +88,7 @@ def test_without_other_packages_there_is_none(command, copied):
         find_metric("ssim")
     status, out, err = command("score", copied)
     assert (status, out) == (2, "")
-    assert err == "bench: no installed package adds a metric; see docs/extending.md\n"
+    assert err == "bench: no installed package adds a metric; see docs/adding-a-metric.md\n"
 
 
 # --- scores ---------------------------------------------------------------------------------------

@@ -1,0 +1,451 @@
+"""Whether a drawn silhouette moves as the true one does when the camera goes around.
+
+    python -m studies.view_consistency --out DIR [--methods a,b] [--chairs 100] [--threads 1]
+
+Procedural chairs of the test split, 72 views 5 degrees apart at elevation 20, by each method at
+`2048`, `512` and `noise-0.05`. The clouds are those of a run with seed 0. Silhouettes are those of
+`silhouette-iou` (`bench.metrics.silhouette`); a boundary pixel is one of a silhouette with an open
+side, where its neighbour is not of the silhouette, or beyond the frame. Lengths are in pixels, from
+pixel centre to pixel centre.
+
+distance  View by view: from each boundary pixel of the drawn silhouette to the nearest of the true
+          one, and from each true one to the nearest drawn one. Two pixels at the 95th percentile is
+          what is asked for.
+flicker   From each view to the next: how much an offset changes. The offset of a true boundary
+          pixel is its signed distance from the boundary of the drawn silhouette, positive inside;
+          the place that corresponds to it in the next view is the nearest true boundary pixel that
+          is open to the same side (left of a slat to left of a slat); the change is that of the
+          offset between the two. The same is done for drawn boundary pixels and the true
+          silhouette, so that neither what vanishes nor what pops up is missed. A pixel counts once
+          for each open side.
+
+A silhouette that is too fat everywhere has a distance and no flicker; one that is wrong in another
+way in each view has both. Pinholes have a boundary, too, which may be far from the true one.
+
+Percentiles pool all boundary pixels of all views and objects: the least value that so many percent
+do not exceed. Intervals are 95 % percentile bootstraps over objects. Where one silhouette is empty
+and the other not, values are infinite. An object that a method fails on is left out of its
+percentiles, counted in n_ok/n, and named with the reason.
+
+Written to DIR: `view-consistency.csv` (tidy) and `.md`, and for each condition a chair with a
+slatted back: `strip-CONDITION.png`, neighbouring views with what is drawn beyond the true
+silhouette in red and what is missing in blue, and `turntable-CONDITION.gif`.
+
+A chair takes about half a minute of processor time, most of it `surface-apss`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
+from itertools import count, product
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.intervals import RESAMPLES, SEED
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
+from bench.catalogue.suites import Limits
+from bench.metrics.silhouette import Masks, drawn, foreground
+from bench.rendering.cloud import Drawing, Failed, draw_cloud
+from bench.rendering.files import write_pictures
+from bench.rendering.sheet import Tile, draw_sheet
+from bench.running.isolation import Lost, run_tasks
+from bench.running.work import Pictures
+from bench.tables.markdown import cell, visible
+from bench.tables.table import csv_text
+from data_prep.conditions import CONDITIONS
+from data_prep.datasets import ProceduralObject
+from data_prep.failures import BadInput
+from data_prep.progress import progress
+from data_prep.randomness import generator
+from data_prep.scene import View
+from data_prep.shapes.chair.spec import draw_chair_spec
+from data_prep.whole_files import write_whole
+from studies.arguments import names, positive
+from studies.tables import markdown
+
+CLASS, SPLIT, RUN_SEED = "chair", "test", 0
+METHODS = ("splat-net", "pc2pix", "surface-apss", "splat")
+SHOWN_CONDITIONS = ("2048", "512", "noise-0.05")
+STEP_DEG, ELEVATION_DEG = 5, 20.0
+VIEWS = tuple(View((a + 180) % 360 - 180.0, ELEVATION_DEG) for a in range(0, 360, STEP_DEG))
+STRIP = slice(6, 12)  # 30 to 55 degrees: slats are seen at a slant
+SCALE = 2
+LIMITS = Limits(time_s=600.0, memory_gib=4.0)
+ASKED_PX = 2.0
+PERCENTILES = (50, 95, 99)
+WITHIN = f"within-{ASKED_PX:g}px"
+STATISTICS = (*(f"p{q}" for q in PERCENTILES), WITHIN)
+MEASURES = ("distance", "flicker")
+TOO_MUCH, TOO_LITTLE = (225, 60, 50), (50, 110, 235)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A method on a chair of the test split, under a condition."""
+
+    method: str
+    condition: str
+    chair: int
+
+
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """What boundary pixels of one object came to: values [D], rising, and how often each [D].
+
+    Values are kept to a thousandth of a pixel: they are few then, whatever the number of views.
+    """
+
+    values: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+    @staticmethod
+    def of(values: NDArray[np.float64]) -> Tally:
+        """The tally of values in any order."""
+        return Tally(*np.unique(np.round(values, 3), return_counts=True))
+
+
+Measured = dict[str, Tally]  # by measure
+
+
+@dataclass(frozen=True)
+class Row:
+    """One statistic of a method under a condition, in pixels or as a share, with its interval."""
+
+    method: str
+    condition: str
+    measure: str
+    statistic: str
+    value: float
+    ci_low: float
+    ci_high: float
+    n_ok: int
+    n: int
+
+
+def main() -> None:
+    """Measure, print and write."""
+    options = argparse.ArgumentParser(description="Do drawn silhouettes move as the true ones do?")
+    options.add_argument("--out", type=Path, required=True)
+    options.add_argument("--methods", type=names, default=METHODS, help="comma-separated")
+    options.add_argument("--chairs", type=positive, default=100)
+    options.add_argument("--threads", type=positive, default=1, help="workers of one thread each")
+    given = options.parse_args()
+    try:
+        for method in given.methods:
+            find_method(method)
+        found = measure_all(given.methods, given.chairs, given.threads)
+        rows = [r for cell_, results in found.items() for r in rows_of(*cell_, results)]
+        text = to_markdown(rows) + failures(found)
+        print(text, end="")
+        given.out.mkdir(parents=True, exist_ok=True)
+        write_whole(given.out / "view-consistency.csv", to_csv(rows).encode())
+        write_whole(given.out / "view-consistency.md", text.encode())
+        show(given.out, given.methods, given.threads)
+    except BadInput as error:
+        sys.exit(f"view_consistency: {error}")
+
+
+# --- one object -----------------------------------------------------------------------------------
+
+
+def draw(task: Task) -> Pictures | Failed:
+    """The method's pictures of all views."""
+    chair = ProceduralObject(CLASS, SPLIT, task.chair)
+    identity = (CLASS, chair.object_id)
+    perturbation = find(task.condition, CONDITIONS, "condition").perturbation
+    cloud = perturbation.apply(
+        chair.cloud(generator(RUN_SEED, "cloud", *identity)),
+        generator(RUN_SEED, task.condition, *identity),
+    )
+    rng = generator(RUN_SEED, "method", task.method, task.condition, *identity)
+    return draw_cloud(cloud, Drawing(task.method, VIEWS, "cpu", rng=rng))
+
+
+def measure(task: Task) -> Measured | Failed:
+    """Both measures of a method on one chair."""
+    pictures = draw(task)
+    if isinstance(pictures, Failed):
+        return pictures
+    truth = ProceduralObject(CLASS, SPLIT, task.chair).truth(VIEWS)
+    true, seen = silhouettes(truth, pictures)
+    return {
+        "distance": Tally.of(distances(true, seen)),
+        "flicker": Tally.of(flicker(true, seen)),
+    }
+
+
+def silhouettes(truth: Pictures, pictures: Pictures) -> tuple[Masks, Masks]:
+    """What true pictures show and what pictures draw of it, [N, H, W] each."""
+    true = foreground(truth)
+    return true, drawn(truth, pictures, true)
+
+
+# --- silhouettes to pixels ------------------------------------------------------------------------
+
+
+def open_sides(masks: Masks) -> NDArray[np.bool_]:
+    """Pixels of masks [N, H, W] with a neighbour outside above, below, left, right: [4, N, H, W].
+
+    Beyond the frame is outside.
+    """
+    padded = np.pad(masks, ((0, 0), (1, 1), (1, 1)))
+    middle = slice(1, -1)
+    neighbours = (
+        padded[:, :-2, middle],
+        padded[:, 2:, middle],
+        padded[:, middle, :-2],
+        padded[:, middle, 2:],
+    )
+    return np.stack([masks & ~neighbour for neighbour in neighbours])
+
+
+def boundary(masks: Masks) -> Masks:
+    """Pixels of masks [N, H, W] with an open side."""
+    return np.logical_or.reduce(open_sides(masks))
+
+
+def offsets(masks: Masks) -> NDArray[np.float64]:
+    """Signed distance of every pixel from the boundary of its mask, [N, H, W], positive inside.
+
+    The boundary's own pixels have 0, those beside them outside -1. -inf for an empty mask.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    signed = np.full(masks.shape, -np.inf)
+    for field, mask, around in zip(signed, masks, boundary(masks), strict=True):
+        if mask.any():
+            field[:] = np.where(mask, 1.0, -1.0) * distance_transform_edt(~around)
+    return signed
+
+
+def distances(true: Masks, seen: Masks) -> NDArray[np.float64]:
+    """Distance of each boundary pixel to the other silhouette's boundary, views [N, H, W] pooled.
+
+    From drawn to true and from true to drawn. Infinite where the other silhouette is empty; no
+    values where both are.
+    """
+    there_and_back = ((true, seen), (seen, true))
+    return np.concatenate([np.abs(offsets(other)[boundary(own)]) for own, other in there_and_back])
+
+
+def flicker(true: Masks, seen: Masks) -> NDArray[np.float64]:
+    """Change of the offset at each boundary pixel from a view to the next, [N, H, W] pooled.
+
+    The views are a full turn: the first follows on the last. Infinite where one of the four
+    silhouettes compared is empty; see the head of this file.
+    """
+    changes = [np.empty(0)]
+    for own, other in ((true, seen), (seen, true)):
+        offset = offsets(other)
+        for side in open_sides(own):
+            for i in range(len(own)):
+                after = (i + 1) % len(own)
+                changes.append(change(side[i], side[after], offset[i], offset[after]))
+    return np.concatenate(changes)
+
+
+def change(
+    here: NDArray[np.bool_],
+    there: NDArray[np.bool_],
+    before: NDArray[np.float64],
+    after: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """How much `before` [H, W] at each pixel of `here` differs from `after` at the nearest `there`.
+
+    Infinite where there is no pixel, and where one of the two is not finite.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    if not here.any() or not there.any():
+        return np.full(np.count_nonzero(here), np.inf)
+    nearest = distance_transform_edt(~there, return_distances=False, return_indices=True)
+    assert isinstance(nearest, np.ndarray)
+    rows, columns = nearest[:, here]
+    with np.errstate(invalid="ignore"):  # both infinite
+        changed = np.abs(before[here] - after[rows, columns])
+    return np.where(np.isnan(changed), np.inf, changed)
+
+
+# --- all objects ----------------------------------------------------------------------------------
+
+Result = TypeVar("Result")
+Cell = tuple[str, str]  # method, condition
+Found = Mapping[Cell, Sequence[Measured | Failed]]  # chairs in their order
+
+
+def run_all(
+    title: str, tasks: Sequence[Task], work: Callable[[Task], Result | Failed], workers: int
+) -> dict[Task, Result | Failed]:
+    """The results of all tasks, with progress. Raises BadInput for bad weights."""
+    done: dict[Task, Result | Failed] = {}
+    with progress(title, len(tasks)) as advance:
+        for task, result in run_tasks(tasks, work, workers, LIMITS):
+            done[task] = Failed(result.reason) if isinstance(result, Lost) else result
+            advance(sum(isinstance(one, Failed) for one in done.values()))
+    return done
+
+
+def measure_all(methods: Sequence[str], chairs: int, workers: int) -> Found:
+    """Every method under every condition on the first chairs. Raises BadInput for bad weights."""
+    cells = list(product(methods, SHOWN_CONDITIONS))
+    # Chair by chair, so that the progress shows how long all of it takes.
+    tasks = [Task(*cell_, chair) for chair in range(chairs) for cell_ in cells]
+    done = run_all("measuring", tasks, measure, workers)
+    return {cell_: [done[Task(*cell_, chair)] for chair in range(chairs)] for cell_ in cells}
+
+
+def rows_of(method: str, condition: str, results: Sequence[Measured | Failed]) -> list[Row]:
+    """All statistics of one method under one condition; none where it failed on all objects."""
+    ok = [result for result in results if not isinstance(result, Failed)]
+    rows = []
+    for measure_ in MEASURES if ok else ():
+        found = estimates([of_object[measure_] for of_object in ok]).T.tolist()
+        for statistic, (value, low, high) in zip(STATISTICS, found, strict=True):
+            rows.append(
+                Row(method, condition, measure_, statistic, value, low, high, len(ok), len(results))
+            )
+    return rows
+
+
+def estimates(tallies: Sequence[Tally]) -> NDArray[np.float64]:
+    """Value, low and high end of the interval [3] of each of STATISTICS: [3, S].
+
+    The ends are NaN for fewer than 2 objects. Resamples depend on the number of objects alone.
+    """
+    values, member = np.unique(
+        np.concatenate([tally.values for tally in tallies]), return_inverse=True
+    )
+    counts = np.zeros((len(tallies), len(values)), np.int64)
+    which = np.repeat(np.arange(len(tallies)), [len(tally.values) for tally in tallies])
+    counts[which, member] = np.concatenate([tally.counts for tally in tallies])
+    found = statistics(values, counts.sum(axis=0))
+    if len(tallies) < 2:
+        return np.stack([found, np.full_like(found, np.nan), np.full_like(found, np.nan)])
+    rng = np.random.default_rng(SEED)
+    # How often each object is drawn in a resample.
+    times = rng.multinomial(len(tallies), np.full(len(tallies), 1 / len(tallies)), RESAMPLES)
+    resampled = np.stack([statistics(values, one @ counts) for one in times])
+    # A value that was attained, not one between two: they may be infinite.
+    ends = np.percentile(resampled, [2.5, 97.5], axis=0, method="inverted_cdf")
+    return np.concatenate([found[None], ends])
+
+
+def statistics(values: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """STATISTICS of values [D], rising, that are there so often [D]. NaN where none is there."""
+    until = counts.cumsum()
+    if not until[-1:].any():
+        return np.full(len(STATISTICS), np.nan)
+    places = np.searchsorted(100 * until, np.array(PERCENTILES) * until[-1])
+    return np.append(values[places], counts[values <= ASKED_PX].sum() / until[-1])
+
+
+# --- what is written ------------------------------------------------------------------------------
+
+
+def to_csv(rows: Iterable[Row]) -> str:
+    """All rows, tidy; six digits; nothing where there is no interval."""
+    return csv_text(
+        [field.name for field in fields(Row)],
+        ([_number(v) if isinstance(v, float) else v for v in astuple(r)] for r in rows),
+    )
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.6g}"
+
+
+def to_markdown(rows: Sequence[Row]) -> str:
+    """A table for each measure: a line for each method and condition."""
+    heads = ["median", "95th percentile", "99th percentile", f"within {ASKED_PX:g} px"]
+    parts = []
+    for measure_ in MEASURES:
+        lines = []
+        of_measure = [r for r in rows if r.measure == measure_]
+        for method, condition in dict.fromkeys((r.method, r.condition) for r in of_measure):
+            of_cell = {
+                r.statistic: r for r in of_measure if (r.method, r.condition) == (method, condition)
+            }
+            (n_ok, n), *_ = [(r.n_ok, r.n) for r in of_cell.values()]
+            values = [_with_interval(of_cell[statistic]) for statistic in STATISTICS]
+            lines.append([cell(method), cell(condition), *values, f"{n_ok}/{n}"])
+        table = markdown(["method", "condition", *heads, "n_ok/n"], lines, left=2)
+        parts.append(f"**{measure_.capitalize()}**, px [95 % interval over objects]\n\n{table}")
+    return "\n".join(parts)
+
+
+def _with_interval(one: Row) -> str:
+    form = "{:.1%}" if one.statistic == WITHIN else "{:.2f}"
+    value, low, high = (form.format(v) for v in (one.value, one.ci_low, one.ci_high))
+    return value if math.isnan(one.ci_low) else f"{value} [{low}, {high}]"
+
+
+def failures(found: Found) -> str:
+    """A line for each failure; nothing where there is none."""
+    return "".join(
+        f"- {cell(method)}, {cell(condition)}, {SPLIT}-{chair:04d}: {cell(result.reason)}\n"
+        for (method, condition), results in found.items()
+        for chair, result in enumerate(results)
+        if isinstance(result, Failed)
+    )
+
+
+def show(folder: Path, methods: Sequence[str], workers: int) -> None:
+    """A strip and a turntable of a chair with slats, for each condition."""
+    chair = slatted_chair()
+    tasks = [Task(*cell_, chair) for cell_ in product(methods, SHOWN_CONDITIONS)]
+    made = run_all("drawing", tasks, draw, workers)
+    truth = ProceduralObject(CLASS, SPLIT, chair).truth(VIEWS)
+    for condition in SHOWN_CONDITIONS:
+        pictures = {method: made[Task(method, condition, chair)] for method in methods}
+        strip = [
+            *strip_row("truth", truth, truth),
+            *(t for method, of in pictures.items() for t in strip_row(method, truth, of)),
+        ]
+        columns = len(VIEWS[STRIP])
+        write_pictures(draw_sheet(strip, columns, SCALE), folder / f"strip-{condition}.png")
+        tiles = [
+            Tile(visible(label), visible(of.reason) if isinstance(of, Failed) else of)
+            for label, of in {"truth": truth, **pictures}.items()
+        ]
+        film = draw_sheet(tiles, len(tiles), SCALE)
+        write_pictures(film, folder / f"turntable-{condition}.gif")
+
+
+def slatted_chair() -> int:
+    """The number of the first chair of the test split with a slatted back."""
+    chairs = (ProceduralObject(CLASS, SPLIT, i) for i in count())
+    return next(
+        chair.index
+        for chair in chairs
+        if draw_chair_spec(generator("procedural", CLASS, SPLIT, chair.index)).back == "slatted"
+    )
+
+
+def strip_row(label: str, truth: Pictures, pictures: Pictures | Failed) -> list[Tile]:
+    """Neighbouring views: the first tile has the label, the others their azimuth."""
+    labels = [visible(label), *(f"{view.azimuth_deg:g}°" for view in VIEWS[STRIP][1:])]
+    if isinstance(pictures, Failed):
+        return [Tile(text, visible(pictures.reason)) for text in labels]
+    tinted = tint(truth[STRIP], pictures[STRIP])
+    return [Tile(text, tinted[i : i + 1]) for i, text in enumerate(labels)]
+
+
+def tint(truth: Pictures, pictures: Pictures) -> Pictures:
+    """The pictures, red where more is drawn than the true silhouette, blue where less."""
+    true, seen = silhouettes(truth, pictures)
+    tinted = pictures.copy()
+    tinted[seen & ~true] = TOO_MUCH
+    tinted[true & ~seen] = TOO_LITTLE
+    return tinted
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,186 @@
+"""README, the tutorial and the pages on extending: their commands, examples and links."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from typer.core import TyperGroup
+
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import find_method
+from bench.catalogue.suites import SUITES
+from bench.cli import app
+from data_prep.conditions import CONDITIONS
+from data_prep.dataset import Dataset
+from data_prep.randomness import generator
+from data_prep.scene import PointCloud
+
+REPOSITORY = Path(__file__).parents[1]
+DOCS = REPOSITORY / "docs"
+TUTORIAL = DOCS / "quickstart.md"
+PAGES = [
+    *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted(DOCS.glob("*.md")),
+    *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),
+    *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
+]
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+STANDS_FOR = {
+    "CLOUD": "a.ply",
+    "METHOD": "splat",
+    "FILE": "a.png",
+    "NAME": "gan",
+    "ID": "speed",
+    "COMMAND": "run",
+    "DIR…": "a b",
+}
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [text for kind, text in BLOCK.findall(page.read_text()) if kind == language]
+
+
+def commands(page: Path) -> list[list[str]]:
+    """The arguments of every `bench ...` in a block, without what explains it."""
+    found = []
+    for block in blocks(page, ""):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.startswith("bench "):
+                typed = re.split(r" {2,}", line)[0]
+                words = [STANDS_FOR.get(word, word) for word in typed.split()]
+                found.append(shlex.split(" ".join(words))[1:])
+    return found
+
+
+def parse(arguments: list[str]) -> None:
+    """Raises what the command line would refuse them with."""
+    command: Any = typer.main.get_command(app)
+    name, rest = "bench", arguments
+    while isinstance(command, TyperGroup):
+        name, *rest = rest
+        command = command.get_command(None, name)  # type: ignore[arg-type]
+        assert command is not None, name
+    command.make_context(name, rest)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page):
+    text = BLOCK.sub("", page.read_text())
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not target.startswith("http"):
+            name, _, anchor = target.partition("#")
+            place = page if not name else page.parent / name
+            assert place.exists(), target
+            if anchor:
+                titles = re.findall(r"^#+ (.*)$", place.read_text(), re.MULTILINE)
+                assert anchor in {slug(title) for title in titles}, target
+
+
+def slug(title: str) -> str:
+    """As GitHub and MyST make the anchor of a heading."""
+    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+
+
+ALL_COMMANDS = [
+    pytest.param(command, id=f"{page.stem}-{i}")
+    for page in (REPOSITORY / "README.md", TUTORIAL, *sorted(DOCS.glob("adding-*.md")))
+    for i, command in enumerate(commands(page))
+]
+
+
+@pytest.mark.parametrize("command", ALL_COMMANDS)
+def test_the_command_line_takes_the_commands(command):
+    parse(command)
+
+
+@pytest.mark.parametrize(
+    ("command", "problem"),
+    [
+        (["run", "--suit", "speed"], "No such option: --suit"),
+        (["report"], "directory"),
+        (["train", "gan", "--steps", "few"], "valid integer"),
+        (["rum"], "rum"),
+    ],
+)
+def test_a_wrong_command_is_noticed(command, problem):
+    with pytest.raises(Exception, match=problem):
+        parse(command)
+
+
+def test_suites_and_methods_of_the_commands_exist():
+    for page in (REPOSITORY / "README.md", TUTORIAL):
+        for command in commands(page):
+            options = dict(pairwise(command))
+            names = [
+                *options.get("--methods", "").split(","),
+                *options.get("--method", "").split(","),
+            ]
+            for method in filter(None, names):
+                find_method(method)
+            for condition in filter(None, options.get("--conditions", "").split(",")):
+                find(condition, CONDITIONS, "condition")
+
+
+def test_the_tutorial_works(tmp_path):
+    """Its small run and what is made of it; another page's test draws its cloud."""
+    assert blocks(TUTORIAL, "python") == blocks(DOCS / "rendering.md", "python")
+    bench = (sys.executable, "-c", "from bench.cli import main; main()")
+    done = [command for command in commands(TUTORIAL) if "first" in command]
+    assert [command[0] for command in done] == ["run", "compare", "recommend"]
+    for command in done:
+        subprocess.run([*bench, *command], cwd=tmp_path, check=True, capture_output=True)
+    for made in ("report.html", "tables/table3_ssim.md", "comparisons", "manifest.json"):
+        assert (tmp_path / "first" / made).exists()
+
+
+def example(page: str) -> dict[str, object]:
+    """What the Python block of a page defines."""
+    (code,) = blocks(DOCS / page, "python")
+    names: dict[str, object] = {"__name__": "example"}
+    exec(compile(code, page, "exec"), names)
+    return names
+
+
+def test_the_condition_of_its_page(monkeypatch):
+    monkeypatch.setitem(sys.modules, "example", sys)
+    condition = example("adding-a-condition.md")["CONDITION"]
+    points = np.array([[0.074, -0.02, 0.51], [0.026, 0, 1]], np.float32)
+    made = condition.perturbation.apply(PointCloud(points), generator(0))
+    assert made.points.dtype == np.float32
+    np.testing.assert_allclose(made.points, [[0.05, 0, 0.5], [0.05, 0, 1]], atol=1e-6)
+    assert repr(condition.perturbation) == "Rounded(step=0.05)"
+    assert condition.id not in {known.id for known in CONDITIONS}
+
+
+def test_the_suite_of_its_page():
+    suite = example("adding-a-suite.md")["SUITE"]
+    assert suite.id not in {known.id for known in SUITES}
+    for method in suite.methods:
+        find_method(method)
+    for condition in suite.conditions:
+        find(condition, CONDITIONS, "condition")
+    page = (DOCS / "adding-a-suite.md").read_text()
+    for field in SUITES[0].__dataclass_fields__.keys() - {"id", "about"}:
+        assert f"`{field}`" in page
+
+
+def test_the_dataset_of_its_page(tmp_path):
+    read = example("adding-a-dataset.md")["list_dataset"]
+    (tmp_path / "objects.csv").write_text("train,chair,a.obj\ntest,chair,b.obj\ntest,lamp,c.obj\n")
+    dataset = read("list:here", tmp_path)
+    assert isinstance(dataset, Dataset)
+    assert dataset.classes == ("chair", "lamp")
+    assert [o.object_id for o in dataset.objects("chair", None, 1)] == ["b.obj"]
+    for wrong in ("", "test,chair\n", "tset,chair,a.obj\n", "test,chair,../a.obj\n"):
+        (tmp_path / "objects.csv").write_text(wrong)
+        with pytest.raises(ValueError):
+            read("list:here", tmp_path)
