@@ -1,0 +1,429 @@
+"""Parts that the builders of a class make their objects of, against closed forms."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from data_prep.shapes.airplane.parts import Wing
+from data_prep.shapes.cabinet.parts import Field, Finish, doors, draw_finish, drawers, rack
+from data_prep.shapes.display.parts import Head, Look, curved_head, flat_head
+from data_prep.shapes.lamp.parts import bar_height, bowl, open_shade
+from data_prep.shapes.loudspeaker.drivers import dome, draw_drivers, horn, port, woofer
+from data_prep.shapes.loudspeaker.living_room import baffle, plan_of
+from data_prep.shapes.rifle.parts import magazine, stock
+from data_prep.shapes.solids import Part
+from data_prep.shapes.telephone.parts import (
+    CUP_PLACE,
+    dial,
+    handset,
+    hood,
+    key_color,
+    keypad,
+    plate,
+    wedge,
+)
+from data_prep.shapes.vessel.rigs import CLOTH, fore_and_aft_sail, house, square_sail
+from tests.data_prep.shapes.sections import box_of, extents, held, holds, volume
+
+GREY = (120, 121, 122)
+# A few hundred float64 operations on numbers of order 1: see test_solids. Telephones are built of
+# numbers of order 10.
+EXACT = 1e-12
+
+
+# --- airplane -------------------------------------------------------------------------------------
+
+
+def test_a_wing_has_its_chords_where_it_says() -> None:
+    wing = Wing(0.5, root=0.3, tip=0.1, y=-0.1, z=-0.2, sweep=0.5, dihedral=0.1, kink=0.4)
+    assert [wing.chord(x) for x in (0.0, 0.2, 0.35, 0.5)] == pytest.approx([0.3, 0.2, 0.15, 0.1])
+    assert wing.at(-0.2, 0.5) == pytest.approx((-0.2, -0.08, 0.0))
+    # The trailing edge runs straight across up to the kink.
+    trailing = [wing.at(x, 1.0)[2] for x in (0.0, 0.1, 0.2)]
+    assert trailing == pytest.approx([0.1, 0.1, 0.1])
+    low, high = box_of([wing.part(GREY)])
+    assert (low[0], high[0]) == (-0.5, 0.5)
+    assert (low[2], high[2]) == pytest.approx((-0.2, 0.15))
+
+
+# --- cabinet --------------------------------------------------------------------------------------
+
+
+WOOD, WHITE, SEAM, BRASS = (160, 110, 70), (220, 216, 208), (72, 50, 32), (176, 142, 82)
+
+
+STEP = 0.01
+
+
+FINISH = Finish(WOOD, WHITE, SEAM, BRASS, leaf="flat", handle="knob", layer=STEP)
+
+
+FIELD = Field(-0.5, 0.7, 0.1, 0.9, -0.25)
+
+
+def test_split_runs_by_columns_and_upwards() -> None:
+    fields = FIELD.split([1, 2], [1, 3])
+    corners = [(f.x_low, f.x_high, f.y_low, f.y_high) for f in fields]
+    expected = [
+        (-0.5, -0.1, 0.1, 0.3),
+        (-0.5, -0.1, 0.3, 0.9),
+        (-0.1, 0.7, 0.1, 0.3),
+        (-0.1, 0.7, 0.3, 0.9),
+    ]
+    np.testing.assert_allclose(corners, expected, rtol=1e-12)
+    assert {f.z for f in fields} == {FIELD.z}
+
+
+def test_doors_and_drawers_stand_in_a_grid() -> None:
+    parts = drawers(FINISH, FIELD, [2, 1, 1], columns=2)
+    fronts = [part for part in parts if part.color == WHITE]
+    assert len(fronts) == 6
+    lowest = min(fronts, key=lambda part: part.vertices[:, 1].mean())
+    # Twice as high as the others, less 1.4 layers of seam: 0.8 / 4 x 2.
+    assert np.ptp(lowest.vertices[:, 1]) == pytest.approx(0.4 - 1.4 * STEP)
+    for one, other in itertools.combinations(fronts, 2):
+        low = np.maximum(one.vertices.min(axis=0), other.vertices.min(axis=0))
+        high = np.minimum(one.vertices.max(axis=0), other.vertices.max(axis=0))
+        assert (high - low)[:2].min() < -0.01  # the seam between them
+
+
+@pytest.mark.parametrize("leaf", ["flat", "framed", "raised"])
+def test_every_front_stands_out_and_is_sunk_in(leaf: str) -> None:
+    finish = dataclasses.replace(FINISH, leaf=leaf, handle="none")
+    seam, *fronts = doors(finish, FIELD, 2)
+    assert seam.vertices[:, 2].min() == pytest.approx(FIELD.z - STEP)
+    nearest = min(part.vertices[:, 2].min() for part in fronts)
+    assert nearest == pytest.approx(FIELD.z - (2.5 if leaf == "flat" else 3.5) * STEP)
+    assert fronts[0].vertices[:, 2].max() > FIELD.z
+
+
+def test_handles_of_two_doors_are_next_to_each_other() -> None:
+    handles = [part for part in doors(FINISH, FIELD, 2) if part.color == BRASS]
+    left, right = (part.vertices[:, 0].mean() for part in handles)
+    # Six layers from either side of the middle, 0.1.
+    assert (left, right) == pytest.approx((0.04, 0.16), abs=0.001)  # a knob has seven sides
+    low, high = zip(
+        *((p.vertices[:, 2].min(), p.vertices[:, 2].max()) for p in handles), strict=True
+    )
+    assert max(high) > FIELD.z - 2.5 * STEP  # sunk into the door
+    assert min(low) < FIELD.z - 4 * STEP
+
+
+def test_rack_is_hollow_and_has_its_shelves() -> None:
+    parts = rack(FIELD, 0.3, 0.02, [1, 1], [3, 2], WOOD, back=None)
+    assert len(parts) == 2 + 2 + 1 + 2 + 1  # sides, top and bottom, the upright, shelves
+    middle = FIELD.z + 0.15
+    # Straight up through the left and the right bay: top, bottom and shelves between them.
+    for x, shelves in ((-0.2, 2), (0.4, 1)):
+        inside = held(parts, [(x, y, middle) for y in np.linspace(0.1, 0.9, 201)])
+        assert np.diff(inside.astype(int)).clip(0).sum() + inside[0] == shelves + 2
+    assert not holds(parts, (-0.2, 0.25, middle))
+    closed = rack(FIELD, 0.3, 0.02, [1, 1], [3, 2], WOOD, back=WHITE)
+    hit = held(closed, [(-0.2, 0.25, z) for z in np.linspace(FIELD.z, FIELD.z + 0.3, 61)])
+    assert not any(hit[:54])
+    assert any(hit[54:])
+
+
+def test_layers_are_visible_at_any_size() -> None:
+    for size in ((0.4, 0.5, 0.4), (2.2, 2.3, 0.6)):
+        finish = draw_finish(np.random.default_rng(0), WOOD, size)
+        # A front stands out by 2.5 layers: more than half a hundredth of the diagonal.
+        assert 0.005 < 2.5 * finish.layer / np.linalg.norm(size) < 0.02
+
+
+# --- display --------------------------------------------------------------------------------------
+
+
+CASE, BORDER, SCREEN, STAND = (180, 182, 184), (30, 31, 32), (60, 110, 170), (90, 92, 94)
+
+
+LOOK = Look(CASE, BORDER, SCREEN, STAND)
+
+
+HEAD = Head(
+    width=0.6,
+    height=0.4,
+    thickness=0.03,
+    border=0.02,
+    chin=0.05,
+    corner=0.01,
+    bulge=0.04,
+    bulge_share=0.5,
+)
+
+
+def of(parts: list[Part], color: tuple[int, int, int]) -> np.ndarray:
+    return np.concatenate([part.vertices for part in parts if part.color == color])
+
+
+def test_the_screen_is_let_in_and_looks_to_the_front() -> None:
+    parts = flat_head(HEAD, LOOK)
+    step = HEAD.step
+    # A hundredth of the radius, which is half of the diagonal.
+    assert step == pytest.approx(0.01 * np.hypot(0.6, 0.4) / 2)
+    front = -HEAD.thickness / 2
+    assert of(parts, BORDER)[:, 2].min() == pytest.approx(front - 2 * step)
+    assert of(parts, SCREEN)[:, 2].min() == pytest.approx(front - step)
+    assert of(parts, SCREEN)[:, 2].max() > front
+    assert of(parts, CASE)[:, 2].max() == pytest.approx(0.015 + 0.04)
+
+
+def test_the_border_is_as_wide_as_it_says_and_the_chin_is_below() -> None:
+    parts = flat_head(HEAD, LOOK)
+    border, screen = of(parts, BORDER), of(parts, SCREEN)
+    bevel = 0.4 * HEAD.corner
+    hair = 0.2 * HEAD.step + bevel
+    assert border[:, 0].max() == pytest.approx(0.3 - hair)
+    assert border[:, 1].max() == pytest.approx(0.2 - hair)
+    assert border[:, 1].min() == pytest.approx(-0.2 + HEAD.chin + hair)
+    # The screen reaches under the border, by 0.4 of it.
+    assert border[:, 0].max() - screen[:, 0].max() == pytest.approx(0.6 * HEAD.border)
+    above, below = 0.2 - screen[:, 1].max(), screen[:, 1].min() + 0.2
+    assert below - above == pytest.approx(HEAD.chin)
+
+
+def test_a_curved_screen_is_concentric_with_its_case() -> None:
+    angle = 0.4
+    case, screen, _ = curved_head(HEAD, LOOK, angle)
+    centre = -0.3 / math.sin(angle)  # on the z axis, in front
+    radius = {
+        color: np.unique(np.hypot(part.vertices[:, 0], part.vertices[:, 2] - centre).round(9))
+        for color, part in ((CASE, case), (SCREEN, screen))
+    }
+    assert len(radius[CASE]) == len(radius[SCREEN]) == 2
+    np.testing.assert_allclose(np.diff(radius[CASE]), HEAD.thickness, atol=1e-8)
+    # Its face is 1.4 layers nearer to the viewer than the case's, its back within the case.
+    assert radius[CASE][0] - radius[SCREEN][0] == pytest.approx(1.4 * HEAD.step, abs=1e-8)
+    assert radius[CASE][0] < radius[SCREEN][1] < radius[CASE][1]
+    # A border's width of the arc is left free at either end, as above and below.
+    ends = np.abs(np.arctan2(screen.vertices[:, 0], screen.vertices[:, 2] - centre)).max()
+    assert (angle - ends) * 0.3 / math.sin(angle) == pytest.approx(HEAD.border)
+    assert screen.vertices[:, 1].max() == pytest.approx(0.2 - HEAD.border)
+
+
+# --- lamp -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sides", [4, 6, 16])
+def test_an_open_shade_is_a_prism_less_its_inside(sides: int) -> None:
+    walls, bar = open_shade((0.2, 0.2), (1.0, 1.5), GREY, sides=sides, waist=1.0)
+    polygon = sides / 2 * math.sin(2 * math.pi / sides)
+    inside = 0.2 - 0.045 * 0.2
+    expected = polygon * (0.2**2 - inside**2) * 0.5
+    assert abs(volume(walls) - expected) < EXACT
+    # The bar ends half-way through the wall, at the height that it is said to have.
+    reach = np.linalg.norm(bar.vertices[:, ::2], axis=1).max()
+    assert inside < reach < 0.2
+    middle = (bar.vertices[:, 1].min() + bar.vertices[:, 1].max()) / 2
+    assert abs(middle - bar_height((1.0, 1.5))) < EXACT
+    assert abs(bar_height((1.0, 1.5)) - 1.44) < EXACT
+
+
+def test_a_bowl_hangs_from_the_origin_and_opens_downwards() -> None:
+    part = bowl(0.3, 0.2, GREY, apex=0.5)
+    radius = np.linalg.norm(part.vertices[:, ::2], axis=1)
+    assert abs(part.vertices[:, 1].max()) < EXACT
+    assert abs(part.vertices[:, 1].min() + 0.2) < EXACT
+    assert abs(radius[part.vertices[:, 1] > -EXACT].max() - 0.15) < EXACT
+    assert abs(radius[part.vertices[:, 1] < EXACT - 0.2].max() - 0.3) < EXACT
+    # A frustum of 14 sides less the one inside it, narrower by the wall and as much lower on top.
+    wall, top = 0.05 * 0.3, 0.15
+    low, high = 0.3, top
+    polygon = 7 * math.sin(2 * math.pi / 14)
+
+    def frustum(a: float, b: float, h: float) -> float:
+        return polygon * h / 3 * (a * a + a * b + b * b)
+
+    expected = frustum(low, high, 0.2) - frustum(low - wall, high - wall, 0.2 - wall)
+    assert abs(volume(part) - expected) < EXACT
+
+
+# --- loudspeaker ----------------------------------------------------------------------------------
+
+
+BLACK = (30, 31, 32)
+
+
+DRIVERS = draw_drivers(np.random.default_rng(3), BLACK, 2)
+
+
+def test_woofer_is_a_ring_around_a_cone_that_deepens() -> None:
+    ring, cone, cap = woofer(DRIVERS, (0.1, 0.5, -0.2), 0.08, 0.004)
+    for part in (ring, cone, cap):
+        middle = (part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2
+        np.testing.assert_allclose(middle[:2], (0.1, 0.5), atol=1e-12)
+        assert part.vertices[:, 2].max() > -0.2 > part.vertices[:, 2].min()
+
+    def reach(part_vertices: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(part_vertices[:, :2] - (0.1, 0.5), axis=1)
+
+    assert reach(ring.vertices).max() == pytest.approx(0.08)
+    assert ring.vertices[:, 2].min() == pytest.approx(-0.2 - 3 * 0.004)
+    edge, throat = reach(cone.vertices) > 0.06, reach(cone.vertices) < 0.03
+    near = cone.vertices[edge & (cone.vertices[:, 2] < -0.2), 2]
+    np.testing.assert_allclose(near, -0.2 - 2.6 * 0.004)
+    np.testing.assert_allclose(cone.vertices[throat, 2], -0.2 - 1.8 * 0.004)
+    assert max(ring.color) < 60 or min(ring.color) > 120  # rubber, or polished metal
+
+
+@pytest.mark.parametrize("build", [dome, port])
+def test_small_drivers_keep_to_their_circle(build) -> None:
+    for part in build(DRIVERS, (0.0, 1.0, 0.0), 0.05, 0.004):
+        assert np.linalg.norm(part.vertices[:, :2] - (0, 1), axis=1).max() <= 0.05 + 1e-12
+
+
+def test_horn_is_let_in() -> None:
+    edge, flare, throat = horn(DRIVERS, (0, 0, 0), (0.4, 0.15), 0.004)
+    np.testing.assert_allclose(np.ptp(edge.vertices, axis=0), (0.4, 0.15, 0.016))
+    fronts = [part.vertices[:, 2].min() for part in (edge, throat, flare)]
+    assert fronts == sorted(fronts)
+    assert len(set(fronts)) == 3
+
+
+@pytest.mark.parametrize("height", [0.22, 0.40, 1.10])
+@pytest.mark.parametrize("woofers", [1, 2, 4])
+def test_drivers_fit_the_baffle_and_not_each_other(height: float, woofers: int) -> None:
+    for seed in range(5):
+        drivers = draw_drivers(np.random.default_rng(seed), BLACK, woofers)
+        plate, *parts = baffle(drivers, (0.2, height, 0.25), 0.05, grille=False)
+        outer = []  # the first part of each driver is its ring or plate
+        for part in parts:
+            low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
+            y, reach = (low[1] + high[1]) / 2, (high[1] - low[1]) / 2
+            if not any(abs(y - other) < 1e-9 for other, _ in outer):
+                outer.append((y, reach))
+        assert len(outer) == 1 + woofers + drivers.port
+        for (upper, above), (lower, below) in itertools.pairwise(outer):
+            assert upper - above > lower + below
+        assert outer[0][0] + outer[0][1] < plate.vertices[:, 1].max() + 1e-9
+        assert outer[-1][0] - outer[-1][1] > plate.vertices[:, 1].min() - 1e-9
+
+
+def test_plans_have_the_baffle_in_front_and_narrow_behind() -> None:
+    for kind, rear in (("box", 1.0), ("tapered", 0.64), ("lute", 0.32)):
+        plan = plan_of(kind)
+        front, back = plan[plan[:, 1] == -0.5], plan[plan[:, 1] == 0.5]
+        assert np.ptp(front[:, 0]) == pytest.approx(1.0)
+        assert np.ptp(back[:, 0]) == pytest.approx(rear)
+
+
+# --- rifle ----------------------------------------------------------------------------------------
+
+
+def test_a_straight_stock_is_a_prism_without_its_edges() -> None:
+    part = stock([(0.1, -0.04, 0.02, 0.05), (-0.3, -0.04, 0.02, 0.05)], GREY)
+    # Four triangles with legs of a fifth are missing from the unit square.
+    assert abs(volume(part) - 0.92 * 0.06 * 0.05 * 0.4) < EXACT
+    assert np.allclose(part.vertices.min(axis=0), (-0.025, -0.04, -0.3))
+    assert np.allclose(part.vertices.max(axis=0), (0.025, 0.02, 0.1))
+
+
+def test_a_magazine_bends_towards_the_muzzle() -> None:
+    for ahead in (0.0, 0.06):
+        part = magazine((0.01, -0.07), 0.2, ahead, 0.06, 0.03, GREY)
+        end = part.vertices[-4:]
+        assert np.allclose(part.vertices[:4].mean(axis=0), (0, 0.01, -0.07))
+        assert np.allclose(end.mean(axis=0), (0, -0.19, -0.07 - ahead))
+        # Its end leans against level as the end of the parabola leans against upright, or nearly.
+        front, rear = end[np.argmin(end[:, 2])], end[np.argmax(end[:, 2])]
+        assert abs((front[1] - rear[1]) / 0.06 - 1.2 * ahead / 0.2) < EXACT
+
+
+# --- telephone ------------------------------------------------------------------------------------
+
+
+def test_a_plate_stands_upright() -> None:
+    part = plate((1.0, 2.0, 3.0), (4.0, 8.0, 0.5), 1.0, GREY)
+    assert np.allclose(extents([part]), (4.0, 8.0, 0.5))
+    assert np.allclose((part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2, (1, 2, 3))
+    # Each corner loses what lies outside three chords of its parabola. That one takes a sixth of
+    # the unit square; between it and chords at thirds lies a ninth of what is between it and one.
+    corner = 1 / 6 + (1 / 2 - 1 / 6) / 9
+    assert abs(volume(part) - (32 - 4 * corner) * 0.5) < 10 * EXACT
+
+
+def test_keys_fill_their_grid_and_stand_out() -> None:
+    keys = keypad((-3.0, 3.0), (0.0, 8.0), (3, 4), -1.0, GREY)
+    centres = np.array([(part.vertices.min(0) + part.vertices.max(0)) / 2 for part in keys])
+    assert sorted(set(centres[:, 0].round(9))) == [-2.0, 0.0, 2.0]
+    assert sorted(set(centres[:, 1].round(9))) == [1.0, 3.0, 5.0, 7.0]
+    for key in keys:
+        assert np.allclose(extents([key])[:2], (0.74 * 2, 0.62 * 2))
+        assert np.allclose([key.vertices[:, 2].min(), key.vertices[:, 2].max()], (-1.22, -0.6))
+
+
+def test_a_dial_looks_towards_minus_z() -> None:
+    face, *holes, hub = dial(4.0, GREY, BLACK)
+    assert len(holes) == 10
+    assert abs(face.vertices[:, 2].min() + 0.6) < 10 * EXACT
+    for boss in (*holes, hub):
+        assert boss.vertices[:, 2].min() < face.vertices[:, 2].min() - 0.1
+    centres = np.array([(hole.vertices.max(0) + hole.vertices.min(0))[:2] / 2 for hole in holes])
+    assert np.allclose(np.linalg.norm(centres, axis=1), 0.72 * 4.0)
+    gaps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    assert np.allclose(gaps, 2 * 0.72 * 4.0 * math.sin(math.radians(15)))
+
+
+def test_a_handset_reaches_out_with_both_ends() -> None:
+    grip, *cups = handset(20.0, 4.0, 2.5, GREY)
+    assert abs(extents([grip])[1] - 20.0) < 10 * EXACT
+    for cup, y in zip(cups, (-CUP_PLACE * 20, CUP_PLACE * 20), strict=True):
+        centre = (cup.vertices.min(axis=0) + cup.vertices.max(axis=0)) / 2
+        assert np.allclose(centre[:2], (0.0, y))
+        assert abs(cup.vertices[:, 2].max() - 0.72 * 2.5) < 10 * EXACT
+    assert grip.vertices[:, 2].max() < 0.6 * 2.5
+
+
+def test_bodies_rise_from_the_floor() -> None:
+    part = wedge(15.0, (-8.0, 9.0), (2.0, 6.0), GREY)
+    assert np.allclose(part.vertices.min(axis=0), (-7.5, 0.0, -8.0))
+    assert np.allclose(part.vertices.max(axis=0)[::2], (7.5, 9.0))
+    rear = part.vertices[part.vertices[:, 2] > 0, 1].max()
+    front = part.vertices[part.vertices[:, 2] < -7.0, 1].max()
+    assert 5.0 < rear < 6.0
+    assert 1.5 < front < 3.0
+    body = hood((10.0, -4.0, 6.0), (5.0, 0.0, 4.0), (0.5, 1.0, 7.0), GREY)
+    assert np.allclose(body.vertices.min(axis=0), (-5.0, 0.5, -4.0))
+    assert np.allclose(body.vertices.max(axis=0), (5.0, 7.0, 6.0))
+    head = body.vertices[body.vertices[:, 1] == 7.0]
+    assert np.allclose(
+        np.concatenate([head.min(axis=0), head.max(axis=0)])[[0, 2, 3, 5]], (-2.5, 0, 2.5, 4)
+    )
+
+
+def test_keys_differ_in_colour_from_the_body() -> None:
+    rng = np.random.default_rng(1)
+    for grey in range(12, 231, 6):
+        body = (grey, grey, grey)
+        key = key_color(rng, body)
+        # Dark: at most 51 * 1.1 + 6; light: at least 152 * 0.9 - 6, about 110.
+        assert abs(sum(key) / 3 - grey) > 18
+
+
+# --- vessel ---------------------------------------------------------------------------------------
+
+
+def test_a_flat_sail_is_a_plate() -> None:
+    # A trapezium of height 0.8 between 0.5 and 0.1.
+    sail = fore_and_aft_sail([(0.1, 0.0), (0.1, 0.5)], [(0.9, 0.0), (0.9, 0.1)], 0.0, GREY)
+    assert volume(sail) == pytest.approx(0.8 * 0.3 * CLOTH, abs=EXACT)
+    sail = square_sail(0.3, (0.1, 0.9), (0.25, 0.05), 0.0, GREY)
+    assert volume(sail) == pytest.approx(0.8 * 0.3 * CLOTH, abs=EXACT)
+
+
+def test_a_sail_bellies_out_in_its_middle_only() -> None:
+    sail = square_sail(0.3, (0.1, 0.9), (0.25, 0.05), 0.04, GREY)
+    assert sail.vertices[:, 2].min() == pytest.approx(0.3 - 0.04 - CLOTH / 2, abs=EXACT)
+    edges = sail.vertices[(sail.vertices[:, 1] < 0.11) | (sail.vertices[:, 1] > 0.89)]
+    assert np.abs(edges[:, 2] - 0.3).max() == pytest.approx(CLOTH / 2, abs=EXACT)
+
+
+def test_a_house_is_a_frustum() -> None:
+    part = house((0, 1), (2, 4), 0.5, GREY, lean=(0.2, 0.1), narrow=0.5)
+    # A prismatoid: (bottom + 4 middle + top) * height / 6.
+    assert volume(part) == pytest.approx((1.0 + 4 * 0.85 * 0.75 + 0.7 * 0.5) * 2 / 6, abs=EXACT)
