@@ -1,10 +1,7 @@
 from __future__ import annotations
 
-import hashlib
 import itertools
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,10 +9,8 @@ from scipy.spatial import Delaunay
 
 from baselines.alpha_shape import AlphaShape, alpha_faces, circumradius, smallest_sphere
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.render import render
-from data_prep.scene import PointCloud, View
+from data_prep.scene import PointCloud
 
 
 def exposed(points: np.ndarray, radius: float) -> set[tuple[int, ...]]:
@@ -103,37 +98,6 @@ def test_alpha_is_a_share_of_the_diagonal() -> None:
     assert len(AlphaShape(alpha_percent=47.2).prepare(cloud).mesh.faces) == 4
     with pytest.raises(StageFailure, match=r"no triangle fits a ball of radius 0\.814"):
         AlphaShape(alpha_percent=47.0).prepare(cloud)
-
-
-def test_pictures_are_the_meshs_and_no_randomness_is_used() -> None:
-    cloud = PointCloud(lattice_sphere())
-    state = AlphaShape().prepare(cloud)
-    views = [View(10, 20), View(-100, 0)]
-    images = AlphaShape().draw(state, views, np.random.default_rng(1))
-    np.testing.assert_array_equal(images, to_float(render(state.mesh, views)))
-    again = AlphaShape().prepare(cloud, np.random.default_rng(2))
-    np.testing.assert_array_equal(state.mesh.faces, again.mesh.faces)
-    np.testing.assert_array_equal(state.mesh.vertices, cloud.points)
-
-
-NOISE = """
-import hashlib, numpy as np
-from baselines.alpha_shape import AlphaShape
-from data_prep.scene import PointCloud
-points = np.random.default_rng(0).normal(size=(500, 3))
-faces = AlphaShape().prepare(PointCloud(points)).mesh.faces
-print(hashlib.sha256(np.ascontiguousarray(faces).tobytes()).hexdigest())
-"""
-
-
-def test_same_faces_in_another_process() -> None:
-    points = np.random.default_rng(0).normal(size=(500, 3))
-    faces = AlphaShape().prepare(PointCloud(points)).mesh.faces
-    here = hashlib.sha256(np.ascontiguousarray(faces).tobytes()).hexdigest()
-    done = subprocess.run(
-        [sys.executable, "-c", NOISE], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout == here + "\n"  # and nothing else is printed
 
 
 @pytest.mark.parametrize(

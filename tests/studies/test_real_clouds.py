@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 from studies import real_clouds
 from studies.real_clouds import cloud_files, drawers, parse_view
-
-PAGE = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture
@@ -84,7 +81,3 @@ def test_what_cannot_be_used_is_one_line(folder, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["real_clouds", str(folder), "--methods", "splta"])
     with pytest.raises(SystemExit, match="real_clouds: unknown method 'splta'"):
         real_clouds.main()
-
-
-def test_the_picture_of_the_page_is_small():
-    assert (PAGE / "real-clouds.png").stat().st_size < 600_000
