@@ -12,6 +12,8 @@ from data_prep.failures import StageFailure
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.scene import PointCloud
 
+from .clouds import lattice_sphere
+
 
 def exposed(points: np.ndarray, radius: float) -> set[tuple[int, ...]]:
     """The definition: triangles that a ball of `radius` touches from outside, with no point in it.
@@ -71,17 +73,10 @@ def test_circumscribed_spheres() -> None:
     np.testing.assert_allclose(radius, 2.5, rtol=1e-12)
 
 
-def lattice_sphere(count: int = 1000) -> np.ndarray:
-    index = np.arange(count) + 0.5
-    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return 0.7 * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
-
-
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_a_sphere_is_closed_at_any_scale(scale: float) -> None:
     # The diagonal of its box is 2.42; 5 % of it, 0.12, is more than the 0.08 between points.
-    state = AlphaShape().prepare(PointCloud(scale * lattice_sphere()))
+    state = AlphaShape().prepare(PointCloud(scale * lattice_sphere(1000)))
     outer = state.mesh.faces
     edges = np.sort(outer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all()
@@ -98,21 +93,3 @@ def test_alpha_is_a_share_of_the_diagonal() -> None:
     assert len(AlphaShape(alpha_percent=47.2).prepare(cloud).mesh.faces) == 4
     with pytest.raises(StageFailure, match=r"no triangle fits a ball of radius 0\.814"):
         AlphaShape(alpha_percent=47.0).prepare(cloud)
-
-
-@pytest.mark.parametrize(
-    ("points", "stage", "problem"),
-    [
-        (np.eye(3), "input", "3 points; tetrahedra need at least 4"),
-        (np.append(np.eye(3), [[0, 0, np.inf]], axis=0), "input", "1 of 4 points are not finite"),
-        (np.full((50, 3), 0.3), "delaunay", "QH"),
-        (np.linspace(0, 1, 50)[:, None] * [1, 2, 3], "delaunay", "QH"),
-        (np.random.default_rng(0).uniform(size=(50, 3)) * [1, 1, 0], "delaunay", "QH"),
-        (np.append(np.eye(3), [[1, 1, 1]], axis=0), "alpha-shape", "no triangle fits a ball"),
-    ],
-)
-def test_failures_are_named(points: np.ndarray, stage: str, problem: str) -> None:
-    with pytest.raises(StageFailure, match=problem) as failure:
-        AlphaShape().prepare(PointCloud(points))
-    assert failure.value.stage == stage
-    assert "\n" not in failure.value.problem

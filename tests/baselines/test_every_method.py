@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +17,9 @@ from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
 from data_prep.render import render
-from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
-from data_prep.shapes.chair.chairs import chair
+
+from .clouds import chair_cloud, lattice_sphere
 
 SURFACES = ("alpha-shape", "poisson", "surface-apss", "surface-bpa", "surface-fit")
 NETWORKS = ("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny")
@@ -37,8 +38,7 @@ def one_thread():
 
 @pytest.fixture(scope="module")
 def cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng, 1024)
+    return chair_cloud(1024)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -86,15 +86,51 @@ def test_impossible_clouds_fail_by_name(name: str, points) -> None:
     assert "\n" not in failure.value.problem
 
 
+LINE, PLANE = np.linspace(-1, 1, 500)[:, None] * [1, 0, 0], lattice_sphere(500) * [1, 1, 0]
+AWAY = np.array([9, 0, 0])
+FEW = "where the camera looks, a cube each; normals need at least 11"
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "stage", "problem"),
+    [
+        ("alpha-shape", np.eye(3), "input", "3 points; tetrahedra need at least 4"),
+        ("alpha-shape", np.full((50, 3), 0.3), "delaunay", "QH"),
+        ("alpha-shape", LINE, "delaunay", "QH"),
+        ("alpha-shape", PLANE, "delaunay", "QH"),
+        ("alpha-shape", [*np.eye(3), [1, 1, 1]], "alpha-shape", "no triangle fits a ball"),
+        ("poisson", np.zeros((10, 3)), "input", "10 points"),
+        ("poisson", LINE, "ball-pivoting", "no faces"),
+        ("poisson", np.full((50, 3), 0.3), "poisson", ""),
+        ("surface-bpa", np.zeros((10, 3)), "input", "10 points"),
+        ("surface-bpa", LINE, "ball-pivoting", "no faces"),
+        ("surface-fit", np.eye(3), "input", "3 points; normals need at least 11"),
+        ("surface-fit", np.full((50, 3), 0.3), "input", f"1 of 50 points are left {FEW}"),
+        ("surface-fit", lattice_sphere(500) * 1e-3, "input", f"8 of 500 points are left {FEW}"),
+        (
+            "surface-fit",
+            lattice_sphere(500) + AWAY,
+            "input",
+            f"0 of 500 points are left {FEW}",
+        ),
+        ("surface-fit", LINE, "ball-pivoting", "no faces"),
+        ("surface-fit", PLANE, "apss", "no faces"),
+    ],
+)
+def test_degenerate_clouds_fail_by_name(name: str, points, stage: str, problem: str) -> None:
+    with pytest.raises(StageFailure) as failure:
+        find_method(name).load("cpu").prepare(PointCloud(points), np.random.default_rng(0))
+    assert failure.value.stage == stage
+    assert problem in failure.value.problem
+
+
 DIGESTS = """
 import hashlib, json, sys
 import numpy as np
 from bench.catalogue.methods import find_method
-from data_prep.sampling import sample_surface
 from data_prep.scene import View
-from data_prep.shapes.chair.chairs import chair
-rng = np.random.default_rng(3)
-cloud = sample_surface(chair(rng), rng, 1024)
+from tests.baselines.clouds import chair_cloud
+cloud = chair_cloud(1024)
 found = {}
 for name in sys.argv[1:]:
     method = find_method(name).load("cpu")
@@ -120,6 +156,7 @@ def digests() -> list[dict[str, str]]:
             text=True,
             timeout=200,
             check=True,
+            cwd=Path(__file__).parents[2],
         )
         found.append(json.loads(done.stdout.splitlines()[-1]))
     return found

@@ -15,14 +15,7 @@ from data_prep.sampling import face_areas, sample_surface
 from data_prep.scene import Mesh, PointCloud
 from data_prep.shapes.chair.chairs import chair
 
-RADIUS = 0.7
-
-
-def lattice_sphere(count: int = 2048) -> np.ndarray:
-    index = np.arange(count) + 0.5
-    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+from .clouds import RADIUS, chair_cloud, lattice_sphere
 
 
 def test_a_sphere() -> None:
@@ -76,29 +69,9 @@ def test_what_is_far_from_the_points_is_trimmed() -> None:
         trimmed(Mesh(vertices, faces[2:], colors[2:]), points)
 
 
-def chair_cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng)
-
-
 def test_deeper_is_finer() -> None:
     coarse, fine = (Poisson(depth).prepare(chair_cloud()) for depth in (5, 6))
     assert len(fine.mesh.faces) > 2 * len(coarse.mesh.faces)
-
-
-@pytest.mark.parametrize(
-    ("points", "stage"),
-    [
-        (np.zeros((10, 3)), "input"),
-        (np.append(np.zeros((20, 3)), [[0, np.inf, 0]], axis=0), "input"),
-        (np.linspace(0, 1, 50)[:, None] * [1, 0, 0], "ball-pivoting"),
-        (np.full((50, 3), 0.3), "poisson"),
-    ],
-)
-def test_failures_are_named(points: np.ndarray, stage: str) -> None:
-    with pytest.raises(StageFailure) as failure:
-        Poisson().prepare(PointCloud(points))
-    assert failure.value.stage == stage
 
 
 def test_what_meshlab_refuses_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,16 +15,7 @@ from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
 from data_prep.scene import Mesh, PointCloud, View
 
-RADIUS = 0.7
-
-
-def lattice_sphere(count: int = 2048) -> PointCloud:
-    """Fibonacci's lattice: as even as points on a sphere can be."""
-    index = np.arange(count) + 0.5
-    y = 1 - 2 * index / count
-    angle = math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return PointCloud(RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1))
+from .clouds import RADIUS, lattice_sphere
 
 
 def random_sphere(count: int = 2048, seed: int = 0) -> PointCloud:
@@ -43,7 +34,7 @@ SAG = (2 * 0.062) ** 2 / (2 * RADIUS)  # 0.011
 
 @pytest.fixture(scope="module")
 def ball() -> Reconstruction:
-    return SurfaceApss(resolution=100).prepare(lattice_sphere())
+    return SurfaceApss(resolution=100).prepare(PointCloud(lattice_sphere()))
 
 
 def test_evenly_sampled_sphere(ball: Reconstruction) -> None:
@@ -104,7 +95,7 @@ def test_scale_does_not_matter(scale: float) -> None:
     # A power of two changes no digit of the coordinates; float32 and MeshLab's own constants do
     # the rest, at most a grid cell's share of the sag.
     plain, scaled = (
-        SurfaceApss(resolution=30).prepare(PointCloud(lattice_sphere().points * s)).mesh
+        SurfaceApss(resolution=30).prepare(PointCloud(lattice_sphere() * s)).mesh
         for s in (1.0, scale)
     )
     radius = np.linalg.norm(scaled.vertices.astype(np.float64), axis=1) / scale
@@ -113,7 +104,7 @@ def test_scale_does_not_matter(scale: float) -> None:
 
 
 def test_a_finer_grid_gives_more_faces(ball: Reconstruction) -> None:
-    coarse = SurfaceApss(resolution=50).prepare(lattice_sphere()).mesh
+    coarse = SurfaceApss(resolution=50).prepare(PointCloud(lattice_sphere())).mesh
     # A surface crosses a number of cells that grows with the square of the resolution; where the
     # grid begins and ends is a cell or two of a hundred.
     assert len(ball.mesh.faces) / len(coarse.faces) == pytest.approx(4, rel=0.04)

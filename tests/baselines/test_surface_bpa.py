@@ -6,14 +6,9 @@ import pytest
 from baselines.surface import SurfaceBpa, closed_surface
 from data_prep.failures import StageFailure
 from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud
-from data_prep.shapes.chair.chairs import chair
 
-
-def chair_cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng)
+from .clouds import chair_cloud
 
 
 def test_it_is_the_papers_chain_up_to_its_third_stage() -> None:

@@ -14,28 +14,16 @@ from baselines.meshlab import GRID_MARGIN, MeshLab
 from baselines.surface_fit import FOOTPRINT, SurfaceFit, in_sight, resolution, thinned
 from data_prep.camera import project
 from data_prep.failures import StageFailure
-from data_prep.sampling import face_areas, sample_surface
+from data_prep.sampling import face_areas
 from data_prep.scene import Mesh, PointCloud, View
-from data_prep.shapes.chair.chairs import chair
 
-RADIUS = 0.7
+from .clouds import RADIUS, chair_cloud, lattice_sphere
+
 CELL = 2.25 * FOOTPRINT
-
-
-def lattice_sphere(count: int) -> np.ndarray:
-    index = np.arange(count) + 0.5
-    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
 
 
 def digest(mesh: Mesh) -> str:
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
-
-
-def chair_cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng)
 
 
 # --- how finely it looks --------------------------------------------------------------------------
@@ -195,24 +183,3 @@ def test_a_refusal_of_apss_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(surface, "MeshLab", Refuses)
     with pytest.raises(StageFailure, match="apss: MeshLab says no"):
         SurfaceFit().prepare(PointCloud(lattice_sphere(1000)))
-
-
-FEW = "where the camera looks, a cube each; normals need at least 11"
-
-
-@pytest.mark.parametrize(
-    ("points", "stage", "problem"),
-    [
-        (np.eye(3), "input", "3 points; normals need at least 11"),
-        (np.append(np.eye(20, 3), [[np.nan, 0, 0]], axis=0), "input", "1 of 21 points are not"),
-        (np.full((50, 3), 0.3), "input", f"1 of 50 points are left {FEW}"),
-        (lattice_sphere(500) * 1e-3, "input", f"8 of 500 points are left {FEW}"),
-        (lattice_sphere(500) + np.array([9, 0, 0]), "input", f"0 of 500 points are left {FEW}"),
-        (np.linspace(-1, 1, 500)[:, None] * [1, 0, 0], "ball-pivoting", "no faces"),
-        (lattice_sphere(500) * [1, 1, 0], "apss", "no faces"),
-    ],
-)
-def test_failures_are_named(points: np.ndarray, stage: str, problem: str) -> None:
-    with pytest.raises(StageFailure, match=problem) as failure:
-        SurfaceFit().prepare(PointCloud(points))
-    assert failure.value.stage == stage

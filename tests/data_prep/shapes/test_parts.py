@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 
@@ -10,20 +9,15 @@ import numpy as np
 import pytest
 
 from data_prep.shapes.airplane.parts import Wing
-from data_prep.shapes.cabinet.parts import Field, Finish, doors, draw_finish, rack
-from data_prep.shapes.display.parts import Head, Look, curved_head, flat_head
+from data_prep.shapes.cabinet.parts import Field, rack
+from data_prep.shapes.display.parts import Head, Look, curved_head
 from data_prep.shapes.lamp.parts import bar_height, bowl, open_shade
 from data_prep.shapes.loudspeaker.drivers import draw_drivers, woofer
-from data_prep.shapes.loudspeaker.living_room import baffle, plan_of
-from data_prep.shapes.rifle.parts import stock
+from data_prep.shapes.loudspeaker.living_room import baffle
 from data_prep.shapes.solids import Part
-from data_prep.shapes.telephone.parts import (
-    dial,
-    key_color,
-    plate,
-)
+from data_prep.shapes.telephone.parts import dial, key_color
 from data_prep.shapes.vessel.rigs import CLOTH, fore_and_aft_sail, house, square_sail
-from tests.data_prep.shapes.sections import box_of, extents, held, holds, volume
+from tests.data_prep.shapes.sections import box_of, held, holds, volume
 
 GREY = (120, 121, 122)
 # A few hundred float64 operations on numbers of order 1: see test_solids. Telephones are built of
@@ -49,15 +43,7 @@ def test_a_wing_has_its_chords_where_it_says() -> None:
 # --- cabinet --------------------------------------------------------------------------------------
 
 
-WOOD, WHITE, SEAM, BRASS = (160, 110, 70), (220, 216, 208), (72, 50, 32), (176, 142, 82)
-
-
-STEP = 0.01
-
-
-FINISH = Finish(WOOD, WHITE, SEAM, BRASS, leaf="flat", handle="knob", layer=STEP)
-
-
+WOOD, WHITE = (160, 110, 70), (220, 216, 208)
 FIELD = Field(-0.5, 0.7, 0.1, 0.9, -0.25)
 
 
@@ -74,16 +60,6 @@ def test_split_runs_by_columns_and_upwards() -> None:
     assert {f.z for f in fields} == {FIELD.z}
 
 
-@pytest.mark.parametrize("leaf", ["flat", "framed", "raised"])
-def test_every_front_stands_out_and_is_sunk_in(leaf: str) -> None:
-    finish = dataclasses.replace(FINISH, leaf=leaf, handle="none")
-    seam, *fronts = doors(finish, FIELD, 2)
-    assert seam.vertices[:, 2].min() == pytest.approx(FIELD.z - STEP)
-    nearest = min(part.vertices[:, 2].min() for part in fronts)
-    assert nearest == pytest.approx(FIELD.z - (2.5 if leaf == "flat" else 3.5) * STEP)
-    assert fronts[0].vertices[:, 2].max() > FIELD.z
-
-
 def test_rack_is_hollow_and_has_its_shelves() -> None:
     parts = rack(FIELD, 0.3, 0.02, [1, 1], [3, 2], WOOD, back=None)
     assert len(parts) == 2 + 2 + 1 + 2 + 1  # sides, top and bottom, the upright, shelves
@@ -97,13 +73,6 @@ def test_rack_is_hollow_and_has_its_shelves() -> None:
     hit = held(closed, [(-0.2, 0.25, z) for z in np.linspace(FIELD.z, FIELD.z + 0.3, 61)])
     assert not any(hit[:54])
     assert any(hit[54:])
-
-
-def test_layers_are_visible_at_any_size() -> None:
-    for size in ((0.4, 0.5, 0.4), (2.2, 2.3, 0.6)):
-        finish = draw_finish(np.random.default_rng(0), WOOD, size)
-        # A front stands out by 2.5 layers: more than half a hundredth of the diagonal.
-        assert 0.005 < 2.5 * finish.layer / np.linalg.norm(size) < 0.02
 
 
 # --- display --------------------------------------------------------------------------------------
@@ -129,18 +98,6 @@ HEAD = Head(
 
 def of(parts: list[Part], color: tuple[int, int, int]) -> np.ndarray:
     return np.concatenate([part.vertices for part in parts if part.color == color])
-
-
-def test_the_screen_is_let_in_and_looks_to_the_front() -> None:
-    parts = flat_head(HEAD, LOOK)
-    step = HEAD.step
-    # A hundredth of the radius, which is half of the diagonal.
-    assert step == pytest.approx(0.01 * np.hypot(0.6, 0.4) / 2)
-    front = -HEAD.thickness / 2
-    assert of(parts, BORDER)[:, 2].min() == pytest.approx(front - 2 * step)
-    assert of(parts, SCREEN)[:, 2].min() == pytest.approx(front - step)
-    assert of(parts, SCREEN)[:, 2].max() > front
-    assert of(parts, CASE)[:, 2].max() == pytest.approx(0.015 + 0.04)
 
 
 def test_a_curved_screen_is_concentric_with_its_case() -> None:
@@ -246,36 +203,7 @@ def test_drivers_fit_the_baffle_and_not_each_other(height: float, woofers: int) 
         assert outer[-1][0] - outer[-1][1] > plate.vertices[:, 1].min() - 1e-9
 
 
-def test_plans_have_the_baffle_in_front_and_narrow_behind() -> None:
-    for kind, rear in (("box", 1.0), ("tapered", 0.64), ("lute", 0.32)):
-        plan = plan_of(kind)
-        front, back = plan[plan[:, 1] == -0.5], plan[plan[:, 1] == 0.5]
-        assert np.ptp(front[:, 0]) == pytest.approx(1.0)
-        assert np.ptp(back[:, 0]) == pytest.approx(rear)
-
-
-# --- rifle ----------------------------------------------------------------------------------------
-
-
-def test_a_straight_stock_is_a_prism_without_its_edges() -> None:
-    part = stock([(0.1, -0.04, 0.02, 0.05), (-0.3, -0.04, 0.02, 0.05)], GREY)
-    # Four triangles with legs of a fifth are missing from the unit square.
-    assert abs(volume(part) - 0.92 * 0.06 * 0.05 * 0.4) < EXACT
-    assert np.allclose(part.vertices.min(axis=0), (-0.025, -0.04, -0.3))
-    assert np.allclose(part.vertices.max(axis=0), (0.025, 0.02, 0.1))
-
-
 # --- telephone ------------------------------------------------------------------------------------
-
-
-def test_a_plate_stands_upright() -> None:
-    part = plate((1.0, 2.0, 3.0), (4.0, 8.0, 0.5), 1.0, GREY)
-    assert np.allclose(extents([part]), (4.0, 8.0, 0.5))
-    assert np.allclose((part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2, (1, 2, 3))
-    # Each corner loses what lies outside three chords of its parabola. That one takes a sixth of
-    # the unit square; between it and chords at thirds lies a ninth of what is between it and one.
-    corner = 1 / 6 + (1 / 2 - 1 / 6) / 9
-    assert abs(volume(part) - (32 - 4 * corner) * 0.5) < 10 * EXACT
 
 
 def test_a_dial_looks_towards_minus_z() -> None:
