@@ -62,14 +62,6 @@ def run_folder(bench, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_they_are_small(name):
-    """The issue: a complete third-party package of under 60 lines."""
-    files = sorted(path for path in (EXAMPLES / name).rglob("*") if path.is_file())
-    assert {path.name for path in files} == set(FILES[name])
-    assert sum(len(path.read_text().splitlines()) for path in files) < 60
-
-
-@pytest.mark.parametrize("name", FILES)
 def test_the_page_shows_them(name):
     page = (REPOSITORY / "docs" / f"adding-a-{name}.md").read_text()
     for language, file in zip(("toml", "python"), FILES[name], strict=True):

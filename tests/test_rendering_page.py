@@ -53,9 +53,3 @@ def test_the_pictures_of_the_page_are_of_these_commands(folder):
     for tile in (0, 2):
         left = 6 + tile * 262
         assert np.array_equal(theirs[:, left : left + 256], ours[:, left : left + 256])
-
-
-def test_the_turntable_of_the_page_is_small():
-    """The issue's limits: pictures that a page can carry."""
-    assert (PAGE.parent / "turntable.gif").stat().st_size < 1_000_000
-    assert (PAGE.parent / "render-sheet.png").stat().st_size < 600_000

@@ -1,10 +1,7 @@
 from __future__ import annotations
 
-import hashlib
 import itertools
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,10 +9,10 @@ from scipy.spatial import Delaunay
 
 from baselines.alpha_shape import AlphaShape, alpha_faces, circumradius, smallest_sphere
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.render import render
-from data_prep.scene import PointCloud, View
+from data_prep.scene import PointCloud
+
+from .clouds import lattice_sphere
 
 
 def exposed(points: np.ndarray, radius: float) -> set[tuple[int, ...]]:
@@ -76,17 +73,10 @@ def test_circumscribed_spheres() -> None:
     np.testing.assert_allclose(radius, 2.5, rtol=1e-12)
 
 
-def lattice_sphere(count: int = 1000) -> np.ndarray:
-    index = np.arange(count) + 0.5
-    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return 0.7 * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
-
-
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_a_sphere_is_closed_at_any_scale(scale: float) -> None:
     # The diagonal of its box is 2.42; 5 % of it, 0.12, is more than the 0.08 between points.
-    state = AlphaShape().prepare(PointCloud(scale * lattice_sphere()))
+    state = AlphaShape().prepare(PointCloud(scale * lattice_sphere(1000)))
     outer = state.mesh.faces
     edges = np.sort(outer[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all()
@@ -103,52 +93,3 @@ def test_alpha_is_a_share_of_the_diagonal() -> None:
     assert len(AlphaShape(alpha_percent=47.2).prepare(cloud).mesh.faces) == 4
     with pytest.raises(StageFailure, match=r"no triangle fits a ball of radius 0\.814"):
         AlphaShape(alpha_percent=47.0).prepare(cloud)
-
-
-def test_pictures_are_the_meshs_and_no_randomness_is_used() -> None:
-    cloud = PointCloud(lattice_sphere())
-    state = AlphaShape().prepare(cloud)
-    views = [View(10, 20), View(-100, 0)]
-    images = AlphaShape().draw(state, views, np.random.default_rng(1))
-    np.testing.assert_array_equal(images, to_float(render(state.mesh, views)))
-    again = AlphaShape().prepare(cloud, np.random.default_rng(2))
-    np.testing.assert_array_equal(state.mesh.faces, again.mesh.faces)
-    np.testing.assert_array_equal(state.mesh.vertices, cloud.points)
-
-
-NOISE = """
-import hashlib, numpy as np
-from baselines.alpha_shape import AlphaShape
-from data_prep.scene import PointCloud
-points = np.random.default_rng(0).normal(size=(500, 3))
-faces = AlphaShape().prepare(PointCloud(points)).mesh.faces
-print(hashlib.sha256(np.ascontiguousarray(faces).tobytes()).hexdigest())
-"""
-
-
-def test_same_faces_in_another_process() -> None:
-    points = np.random.default_rng(0).normal(size=(500, 3))
-    faces = AlphaShape().prepare(PointCloud(points)).mesh.faces
-    here = hashlib.sha256(np.ascontiguousarray(faces).tobytes()).hexdigest()
-    done = subprocess.run(
-        [sys.executable, "-c", NOISE], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout == here + "\n"  # and nothing else is printed
-
-
-@pytest.mark.parametrize(
-    ("points", "stage", "problem"),
-    [
-        (np.eye(3), "input", "3 points; tetrahedra need at least 4"),
-        (np.append(np.eye(3), [[0, 0, np.inf]], axis=0), "input", "1 of 4 points are not finite"),
-        (np.full((50, 3), 0.3), "delaunay", "QH"),
-        (np.linspace(0, 1, 50)[:, None] * [1, 2, 3], "delaunay", "QH"),
-        (np.random.default_rng(0).uniform(size=(50, 3)) * [1, 1, 0], "delaunay", "QH"),
-        (np.append(np.eye(3), [[1, 1, 1]], axis=0), "alpha-shape", "no triangle fits a ball"),
-    ],
-)
-def test_failures_are_named(points: np.ndarray, stage: str, problem: str) -> None:
-    with pytest.raises(StageFailure, match=problem) as failure:
-        AlphaShape().prepare(PointCloud(points))
-    assert failure.value.stage == stage
-    assert "\n" not in failure.value.problem

@@ -1,10 +1,6 @@
 from __future__ import annotations
 
-import hashlib
 import math
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -14,21 +10,12 @@ from baselines.meshlab import MeshLab
 from baselines.poisson import Poisson, trimmed
 from baselines.surface import closed_surface
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.render import render
 from data_prep.sampling import face_areas, sample_surface
-from data_prep.scene import Mesh, PointCloud, View
+from data_prep.scene import Mesh, PointCloud
 from data_prep.shapes.chair.chairs import chair
 
-RADIUS = 0.7
-
-
-def lattice_sphere(count: int = 2048) -> np.ndarray:
-    index = np.arange(count) + 0.5
-    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+from .clouds import RADIUS, chair_cloud, lattice_sphere
 
 
 def test_a_sphere() -> None:
@@ -82,60 +69,9 @@ def test_what_is_far_from_the_points_is_trimmed() -> None:
         trimmed(Mesh(vertices, faces[2:], colors[2:]), points)
 
 
-CHAIR = """
-import hashlib, numpy as np
-from baselines.poisson import Poisson
-from data_prep.shapes.chair.chairs import chair
-from data_prep.sampling import sample_surface
-rng = np.random.default_rng(3)
-mesh = Poisson().prepare(sample_surface(chair(rng), rng)).mesh
-print(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())
-"""
-
-
-def chair_cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng)
-
-
-def test_same_mesh_in_any_process_with_any_number_of_threads() -> None:
-    found = set()
-    for seed in (1, 2):
-        mesh = Poisson().prepare(chair_cloud(), np.random.default_rng(seed)).mesh
-        found.add(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())
-    for threads in ("1", "2"):
-        done = subprocess.run(
-            [sys.executable, "-c", CHAIR],
-            env=os.environ | {"OMP_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
-        )
-        found.add(done.stdout.strip())
-    assert len(found) == 1
-
-
-def test_deeper_is_finer_and_pictures_are_the_meshs() -> None:
+def test_deeper_is_finer() -> None:
     coarse, fine = (Poisson(depth).prepare(chair_cloud()) for depth in (5, 6))
     assert len(fine.mesh.faces) > 2 * len(coarse.mesh.faces)
-    views = [View(10, 20), View(-100, 0)]
-    np.testing.assert_array_equal(Poisson().draw(fine, views), to_float(render(fine.mesh, views)))
-
-
-@pytest.mark.parametrize(
-    ("points", "stage"),
-    [
-        (np.zeros((10, 3)), "input"),
-        (np.append(np.zeros((20, 3)), [[0, np.inf, 0]], axis=0), "input"),
-        (np.linspace(0, 1, 50)[:, None] * [1, 0, 0], "ball-pivoting"),
-        (np.full((50, 3), 0.3), "poisson"),
-    ],
-)
-def test_failures_are_named(points: np.ndarray, stage: str) -> None:
-    with pytest.raises(StageFailure) as failure:
-        Poisson().prepare(PointCloud(points))
-    assert failure.value.stage == stage
 
 
 def test_what_meshlab_refuses_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,13 +49,3 @@ def test_the_floor_is_white_whatever_the_cloud(points: np.ndarray) -> None:
     assert images.dtype == np.float32
     assert (images == 1.0).all()
     np.testing.assert_array_equal(to_uint8(images), blank(3))
-
-
-@pytest.mark.parametrize("method", [TrueMesh(), Blank()], ids=["true-mesh", "blank"])
-def test_neither_uses_randomness(method: TrueMesh | Blank, cloud: PointCloud) -> None:
-    rng = np.random.default_rng(2)
-    state = rng.bit_generator.state
-    expected = method.draw(method.prepare(cloud), VIEWS)
-    np.testing.assert_array_equal(method.draw(method.prepare(cloud, rng), VIEWS, rng), expected)
-    assert rng.bit_generator.state == state
-    assert method.draw(method.prepare(cloud), []).shape == (0, 128, 128, 3)

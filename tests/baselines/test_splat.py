@@ -8,8 +8,7 @@ import pytest
 from baselines.splat import Discs, Splat
 from data_prep.camera import project
 from data_prep.failures import StageFailure
-from data_prep.images import to_uint8
-from data_prep.scene import Mesh, PointCloud, View
+from data_prep.scene import PointCloud, View
 
 FRONT = View(0, 0)
 VIEWS = [FRONT, View(40, 25), View(-160, -40), View(7, 90)]
@@ -219,25 +218,3 @@ def test_impossible_clouds_fail_by_name(points: object, problem: str) -> None:
     with pytest.raises(StageFailure) as failure:
         Splat().prepare(PointCloud(points))
     assert (failure.value.stage, failure.value.problem) == ("input", problem)
-
-
-def test_pictures() -> None:
-    cloud = PointCloud(np.random.default_rng(9).normal(size=(512, 3)) / 3)
-    state = Splat().prepare(cloud)
-    images = Splat().draw(state, VIEWS)
-    assert images.shape == (4, 128, 128, 3)
-    assert images.dtype == np.float32
-    assert images.min() >= 0.35
-    assert images.max() == 1
-    assert (to_uint8(images)[:, 0, 0] == 255).all()
-
-
-def test_neither_randomness_nor_the_source_is_used() -> None:
-    points = np.random.default_rng(10).normal(size=(100, 3)) / 3
-    mesh = Mesh(np.eye(3), [[0, 1, 2]], [[0, 0, 0]])
-    expected = Splat().draw(Splat().prepare(PointCloud(points)), VIEWS)
-    rng = np.random.default_rng(11)
-    state = rng.bit_generator.state
-    found = Splat().draw(Splat().prepare(PointCloud(points, source=mesh), rng), VIEWS, rng)
-    np.testing.assert_array_equal(found, expected)
-    assert rng.bit_generator.state == state

@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-import os
 import subprocess
 import sys
 
@@ -11,38 +9,18 @@ import numpy as np
 import pytest
 
 from baselines import surface
-from baselines.meshlab import MeshLab
 from baselines.surface import Reconstruction, SurfaceApss
-from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.render import render
-from data_prep.sampling import sample_surface
 from data_prep.scene import Mesh, PointCloud, View
-from data_prep.shapes.chair.chairs import chair
-from data_prep.shapes.solids import box, join
 
-RADIUS = 0.7
-
-
-def lattice_sphere(count: int = 2048) -> PointCloud:
-    """Fibonacci's lattice: as even as points on a sphere can be."""
-    index = np.arange(count) + 0.5
-    y = 1 - 2 * index / count
-    angle = math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return PointCloud(RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1))
+from .clouds import RADIUS, lattice_sphere
 
 
 def random_sphere(count: int = 2048, seed: int = 0) -> PointCloud:
     points = np.random.default_rng(seed).normal(size=(count, 3))
     return PointCloud(RADIUS * points / np.linalg.norm(points, axis=1, keepdims=True))
-
-
-def digest(mesh: Mesh) -> str:
-    arrays = (mesh.vertices, mesh.faces, mesh.face_colors)
-    return hashlib.sha256(b"|".join(array.tobytes() for array in arrays)).hexdigest()
 
 
 # --- a sphere in closed form ----------------------------------------------------------------------
@@ -56,7 +34,7 @@ SAG = (2 * 0.062) ** 2 / (2 * RADIUS)  # 0.011
 
 @pytest.fixture(scope="module")
 def ball() -> Reconstruction:
-    return SurfaceApss(resolution=100).prepare(lattice_sphere())
+    return SurfaceApss(resolution=100).prepare(PointCloud(lattice_sphere()))
 
 
 def test_evenly_sampled_sphere(ball: Reconstruction) -> None:
@@ -117,7 +95,7 @@ def test_scale_does_not_matter(scale: float) -> None:
     # A power of two changes no digit of the coordinates; float32 and MeshLab's own constants do
     # the rest, at most a grid cell's share of the sag.
     plain, scaled = (
-        SurfaceApss(resolution=30).prepare(PointCloud(lattice_sphere().points * s)).mesh
+        SurfaceApss(resolution=30).prepare(PointCloud(lattice_sphere() * s)).mesh
         for s in (1.0, scale)
     )
     radius = np.linalg.norm(scaled.vertices.astype(np.float64), axis=1) / scale
@@ -125,90 +103,14 @@ def test_scale_does_not_matter(scale: float) -> None:
     assert len(scaled.faces) == len(plain.faces)
 
 
-# --- the same bytes -------------------------------------------------------------------------------
-
-CHAIR = """
-import hashlib, numpy as np
-from baselines.surface import SurfaceApss
-from data_prep.shapes.chair.chairs import chair
-from data_prep.sampling import sample_surface
-rng = np.random.default_rng(3)
-cloud = sample_surface(chair(rng), rng)
-for again in (None, np.random.default_rng(1), np.random.default_rng(2)):
-    mesh = SurfaceApss(resolution=60).prepare(cloud, again).mesh
-    arrays = (mesh.vertices, mesh.faces, mesh.face_colors)
-    print(hashlib.sha256(b"|".join(array.tobytes() for array in arrays)).hexdigest())
-"""
-
-
-def chair_cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng)
-
-
-def test_same_mesh_in_any_process_with_any_number_of_threads() -> None:
-    """In processes like the workers of a run, whose memory glibc fills.
-
-    MeshLab's APSS reads memory that it has not written: in a process that has used and freed
-    memory, as this one has, a mesh may differ (CONTRIBUTING, Native libraries).
-    """
-    found = []
-    for threads in ("1", "2"):
-        done = subprocess.run(
-            [sys.executable, "-c", CHAIR],
-            env=os.environ | dict(WORKER_ENVIRONMENT) | {"OMP_NUM_THREADS": threads},
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
-        )
-        found += done.stdout.split()
-    assert len(found) == 6
-    assert len(set(found)) == 1
-
-
-def test_the_cloud_stays_and_its_source_is_not_looked_at() -> None:
-    cloud = chair_cloud()
-    before = cloud.points.copy()
-    known = SurfaceApss(resolution=40).prepare(cloud)
-    unknown = SurfaceApss(resolution=40).prepare(PointCloud(before))
-    assert digest(known.mesh) == digest(unknown.mesh)
-    np.testing.assert_array_equal(cloud.points, before)
-
-
-def test_pictures_are_the_meshs() -> None:
-    views = [View(10, 20), View(-100, 0)]
-    state = SurfaceApss(resolution=40).prepare(chair_cloud())
-    images = SurfaceApss().draw(state, views, np.random.default_rng(0))
-    assert images.dtype == np.float32
-    assert images.shape == (2, 128, 128, 3)
-    np.testing.assert_array_equal(images, to_float(render(state.mesh, views)))
-    assert SurfaceApss().draw(state, []).shape == (0, 128, 128, 3)
-
-
 def test_a_finer_grid_gives_more_faces(ball: Reconstruction) -> None:
-    coarse = SurfaceApss(resolution=50).prepare(lattice_sphere()).mesh
+    coarse = SurfaceApss(resolution=50).prepare(PointCloud(lattice_sphere())).mesh
     # A surface crosses a number of cells that grows with the square of the resolution; where the
     # grid begins and ends is a cell or two of a hundred.
     assert len(ball.mesh.faces) / len(coarse.faces) == pytest.approx(4, rel=0.04)
 
 
 # --- vertices that are not finite -----------------------------------------------------------------
-
-
-def test_box_that_apss_cannot_finish() -> None:
-    cloud = sample_surface(join([box((0, 0, 0), (1, 1, 1), (9, 9, 9))]), np.random.default_rng(0))
-    result = SurfaceApss(resolution=100).prepare(cloud)
-    assert np.isfinite(result.mesh.vertices).all()
-    render(result.mesh, [View(0, 0)])
-    # MeshLab 2025.7 leaves 14 faces of 124,477 with a vertex that is not finite.
-    assert len(result.mesh.faces) > 100_000
-    if not result.notes:
-        pytest.skip("this version of MeshLab finishes the box: another example is needed")
-    (note,) = result.notes
-    dropped, total = (int(word) for word in note.split() if word.isdigit())
-    assert total - dropped == len(result.mesh.faces)
-    assert 0 < dropped < 100
 
 
 class FakeMeshLab:
@@ -434,22 +336,5 @@ def test_ugly_clouds_give_a_mesh_of_their_size(degenerate: dict[str, list], name
     assert 0.5 < reach < 2
 
 
-# --- MeshLab's own record -------------------------------------------------------------------------
-
-
 def test_default_resolution_is_the_papers() -> None:
     assert SurfaceApss() == SurfaceApss(resolution=200)
-
-
-def test_the_chain_runs_on_meshlab_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    used: list[MeshLab] = []
-
-    class Watched(MeshLab):
-        def __init__(self, points: np.ndarray) -> None:
-            super().__init__(points)
-            used.append(self)
-
-    monkeypatch.setattr(surface, "MeshLab", Watched)
-    mesh = SurfaceApss(resolution=30).prepare(lattice_sphere(500)).mesh
-    (meshlab,) = used
-    assert meshlab.face_count == len(mesh.faces)

@@ -5,17 +5,10 @@ import pytest
 
 from baselines.surface import SurfaceBpa, closed_surface
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
 from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.render import render
-from data_prep.sampling import sample_surface
-from data_prep.scene import PointCloud, View
-from data_prep.shapes.chair.chairs import chair
+from data_prep.scene import PointCloud
 
-
-def chair_cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng)
+from .clouds import chair_cloud
 
 
 def test_it_is_the_papers_chain_up_to_its_third_stage() -> None:
@@ -25,15 +18,6 @@ def test_it_is_the_papers_chain_up_to_its_third_stage() -> None:
     np.testing.assert_array_equal(state.mesh.faces, expected.faces)
     np.testing.assert_array_equal(state.mesh.vertices, cloud.points)  # none is made or moved
     assert state.notes == ()
-    views = [View(20, 10), View(-130, 30)]
-    np.testing.assert_array_equal(
-        SurfaceBpa().draw(state, views), to_float(render(state.mesh, views))
-    )
-
-
-def test_twice_the_same() -> None:
-    one, other = (SurfaceBpa().prepare(chair_cloud()).mesh for _ in range(2))
-    np.testing.assert_array_equal(one.faces, other.faces)
 
 
 @pytest.mark.parametrize("side", [0.01, 0.1])
@@ -48,17 +32,3 @@ def test_the_radius_is_a_share_of_the_diagonal(side: float) -> None:
     with pytest.raises(StageFailure, match="no faces") as failure:
         SurfaceBpa(radius_percent=0.97 * least).prepare(cloud)
     assert failure.value.stage == "ball-pivoting"
-
-
-@pytest.mark.parametrize(
-    ("points", "stage"),
-    [
-        (np.zeros((10, 3)), "input"),
-        (np.append(np.zeros((20, 3)), [[np.nan, 0, 0]], axis=0), "input"),
-        (np.linspace(0, 1, 50)[:, None] * [1, 0, 0], "ball-pivoting"),
-    ],
-)
-def test_failures_are_named(points: np.ndarray, stage: str) -> None:
-    with pytest.raises(StageFailure) as failure:
-        SurfaceBpa().prepare(PointCloud(points))
-    assert failure.value.stage == stage

@@ -14,30 +14,16 @@ from baselines.meshlab import GRID_MARGIN, MeshLab
 from baselines.surface_fit import FOOTPRINT, SurfaceFit, in_sight, resolution, thinned
 from data_prep.camera import project
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
-from data_prep.render import render
-from data_prep.sampling import face_areas, sample_surface
+from data_prep.sampling import face_areas
 from data_prep.scene import Mesh, PointCloud, View
-from data_prep.shapes.chair.chairs import chair
 
-RADIUS = 0.7
+from .clouds import RADIUS, chair_cloud, lattice_sphere
+
 CELL = 2.25 * FOOTPRINT
-
-
-def lattice_sphere(count: int) -> np.ndarray:
-    index = np.arange(count) + 0.5
-    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
-    ring = np.sqrt(1 - y * y)
-    return RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
 
 
 def digest(mesh: Mesh) -> str:
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
-
-
-def chair_cloud() -> PointCloud:
-    rng = np.random.default_rng(3)
-    return sample_surface(chair(rng), rng)
 
 
 # --- how finely it looks --------------------------------------------------------------------------
@@ -147,10 +133,9 @@ print(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
 """
 
 
-@pytest.mark.parametrize("fill", ["255", "1", "170"])
-def test_same_mesh_whatever_memory_held_before(fill: str) -> None:
+def test_same_mesh_whatever_memory_held_before() -> None:
     """Unlike that of `surface-apss`: see `apss_reads_unwritten_memory` in test_library_defects."""
-    tunables = f"glibc.malloc.perturb={fill}:glibc.malloc.tcache_count=0"
+    tunables = "glibc.malloc.perturb=170:glibc.malloc.tcache_count=0"
     done = subprocess.run(
         [sys.executable, "-c", CHAIR],
         env=os.environ | {"GLIBC_TUNABLES": tunables},
@@ -187,33 +172,7 @@ def test_far_outliers_are_noted_and_change_nothing(distance: float) -> None:
     assert noted.notes == ("input: 2 of 2050 points left out, they lie beyond the camera",)
 
 
-def test_pictures_are_the_meshs() -> None:
-    state = SurfaceFit().prepare(chair_cloud(), np.random.default_rng(0))
-    views = [View(10, 20), View(-100, 0)]
-    images = SurfaceFit().draw(state, views, np.random.default_rng(0))
-    np.testing.assert_array_equal(images, to_float(render(state.mesh, views)))
-
-
 # --- every failure has a name ---------------------------------------------------------------------
-
-
-def test_the_stages_are_the_papers(monkeypatch: pytest.MonkeyPatch) -> None:
-    log: list[object] = []
-
-    class Watched(MeshLab):
-        def _apply(self, name: str, **parameters: object) -> None:
-            log.append((name, parameters.get("resolution"), parameters.get("projectionaccuracy")))
-            super()._apply(name, **parameters)
-
-    monkeypatch.setattr(surface, "MeshLab", Watched)
-    cloud = PointCloud(lattice_sphere(1000))
-    SurfaceFit().prepare(cloud)
-    assert log == [
-        ("compute_normal_for_point_clouds", None, None),
-        ("generate_surface_reconstruction_ball_pivoting", None, None),
-        ("meshing_close_holes", None, None),
-        ("generate_marching_cubes_apss", resolution(cloud.points, CELL), 0.0),
-    ]
 
 
 def test_a_refusal_of_apss_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,24 +183,3 @@ def test_a_refusal_of_apss_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(surface, "MeshLab", Refuses)
     with pytest.raises(StageFailure, match="apss: MeshLab says no"):
         SurfaceFit().prepare(PointCloud(lattice_sphere(1000)))
-
-
-FEW = "where the camera looks, a cube each; normals need at least 11"
-
-
-@pytest.mark.parametrize(
-    ("points", "stage", "problem"),
-    [
-        (np.eye(3), "input", "3 points; normals need at least 11"),
-        (np.append(np.eye(20, 3), [[np.nan, 0, 0]], axis=0), "input", "1 of 21 points are not"),
-        (np.full((50, 3), 0.3), "input", f"1 of 50 points are left {FEW}"),
-        (lattice_sphere(500) * 1e-3, "input", f"8 of 500 points are left {FEW}"),
-        (lattice_sphere(500) + np.array([9, 0, 0]), "input", f"0 of 500 points are left {FEW}"),
-        (np.linspace(-1, 1, 500)[:, None] * [1, 0, 0], "ball-pivoting", "no faces"),
-        (lattice_sphere(500) * [1, 1, 0], "apss", "no faces"),
-    ],
-)
-def test_failures_are_named(points: np.ndarray, stage: str, problem: str) -> None:
-    with pytest.raises(StageFailure, match=problem) as failure:
-        SurfaceFit().prepare(PointCloud(points))
-    assert failure.value.stage == stage

@@ -20,8 +20,8 @@ EPS = float(np.finfo(np.float64).eps)
 POSE = 16 * EPS
 # Pixels: coordinates of order 10 times 232 over a depth of 3 or more, from entries as above.
 PIXELS = 1000 * POSE
-AZIMUTHS = (-180, -179.9, -90, -33.3, 0, 0.1, 45, 90, 180)
-VIEWS = [View(a, e) for a in AZIMUTHS for e in (-90, -89.999, -40, 0, 12.5, 40, 90)]
+AZIMUTHS = (-180, -33.3, 0, 90)
+VIEWS = [View(a, e) for a in AZIMUTHS for e in (-90, -40, 12.5, 90)]
 
 
 @pytest.fixture(params=VIEWS, ids=lambda v: f"{v.azimuth_deg}/{v.elevation_deg}")
@@ -134,8 +134,7 @@ def test_poles_continue_their_neighbourhood(azimuth: float, pole: float) -> None
         assert np.abs(near[:3, 3] - at[:3, 3]).max() <= 4 * (moved + POSE)
 
 
-@pytest.mark.parametrize("azimuth", [-180, -90, 0, 12.5, 180])
-@pytest.mark.parametrize("turns", [-3, -1, 1, 2, 1000])
+@pytest.mark.parametrize(("azimuth", "turns"), [(-180, 1), (12.5, -3), (90, 1000)])
 def test_azimuth_is_periodic(azimuth: float, turns: int) -> None:
     # The angle is reduced before it becomes radians: a thousand turns cost no digits.
     once, again = (camera_to_world(View(azimuth + 360 * k, 20)) for k in (0, turns))

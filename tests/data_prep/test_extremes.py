@@ -22,7 +22,7 @@ from data_prep.extremes import (
     TwoClusters,
     UnitBox,
 )
-from data_prep.sampling import face_areas, sample_surface
+from data_prep.sampling import face_areas
 from data_prep.scene import Mesh, PointCloud, View
 
 SOURCE = Mesh(
@@ -183,10 +183,3 @@ def test_whole_numbers(cloud, rng):
     # half a millimetre, of the point and of the centre, in a cloud of radius above 0.5; and as
     # much again by the radius
     assert 1e-5 < np.abs(rounded - plain).max() < 4 * 0.0005 / 0.5
-
-
-def test_a_real_sample_of_the_source_is_used(cloud):
-    for count in (2049, 4000):
-        made = Count(count).apply(cloud, np.random.default_rng(3))
-        expected = sample_surface(SOURCE, np.random.default_rng(3), count)
-        assert np.array_equal(made.points, expected.points)

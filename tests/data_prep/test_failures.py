@@ -23,7 +23,7 @@ def test_failures_cross_process_boundaries(failure: Exception) -> None:
     assert vars(found) == vars(failure)
 
 
-def test_the_users_to_mend_and_results_are_told_apart() -> None:
+def test_the_users_errors_are_distinct_from_results() -> None:
     assert issubclass(MissingDependency, BadInput)
     assert issubclass(BadInput, ValueError)
     assert not issubclass(StageFailure, ValueError)

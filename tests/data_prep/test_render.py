@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import subprocess
@@ -76,13 +75,6 @@ def test_background_is_exactly_white() -> None:
     away = np.abs(np.arange(128) + 0.5 - 64) > reach
     assert (image[away] == 255).all()
     assert (image[:, away] == 255).all()
-
-
-def test_shape_and_type() -> None:
-    images = render(plate(), VIEWS)
-    assert images.shape == (len(VIEWS), 128, 128, 3)
-    assert images.dtype == np.uint8
-    assert render(plate(), []).shape == (0, 128, 128, 3)
 
 
 def test_mesh_without_faces_is_white() -> None:
@@ -336,27 +328,7 @@ def test_first_hit_faces_agree_with_a_ray_caster(seed: int, view: View) -> None:
 CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 
 
-def test_more_vertices_than_sixteen_bits_can_count() -> None:
-    side = np.linspace(-0.5, 0.5, 300)
-    x, y = np.meshgrid(side, side, indexing="ij")
-    vertices = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-    i, j = np.mgrid[:299, :299]
-    first = (300 * i + j).ravel()
-    faces = np.stack([first, first + 1, first + 301, first, first + 301, first + 300], 1)
-    image = picture(colored(vertices, faces.reshape(-1, 3)))
-    reach = math.floor(232 * 0.5 / 4 - CLEAR_PX)
-    assert (image[64 - reach : 64 + reach, 64 - reach : 64 + reach] == (180, 120, 60)).all()
-
-
 # --- the same bytes -------------------------------------------------------------------------------
-
-
-def test_views_do_not_depend_on_their_neighbours() -> None:
-    mesh = chair(np.random.default_rng(1))
-    at_once = render(mesh, VIEWS)
-    apart = np.concatenate([render(mesh, [view]) for view in reversed(VIEWS)])[::-1]
-    np.testing.assert_array_equal(at_once, apart)
-    assert len({image.tobytes() for image in at_once}) == len(VIEWS)
 
 
 def test_views_may_be_more_than_a_sheet_holds() -> None:
@@ -393,37 +365,6 @@ def test_colours_at_shared_vertices() -> None:
 
 
 BOTH = [[200, 0, 0], [0, 0, 200]]
-
-
-def test_plus_and_minus_180_are_one_picture() -> None:
-    mesh = chair(np.random.default_rng(1))
-    images = render(mesh, [View(180, 20), View(-180, 20), View(540, 20)])
-    np.testing.assert_array_equal(images[1:], images[[0, 0]])
-
-
-SCENE = """
-import hashlib, numpy as np
-from data_prep.shapes.chair.chairs import chair
-from data_prep.render import render
-from data_prep.scene import View
-mesh = chair(np.random.default_rng(7))
-images = render(mesh, [View(a, e) for a, e in ((0, 0), (123, -40), (-180, 90))])
-print(hashlib.sha256(images.tobytes()).hexdigest())
-"""
-
-
-def test_same_bytes_in_any_process_with_any_number_of_threads() -> None:
-    mesh = chair(np.random.default_rng(7))
-    views = [View(0, 0), View(123, -40), View(-180, 90)]
-    here = {hashlib.sha256(render(mesh, views).tobytes()).hexdigest() for _ in range(2)}
-    there = subprocess.run(
-        [sys.executable, "-c", SCENE],
-        env=os.environ | {"LP_NUM_THREADS": "2"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert here == {there.stdout.strip()}
 
 
 # --- the driver -----------------------------------------------------------------------------------

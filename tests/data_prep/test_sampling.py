@@ -118,26 +118,12 @@ def test_strides_and_halves_are_uniform_samples_too() -> None:
 
 
 def test_uniform_within_a_face() -> None:
-    # Cut each side in 8: 64 congruent triangles, told apart by the floors of the three weights.
+    # Cut each side in 8: 64 congruent triangles, distinguished by the floors of the three weights.
     points = sample_surface(mesh_of([TRIANGLE]), np.random.default_rng(4), COUNT).points
     cells = np.floor(np.clip(barycentric(points.astype(np.float64)), 0, 1 - 1e-9) * 8)
     _, observed = np.unique(cells, axis=0, return_counts=True)
     assert len(observed) == 64
     chi_square_passes(observed, np.ones(64))
-
-
-def test_moments_of_a_triangle() -> None:
-    points = sample_surface(mesh_of([TRIANGLE]), np.random.default_rng(5), COUNT).points
-    points = points.astype(np.float64)
-    centre = TRIANGLE.mean(axis=0)
-    # Covariance of the uniform distribution on a triangle: sum over corners (v - c)(v - c)^T / 12.
-    covariance = (TRIANGLE - centre).T @ (TRIANGLE - centre) / 12
-    error = SIGMAS * np.sqrt(np.diag(covariance) / COUNT)
-    assert (np.abs(points.mean(axis=0) - centre) <= error + ROUNDING).all()
-    # The mean of products has their deviation over sqrt(n), estimated from themselves.
-    products = (points - centre)[:, :, None] * (points - centre)[:, None, :]
-    error = SIGMAS * products.std(axis=0) / math.sqrt(COUNT)
-    assert (np.abs(products.mean(axis=0) - covariance) <= error + 2 * ROUNDING).all()
 
 
 def test_faces_without_area_get_no_points() -> None:

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -140,13 +138,3 @@ def test_views_within_the_limits(azimuth: float, elevation: float) -> None:
 def test_impossible_views(azimuth: float, elevation: float, what: str) -> None:
     with pytest.raises(ValueError, match=what):
         View(azimuth, elevation)
-
-
-def test_needs_numpy_only() -> None:
-    code = (
-        "import sys, data_prep.scene\n"
-        "tops = {name.partition('.')[0] for name in sys.modules}\n"
-        "print(sorted(tops & {'numpy', 'scipy', 'trimesh', 'pyrender', 'OpenGL', 'torch', 'PIL'}))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "['numpy']"

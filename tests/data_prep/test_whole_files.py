@@ -53,7 +53,7 @@ def test_interrupted(
     assert there(tmp_path) == old
 
 
-def test_the_reason_is_told_also_where_nothing_can_be_removed(tmp_path: Path) -> None:
+def test_the_reason_is_raised_also_where_nothing_can_be_removed(tmp_path: Path) -> None:
     def interrupted() -> None:
         with whole_file(tmp_path / "a.bin") as new:
             new.unlink()

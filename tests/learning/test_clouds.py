@@ -40,7 +40,7 @@ def test_every_point_is_drawn_as_often():
 
 @pytest.mark.parametrize(("most", "clean_share"), [(0.1, 0.5), (0.12, 0.4), (3.0, 0.0)])
 def test_noise_is_as_stated(most, clean_share):
-    # what is left of nought is the noise
+    # what is added to zero is the noise
     noise = add_noise(torch.zeros(2000, 500, 3), most, clean_share, seeded())
     sigma = noise.flatten(1).std(dim=1)
     clean = sigma == 0

@@ -23,7 +23,7 @@ def seeded(seed=0):
 
 
 def test_degraded_clouds_are_fewer_and_noisy_as_stated():
-    clouds = torch.zeros(400, 2048, 3)  # what is left of nought is the noise
+    clouds = torch.zeros(400, 2048, 3)  # what is added to zero is the noise
     seen = {}
     random = seeded()
     for _ in range(12):

@@ -56,8 +56,7 @@ def test_history_takes_the_place_of_what_was_logged_before_a_resume():
     assert verdicts([499.0], Watch({"loss": np.array(values)}))[0] is None
 
 
-@pytest.mark.parametrize("resumed", [False, True])
-def test_an_explosion_stops_the_training(tmp_path, monkeypatch, resumed):
+def test_an_explosion_stops_a_resumed_training(tmp_path, monkeypatch):
     calls = []
 
     def chamfer(a, b):
@@ -72,10 +71,8 @@ def test_an_explosion_stops_the_training(tmp_path, monkeypatch, resumed):
             AutoencoderData(make_clouds(2)), config, tmp_path
         )
 
-    if resumed:
-        start(22)
-    good = 22 if resumed else 20
-    message = rf"step 25: chamfer is .*, \d+ times what it was; last good checkpoint: step {good},"
+    start(22)
+    message = r"step 25: chamfer is .*, \d+ times what it was; last good checkpoint: step 22,"
     with pytest.raises(TrainingDiverged, match=message):
         start(40)
     assert math.isfinite(float((tmp_path / "losses.csv").read_text().split(",")[-1]))

@@ -143,7 +143,7 @@ def test_spectral_norm_stays_float32_under_autocast():
 POINTNET = ModelConfig(0.0625, 8, "pointnet", "sine-cosine")
 
 
-def test_pointnet_heeds_neither_order_nor_repetition():
+def test_pointnet_depends_on_neither_order_nor_repetition():
     encoder = build_encoder(POINTNET)
     assert isinstance(encoder, PointNet)
     clouds = torch.randn(2, 300, 3, generator=torch.Generator().manual_seed(0))
@@ -160,7 +160,7 @@ def test_pointnet_takes_any_number_of_points():
         assert encoder(torch.randn(1, count, 3)).isfinite().all()
 
 
-def test_the_papers_encoder_heeds_order():
+def test_the_papers_encoder_depends_on_order():
     encoder = build_encoder(TINY)
     assert isinstance(encoder, Encoder)
     clouds = torch.randn(1, 2048, 3, generator=torch.Generator().manual_seed(0))

@@ -130,12 +130,7 @@ def test_what_the_network_cannot_make_sense_of_fails_by_name(points):
         pc2pix.draw_cloud(points, renderer=Refusing())
 
 
-def test_the_package_is_light_and_says_what_it_has():
-    code = (
-        "import sys, pc2pix; assert not {'numpy', 'torch'} & set(sys.modules); "
-        "assert pc2pix.draw_cloud and pc2pix.turntable; assert 'torch' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
+def test_a_name_that_the_package_has_not():
     with pytest.raises(AttributeError, match="module 'pc2pix' has no attribute 'draw'"):
         pc2pix.draw  # noqa: B018
 

@@ -84,12 +84,6 @@ def test_the_first_loss_is_chamfer_of_whitened_codes(start, weights, tmp_path):
     assert read_losses(tmp_path)[0] == pytest.approx(expected, rel=1e-5)
 
 
-def test_other_weights_are_not_continued(start, tmp_path):
-    start(tmp_path, steps=1)
-    with pytest.raises(BadInput, match=r"trained with weights = .*, asked for '0000"):
-        start(tmp_path, steps=2, weights="0" * 64)
-
-
 def test_round_trip(own, weights, tmp_path):
     decoder, sha256 = load_decoder(own, load_weights(own))
     assert sha256 == file_sha256(tmp_path / "own-decoder.safetensors")
@@ -151,12 +145,3 @@ def test_wrong_content(own, weights, change, message):
     text = refusal(own, weights)
     assert message in text
     assert "bench train decoder" in text
-
-
-def test_values_beyond_float16_are_not_exported(start, tmp_path):
-    state, step, config = checkpoint.load(start(tmp_path, steps=1), "decoder")
-    state["decoder.layers.1.weight"].fill_(1e6)
-    path = tmp_path / "big.safetensors"
-    checkpoint.save(path, "decoder", step, config, state)
-    with pytest.raises(BadInput, match=r"layers\.1\.weight reaches 1e\+06"):
-        export_decoder(path, tmp_path / "out.safetensors")

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
-import stat
 
 import numpy as np
 import pytest
@@ -17,11 +15,9 @@ from pc2pix.model import Encoder, ModelConfig, build_encoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
 from pc2pix.train_gan import GanConfig, GanData
 from pc2pix.weights import export, load_weights
+from tests.learning.trainings import trainer_of
 
 from .conftest import TINY, make_clouds
-
-CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
-
 
 PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
 
@@ -31,56 +27,11 @@ def read_log(out_dir):
         return list(csv.reader(file))
 
 
-def test_other_data_is_refused(tmp_path):
-    config = AutoencoderConfig(model=TINY, steps=1, batch=2)
-    train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
-    with pytest.raises(BadInput, match="data ="):
-        train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(3)), config, tmp_path)
-
-
-def test_nan_stops_with_step_and_checkpoint(tmp_path, monkeypatch):
-    calls = []
-
-    def chamfer(a, b):
-        calls.append(None)
-        return (a - b).square().mean() * (math.nan if len(calls) == 4 else 1)
-
-    monkeypatch.setattr(train_autoencoder, "chamfer", chamfer)
-    config = AutoencoderConfig(model=TINY, steps=9, batch=2, cadence=CADENCE)
-    with pytest.raises(TrainingDiverged, match=r"step 4: chamfer is nan; .*: step 2, .*safetens"):
-        train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
-
-
 def test_non_finite_weights_are_never_saved(tmp_path):
     config = AutoencoderConfig(model=TINY, steps=1, batch=2, learning_rate=math.inf)
     with pytest.raises(TrainingDiverged, match=r"step 1: a weight is NaN.*no checkpoint yet"):
         train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
     assert not (tmp_path / checkpoint.FILE_NAME).exists()
-
-
-def test_a_failed_write_leaves_the_old_checkpoint(tmp_path, monkeypatch):
-    path = tmp_path / "c.safetensors"
-    checkpoint.save(path, "gan", 1, {}, {"x": torch.zeros(3)})
-
-    def half_written(tensors, name, metadata):
-        name.write_bytes(b"half")
-        raise OSError("no space left on device")
-
-    monkeypatch.setattr("safetensors.torch.save_file", half_written)
-    with pytest.raises(OSError, match="no space"):
-        checkpoint.save(path, "gan", 2, {}, {"x": torch.ones(3)})
-    assert checkpoint.load(path, "gan")[1] == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["c.safetensors"]
-
-
-def test_a_checkpoint_may_be_read_by_all_whom_the_umask_lets(tmp_path):
-    path = tmp_path / "c.safetensors"
-    before = os.umask(0o022)
-    try:
-        checkpoint.save(path, "gan", 1, {}, {"x": torch.zeros(3)})
-    finally:
-        os.umask(before)
-    assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
 def test_checkpoints_of_another_kind_are_refused(gan_checkpoint):
@@ -174,16 +125,16 @@ def test_the_card_says_the_learning_rates_that_there_were(paired_checkpoint, tmp
     assert load_weights(tmp_path / "w.safetensors").card["learning_rates"] == expected
 
 
-def test_paired_starts_without_a_word_from_the_noise(gan_data):
+def test_paired_starts_without_noise(gan_data, tmp_path):
     encoder = seeded(0, lambda: build_encoder(PAIRED))
     config = GanConfig(model=PAIRED, objective="paired")
-    trainer = train_gan._GanTrainer(gan_data, encoder, config, torch.device("cpu"))
+    trainer = trainer_of(train_gan.train_gan, gan_data, encoder, config, tmp_path)
     weight = trainer.generator.dense.weight
     assert (weight[:, :128] == 0).all()
     assert (weight[:, 128:] != 0).any()
 
 
-def test_the_reconstruction_term_pulls_a_drawn_picture_to_the_real_one(gan_data):
+def test_the_reconstruction_term_pulls_a_drawn_picture_to_the_real_one(gan_data, tmp_path):
     """One object, one view: the error must fall to a fraction of what it was."""
     one = GanData(
         np.full((1, 1, 128, 128, 3), 255, np.uint8),
@@ -194,6 +145,6 @@ def test_the_reconstruction_term_pulls_a_drawn_picture_to_the_real_one(gan_data)
     one.images[0, 0, 32:96, 32:96] = (200, 40, 90)
     encoder = seeded(0, lambda: build_encoder(PAIRED))
     config = GanConfig(model=PAIRED, objective="paired", warm_up=99, batch=2, generator_lr=1e-3)
-    trainer = train_gan._GanTrainer(one, encoder, config, torch.device("cpu"))
+    trainer = trainer_of(train_gan.train_gan, one, encoder, config, tmp_path)
     errors = [trainer.take_step()["reconstruction"] for _ in range(60)]
     assert np.mean(errors[-5:]) < 0.25 * np.mean(errors[:5])

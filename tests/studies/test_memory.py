@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,9 +12,6 @@ from studies.memory import (
     growth,
     measure_merging,
     own_peak,
-    read_csv,
-    to_markdown,
-    write_csv,
 )
 
 pytestmark = [pytest.mark.slow, pytest.mark.memory]
@@ -50,17 +45,3 @@ def test_merged_rows_give_the_distance_of_all_at_once() -> None:
     x, y = (np.concatenate(list(blocks(s, 2500, f))) for s, f in ((1, 1.0), (2, 1.2)))
     assert found.distance == pytest.approx(frechet_distance(x, y), rel=1e-9)
     assert found.difference < 1e-9
-
-
-def test_the_table_says_what_is_flat(tmp_path: Path) -> None:
-    peaks = [peak(), peak("resumed"), peak(images=20_000, end=345.0)]
-    peaks.append(peak("resumed", 20_000, 303.0))
-    write_csv(tmp_path / "memory.csv", peaks)
-    assert read_csv(tmp_path / "memory.csv") == peaks
-    assert read_csv(tmp_path / "none.csv") == []
-    lines = to_markdown(peaks).splitlines()
-    assert lines[2] == "| drawn | 25 | 1000 | 12 | 200 | 300 |"
-    assert lines[-2:] == [
-        "drawn: +15.0% from the fewest images to the most, not flat",
-        "resumed: +1.0% from the fewest images to the most, flat",
-    ]

@@ -6,22 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from bench.checking.tolerances import Tolerance
-from data_prep.failures import BadInput
 from studies import noise_floor
 from studies.noise_floor import (
     BATCHES,
     CEILING,
-    DRIVERS,
     METHODS,
     METRICS,
     THREADS,
     TURN,
-    Floor,
     Study,
     cells,
-    make_scene,
-    to_markdown,
 )
 
 
@@ -88,29 +82,3 @@ def test_a_turn_moves_the_truth_as_well(study):
     assert of[CEILING, "elevation-error-deg"].moved > 0  # other pictures are judged
     assert 0 < of["splat", "ssim"].moved < 0.01
     assert {f.source for f in floors} == {TURN}
-
-
-def test_scenes():
-    one, same, other = (make_scene(2, 3, seed, "2048") for seed in (0, 0, 1))
-    assert one.views == same.views != other.views
-    assert np.array_equal(one.clouds[0].points, same.clouds[0].points)
-    assert not np.array_equal(one.clouds[0].points, other.clouds[0].points)
-    assert np.array_equal(one.meshes[1].vertices, other.meshes[1].vertices)
-    half = make_scene(2, 3, 0, "1024")
-    assert np.array_equal(half.clouds[0].points, one.clouds[0].points[::2])
-    with pytest.raises(BadInput, match="condition"):
-        make_scene(1, 1, 0, "204")
-
-
-def test_the_page(monkeypatch):
-    allowed = Tolerance(0.001, 0.01, "for the test")
-    monkeypatch.setattr(noise_floor, "tolerance", lambda method, metric: allowed)
-    floors = [
-        Floor(source, "splat", metric, 2.0, moved)
-        for source, moved in zip(DRIVERS, (0.014, 0.007, 0.0001), strict=True)
-        for metric in METRICS
-    ]
-    page = to_markdown(floors, 24, 10, 6, "2048")
-    assert "--chairs 24 --views 10 --seeds 6 --condition 2048" in page
-    # 0.001 + 1 % of 2 is 0.021; the largest move is two thirds of that
-    assert "| splat | ssim | 2 | 0.014 | 0.007 | 0.0001 | 0.021 | 0.67 |" in page

@@ -11,10 +11,8 @@ from data_prep.sampling import random_views
 from data_prep.scene import Mesh, View
 from studies.plain_pyrender import render_plainly
 from studies.render_speed import (
-    describe,
     in_turns,
     parts_of,
-    procedural_chairs,
     renderers,
     sphere,
 )
@@ -48,13 +46,6 @@ def test_contexts_do_not_disturb_each_other():
     before = render(mesh, VIEWS)
     render_plainly(soup(1.0, 400), VIEWS[:2])
     np.testing.assert_array_equal(render(mesh, VIEWS), before)
-
-
-def test_spheres_and_chairs():
-    assert [len(sphere(n).faces) for n in (1, 3)] == [80, 1280]
-    chairs = procedural_chairs()
-    assert len(chairs) == 24
-    assert describe(chairs[:1]) == (f"{(n := len(chairs[0].faces))} to {n} faces, median {n}")
 
 
 class FakePool:

@@ -14,9 +14,7 @@ from bench.running.work import cloud_of, rng_of
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.images import blank
-from data_prep.randomness import generator
 from data_prep.scene import View
-from data_prep.shapes.chair.spec import draw_chair_spec
 from studies import view_consistency
 from studies.view_consistency import (
     SHOWN_CONDITIONS,
@@ -24,8 +22,6 @@ from studies.view_consistency import (
     STRIP,
     TOO_LITTLE,
     TOO_MUCH,
-    VIEWS,
-    Row,
     Tally,
     Task,
     boundary,
@@ -34,15 +30,12 @@ from studies.view_consistency import (
     estimates,
     failures,
     flicker,
-    measure,
     offsets,
     open_sides,
     rows_of,
     slatted_chair,
     statistics,
     tint,
-    to_csv,
-    to_markdown,
 )
 
 SIZE = 128
@@ -201,15 +194,6 @@ def test_where_nothing_is_drawn():
     assert (flicker(true, seen) == np.inf).sum() == 3 * open_sides(true[:1]).sum()
 
 
-def test_the_views_are_a_full_turn_in_equal_steps():
-    azimuths = np.array([view.azimuth_deg for view in VIEWS])
-    assert len(VIEWS) == 72
-    assert (np.diff(np.append(azimuths, azimuths[0])) % 360 == 5).all()
-    assert azimuths.min() >= -180
-    assert azimuths.max() <= 180
-    assert {view.elevation_deg for view in VIEWS} == {20.0}
-
-
 # --- percentiles and intervals --------------------------------------------------------------------
 
 
@@ -226,12 +210,6 @@ def test_statistics_of_a_tally_are_those_of_its_values():
     assert tally.counts.sum() == 997
 
 
-def test_a_hundred_values_worked_by_hand():
-    tally = Tally.of(np.array([0.0] * 50 + [2.0] * 45 + [7.0] * 4 + [np.inf]))
-    assert statistics(tally.values, tally.counts).tolist() == [0.0, 2.0, 7.0, 0.95]
-    assert np.isnan(statistics(np.empty(0), np.empty(0, np.int64))).all()
-
-
 def test_two_objects_worked_by_hand():
     # Of the resamples a quarter holds each object twice, the others one of each.
     found = estimates([Tally.of(np.zeros(30)), Tally.of(np.full(10, 4.0))])
@@ -239,12 +217,6 @@ def test_two_objects_worked_by_hand():
     assert value == {"p50": 0.0, "p95": 4.0, "p99": 4.0, "within-2px": 0.75}
     assert low == {"p50": 0.0, "p95": 0.0, "p99": 0.0, "within-2px": 0.0}
     assert high == {"p50": 4.0, "p95": 4.0, "p99": 4.0, "within-2px": 1.0}
-
-
-def test_one_object_has_no_interval():
-    value, *ends = estimates([Tally.of(np.array([1.0, 3.0]))])
-    assert value.tolist() == [1.0, 3.0, 3.0, 0.5]
-    assert np.isnan(ends).all()
 
 
 def test_infinite_values_have_a_place_in_an_interval():
@@ -272,29 +244,6 @@ def test_failed_objects_are_counted_and_named():
     assert rows_of("splat", "512", [Failed("draw: none")]) == []
     message = failures({("splat", "512"): RESULTS})
     assert message == "- splat, 512, test-0001: timeout: no result\n"
-
-
-def test_the_tables():
-    rows = rows_of("splat", "512", RESULTS)
-    lines = to_markdown(rows).splitlines()
-    assert lines[4] == (
-        "| splat | 512 | 1.00 [1.00, 3.00] | 3.00 [1.00, 3.00] | 3.00 [1.00, 3.00] "
-        "| 50.0% [0.0%, 100.0%] | 2/3 |"
-    )
-    assert lines[-1].endswith("| 0.00 [0.00, 0.00] | 100.0% [100.0%, 100.0%] | 2/3 |")
-    alone = to_markdown(rows_of("splat", "512", RESULTS[:1])).splitlines()[4]
-    assert alone == "| splat | 512 | 1.00 | 1.00 | 1.00 | 100.0% | 1/1 |"
-    assert to_csv([*rows[:1], Row("a", "512", "flicker", "p95", np.inf, np.nan, np.nan, 1, 1)]) == (
-        "method,condition,measure,statistic,value,ci_low,ci_high,n_ok,n\n"
-        "splat,512,distance,p50,1,1,3,2,3\n"
-        "a,512,flicker,p95,inf,,,1,1\n"
-    )
-
-
-def test_the_chair_that_is_shown_is_the_first_with_slats():
-    chosen = slatted_chair()
-    backs = [draw_chair_spec(generator("procedural", "chair", "test", i)).back for i in range(50)]
-    assert chosen == backs.index("slatted")
 
 
 def test_what_is_tinted():
@@ -345,14 +294,6 @@ def test_clouds_and_random_numbers_are_those_of_a_run(condition, few_views, monk
     assert drawing.rng is not None
     assert drawing.rng.random() == rng_of(job).random()
     assert (drawing.method, drawing.views) == ("splat", few_views)
-
-
-def test_a_method_that_fails_says_why(few_views, monkeypatch):
-    def fails(*_):
-        return Failed("draw: 1 of 12 pictures are blank")
-
-    monkeypatch.setattr(view_consistency, "draw_cloud", fails)
-    assert measure(Task("splat", "512", 0)) == fails()
 
 
 def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import itertools
-
 import pytest
 import torch
 
@@ -102,8 +100,8 @@ def test_the_first_head_is_drawn():
     assert torch.equal(found[..., 0], found[..., 2])
 
 
-@pytest.mark.parametrize("flags", list(itertools.product((False, True), repeat=4)))
-def test_every_combination_of_channels(flags):
+@pytest.mark.parametrize("flags", [(False,) * 4, (True, False) * 2, (False, True) * 2, (True,) * 4])
+def test_some_or_all_of_the_channels(flags):
     """From one channel, whose layout in memory is ambiguous, to all."""
     config = NetworkConfig(Inputs((3,), *flags), (2, 2, 2, 2, 2), ("grey",))
     network = lived_in(config)

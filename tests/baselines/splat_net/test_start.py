@@ -9,13 +9,14 @@ from baselines.splat_net.network import DEFAULT, NetworkConfig
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
-from baselines.splat_net.train import KIND, SplatNetConfig, _Trainer, train_splat_net
+from baselines.splat_net.train import KIND, SplatNetConfig, train_splat_net
 from baselines.splat_net.weights import BUNDLED, export
 from bench.commands.train import do_without
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from learning import checkpoint
 from learning.weights import file_sha256
+from tests.learning.trainings import trainer_of
 
 from .conftest import SMALL, make_cloud, make_data
 
@@ -47,7 +48,7 @@ def test_bundled_weights_are_a_start() -> None:
 
 
 @pytest.mark.parametrize("part", ["normals", "density", "flattened", "far", "discs"])
-def test_a_network_without_an_input_draws_as_one_that_does_not_heed_it(part) -> None:
+def test_a_network_without_an_input_draws_as_one_that_ignores_it(part) -> None:
     few = do_without(DEFAULT, (part,))
     cut = read_start("chair", few).network
     assert cut.config == few
@@ -79,7 +80,9 @@ def _seen(inputs: Inputs) -> torch.Tensor:
 def test_training_goes_on_from_it(trained, files, tmp_path) -> None:
     start = read_start(str(files), SMALL)
     config = SplatNetConfig(network=SMALL, steps=1, cool_down=1, batch=4, start=start.sha256)
-    trainer = _Trainer(make_data(), config, torch.device("cpu"), start=start.network)
+    trainer = trainer_of(
+        train_splat_net, make_data(), config, tmp_path / "never", start=start.network
+    )
     for part in (trainer.network, trainer.average):
         state = part.state_dict()
         assert all(torch.equal(state[k], v) for k, v in start.network.state_dict().items())

@@ -177,7 +177,7 @@ def test_points_that_coincide_are_one(count):
     assert (surfels.flattened == surfels.points[:, None]).all()
 
 
-@pytest.mark.parametrize("count", range(2, 13))
+@pytest.mark.parametrize("count", [2, 3, 4, 10, 12])
 def test_few_points(count):
     surfels = find_surfels(make_cloud(count))
     check(surfels, count)

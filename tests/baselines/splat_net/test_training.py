@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 
 from baselines.splat_net.losses import COVERAGE_WEIGHT, GREY_WEIGHT
 from baselines.splat_net.network import NetworkConfig
@@ -17,30 +17,18 @@ from baselines.splat_net.train import (
     POINTS_SEEN,
     VIEWS_TOGETHER,
     SplatNetConfig,
-    _Trainer,
     train_splat_net,
 )
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from data_prep.training_set import SurfaceSet
 from learning.training_loop import Cadence
+from tests.learning.trainings import trainer_of
 
 from .conftest import SMALL, make_data
 
 CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
 BATCH = 2 * VIEWS_TOGETHER
-
-
-class Killed(Exception):
-    pass
-
-
-def kill_at(step):
-    def on_progress(report):
-        if report.step == step:
-            raise Killed
-
-    return on_progress
 
 
 def configure(**changes):
@@ -49,44 +37,7 @@ def configure(**changes):
 
 
 def build(data, **changes):
-    return _Trainer(data, configure(**changes), torch.device("cpu"))
-
-
-def test_a_run_is_not_changed(data, trained):
-    out_dir = trained.parent
-    config = SplatNetConfig(network=SMALL, steps=2, batch=4, cadence=Cadence(1, 2, 2))
-    before = trained.read_bytes()
-    assert train_splat_net(data, config, out_dir, on_progress=kill_at(1)) == trained
-    assert trained.read_bytes() == before
-    other = dataclasses.replace(SMALL, widths=(4, 6, 8, 10, 14))
-    for changes, message in (
-        ({"seed": 1}, "seed = 0, asked for 1; use"),
-        ({"network": other}, r"network = .*12\].*, asked for .*14\]"),
-        ({"cool_down": 3}, "cool_down = 2000, asked for 3"),
-        # all its steps were part of the cool-down
-        ({}, "step 2 of a training of 2 steps; one of 3 has another learning rate from step 1 on"),
-    ):
-        with pytest.raises(BadInput, match=message):
-            train_splat_net(data, dataclasses.replace(config, steps=3, **changes), out_dir)
-    changed = dataclasses.replace(data, grey=255 - data.grey)
-    with pytest.raises(BadInput, match="trained with data ="):
-        train_splat_net(changed, dataclasses.replace(config, steps=3), out_dir)
-
-
-def test_reports_and_sheets(data, tmp_path):
-    reports = []
-    train_splat_net(data, configure(steps=4), tmp_path, on_progress=reports.append)
-    assert [r.step for r in reports] == [1, 2, 3, 4]
-    assert list(reports[0].losses) == ["colour", "grey", "coverage"]
-    with Image.open(tmp_path / "sheets" / "step-000004.png") as sheet:
-        assert sheet.size == (3 * 128, 3 * 128)
-        picture = np.asarray(sheet)
-    # object i from its view i: the truth is what it was given, to the last digit
-    for i in range(3):
-        truth = data.seen.images[i, i]
-        np.testing.assert_array_equal(picture[:128, 128 * i : 128 * (i + 1)], truth)
-    drawn = picture[256:]
-    assert (drawn[..., 0] == drawn[..., 2]).all()  # in grey
+    return trainer_of(train_splat_net, data, configure(**changes), Path("never-written"))
 
 
 def test_sheets_change_nothing(data):
@@ -137,21 +88,6 @@ def test_before_the_judge_takes_part_the_objective_is_l1(data):
     assert any(different)
 
 
-def test_a_step_of_the_network_leaves_the_judge_its_own_gradients(data):
-    """The judge is trained by its hinge loss alone, and can be trained again afterwards."""
-    trainer = build(data, objective="l1-patch")
-    trainer.take_step()
-    assert all(p.requires_grad for p in trainer.judge.parameters())
-    kept = [p.grad.clone() for p in trainer.judge.parameters()]
-    assert any(grad.abs().max() > 0 for grad in kept)
-    drawn = torch.rand(BATCH, 4, 128, 128, requires_grad=True)
-    trainer.judge.requires_grad_(False)
-    trainer.judge(drawn).mean().backward()
-    assert all(
-        torch.equal(p.grad, k) for p, k in zip(trainer.judge.parameters(), kept, strict=True)
-    )
-
-
 def test_the_judge_learns_which_pictures_are_real(data):
     trainer = build(data, objective="l1-patch", judge_lr=1e-2)
     drawn, real = torch.zeros(2, 4, 32, 32), torch.ones(2, 4, 32, 32)
@@ -159,7 +95,7 @@ def test_the_judge_learns_which_pictures_are_real(data):
     assert errors[-1] < 0.5 * errors[0]
     on_real, on_drawn = trainer.judge.eval()(torch.cat([real, drawn])).chunk(2)
     assert on_real.mean() > on_drawn.mean() + 0.5
-    # what the network is told to make small is what the judge says of its pictures, negated
+    # what the network makes small is what the judge says of its pictures, negated
     message = trainer._judge(drawn, real)[1].tolist()
     assert message == pytest.approx((-on_drawn.mean(dim=(1, 2, 3))).tolist(), abs=0.3)
 
@@ -180,8 +116,6 @@ def test_the_learning_rate_falls_to_nothing(data):
     ]
     short = build(data, steps=2, cool_down=4, learning_rate=0.5)
     assert short.learning_rates(2) == "falling linearly from 0.25 at step 1 to 0.125 at step 2"
-    assert trainer._rate(6) == 0
-    assert build(data, steps=6, cool_down=0, learning_rate=0.5)._rate(5) == 0.5
 
 
 def statistics(network):
@@ -285,18 +219,6 @@ def test_both_heads_learn_from_their_own_pictures(data, monkeypatch):
     assert bias.grad[4] != 0
 
 
-def test_the_average_follows_the_network(data):
-    trainer = build(data)
-    start = {key: value.clone() for key, value in trainer.average.state_dict().items()}
-    trainer.take_step()
-    now = trainer.network.state_dict()
-    # after one step the memory is 2/11 long
-    for key, value in trainer.average.state_dict().items():
-        if value.is_floating_point():
-            expected = torch.lerp(start[key], now[key], 9 / 11)
-            torch.testing.assert_close(value, expected, rtol=1e-6, atol=1e-7)
-
-
 def smooth_clouds(count):
     """Waves in front of the camera: every point has one clear normal, which points at it."""
     rng = np.random.default_rng(0)
@@ -386,18 +308,6 @@ def test_without_augmentation_clouds_are_whole_and_clean(data, monkeypatch):
         assert (noise == 0).all()
         for cloud in points.numpy():
             assert np.sort(np.abs(cloud).ravel()).tobytes() in known  # mirrored or not
-
-
-def test_clouds_with_points_that_are_listed_twice(data):
-    clouds = data.seen.clouds.copy()
-    clouds[0, 1000:] = clouds[0, :1048]
-    clouds[1, -1] = clouds[1, 0]
-    seen = dataclasses.replace(data.seen, clouds=clouds)
-    trainer = build(SurfaceSet(seen, data.coverage, data.grey), augment=False)
-    objects, views = torch.arange(3), torch.zeros(3, 1, dtype=torch.int64)
-    shown = trainer._scene(torch.from_numpy(clouds), objects, views, torch.zeros(3) > 0)
-    assert shown[0].isfinite().all()
-    assert all(math.isfinite(value) for value in trainer.take_step().values())
 
 
 def test_bad_configurations_are_refused():

@@ -4,13 +4,10 @@ import re
 
 import numpy as np
 import pytest
-import torch
-from safetensors.torch import load_file, save_file
 
 from bench.judges import JUDGE_WEIGHTS
 from bench.judges.judge import CODE, greyscale, judge, load_judge_network
 from data_prep.datasets import ProceduralObject
-from data_prep.failures import BadInput
 from data_prep.images import blank
 from data_prep.randomness import generator
 from data_prep.render import render
@@ -121,22 +118,6 @@ def test_the_bundled_weights_tell_objects_apart(answers):
     np.fill_diagonal(distance, np.inf)
     # 40 pictures against 3 of the same chair and 36 of others; by chance 3 in 39 are right
     assert (chair[distance.argmin(1)] == chair).mean() > 0.8
-
-
-def test_files_that_do_not_fit(tmp_path):
-    state = load_file(JUDGE_WEIGHTS)
-    short = tmp_path / "short.safetensors"
-    short.write_bytes(JUDGE_WEIGHTS.read_bytes()[:1000])
-    lacking = tmp_path / "lacking.safetensors"
-    save_file({k: v for k, v in state.items() if k != "view.weight"}, lacking)
-    reshaped = tmp_path / "reshaped.safetensors"
-    save_file(state | {"view.bias": torch.zeros(4)}, reshaped)
-    for path in (short, lacking, reshaped, tmp_path / "missing.safetensors"):
-        with pytest.raises(BadInput) as error:
-            load_judge_network(path)
-        assert str(error.value).startswith(f"{path}: not the weights of the judge network (")
-        assert "bench train judge" in str(error.value)
-        assert "\n" not in str(error.value), "one line"
 
 
 def test_the_file_is_small():

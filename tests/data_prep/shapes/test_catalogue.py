@@ -11,15 +11,12 @@ from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES, FAMILIES
 from data_prep.shapes.palettes import LIGHTEST
 from data_prep.shapes.shape_class import Drawn
-from tests.data_prep.shapes.samples import Families, of_each_family
 from tests.data_prep.shapes.solid_checks import afloat, radius, shared_planes, unsound
 
 PAPER = (
     *("airplane", "bench", "cabinet", "car", "chair", "display", "lamp"),
     *("loudspeaker", "rifle", "sofa", "table", "telephone", "vessel"),
 )
-PER_FAMILY = 4
-Objects = dict[str, Families]
 
 
 @pytest.fixture(params=CLASSES)
@@ -27,20 +24,15 @@ def name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture(scope="module")
-def drawn() -> Objects:
-    return {name: of_each_family(name, seed=4, count=10) for name in CLASSES}
-
-
 @pytest.fixture
-def varied(drawn: Objects, name: str) -> list[Drawn]:
+def varied(drawn, name: str) -> list[Drawn]:
     """Some of each structural family."""
-    return [obj for family in drawn[name].values() for obj in family[:PER_FAMILY]]
+    return [obj for family in drawn(name).values() for obj in family]
 
 
 @pytest.fixture
-def meshes(varied: list[Drawn]) -> list[Mesh]:
-    return [obj.mesh() for obj in varied]
+def meshes(meshes_of, name: str) -> list[Mesh]:
+    return meshes_of(name)
 
 
 def test_the_papers_thirteen_in_its_order() -> None:
@@ -73,9 +65,8 @@ def test_objects_of_the_dataset_are_those_of_the_catalogue(name: str) -> None:
     assert mesh.vertices.tobytes() == same.vertices.tobytes()
 
 
-def test_no_object_comes_twice(drawn: Objects, name: str) -> None:
-    objects = [obj for family in drawn[name].values() for obj in family]
-    assert len({obj.mesh().vertices.tobytes() for obj in objects}) == len(objects)
+def test_no_object_comes_twice(meshes: list[Mesh]) -> None:
+    assert len({mesh.vertices.tobytes() for mesh in meshes}) == len(meshes)
 
 
 def test_parts_are_closed_and_outward(varied: list[Drawn]) -> None:
@@ -122,17 +113,3 @@ def test_no_face_without_area(meshes: list[Mesh]) -> None:
         area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
         # A slim face of a thin rod is about 0.005 x 0.01; rounding leaves 1e-7 x 0.01 of none.
         assert area.min() > 1e-8
-
-
-def test_colour_is_partly_predictable_from_the_family(drawn: Objects, name: str) -> None:
-    """The family removes some of the variance of the mean colour, and never all of it."""
-    colors = [np.array([_mean_colour(obj) for obj in family]) for family in drawn[name].values()]
-    all_colors = np.concatenate(colors)
-    within = sum(len(mine) * mine.var(axis=0).sum() for mine in colors) / len(all_colors)
-    assert 0.1 < within / all_colors.var(axis=0).sum() < 1.0
-
-
-def _mean_colour(obj: Drawn) -> np.ndarray:
-    """By number of faces: a statistic, not what an eye would see."""
-    weights = np.array([len(part.faces) for part in obj.parts], dtype=float)
-    return np.average([part.color for part in obj.parts], axis=0, weights=weights)

@@ -1,0 +1,27 @@
+"""Clouds that several baselines are tested on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from data_prep.sampling import sample_surface
+from data_prep.scene import PointCloud
+from data_prep.shapes.chair.chairs import chair
+
+RADIUS = 0.7
+
+
+def lattice_sphere(count: int = 2048) -> np.ndarray:
+    """Fibonacci's lattice [count, 3]: as even as points on a sphere can be."""
+    index = np.arange(count) + 0.5
+    y, angle = 1 - 2 * index / count, math.pi * (1 + math.sqrt(5)) * index
+    ring = np.sqrt(1 - y * y)
+    return RADIUS * np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+
+
+def chair_cloud(count: int = 2048) -> PointCloud:
+    """Of a chair, with the mesh behind it."""
+    rng = np.random.default_rng(3)
+    return sample_surface(chair(rng), rng, count)
