@@ -10,7 +10,7 @@
 
 A line counts if its checksum fits and its artifact is there with the right bytes; a job whose line
 does not count is done again. Every start writes a journal file of its own, so that a line torn by
-a power cut is never glued to the next one. A file with a line that does not count is set aside
+a power cut is never glued to the next one. A file with a line that does not count is archived
 (journal/set-aside/), its good lines are written into a new one.
 
 In memory are the places of the lines and what a run decides by; the records, which are most of a
@@ -132,7 +132,7 @@ class Lines:
 class Journal:
     """The finished jobs of a directory.
 
-    `damage` lists what had to be set aside, `added` the keys that this start has appended.
+    `damage` lists what had to be archived, `added` the keys that this start has appended.
     """
 
     directory: Path

@@ -133,11 +133,11 @@ def _differing(own: object, others: object) -> str:
 
 def _describe(parts: Sequence[Part]) -> dict[str, Any]:
     """The manifest of the whole. Raises BadInput where objects are missing or there twice."""
-    dealt = [list(part.manifest["objects"]) for part in parts]
+    shards = [list(part.manifest["objects"]) for part in parts]
     try:
-        objects = interleave(dealt)
+        objects = interleave(shards)
     except ValueError as error:
-        counts = ", ".join(f"{p.shard} has {len(o)}" for p, o in zip(parts, dealt, strict=True))
+        counts = ", ".join(f"{p.shard} has {len(o)}" for p, o in zip(parts, shards, strict=True))
         raise BadInput(
             f"objects: {counts}; were they made with one --limit, and of one dataset?"
         ) from error

@@ -383,9 +383,9 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
 
 
 def _dealt(shard: Shard, objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
-    if not (dealt := shard.of(objects)):
+    if not (own := shard.of(objects)):
         raise BadInput(f"--shard {shard}: there are only {len(objects)} objects; make fewer shards")
-    return dealt
+    return own
 
 
 def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:

@@ -60,7 +60,7 @@ class Killed(Tetrahedron):
 
 @dataclass(frozen=True)
 class Hanging(Tetrahedron):
-    """Hangs for good, once it has told who it is."""
+    """Hangs for good, once it has said who it is."""
 
     pid_file: Path = Path()
 

@@ -56,7 +56,7 @@ def only(frame, metrics=("ssim",), features=None):
     [
         (0, (10.0, 30.0, 20.0)),
         (1, (11.0, 32.0, 29.0)),
-        (20, (30.0, 70.0, 200.0)),  # c draws so slowly that it is the dearest by now
+        (20, (30.0, 70.0, 200.0)),  # c draws so slowly that it is the most expensive by now
     ],
 )
 def test_cost_is_the_median_over_clouds(views, cost_ms):

@@ -136,7 +136,7 @@ def test_straight_curves_cross_where_they_do():
     assert (crossover.at, crossover.low, crossover.high) == pytest.approx((2 / 15,) * 3, abs=1e-9)
 
 
-def test_a_crossing_reaches_as_far_as_the_interval_holds_nought():
+def test_a_crossing_reaches_as_far_as_the_interval_holds_zero():
     """Leads 0.2 - 1.5 x with the same interval around each: it holds 0 for [low, high] / 1.5."""
     compared = along(
         "noise", {"splat-net": lambda x: 0.8 - x, "pc2pix": lambda x: 0.6 + x / 2}, spread=0.5
@@ -177,7 +177,7 @@ def test_of_a_falling_axis_too_low_is_the_lower_end():
     assert (crossover.at, crossover.low, crossover.high) == pytest.approx(expected, rel=1e-12)
 
 
-def test_an_interval_that_holds_nought_to_the_end():
+def test_an_interval_that_holds_zero_to_the_end():
     leads = [(0.2, 0.1, 0.3), (0.05, -0.05, 0.15), (-0.05, -0.15, 0.05)]
     made = paired(leads)
     assert made.ahead == ("splat-net", UNDECIDED, UNDECIDED)
@@ -206,7 +206,7 @@ def test_without_intervals_nobody_is_ahead_but_curves_cross():
     assert paired([NAN, -0.3]).ahead == (NO_VALUE, UNDECIDED)
 
 
-def test_an_interval_that_ends_at_nought_decides_nothing():
+def test_an_interval_that_ends_at_zero_decides_nothing():
     assert paired([(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)]).ahead == (UNDECIDED, UNDECIDED)
 
 

@@ -95,7 +95,7 @@ def test_the_difference_is_b_less_a_and_the_better_side_is_named():
 
 
 def test_distances_are_better_the_smaller_they_are():
-    """Jackknife: standard error sqrt((g - 1) / g sum (d - mean)^2) of the left-out differences."""
+    """Jackknife: standard error sqrt((g - 1) / g sum (d - mean)^2) of the jackknife differences."""
     left_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95])
     (cell,) = paired_differences([pair(left_out, 3 * left_out, "fd-views", (1.0, 3.0))])
     error = math.sqrt(4 / 5 * np.sum((2 * left_out - 2) ** 2))

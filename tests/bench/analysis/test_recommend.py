@@ -169,7 +169,7 @@ def test_the_cheapest_that_is_good_enough(min_ssim, on_average, surely):
     assert advice.meets(Request(20, min_ssim=min_ssim)) == (on_average is not None)
 
 
-def test_both_wishes_have_to_be_met_by_one_method():
+def test_both_limits_have_to_be_met_by_one_method():
     request = Request(20, budget_ms=130, min_ssim=0.7)
     advice = advise(comparison(), request)
     assert not advice.meets(request)
@@ -258,7 +258,7 @@ def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
         ((1, None, NAN), "--min-ssim nan: must be from -1 to 1"),
     ],
 )
-def test_wishes_without_sense(arguments, message):
+def test_options_without_sense(arguments, message):
     with pytest.raises(BadInput) as refused:
         make_request(*arguments)
     assert str(refused.value) == message

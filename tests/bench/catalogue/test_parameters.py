@@ -9,7 +9,7 @@ from bench.catalogue.parameters import PARAMETERS, find_setting
 from data_prep.failures import BadInput
 
 
-def test_an_id_says_knob_and_value():
+def test_an_id_says_parameter_and_value():
     setting = find_setting("surface-apss@resolution=64")
     assert setting is not None
     assert (setting.parameter.method, setting.parameter.name) == ("surface-apss", "resolution")
@@ -32,7 +32,7 @@ def test_other_ids_say_none(method):
         ("splat@spread=1.5", Splat(spread=1.5)),
     ],
 )
-def test_the_renderer_has_its_knob_turned(method, expected):
+def test_the_renderer_has_its_parameter_set(method, expected):
     assert find_method(method).load("cpu") == expected
     assert find_method(method).id == method
 
@@ -57,12 +57,12 @@ def test_a_whole_number_is_asked_for():
 
 
 @pytest.mark.parametrize("method", ["splat@size=1", "nothing@spread=1", "pc2pix@width=2"])
-def test_an_unknown_knob_is_refused_with_those_that_there_are(method):
+def test_an_unknown_parameter_is_refused_with_the_known_ones(method):
     with pytest.raises(BadInput, match=r"unknown variant .* splat@spread="):
         find_method(method)
 
 
-def test_every_knob_is_a_field_of_a_method():
+def test_every_parameter_is_a_field_of_a_method():
     for parameter in PARAMETERS:
         method = find_method(parameter.method)
         for value in (parameter.low, parameter.high):
@@ -72,6 +72,6 @@ def test_every_knob_is_a_field_of_a_method():
 
 
 def test_yardsticks_are_found_but_no_methods_of_the_list():
-    for yardstick in COST_VARIANTS:
-        assert find_method(yardstick.id) is yardstick
-        assert yardstick not in METHODS
+    for variant in COST_VARIANTS:
+        assert find_method(variant.id) is variant
+        assert variant not in METHODS

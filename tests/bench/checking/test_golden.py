@@ -103,7 +103,7 @@ def test_golden_values_are_the_tables_with_tolerances(run, results):
         assert row["reason"] == rule.reason
 
 
-def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_nought(run, results, monkeypatch):
+def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run, results, monkeypatch):
     first, *_ = bench.checking.golden.tables(read_scored(run))
     below = replace(first.rows[0], metric="kd-views", value=-2.0)
     table = replace(first, rows=(*first.rows, below))
@@ -177,7 +177,7 @@ def test_the_golden_values_of_the_classes():
     assert not cells.duplicated().any()
 
 
-def test_a_tolerance_of_a_value_below_nought_is_positive():
+def test_a_tolerance_of_a_value_below_zero_is_positive():
     """An unbiased kernel distance may fall below 0."""
     frame = golden("thirteen-classes")
     below = frame[frame["value"] < 0]
@@ -358,13 +358,13 @@ def test_fid_is_never_golden(tmp_path, results):
 
 def test_published_values_are_those_of_the_paper():
     values = published(SUITE)
-    assert len(values) == 5 * 5 * 2  # metrics x conditions x roads
+    assert len(values) == 5 * 5 * 2  # metrics x conditions x approaches
     assert values["chair", "ssim", "noise-0.10", "surface-apss"] == 0.30
     assert values["chair", "fid", "2048", "pc2pix"] == 31.5
     assert published("another-suite") == {}
 
 
-def test_remarks_say_which_road_is_ahead(tmp_path, results, command):
+def test_remarks_say_which_approach_is_ahead(tmp_path, results, command):
     paper = results / "paper" / f"{SUITE}.csv"
     paper.parent.mkdir(parents=True)
     paper.write_text(

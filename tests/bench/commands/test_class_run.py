@@ -220,7 +220,7 @@ def test_the_tables_come_again_from_the_records(measured, with_classifier):
 
 
 @pytest.mark.usefixtures("planned_only")
-def test_what_is_left_out_is_told(folder, capsys, tmp_path):
+def test_what_is_left_out_is_named(folder, capsys, tmp_path):
     with pytest.raises(BadInput, match="far enough"):
         run_suite(Options("thirteen-classes", f"folder:{folder}", methods=("splat",), out=tmp_path))
     assert capsys.readouterr().err.splitlines() == [

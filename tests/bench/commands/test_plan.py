@@ -1,4 +1,4 @@
-"""What a run would do and cost: told without doing it."""
+"""What a run would do and cost, without doing it."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_dry_run_counts_what_is_left_of_a_begun_run(copied, command, arguments, 
     before = tree(copied)
     _, out, _ = command(*arguments, "--dry-run", "--out", copied)
     assert "items: 6 to be done, 18 there" in out
-    assert tree(copied) == before  # the journal is not mended
+    assert tree(copied) == before  # the journal is not repaired
 
 
 def test_dry_run_of_a_download_fetches_nothing(no_cache, monkeypatch, tmp_path):

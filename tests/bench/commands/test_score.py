@@ -105,7 +105,7 @@ def test_without_other_packages_there_is_none(command, copied):
     ],
 )
 def test_a_metric_that_gives_no_scores_is_named(function, message):
-    with pytest.raises(BadInput, match=f"metric 'made': {message}.*mend that package"):
+    with pytest.raises(BadInput, match=f"metric 'made': {message}.*fix that package"):
         checked_scores(made(function), TWO, TWO)
 
 

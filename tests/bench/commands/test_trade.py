@@ -37,7 +37,7 @@ def test_every_method_of_the_suite_is_known():
     assert set(SUITE.frontier) <= metrics
 
 
-def test_settings_of_a_knob_stand_in_their_order():
+def test_values_of_a_parameter_stand_in_their_order():
     """The figure joins them so."""
     values: dict[str, list[float]] = {}
     for method in SUITE.methods:
@@ -211,7 +211,7 @@ def test_recommend(tmp_path, command):
         (("--min-ssim", "1"), "512: no method with an ssim of at least 1; the nearest: splat, ss"),
     ],
 )
-def test_a_wish_that_no_method_meets(tmp_path, command, arguments, message):
+def test_a_request_that_no_method_meets(tmp_path, command, arguments, message):
     status, out, err = command("recommend", write_run(tmp_path), *arguments)
     assert (status, err) == (1, "")
     assert message in out
@@ -230,7 +230,7 @@ def test_a_wish_that_no_method_meets(tmp_path, command, arguments, message):
         ),
     ],
 )
-def test_wishes_to_be_mended(tmp_path, command, arguments, message):
+def test_options_to_be_fixed(tmp_path, command, arguments, message):
     assert command("recommend", write_run(tmp_path), *arguments) == (2, "", f"bench: {message}\n")
 
 

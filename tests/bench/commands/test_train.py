@@ -134,7 +134,7 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
         (("--views", "1"), "1 views of an object: at least 2 are drawn together; render more"),
     ],
 )
-def test_splat_net_is_told_nonsense(command, tmp_path, options, problem):
+def test_splat_net_refuses_nonsense(command, tmp_path, options, problem):
     out = tmp_path / "x"
     status, said, err = command(
         "train", "splat-net", "--objects", "1", "--steps", "1", *options, "--out", str(out)

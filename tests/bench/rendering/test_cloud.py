@@ -335,7 +335,7 @@ def test_the_limits_are_those_of_the_paper_suite():
     assert SUITES[0].limits == bench.rendering.cloud.LIMITS
 
 
-def test_what_cannot_be_used_is_the_users_to_mend(command, plugins, cloud, tmp_path):
+def test_what_cannot_be_used_is_the_users_to_fix(command, plugins, cloud, tmp_path):
     out = ("-o", tmp_path / "out.png")
     for method, problem in [
         ("splta", "unknown method 'splta': did you mean 'splat'? there are "),

@@ -333,7 +333,7 @@ def test_failures_that_are_there_no_more(command, plugins, tmp_path, method, now
     assert not (tmp_path / "run" / "shrunk").exists()
 
 
-def test_when_the_budget_is_spent_the_best_is_kept(plugins, tmp_path, capsys, monkeypatch):
+def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(bench.rendering.shrink, "PLAIN_EVERY_S", 1.0)
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "plain")
     found = shrunk(record, budget_s=10.0)
@@ -350,7 +350,7 @@ def test_when_the_budget_is_spent_the_best_is_kept(plugins, tmp_path, capsys, mo
 
 def test_a_budget_that_does_not_even_show_the_failure(plugins, tmp_path):
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "16-points")
-    with pytest.raises(BadInput, match="spent before the failure was seen again; give more"):
+    with pytest.raises(BadInput, match="over before the failure was seen again; give more"):
         shrink(record, 0.01, 1, None)
 
 
@@ -370,7 +370,7 @@ def test_all_trials_share_their_workers(plugins, tmp_path):
     assert re.fullmatch(r"process-\d+: here", reasons[0])
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_the_work(command, plugins, tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported_before_the_work(command, plugins, tmp_path):
     reason = "ValueError: 12 of 34 parts are missing"
     record = failed_case(tmp_path / "run", "fake-exception", reason, "plain")
     (tmp_path / "file").touch()

@@ -141,7 +141,7 @@ def test_head_counts_pictures(tmp_path):
     assert facts["finished"] == "2026-01-01 00:00:00 UTC"
 
 
-def test_failures_are_told_with_their_reasons(tmp_path):
+def test_failures_are_listed_with_their_reasons(tmp_path):
     directory = write_run(tmp_path, methods=["splat", "surface-apss", "blank"])
     records = [
         make_record(*row[["method", "condition", "object", "view"]])
@@ -386,7 +386,7 @@ def test_an_unfinished_run_is_refused(tmp_path):
         write_report(make_outputs(read_scored(tmp_path)))
 
 
-def test_a_place_that_cannot_be_written_is_told(tmp_path):
+def test_a_place_that_cannot_be_written_is_reported(tmp_path):
     directory = write_run(tmp_path / "run")
     (tmp_path / "file").write_text("")
     with pytest.raises(CannotWrite, match=r"file/r\.html: cannot be written .*another --out"):

@@ -92,7 +92,7 @@ def test_figure_4(drawn, tmp_path):
     assert (tmp_path / "figures" / "classes.png").is_file()
 
 
-def test_every_road_of_the_run_has_a_column(drawn, tmp_path):
+def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
     pictures, _ = drawn(ROWS, make_jobs(tmp_path, methods=methods))
     titles = [axis.get_title() for axis in pictures.axes if axis.get_title()]

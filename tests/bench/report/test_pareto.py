@@ -69,13 +69,13 @@ def test_a_panel_for_each_condition_with_the_same_axes():
     ]
 
 
-def test_settings_of_a_knob_are_joined_in_their_order():
+def test_values_of_a_parameter_are_joined_in_their_order():
     (axis,) = figure(places(), "ssim", 20).axes
     (sweep,) = lines(axis, "surface-apss (resolution)")
     assert sweep.get_xydata().tolist() == [[20, 0.6], [100, 0.7], [400, 0.8], [800, 0.78]]
     assert sweep.get_linestyle() == "-"
     (variants,) = lines(axis, "pc2pix")
-    assert variants.get_linestyle() == "None"  # precision and width are no knob
+    assert variants.get_linestyle() == "None"  # precision and width are no parameter
     hues = {line.get_color() for label in ("pc2pix", "splat") for line in lines(axis, label)}
     assert len(hues | {sweep.get_color()}) == 3
 
@@ -93,7 +93,7 @@ def test_the_frontier_is_a_step_to_the_edge():
     assert drawn.max() < 0.9  # the ceiling is not drawn
 
 
-def test_distances_are_logarithmic_and_nought_has_no_place(tmp_path):
+def test_distances_are_logarithmic_and_zero_has_no_place(tmp_path):
     (axis,) = figure(places("fd-views"), "fd-views", 20).axes
     assert axis.get_yscale() == "log"
     assert axis.get_ylabel() == "fd-views (lower is better)"
@@ -102,7 +102,7 @@ def test_distances_are_logarithmic_and_nought_has_no_place(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"frontier.png", "frontier.svg"}
 
 
-def test_an_interval_down_to_nought_ends_at_the_edge():
+def test_an_interval_down_to_zero_ends_at_the_edge():
     """On a logarithmic axis its end lies a thousand decades below, and so did its obstacles."""
     wide = [replace(p, quality=p.quality._replace(low=0.0)) for p in places("fd-views")]
     (axis,) = figure(wide, "fd-views", 20).axes

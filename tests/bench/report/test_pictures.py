@@ -39,7 +39,7 @@ def test_one_picture_is_not_both():
     assert picked(frame({("a", 0): 0.4})) == [("worst", "a", 0, 0.4)]
 
 
-def test_equal_scores_are_told_apart_by_name():
+def test_equal_scores_are_ordered_by_name():
     equal = {(obj, view): 0.5 for obj in "dcba" for view in (1, 0)}
     assert [case[1:3] for case in picked(frame(equal))[:2]] == [("a", 0), ("b", 0)]
 

@@ -241,7 +241,7 @@ def test_without_times_there_is_no_cost():
     assert cost_grid(made, "ssim", 2) is None
 
 
-def test_methods_differ_in_form_and_settings_of_a_knob_do_not():
+def test_methods_differ_in_form_and_values_of_a_parameter_do_not():
     single = ["splat", "pc2pix", "pc2pix@acgan", "surface-apss", "poisson"]
     look = looks([*single, "splat@spread=2", "blank"])
     markers = [look[method].marker for method in single]

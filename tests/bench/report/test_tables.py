@@ -65,7 +65,7 @@ def test_outcomes_of_a_line_are_those_of_its_pictures():
     }
 
 
-def test_a_reason_is_told_once_with_where_it_holds():
+def test_a_reason_is_stated_once_with_where_it_holds():
     rows = [
         row("splat", 0.5, n_ok=3, note="1 x no value: a"),
         row("splat", 0.5, "512", n_ok=3, note="1 x no value: a"),

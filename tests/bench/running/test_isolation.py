@@ -48,7 +48,7 @@ def test_tasks_come_with_their_results():
 
 
 @pytest.mark.slow
-def test_whatever_becomes_of_a_worker_is_told_and_the_others_go_on():
+def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on():
     tasks = ["a", "segfault", "b", "hang", "exit", "hog", "c"]
     limits = Limits(time_s=10.0, memory_gib=0.75)
     found = dict(run_tasks(tasks, misbehave, 2, limits))

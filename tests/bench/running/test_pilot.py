@@ -60,7 +60,7 @@ def test_size_of_a_filled_cube_a_plate_and_a_line():
     assert size_of(cube[(cube[:, 0] == 0.0) & (cube[:, 1] == 0.0)]) == CELLS
 
 
-def test_size_heeds_neither_place_nor_scale():
+def test_size_depends_on_neither_place_nor_scale():
     cloud = np.random.default_rng(0).normal(size=(500, 3))
     assert size_of(4.0 * cloud + 64.0) == size_of(cloud) > 50
 
@@ -80,7 +80,7 @@ def test_sizes_are_of_a_fixed_random_choice_in_order(monkeypatch):
     assert list(found) != [("chair", str(n)) for n in range(4)]
 
 
-def test_objects_without_a_cloud_are_left_out_and_told(capsys):
+def test_objects_without_a_cloud_are_left_out_and_named(capsys):
     found = sizes_of(make_protocol([Tetrahedron("a"), Refusing("b"), Dying("c")]), 1)
     assert list(found) == [("chair", "a")]
     assert "2 of 3 objects have no readable cloud; left out" in capsys.readouterr().err

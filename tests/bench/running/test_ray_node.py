@@ -57,7 +57,7 @@ def node(asked):
     return made, closing(made._pool)
 
 
-def test_a_machine_meets_its_own_demands(asked):
+def test_a_machine_meets_its_own_requirements(asked):
     assert mismatch(asked) == ""
 
 
@@ -153,5 +153,5 @@ def test_relative_paths_start_where_the_run_was_started(asked, tmp_path):
         assert Path.cwd() == tmp_path
 
 
-def test_demands_are_plain_values(asked):
+def test_requirements_are_plain_values(asked):
     assert pickle.loads(pickle.dumps(asked)) == asked

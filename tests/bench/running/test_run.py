@@ -201,7 +201,7 @@ def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_w
 
 
 @pytest.mark.slow
-def test_damage_is_mended_and_growth_added(finished, copied, same_machine, tiny_weights, capsys):
+def test_damage_is_repaired_and_growth_added(finished, copied, same_machine, tiny_weights, capsys):
     """One artifact gone, one altered, and one condition more: only these are done."""
     places = {p.stem: p for p in copied.glob("artifacts/*/*.npz")}
     (lines,) = journal(copied).values()
@@ -327,8 +327,8 @@ def test_interrupted(tmp_path):
     directory = tmp_path / "run"
     arguments = ("run", "--suite", "chair-robustness", "--methods", "splat", "--views", "20")
     # What a shell starts in the background ignores SIGINT, and so do its children.
-    heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    with start(arguments, directory, heeding + NO_NETWORKS + BENCH[-1]) as process:
+    handling = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    with start(arguments, directory, handling + NO_NETWORKS + BENCH[-1]) as process:
         wait_for(process, lambda: lines_in_journal(directory) >= 1)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         _, err = process.communicate()

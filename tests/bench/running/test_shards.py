@@ -17,14 +17,14 @@ def test_every_nth_from_the_kth():
 
 
 @given(st.lists(st.integers(), max_size=40), st.integers(1, 12))
-def test_what_was_dealt_comes_back_in_its_order(things, count):
+def test_what_was_interleaved_comes_back_in_its_order(things, count):
     assert interleave([Shard(k, count).of(things) for k in range(1, count + 1)]) == things
 
 
-@pytest.mark.parametrize("dealt", [["ab", "cde"], ["abc", "d"], ["ab", "c", "de"], ["", "a"]])
-def test_what_cannot_have_been_dealt(dealt):
-    with pytest.raises(ValueError, match="not dealt in turns"):
-        interleave(dealt)
+@pytest.mark.parametrize("shards", [["ab", "cde"], ["abc", "d"], ["ab", "c", "de"], ["", "a"]])
+def test_what_cannot_have_been_interleaved(shards):
+    with pytest.raises(ValueError, match="not interleaved"):
+        interleave(shards)
 
 
 def test_names():

@@ -51,16 +51,16 @@ def test_csv_is_tidy():
 
 
 def test_markdown_has_methods_by_cost_and_marks():
-    dear = Estimate(1234.5, NAN, NAN)
+    costly = Estimate(1234.5, NAN, NAN)
     distance = {"metric": "fd-views", "quality": Estimate(12.34, 11.0, 13.0)}
     table = frontier_table(
         (
             place("poisson", verdict="no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0),
-            place("pc2pix", verdict="tied", cost_ms=dear),
+            place("pc2pix", verdict="tied", cost_ms=costly),
             place("splat"),
             place("true_mesh", verdict="reference", cost_ms=Estimate(0.4, 0.3, 0.5)),
             place("poisson", "fd-views", "no value", cost_ms=NOTHING, quality=NOTHING, n_ok=0),
-            place("pc2pix", verdict="dominated", cost_ms=dear, **distance),
+            place("pc2pix", verdict="dominated", cost_ms=costly, **distance),
             place("splat", **distance),
             place("true_mesh", verdict="reference", cost_ms=Estimate(0.4, 0.3, 0.5), **distance),
             place("splat", condition="512", views=1),

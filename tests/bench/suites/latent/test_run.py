@@ -307,7 +307,7 @@ def test_two_methods(measured, untrained, tmp_path):
         (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file"),
     ],
 )
-def test_wishes_without_a_meaning(command, tmp_path, arguments, message):
+def test_options_without_a_meaning(command, tmp_path, arguments, message):
     out = tmp_path / "run"
     status, printed, err = command("run", "--suite", "latent", "--out", out, *arguments)
     assert (status, printed) == (2, "")

@@ -58,9 +58,9 @@ def test_two_break_evens():
 @pytest.mark.parametrize("batch", [1, 20])
 def test_always_and_never(batch):
     cheap = Cost(1.0, 2.0, 2.0 * batch, batch)
-    dear = Cost(2.0, 3.0, 3.0 * batch, batch)
-    assert break_even(cheap, dear) == BreakEven("always", ())
-    assert break_even(dear, cheap) == BreakEven("never", ())
+    costly = Cost(2.0, 3.0, 3.0 * batch, batch)
+    assert break_even(cheap, costly) == BreakEven("always", ())
+    assert break_even(costly, cheap) == BreakEven("never", ())
     assert break_even(cheap, cheap) == BreakEven("never", ())
 
 

@@ -269,7 +269,7 @@ def test_a_method_that_cannot_be_loaded_fails_everywhere():
 
 
 @pytest.mark.parametrize("error", [BadInput("no weights"), MissingDependency("no OpenGL")])
-def test_what_the_user_has_to_mend_is_raised(error):
+def test_what_the_user_has_to_fix_is_raised(error):
     with pytest.raises(type(error)):
         load_fails(error)
 

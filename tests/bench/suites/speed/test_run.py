@@ -208,7 +208,7 @@ def test_a_folder_holds_one_number_of_views(tmp_path, taken):
         run(stated(tmp_path / "run", views=5), SMALL)
 
 
-# --- wishes ---------------------------------------------------------------------------------------
+# --- options --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_a_folder_holds_one_number_of_views(tmp_path, taken):
         ("dataset", "nowhere", "unknown dataset 'nowhere'"),
     ],
 )
-def test_wishes_without_a_meaning_are_refused(tmp_path, taken, option, value, message):
+def test_options_without_a_meaning_are_refused(tmp_path, taken, option, value, message):
     options = replace(stated(tmp_path / "run"), **{option: value})
     with pytest.raises(BadInput, match=message):
         run(options, SMALL)
@@ -246,7 +246,7 @@ def threads_here(name):
     return os.environ.get(name), os.environ.get("GLIBC_TUNABLES")
 
 
-def test_a_worker_gets_as_many_threads_as_it_is_told():
+def test_a_worker_gets_as_many_threads_as_it_is_given():
     names = [*thread_counts(3)]
     assert {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "LP_NUM_THREADS"} <= set(names)
     limits = Limits(60.0, 4.0)

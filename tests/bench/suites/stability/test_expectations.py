@@ -111,7 +111,7 @@ def test_what_is_expected_where_nothing_special_is_stated(method, case, expected
         (Agrees(0.5), PICTURES, "unexpected"),  # nothing to compare with
         (Agrees(0.5), FAILED, "unexpected"),
         (Changes(0.5, "why"), changed(0.51), "differs"),
-        (Changes(0.5, "why"), changed(0.5), "unexpected"),  # it has been mended
+        (Changes(0.5, "why"), changed(0.5), "unexpected"),  # it has been fixed
         (Changes(0.5, "why"), FAILED, "unexpected"),
         (Fails("apss: "), FAILED, "refused"),
         (Fails("no faces"), FAILED, "unexpected"),  # a reason has to begin so

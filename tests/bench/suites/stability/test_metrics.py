@@ -73,7 +73,7 @@ def test_every_metric_is_there(outcomes):
         assert shown == set(METRICS) - (angles if kind == "refused" else set())
 
 
-def test_values_are_told(outcomes):
+def test_values_are_stated(outcomes):
     message = {(o.case, o.subject): (o.expected, o.observed) for o in outcomes}
     expected, observed = message["black-against-white", "ssim"]
     assert expected == "9.99900009999e-05 +-2e-13: C1 / (255^2 + C1)"  # 6.5025 / 65031.5025

@@ -17,7 +17,7 @@ def job_of(directory, case, views=VIEWS, method="splat"):
 
 def done(job, pictures):
     sha = write_artifact(job, images=pictures)
-    record = make_record(method=job.method, condition=job.condition, notes="mended")
+    record = make_record(method=job.method, condition=job.condition, notes="repaired")
     return Result(job.key, (record,), sha)
 
 
@@ -32,7 +32,7 @@ def plain(tmp_path):
 def test_pictures(plain):
     job, result, _ = plain
     (seen,) = observe([job], {job.key: result}.__getitem__)
-    assert (seen.case, seen.method, seen.reason, seen.notes) == ("plain", "splat", "", "mended")
+    assert (seen.case, seen.method, seen.reason, seen.notes) == ("plain", "splat", "", "repaired")
     assert seen.shown == 0.5
     assert (seen.mean_change, seen.most_change) == (None, None)  # it is like no other
     assert (seen.prepare_s, seen.draw_s) == (0.25, 0.125)
