@@ -130,6 +130,7 @@ def test_suites_and_methods_of_the_commands_exist():
                 find(condition, CONDITIONS, "condition")
 
 
+@pytest.mark.slow
 def test_the_tutorial_works(tmp_path):
     """Its small run and what is made of it; another page's test draws its cloud."""
     assert blocks(TUTORIAL, "python") == blocks(DOCS / "rendering.md", "python")

@@ -162,6 +162,7 @@ def digests() -> list[dict[str, str]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ANY_THREADS)
 def test_same_bytes_in_any_process_with_any_number_of_threads(
     digests: list[dict[str, str]], name: str

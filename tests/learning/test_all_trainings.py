@@ -71,7 +71,16 @@ def require_equal(one, other, kind, steps):
     assert rows == ["step", *map(str, range(1, steps + 1))]
 
 
-@pytest.mark.parametrize("name", TRAININGS)
+QUICK = ("autoencoder", "splat-net", "judge")  # one of each kind of trainer
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow, id=name)
+        for name in TRAININGS
+    ],
+)
 def test_a_killed_run_resumes_bit_for_bit_and_may_be_lengthened(name, whole, tmp_path):
     """Planned for 5 steps and killed, ended, then lengthened to 6: as one of 6 from the beginning,
     though its learning rate had fallen. Nothing else may change."""

@@ -135,6 +135,7 @@ def test_a_name_that_the_package_has_not():
         pc2pix.draw  # noqa: B018
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_page(tmp_path, points):
     save_ply(points.astype(np.float32), tmp_path / "cloud.ply")
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)

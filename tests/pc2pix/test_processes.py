@@ -15,6 +15,8 @@ from data_prep.failures import BadInput, MissingDependency
 from learning import checkpoint, processes
 from learning.training_loop import prepare_device, seeded
 
+pytestmark = pytest.mark.slow
+
 SCRIPT = Path(__file__).with_name("two_processes.py")
 
 

@@ -327,6 +327,7 @@ def test_too_few_views_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_short_training_learns(waves):
     """Three objects, each of one colour in front of white: the losses must fall by half. (Of three
     seeds on one machine the worst fell to .27; at a rate of 1e-2, which overshoots, to .64.)"""

@@ -120,6 +120,7 @@ def test_report(written):
     assert len(page.tables) == 4
 
 
+@pytest.mark.slow
 def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
     directory = write_run(
         tmp_path, suite=SUITE.id, methods=["splat", "blank"], conditions=CONDITIONS
@@ -131,6 +132,7 @@ def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
     assert len(read_page(make_outputs(read_scored(directory))).curves) == 9
 
 
+@pytest.mark.slow
 def test_without_a_family_the_report_is_as_any_other(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id, conditions=["2048", "density-3"])
     run = read_scored(directory)
@@ -140,6 +142,7 @@ def test_without_a_family_the_report_is_as_any_other(tmp_path):
     assert page.curves[0].title == "ssim against the conditions, class chair"
 
 
+@pytest.mark.slow
 def test_without_features_there_is_no_distance(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
     (directory / "features" / "fd-views.parquet").unlink()
@@ -150,6 +153,7 @@ def test_without_features_there_is_no_distance(tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_other_suites_have_none(tmp_path):
     directory = write_run(tmp_path)
     made = write_outputs(read_scored(directory))
@@ -157,6 +161,7 @@ def test_other_suites_have_none(tmp_path):
     assert not (directory / "tables" / "crossings.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_run(tmp_path, monkeypatch):
     """1 object x 3 conditions x 2 methods, 2 views."""
     monkeypatch.setattr(bench.running.protocol, "environment", dict)

@@ -143,6 +143,7 @@ def test_items_of_an_object_that_cannot_be_drawn_are_there(tmp_path):
 # --- bench plan -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_plan_of_a_new_run(command, tmp_path, no_cache):
     status, out, err = command(
         *(

@@ -66,6 +66,7 @@ def test_the_loss_falls(data, monkeypatch):
     assert np.mean(losses[-5:]) < 0.8 * np.mean(losses[:5])
 
 
+@pytest.mark.slow
 def test_the_best_validation_is_what_is_kept(data, monkeypatch):
     """Here the third of six; scores of NaN are never the best."""
     found = [(50, 0.1), (20, 0.1), (20, 0.2), (20, 0.1), (math.nan, 0.9), (90, 0.9)]

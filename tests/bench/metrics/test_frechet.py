@@ -74,7 +74,10 @@ def reference_cases():
         skip = pytest.mark.skip(reason=f"no conformance vectors at {path}; set PC2PIX_REFERENCE")
         return [pytest.param(None, marks=skip)]
     cases = json.loads(path.read_text())["cases"]
-    return [pytest.param(case, id=name) for name, case in cases.items()]
+    return [
+        pytest.param(case, id=name, marks=pytest.mark.slow if case["dim"] > 1000 else [])
+        for name, case in cases.items()
+    ]
 
 
 @pytest.mark.parametrize("case", reference_cases())

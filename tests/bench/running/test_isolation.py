@@ -82,6 +82,7 @@ def test_a_pool_that_breaks_is_replaced(when):
     assert sorted(found) == [(x, x * x) for x in (1, 2, 3, 4)]
 
 
+@pytest.mark.slow
 def test_tasks_that_a_pool_has_lost_are_done_again(monkeypatch):
     monkeypatch.setattr(bench.running.isolation, "PATIENCE_S", 0.0)
     with closing(TaskPool(square, 1, Limits(time_s=2.0, memory_gib=8.0))) as pool:
@@ -118,6 +119,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_workers_come_and_go_without_a_word(tmp_path):
     (tmp_path / "replacing.py").write_text(REPLACING)
     command = [sys.executable, str(tmp_path / "replacing.py")]

@@ -94,6 +94,7 @@ def pilot():
     return measure(make_protocol(Tetrahedron(str(n)) for n in range(5)), 3, 2)
 
 
+@pytest.mark.slow
 def test_every_method_and_condition_has_a_sample_of_every_object(pilot):
     samples = pilot.samples
     cells = [(GROUND_TRUTH, ""), *((m, c) for m in METHODS for c in CONDITIONS)]
@@ -104,6 +105,7 @@ def test_every_method_and_condition_has_a_sample_of_every_object(pilot):
     assert len(pilot.sizes) == 5
 
 
+@pytest.mark.slow
 def test_samples_say_what_an_item_takes(pilot):
     for sample in pilot.samples:
         assert not sample.reason
@@ -114,6 +116,7 @@ def test_samples_say_what_an_item_takes(pilot):
         assert (sample.ssim is None) == (sample.method == GROUND_TRUTH)
 
 
+@pytest.mark.slow
 def test_first_items_of_processes_are_loading(pilot):
     for method in (GROUND_TRUTH, *METHODS):
         of_method = [s for s in pilot.samples if s.method == method]
