@@ -71,16 +71,16 @@ def require_equal(one, other, kind, steps):
     assert rows == ["step", *map(str, range(1, steps + 1))]
 
 
-QUICK = ("autoencoder", "splat-net", "judge")  # one of each kind of trainer
+QUICK = ("autoencoder", "splat-net")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow, id=name)
-        for name in TRAININGS
-    ],
-)
+EACH = [
+    pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow, id=name)
+    for name in TRAININGS
+]
+
+
+@pytest.mark.parametrize("name", EACH)
 def test_a_killed_run_resumes_bit_for_bit_and_may_be_lengthened(name, whole, tmp_path):
     """Planned for 5 steps and killed, ended, then lengthened to 6: as one of 6 from the beginning,
     though its learning rate had fallen. Nothing else may change."""
@@ -106,7 +106,7 @@ def test_a_killed_run_resumes_bit_for_bit_and_may_be_lengthened(name, whole, tmp
         assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("name", TRAININGS)
+@pytest.mark.parametrize("name", EACH)
 def test_reports_and_sheets(name, whole):
     train = TRAININGS[name]
     steps = 6 if train.lengthens else 5
@@ -124,6 +124,7 @@ def test_reports_and_sheets(name, whole):
             assert picture.size == train.sheet
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_denormal_numbers_are_flushed_inside_only(name, whole):
     assert whole(name, 6).flushed == {True}
@@ -148,6 +149,7 @@ def test_losses_are_not_read_by_a_step(name, tmp_path, monkeypatch):
             assert not loss.requires_grad
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_bfloat16_trains(name, tmp_path):
     TRAININGS[name](tmp_path / "x", 1, precision="bfloat16")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pytest
 import numpy as np
 
 from bench.catalogue import loaders
@@ -34,6 +35,7 @@ def test_one_by_one_calls_for_each_view():
     assert pictures.shape == (3, 128, 128, 3)
 
 
+@pytest.mark.slow
 def test_all_variants_of_pc2pix_draw_the_same():
     rng = np.random.default_rng(0)
     cloud = PointCloud(rng.normal(size=(2048, 3)) / 4)

@@ -91,6 +91,7 @@ def test_tasks_that_a_pool_has_lost_are_done_again(monkeypatch):
         assert list(pool.collect()) == [(7, 49)]
 
 
+@pytest.mark.slow
 def test_a_pool_that_always_breaks_is_given_up(monkeypatch):
     def breaks(manager):
         raise BrokenProcessPool("no worker can be started")
