@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-import pytest
 import numpy as np
+import pytest
 
 from bench.catalogue import loaders
 from bench.catalogue.loaders import OneByOne
