@@ -20,7 +20,7 @@ test: test-libraries $(VENV)/bin/tox
 	$(VENV)/bin/tox run
 
 test-all: test
-	$(VENV)/bin/tox exec -- pytest -n 2 --dist loadgroup -m slow
+	$(VENV)/bin/tox exec -e test -- pytest -n 2 --dist loadgroup -m slow
 
 docs: install
 	$(PIP) install $(PIP_ARGS) -c constraints.txt -e '.[docs]'
