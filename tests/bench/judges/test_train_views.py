@@ -86,17 +86,18 @@ def test_cross_entropy_leaves_out_what_has_no_label():
 
 
 @pytest.mark.slow
-def test_a_short_training(two_classes, tmp_path, capsys):
+def test_a_short_training(two_classes, tmp_path, capsys, monkeypatch):
     """With blocks and chairs as unlike as can be, some steps are enough to tell them apart."""
+    monkeypatch.setattr(training, "BATCH", 16)
     out = tmp_path / "views.safetensors"
     folder = tmp_path / "training"
-    options = {"objects": 16, "views": 4, "seed": 0, "validation": (5, 3), "folder": folder}
-    scores = train_views(epochs=40, out=out, **options)
+    options = {"objects": 16, "views": 2, "seed": 0, "validation": (5, 3), "folder": folder}
+    scores = train_views(epochs=20, out=out, **options)
     said = capsys.readouterr().err.splitlines()
     assert sum(line.startswith("views: step 80/80, loss ") for line in said) == 1
     assert len((folder / "losses.csv").read_text().splitlines()) == 1 + 8
-    with pytest.raises(BadInput, match="step 80 of a training of 80 steps; one of 82 has another"):
-        train_views(epochs=41, out=tmp_path / "never", **options)
+    with pytest.raises(BadInput, match="step 80 of a training of 80 steps; one of 84 has another"):
+        train_views(epochs=21, out=tmp_path / "never", **options)
     assert scores.classes == ("block", "chair")
     assert scores.confusion.sum(axis=1).tolist() == [15, 15]
     assert scores.confusion.diagonal().sum() >= 27  # by chance 15, with a deviation of 2.7
