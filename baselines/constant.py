@@ -18,14 +18,14 @@ from data_prep.failures import BadInput
 from data_prep.images import to_float
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 
-CONSTANT_PICTURE = Path(__file__).with_name("constant.png")
+CONSTANT_IMAGE = Path(__file__).with_name("constant.png")
 
 
 @dataclass(frozen=True, eq=False)
 class Constant:
     """Draws `picture`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], whatever the cloud."""
 
-    picture: NDArray[np.uint8]
+    image: NDArray[np.uint8]
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> None:
         """Nothing to prepare."""
@@ -36,10 +36,10 @@ class Constant:
     ) -> Images:
         """The same picture for each view."""
         del state, rng
-        return np.repeat(to_float(self.picture)[None], len(views), axis=0)
+        return np.repeat(to_float(self.image)[None], len(views), axis=0)
 
 
-def read_picture(path: Path = CONSTANT_PICTURE) -> NDArray[np.uint8]:
+def read_image(path: Path = CONSTANT_IMAGE) -> NDArray[np.uint8]:
     """The picture of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
 
     Raises BadInput where there is none, or one of another size.
@@ -48,13 +48,13 @@ def read_picture(path: Path = CONSTANT_PICTURE) -> NDArray[np.uint8]:
 
     remedy = "reinstall, or make it again with 'bench train constant'"
     try:
-        with Image.open(path) as image:
-            picture = np.array(image.convert("RGB"))
+        with Image.open(path) as file:
+            image = np.array(file.convert("RGB"))
     except OSError as error:
         raise BadInput(f"{path}: no readable picture ({error}); {remedy}") from error
-    if picture.shape != (IMAGE_SIZE, IMAGE_SIZE, 3):
-        height, width, _ = picture.shape
+    if image.shape != (IMAGE_SIZE, IMAGE_SIZE, 3):
+        height, width, _ = image.shape
         raise BadInput(
             f"{path}: {width} x {height}, expected {IMAGE_SIZE} x {IMAGE_SIZE}; {remedy}"
         )
-    return picture
+    return image

@@ -13,7 +13,6 @@ from types import ModuleType
 _PUBLIC = {
     "methods": "bench.catalogue.methods",  # Method
     "image_metric": "bench.catalogue.plugins",  # ImageMetric
-    "picture_files": "bench.rendering.files",  # write_pictures
     "render_cloud": "bench.rendering.cloud",  # draw_cloud, draw_file
 }
 

@@ -38,7 +38,7 @@ from data_prep.conditions import RandomSubset
 from data_prep.dataset import Dataset, differences, listed
 from data_prep.failures import BadInput
 from data_prep.fingerprints import fingerprint_of
-from data_prep.images import read_picture
+from data_prep.images import read_image
 from data_prep.orientations import PAPER
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 from data_prep.scene_objects import SceneObject, Split
@@ -57,7 +57,7 @@ CLOUDS = Path("shape_net_core_uniform_samples_2048")
 RENDERS = Path("shapenet_release/renders")
 SPLIT_SUFFIX = "_exp.json"
 ALL_CLASSES = f"all{SPLIT_SUFFIX}"
-PICTURES = 20
+IMAGES = 20
 VIEWS = "view.txt"
 RADIUS = 0.5  # of the sphere that pictures show, in the units of the clouds
 MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
@@ -116,10 +116,10 @@ class PaperObject:
         Raises BadInput for more than there are pictures.
         """
         del rng
-        if count > PICTURES:
+        if count > IMAGES:
             raise BadInput(
-                f"--views {count}: an object of this dataset has {PICTURES} pictures; give at most "
-                f"--views {PICTURES}"
+                f"--views {count}: an object of this dataset has {IMAGES} pictures; give at most "
+                f"--views {IMAGES}"
             )
         try:
             return self.cameras(count)
@@ -137,15 +137,15 @@ class PaperObject:
             for view in found[:count]
         )
 
-    def picture_files(self) -> tuple[Path, ...]:
+    def image_files(self) -> tuple[Path, ...]:
         """Where its pictures have their place."""
-        return tuple(self.renders / picture_name(k) for k in range(PICTURES))
+        return tuple(self.renders / image_name(k) for k in range(IMAGES))
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
         """The first pictures. Raises BadInput where one, or a camera, cannot be had."""
         if self.cameras(len(views)) != tuple(views):
             raise BadInput(f"{self.renders / VIEWS}: has changed since the run began; start again")
-        return np.stack([read_picture(path)[0] for path in self.picture_files()[: len(views)]])
+        return np.stack([read_image(path)[0] for path in self.image_files()[: len(views)]])
 
     def cloud_and_truth(
         self, rng: np.random.Generator, views: Sequence[View]
@@ -154,12 +154,12 @@ class PaperObject:
         return self.cloud(rng), self.truth(views)
 
     def _companions(self) -> Iterator[Path]:
-        for path in (self.renders / VIEWS, *self.picture_files()):
+        for path in (self.renders / VIEWS, *self.image_files()):
             if is_regular_file(path):
                 yield path
 
 
-def picture_name(number: int) -> str:
+def image_name(number: int) -> str:
     """The file of a picture."""
     return f"render_{number}_128.png"
 

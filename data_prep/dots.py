@@ -25,8 +25,8 @@ def draw_dots(points: Points, views: Sequence[View]) -> NDArray[np.uint8]:
     if len(finite) > MOST_DOTS:
         chosen = generator("dots").choice(len(finite), MOST_DOTS, replace=False)
         finite = finite[np.sort(chosen)]
-    pictures = np.full((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), 255, np.uint8)
-    for picture, view in zip(pictures, views, strict=True):
+    images = np.full((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), 255, np.uint8)
+    for image, view in zip(images, views, strict=True):
         pixels, depth = project(finite, view)
         inside = (depth > 0) & ((pixels >= 0) & (pixels < IMAGE_SIZE)).all(axis=1)
         pixels, depth = pixels[inside], depth[inside]
@@ -34,5 +34,5 @@ def draw_dots(points: Points, views: Sequence[View]) -> NDArray[np.uint8]:
         column, row = np.floor(pixels[order]).astype(np.int64).T
         share = np.clip((depth[order] - (CAMERA_DISTANCE - 1)) / 2, 0.0, 1.0)
         grey = np.rint(NEAR_GREY + (FAR_GREY - NEAR_GREY) * share).astype(np.uint8)
-        picture[row, column] = grey[:, None]
-    return pictures
+        image[row, column] = grey[:, None]
+    return images

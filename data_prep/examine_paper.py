@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.camera import project
-from data_prep.dataset_paper import PICTURES, VIEWS, PaperObject, read_views
+from data_prep.dataset_paper import IMAGES, VIEWS, PaperObject, read_views
 from data_prep.failures import BadInput
-from data_prep.images import read_picture
+from data_prep.images import read_image
 from data_prep.randomness import generator
 from data_prep.sampling import AZIMUTH_RANGE_DEG, ELEVATION_RANGE_DEG
 from data_prep.scene import IMAGE_SIZE, PointCloud, View
@@ -33,14 +33,14 @@ def oddities(obj: PaperObject) -> Iterator[tuple[str, str]]:
     except BadInput as error:
         yield "the cameras cannot be read", _without_path(error, str(view_file))
     else:
-        if len(views) != PICTURES:
-            yield f"{VIEWS} has not {PICTURES} lines", f"{len(views)} lines"
+        if len(views) != IMAGES:
+            yield f"{VIEWS} has not {IMAGES} lines", f"{len(views)} lines"
         beyond = [view for view in views if not _in_range(view)]
         if beyond:
             yield "angles beyond 180 and 40 degrees", f"{len(beyond)} views"
-    for path in obj.picture_files():
+    for path in obj.image_files():
         try:
-            _, mode = read_picture(path)
+            _, mode = read_image(path)
         except BadInput as error:
             yield "a picture cannot be used", _without_path(error, str(path.parent) + "/")
         else:
@@ -54,7 +54,7 @@ def agreement(obj: PaperObject) -> NDArray[np.float64]:
 
     Raises BadInput where the object cannot be used.
     """
-    cloud, views = obj.cloud(generator("examine")), obj.cameras(PICTURES)
+    cloud, views = obj.cloud(generator("examine")), obj.cameras(IMAGES)
     on_object = np.asarray((obj.truth(views) < WHITE).any(axis=3))
     return np.array([_share(cloud, views, on_object, *reading) for reading in READINGS])
 

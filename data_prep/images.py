@@ -37,7 +37,7 @@ def blank(count: int) -> NDArray[np.uint8]:
     return np.full((count, IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
 
 
-def read_picture(path: Path) -> tuple[NDArray[np.uint8], str]:
+def read_image(path: Path) -> tuple[NDArray[np.uint8], str]:
     """uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] on white, and the mode of the file ("RGBA").
 
     Composited as the original does (roatienza/pc2pix@46795a46, loader.py), colour times alpha plus
@@ -49,10 +49,10 @@ def read_picture(path: Path) -> tuple[NDArray[np.uint8], str]:
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # of pictures that grow out of all bounds
         try:
-            with Image.open(file, formats=("PNG",)) as picture:
-                size, mode = picture.size, picture.mode
+            with Image.open(file, formats=("PNG",)) as image:
+                size, mode = image.size, image.mode
                 if size == (IMAGE_SIZE, IMAGE_SIZE) and mode in _MODES:
-                    rgba = np.asarray(picture.convert("RGBA"), np.float64)
+                    rgba = np.asarray(image.convert("RGBA"), np.float64)
                 else:
                     rgba = None
         except Exception as error:  # Pillow raises whatever its parsers raise

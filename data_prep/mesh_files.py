@@ -88,10 +88,10 @@ def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
     scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
     for geometry in scene.geometry.values():
         material = getattr(getattr(geometry, "visual", None), "material", None)
-        for picture in (getattr(material, name, None) for name in _TEXTURES):
-            if picture is not None and picture.width * picture.height > MOST_PIXELS:
+        for image in (getattr(material, name, None) for name in _TEXTURES):
+            if image is not None and image.width * image.height > MOST_PIXELS:
                 raise BadInput(
-                    f"{path}: a texture of {picture.width} x {picture.height} pixels, at most "
+                    f"{path}: a texture of {image.width} x {image.height} pixels, at most "
                     f"{MOST_PIXELS} are read; give a smaller one"
                 )
     faces = 0

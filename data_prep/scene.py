@@ -33,6 +33,7 @@ CLOUD_SIZE = 2048
 
 Points = NDArray[np.float32]  # [N, 3]
 Images = NDArray[np.float32]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3], in [0, 1]
+UInt8Images = NDArray[np.uint8]  # [..., IMAGE_SIZE, IMAGE_SIZE, 3]
 
 
 def _read_only(values: ArrayLike, dtype: type, columns: int, name: str) -> NDArray[Any]:

@@ -66,9 +66,9 @@ def add_surfaces(
         views = [
             View(*angles) for angles in zip(seen.azimuth_deg[i], seen.elevation_deg[i], strict=True)
         ]
-        for colour, pictures in ((BLACK, coverage), (NEUTRAL_GREY, grey)):
+        for colour, images in ((BLACK, coverage), (NEUTRAL_GREY, grey)):
             colours = np.broadcast_to(np.array(colour, np.uint8), mesh.face_colors.shape)
-            pictures[i] = render(replace(mesh, face_colors=colours), views)[..., 0]
+            images[i] = render(replace(mesh, face_colors=colours), views)[..., 0]
         on_progress()
     return SurfaceSet(seen, 255 - coverage, grey)
 

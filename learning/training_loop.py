@@ -187,9 +187,9 @@ def run(
                 checkpoint.save(path, trainer.kind, step, described, state)
             last_saved = step
         if writes and (step % cadence.sheet == 0 or last):
-            picture = trainer.sheet()
-            if picture is not None:
-                _write_png(out_dir / "sheets" / f"step-{step:06d}.png", picture)
+            image = trainer.sheet()
+            if image is not None:
+                _write_png(out_dir / "sheets" / f"step-{step:06d}.png", image)
             loss_log.write_loss_curves(losses_csv, out_dir / "losses.png", step)
     processes.average({"done": 1.0})  # nobody goes on before the checkpoint is there for all
     return path
@@ -348,8 +348,8 @@ class _Rate:
         return (s1 - s0) / (t1 - t0) if s1 - s0 >= 2 and t1 > t0 else None
 
 
-def _write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
     from PIL import Image
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(picture).save(path)
+    Image.fromarray(image).save(path)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from pc2pix.engine import Precision
-    from pc2pix.pictures import draw_cloud, turntable
+    from pc2pix.images import draw_cloud, turntable
     from pc2pix.renderer import NoisePolicy, Pc2pixRenderer
 
 __all__ = ["draw_cloud", "load", "turntable"]
@@ -21,9 +21,9 @@ def __getattr__(name: str) -> Any:
     """What needs NumPy is imported when it is asked for: the command line has no time for it."""
     if name not in ("draw_cloud", "turntable"):
         raise AttributeError(f"module 'pc2pix' has no attribute '{name}'")
-    from pc2pix import pictures
+    from pc2pix import images
 
-    return getattr(pictures, name)
+    return getattr(images, name)
 
 
 def load(

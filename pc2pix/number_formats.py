@@ -64,7 +64,7 @@ class Inference:
     """
 
     code: NDArray[np.float64]
-    pictures: NDArray[np.float64]
+    images: NDArray[np.float64]
     layers: tuple[LayerRange, ...]
 
     @property
@@ -77,7 +77,7 @@ class Inference:
         """The stage at which `Pc2pixRenderer` refuses such a code or picture, if it does."""
         if not np.isfinite(self.code).all():
             return "encode"
-        return None if np.isfinite(self.pictures).all() else "generate"
+        return None if np.isfinite(self.images).all() else "generate"
 
 
 class Deviation(NamedTuple):
@@ -110,9 +110,9 @@ def infer(weights: Weights, points: Points, views: Sequence[View], fmt: Format) 
     with _Watch(names) as watch:
         code = encoder(torch.tensor(fed, dtype=dtype)).mean(dim=0, keepdim=True)
         code = (code - mean) / std
-        images = generator(noise, code.expand(len(views), -1), elevation01, azimuth01)
-    pictures = (images.double().permute(0, 2, 3, 1).numpy() + 1) / 2
-    return Inference(code[0].double().numpy(), pictures, tuple(watch.layers))
+        output = generator(noise, code.expand(len(views), -1), elevation01, azimuth01)
+    images = (output.double().permute(0, 2, 3, 1).numpy() + 1) / 2
+    return Inference(code[0].double().numpy(), images, tuple(watch.layers))
 
 
 def deviation(found: NDArray[np.float64], reference: NDArray[np.float64]) -> Deviation | None:

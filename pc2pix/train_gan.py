@@ -60,7 +60,7 @@ from pc2pix.train_autoencoder import check_clouds
 from pc2pix.weights import GAN
 
 KIND = GAN
-SHEET_PICTURES = 8
+SHEET_IMAGES = 8
 ENCODE_BATCH = 32
 WARM_UP_RATE = 4.0  # times the learning rate: a regression bears more than a game of two
 MIN_CODE_STD = 1e-6  # a dimension that never varies is centred, not blown up
@@ -252,7 +252,7 @@ class _GanTrainer(NetworkTrainer):
         """With the statistics of the codes: a checkpoint is all that export needs."""
         return super().state() | {"code_mean": self.code_mean, "code_std": self.code_std}
 
-    def _pictures(self, objects: Tensor, views: Tensor) -> Tensor:
+    def _images(self, objects: Tensor, views: Tensor) -> Tensor:
         """Real pictures [B, 3, 128, 128] in [-1, 1], channels last."""
         device = self.images.device
         nhwc = self.images[objects.to(device), views.to(device)]
@@ -262,7 +262,7 @@ class _GanTrainer(NetworkTrainer):
         n, v = self.azimuth01.shape
         objects = torch.randint(n, (self.batch,), generator=self.random)
         views = torch.randint(v, (self.batch,), generator=self.random)
-        return self._pictures(objects, views), self._condition_of(objects, views)
+        return self._images(objects, views), self._condition_of(objects, views)
 
     def _condition_of(self, objects: Tensor, views: Tensor) -> Condition:
         elevation = self.elevation01[objects, views, None]
@@ -334,7 +334,7 @@ class _GanTrainer(NetworkTrainer):
         views = torch.randint(v, (self.batch,), generator=self.random)
         scene = Scene(
             self._points(objects),
-            self._pictures(objects, views),
+            self._images(objects, views),
             self.elevation01[objects, views, None],
             self.azimuth01[objects, views, None],
         )
@@ -397,7 +397,7 @@ class _GanTrainer(NetworkTrainer):
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
         """Two rows: real pictures, and what the averaged generator draws for the same (z = 0)."""
-        count = min(SHEET_PICTURES, len(self.codes))
+        count = min(SHEET_IMAGES, len(self.codes))
         objects = torch.arange(count) * len(self.codes) // count
         views = torch.arange(count) % self.azimuth01.shape[1]
         noise = torch.zeros(count, NOISE_DIM, device=self.device)
@@ -406,7 +406,7 @@ class _GanTrainer(NetworkTrainer):
         code = self._whiten(self.average["encoder"](points.to(self.device)))
         angles = self.elevation01[objects, views, None], self.azimuth01[objects, views, None]
         fake = self.average["generator"](noise, code, *(a.to(self.device) for a in angles))
-        rows = torch.stack([self._pictures(objects, views), fake])  # [2, B, 3, H, W]
+        rows = torch.stack([self._images(objects, views), fake])  # [2, B, 3, H, W]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)  # [2 H, B W, 3]
         return ((rows + 1) * 127.5).round().clamp(0, 255).byte().cpu().numpy()
 

@@ -38,7 +38,7 @@ from data_prep.randomness import generator
 from data_prep.sampling import random_views, sample_surface
 from data_prep.scene import PointCloud
 from data_prep.shapes.catalogue import CLASSES
-from studies.pictures import draw_all, render_all, turned
+from studies.images import draw_all, render_all, turned
 from studies.tables import markdown
 
 TURNED = ("pc2pix@all", "pc2pix", "splat", "blank")
@@ -81,8 +81,8 @@ class Measure:
         x, y = self._features(sample.truth), self._features(sample.drawn)
         return {"fd-views": frechet_distance(x, y), "kd-views": kernel_distance(x, y)}
 
-    def _features(self, pictures: NDArray[np.uint8]) -> NDArray[np.float32]:
-        return view_features(self.network, pictures.reshape(-1, *pictures.shape[2:]))
+    def _features(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        return view_features(self.network, images.reshape(-1, *images.shape[2:]))
 
 
 def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:

@@ -179,8 +179,8 @@ def report_exactness(name: str, weights: Weights, chairs: int, views: int) -> No
     expected, truth = np.concatenate(exact), np.concatenate(true)
     scores = ssim_per_image(to_uint8(expected), truth).ssim
     print(f"\n{name}, {chairs} chairs x {views} views; SSIM of the plain one {scores.mean():.4f}")
-    for precision, pictures in found.items():
-        drawn = np.concatenate(pictures)
+    for precision, images in found.items():
+        drawn = np.concatenate(images)
         apart = np.abs(drawn - expected)
         levels = np.abs(to_uint8(drawn).astype(int) - to_uint8(expected))
         moved = ssim_per_image(to_uint8(drawn), truth).ssim - scores

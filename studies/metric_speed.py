@@ -48,12 +48,12 @@ from bench.metrics.thin_parts import thin_scores
 from data_prep.datasets import ProceduralObject
 from data_prep.randomness import generator
 from data_prep.sampling import random_views, sample_surface
+from data_prep.scene import UInt8Images
 from studies.arguments import numbers
-from studies.pictures import draw_all, render_all
+from studies.images import draw_all, render_all
 from studies.turns import Work, in_turns, load, ratio
 
 Floats = NDArray[np.float64]
-Pictures = NDArray[np.uint8]
 
 PAIRS = 20
 CHAIRS, VIEWS = 4, 5  # make as many
@@ -84,14 +84,14 @@ def main() -> None:
         f"{clock}, {load()}"
     )
     with threadpool_limits(given.threads):
-        pairs = picture_pairs()
+        pairs = image_pairs()
         report_ssim(watch, pairs, given.rounds)
         report_scores(watch, pairs["chairs, pc2pix"], given.rounds)
         report_frechet(watch, given.sizes, given.frechet_rounds)
         report_intervals(watch)
 
 
-def picture_pairs() -> dict[str, tuple[Pictures, Pictures]]:
+def image_pairs() -> dict[str, tuple[UInt8Images, UInt8Images]]:
     """PAIRS pairs of pictures by name: noise, and true pictures of chairs with drawn ones."""
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (2, PAIRS, 128, 128, 3), np.uint8)
@@ -109,7 +109,7 @@ def picture_pairs() -> dict[str, tuple[Pictures, Pictures]]:
     return pairs
 
 
-def by_scikit_image(a: Pictures, b: Pictures) -> Floats:
+def by_scikit_image(a: UInt8Images, b: UInt8Images) -> Floats:
     """SSIM [N] by the same protocol."""
     return np.array(
         [
@@ -126,7 +126,9 @@ def by_scikit_image(a: Pictures, b: Pictures) -> Floats:
     )
 
 
-def report_ssim(watch: Watch, pairs: dict[str, tuple[Pictures, Pictures]], rounds: int) -> None:
+def report_ssim(
+    watch: Watch, pairs: dict[str, tuple[UInt8Images, UInt8Images]], rounds: int
+) -> None:
     """Milliseconds a pair of both, and their ratio."""
     print(
         f"\n{'ssim, ms a pair':<26}{'scikit-image':>13}{'ours':>8}{'ratio':>8}  of a round", end=""
@@ -145,7 +147,7 @@ def report_ssim(watch: Watch, pairs: dict[str, tuple[Pictures, Pictures]], round
         )
 
 
-def report_scores(watch: Watch, pair: tuple[Pictures, Pictures], rounds: int) -> None:
+def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: int) -> None:
     """What a picture costs, by score and network."""
     truth, drawn = pair
     boxes = object_boxes(truth)

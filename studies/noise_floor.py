@@ -50,11 +50,11 @@ from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
 from data_prep.sampling import random_views, sample_surface
-from data_prep.scene import Mesh, PointCloud, View
+from data_prep.scene import Mesh, PointCloud, UInt8Images, View
 from pc2pix.number_formats import Format, infer
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
-from studies.pictures import TURN_DEG, Pictures, draw_all, render_all, turned
+from studies.images import TURN_DEG, draw_all, render_all, turned
 from studies.ray_caster import MIRRORED, OPENGL, cast, grid
 from studies.tables import markdown
 
@@ -123,18 +123,17 @@ class Study:
         self.scene = make_scene(chairs, views, 0, condition)
         self.truth = render_all(self.scene.meshes, self.scene.views)
         self.truth_taken = self.take(self.truth)
-        self.pictures = {method: self.draw(method, self.scene) for method in METHODS}
-        self.taken = {method: self.take(drawn) for method, drawn in self.pictures.items()}
+        self.images = {method: self.draw(method, self.scene) for method in METHODS}
+        self.taken = {method: self.take(drawn) for method, drawn in self.images.items()}
         self.cells = {
-            method: self.measure(drawn, self.taken[method])
-            for method, drawn in self.pictures.items()
+            method: self.measure(drawn, self.taken[method]) for method, drawn in self.images.items()
         }
 
-    def measure(self, drawn: Pictures, taken: Taken) -> Cells:
+    def measure(self, drawn: UInt8Images, taken: Taken) -> Cells:
         """The cells of pictures against the first scene's truth."""
         return cells(self.truth, self.truth_taken, drawn, taken, self.scene.views)
 
-    def draw(self, method: str, scene: Scene) -> Pictures:
+    def draw(self, method: str, scene: Scene) -> UInt8Images:
         """The pictures of a method, all views of a chair in one batch."""
         renderer = self.network if method == NETWORK else find_method(method).load("cpu")
         return draw_all(renderer, scene.clouds, scene.views)
@@ -188,14 +187,14 @@ class Study:
         """The networks on two threads."""
         torch.set_num_threads(2)
         try:
-            pictures = self.pictures | {NETWORK: self.draw(NETWORK, self.scene)}
+            images = self.images | {NETWORK: self.draw(NETWORK, self.scene)}
             truth = self.take(self.truth)
-            taken = {method: self.take(drawn) for method, drawn in pictures.items()}
+            taken = {method: self.take(drawn) for method, drawn in images.items()}
         finally:
             torch.set_num_threads(1)
         again = {
             method: cells(self.truth, truth, drawn, taken[method], self.scene.views)
-            for method, drawn in pictures.items()
+            for method, drawn in images.items()
         }
         return self.moved(THREADS, again)
 
@@ -205,7 +204,7 @@ class Study:
         truth = exact(self.truth)
         again = {
             method: cells(self.truth, truth, drawn, exact(drawn), self.scene.views)
-            for method, drawn in self.pictures.items()
+            for method, drawn in self.images.items()
         }
         found = self.moved(IN_FEATURES, again)
         formats: tuple[Format, ...] = ("float64", "bfloat16")
@@ -213,7 +212,7 @@ class Study:
             drawn = np.stack(
                 [
                     to_uint8(
-                        infer(self.network.weights, cloud.points, views, fmt).pictures.astype(
+                        infer(self.network.weights, cloud.points, views, fmt).images.astype(
                             np.float32
                         )
                     )
@@ -230,10 +229,10 @@ class Study:
         scene = replace(self.scene, views=views)
         truth = render_all(scene.meshes, scene.views)
         taken = self.take(truth)
-        pictures = {method: self.draw(method, scene) for method in METHODS} | {CEILING: truth}
+        images = {method: self.draw(method, scene) for method in METHODS} | {CEILING: truth}
         again = {
             method: cells(truth, taken, drawn, self.take(drawn), views)
-            for method, drawn in pictures.items()
+            for method, drawn in images.items()
         }
         ceiling = {CEILING: self.measure(self.truth, self.truth_taken)}
         return self.moved(TURN, again, since=self.cells | ceiling)
@@ -252,7 +251,7 @@ class Study:
             taken = self.take(truth)
             again = {
                 method: cells(truth, taken, drawn, self.taken[method], self.scene.views)
-                for method, drawn in self.pictures.items()
+                for method, drawn in self.images.items()
             }
             found += self.moved(source, again)
             found += self.moved(source, {CEILING: self.measure(truth, taken)}, since=ceiling)
@@ -267,9 +266,9 @@ class Features:
         self.views = load_views_network(VIEWS_WEIGHTS).to(dtype)
         self.judge = load_judge_network(JUDGE_WEIGHTS).to(dtype)
 
-    def __call__(self, pictures: Pictures) -> Taken:
+    def __call__(self, images: UInt8Images) -> Taken:
         """Features of [chairs, views, H, W, 3]."""
-        flat = pictures.reshape(-1, *pictures.shape[2:])
+        flat = images.reshape(-1, *images.shape[2:])
         grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
         if self.dtype == torch.float32:  # the very functions that a run uses
             taken = (
@@ -279,7 +278,7 @@ class Features:
             )
         else:
             taken = (self._views(flat), self._views(grey), self._judge(flat))
-        return Taken(*(values.reshape(*pictures.shape[:2], -1) for values in taken))
+        return Taken(*(values.reshape(*images.shape[:2], -1) for values in taken))
 
     @torch.inference_mode()
     def _views(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
@@ -316,9 +315,9 @@ def make_scene(chairs: int, views: int, seed: int, condition: str) -> Scene:
 
 
 def cells(
-    truth: Pictures,
+    truth: UInt8Images,
     truth_taken: Taken,
-    drawn: Pictures,
+    drawn: UInt8Images,
     taken: Taken,
     views: Sequence[Sequence[View]],
 ) -> Cells:
@@ -336,9 +335,9 @@ def cells(
     answers = _flat(taken.answers)
     azimuth = np.array([view.azimuth_deg for of_chair in views for view in of_chair])
     elevation = np.array([view.elevation_deg for of_chair in views for view in of_chair])
-    pictures = [(f"{chair:04d}", view) for chair, view in np.ndindex(drawn.shape[:2])]
-    among = control.gallery("chair", pictures, _flat(truth_taken.answers))
-    hits = control.found(among, answers, pictures)
+    images = [(f"{chair:04d}", view) for chair, view in np.ndindex(drawn.shape[:2])]
+    among = control.gallery("chair", images, _flat(truth_taken.answers))
+    hits = control.found(among, answers, images)
     values["azimuth-error-deg"] = float(np.median(control.azimuth_error_deg(answers, azimuth)))
     values["elevation-error-deg"] = float(
         np.median(control.elevation_error_deg(answers, elevation))
@@ -347,8 +346,8 @@ def cells(
     return values
 
 
-def _mean(per_picture: NDArray[np.float64]) -> float:
-    there = per_picture[np.isfinite(per_picture)]
+def _mean(per_image: NDArray[np.float64]) -> float:
+    there = per_image[np.isfinite(per_image)]
     return float(there.mean()) if len(there) else float("nan")
 
 

@@ -192,7 +192,7 @@ class PlainLoop:
 
     def step(
         self,
-        pictures: Tensor,
+        images: Tensor,
         shown: Target,
         noises: tuple[Tensor, Tensor],
         wanted: tuple[Target, Target],
@@ -200,7 +200,7 @@ class PlainLoop:
         """The losses of discriminator and generator; `noises` and `wanted` are for one each."""
         with torch.no_grad():
             drawn = self.generator(noises[0], wanted[0])
-        d_loss = loss(self.discriminator(pictures), shown, 1.0)
+        d_loss = loss(self.discriminator(images), shown, 1.0)
         d_loss = d_loss + loss(self.discriminator(drawn), wanted[0], 0.0)
         self.d_adam.zero_grad()
         d_loss.backward()

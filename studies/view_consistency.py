@@ -54,10 +54,9 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
 from bench.metrics.silhouette import Masks, drawn, foreground
 from bench.rendering.cloud import Drawing, Failed, draw_cloud
-from bench.rendering.files import write_pictures
+from bench.rendering.files import write_images
 from bench.rendering.sheet import Tile, draw_sheet
 from bench.running.isolation import Lost, run_tasks
-from bench.running.work import Pictures
 from bench.tables.markdown import cell, visible
 from bench.tables.table import csv_text
 from data_prep.conditions import CONDITIONS
@@ -65,7 +64,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.randomness import generator
-from data_prep.scene import View
+from data_prep.scene import UInt8Images, View
 from data_prep.shapes.chair.spec import draw_chair_spec
 from data_prep.whole_files import write_whole
 from studies.arguments import names, positive
@@ -156,7 +155,7 @@ def main() -> None:
 # --- one object -----------------------------------------------------------------------------------
 
 
-def draw(task: Task) -> Pictures | Failed:
+def draw(task: Task) -> UInt8Images | Failed:
     """The method's pictures of all views."""
     chair = ProceduralObject(CLASS, SPLIT, task.chair)
     identity = (CLASS, chair.object_id)
@@ -171,21 +170,21 @@ def draw(task: Task) -> Pictures | Failed:
 
 def measure(task: Task) -> Measured | Failed:
     """Both measures of a method on one chair."""
-    pictures = draw(task)
-    if isinstance(pictures, Failed):
-        return pictures
+    images = draw(task)
+    if isinstance(images, Failed):
+        return images
     truth = ProceduralObject(CLASS, SPLIT, task.chair).truth(VIEWS)
-    true, seen = silhouettes(truth, pictures)
+    true, seen = silhouettes(truth, images)
     return {
         "distance": Tally.of(distances(true, seen)),
         "flicker": Tally.of(flicker(true, seen)),
     }
 
 
-def silhouettes(truth: Pictures, pictures: Pictures) -> tuple[Masks, Masks]:
+def silhouettes(truth: UInt8Images, images: UInt8Images) -> tuple[Masks, Masks]:
     """What true pictures show and what pictures draw of it, [N, H, W] each."""
     true = foreground(truth)
-    return true, drawn(truth, pictures, true)
+    return true, drawn(truth, images, true)
 
 
 # --- silhouettes to pixels ------------------------------------------------------------------------
@@ -404,19 +403,19 @@ def show(folder: Path, methods: Sequence[str], workers: int) -> None:
     made = run_all("drawing", tasks, draw, workers)
     truth = ProceduralObject(CLASS, SPLIT, chair).truth(VIEWS)
     for condition in SHOWN_CONDITIONS:
-        pictures = {method: made[Task(method, condition, chair)] for method in methods}
+        images = {method: made[Task(method, condition, chair)] for method in methods}
         strip = [
             *strip_row("truth", truth, truth),
-            *(t for method, of in pictures.items() for t in strip_row(method, truth, of)),
+            *(t for method, of in images.items() for t in strip_row(method, truth, of)),
         ]
         columns = len(VIEWS[STRIP])
-        write_pictures(draw_sheet(strip, columns, SCALE), folder / f"strip-{condition}.png")
+        write_images(draw_sheet(strip, columns, SCALE), folder / f"strip-{condition}.png")
         tiles = [
             Tile(visible(label), visible(of.reason) if isinstance(of, Failed) else of)
-            for label, of in {"truth": truth, **pictures}.items()
+            for label, of in {"truth": truth, **images}.items()
         ]
         film = draw_sheet(tiles, len(tiles), SCALE)
-        write_pictures(film, folder / f"turntable-{condition}.gif")
+        write_images(film, folder / f"turntable-{condition}.gif")
 
 
 def slatted_chair() -> int:
@@ -429,19 +428,19 @@ def slatted_chair() -> int:
     )
 
 
-def strip_row(label: str, truth: Pictures, pictures: Pictures | Failed) -> list[Tile]:
+def strip_row(label: str, truth: UInt8Images, images: UInt8Images | Failed) -> list[Tile]:
     """Neighbouring views: the first tile has the label, the others their azimuth."""
     labels = [visible(label), *(f"{view.azimuth_deg:g}°" for view in VIEWS[STRIP][1:])]
-    if isinstance(pictures, Failed):
-        return [Tile(text, visible(pictures.reason)) for text in labels]
-    tinted = tint(truth[STRIP], pictures[STRIP])
+    if isinstance(images, Failed):
+        return [Tile(text, visible(images.reason)) for text in labels]
+    tinted = tint(truth[STRIP], images[STRIP])
     return [Tile(text, tinted[i : i + 1]) for i, text in enumerate(labels)]
 
 
-def tint(truth: Pictures, pictures: Pictures) -> Pictures:
+def tint(truth: UInt8Images, images: UInt8Images) -> UInt8Images:
     """The pictures, red where more is drawn than the true silhouette, blue where less."""
-    true, seen = silhouettes(truth, pictures)
-    tinted = pictures.copy()
+    true, seen = silhouettes(truth, images)
+    tinted = images.copy()
     tinted[seen & ~true] = TOO_MUCH
     tinted[true & ~seen] = TOO_LITTLE
     return tinted

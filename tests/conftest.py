@@ -1,5 +1,8 @@
 """Which tests share a worker: those of a file, those that would disturb each other, and those
-that share what takes long to make."""
+that share what takes long to make. And how many threads torch has in a test: one."""
+
+import sys
+from collections.abc import Iterator
 
 import pytest
 
@@ -15,3 +18,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         alone += [name for name in MADE_ONCE if name in getattr(item, "fixturenames", ())]
         group = alone[0] if alone else item.nodeid.partition("::")[0]
         item.add_marker(pytest.mark.xdist_group(group))
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Torch sums with one thread, where the test's module has imported it: the number of threads
+    changes the order of a sum, and with it the last bits."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)

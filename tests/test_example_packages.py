@@ -121,8 +121,8 @@ def test_it_draws_a_cloud(bench, tmp_path):
     front = ("--azimuth", "0", "--elevation", "0", "-o", tmp_path / "cube.png")
     done = bench("render", tmp_path / "cube.ply", "--method", "convex-hull", *front)
     assert (done.returncode, done.stderr) == (0, "")
-    with Image.open(tmp_path / "cube.png") as picture:
-        pixels = np.asarray(picture)[:, :, 0]
+    with Image.open(tmp_path / "cube.png") as image:
+        pixels = np.asarray(image)[:, :, 0]
     rows, columns = np.nonzero(pixels == 160)
     wide, high = np.ptp(columns) + 1, np.ptp(rows) + 1
     assert (wide, high) == (78, 78)  # whole pixels; the outermost ones are smoothed

@@ -35,21 +35,21 @@ def test_they_make_what_the_page_shows(folder):
     made = {path.name for path in folder.iterdir()}
     assert made == {"chair.ply", *FRAMES}
     for name, frames in FRAMES.items():
-        with Image.open(folder / name) as picture:
-            assert getattr(picture, "n_frames", 1) == frames
+        with Image.open(folder / name) as image:
+            assert getattr(image, "n_frames", 1) == frames
             tiles = TILES.get(name)
             # 256 px a tile, 6 px of margin around each, 18 px for the label
             size = (128, 128) if tiles is None else (tiles * 262 + 6, 256 + 18 + 2 * 6)
-            assert picture.size == size
+            assert image.size == size
 
 
-def test_the_pictures_of_the_page_are_of_these_commands(folder):
+def test_the_images_of_the_page_are_of_these_commands(folder):
     """Sheet of the page: dots and splats, which depend on no driver and no rounding."""
     with (
         Image.open(PAGE.parent / "render-sheet.png") as shown,
         Image.open(folder / "sheet.png") as made,
     ):
-        theirs, ours = (np.asarray(picture.convert("RGB"))[24:280] for picture in (shown, made))
+        theirs, ours = (np.asarray(image.convert("RGB"))[24:280] for image in (shown, made))
     for tile in (0, 2):
         left = 6 + tile * 262
         assert np.array_equal(theirs[:, left : left + 256], ours[:, left : left + 256])

@@ -36,8 +36,8 @@ class FoldedSplatNet:
         `dtype`."""
         layers = self.for_one if len(channels) == 1 else self.for_many
         output = layers(channels)
-        _, (picture, *_) = composite(output, self.network.config.heads)
-        return picture.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
+        _, (image, *_) = composite(output, self.network.config.heads)
+        return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 
 
 class _Layers:

@@ -50,7 +50,7 @@ class Truth:
     coverage: Tensor
 
 
-def picture_error(drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
+def image_error(drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
     """`learning.image_losses.weighted_error`; a scalar.
 
     Pictures [B, C, S, S] and coverage [B, 1, S, S] in 0..1. The score of the benchmark is part of
@@ -60,7 +60,7 @@ def picture_error(drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
 
 
 def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:
-    """Cross entropy of coverage [B, 1, S, S], weighted as in `picture_error`; a scalar."""
+    """Cross entropy of coverage [B, 1, S, S], weighted as in `image_error`; a scalar."""
     weight = torch.where(coverage > 0, FOREGROUND_WEIGHT, 1.0)
     return functional.binary_cross_entropy_with_logits(logits, coverage, weight=weight)
 

@@ -26,8 +26,8 @@ from baselines.splat_net.losses import (
     PatchJudge,
     Truth,
     coverage_error,
+    image_error,
     judge_error,
-    picture_error,
 )
 from baselines.splat_net.network import (
     DEFAULT,
@@ -185,8 +185,8 @@ class _Trainer(NetworkTrainer):
             output = self.network(channels)
         _, (colour, grey) = composite(output, HEADS)
         terms = {
-            "colour": picture_error(colour, truth.colour, truth.coverage),
-            "grey": picture_error(grey, truth.grey, truth.coverage),
+            "colour": image_error(colour, truth.colour, truth.coverage),
+            "grey": image_error(grey, truth.grey, truth.coverage),
             "coverage": coverage_error(output[:, :1].float(), truth.coverage),
         }
         total = terms["colour"] + GREY_WEIGHT * terms["grey"] + COVERAGE_WEIGHT * terms["coverage"]
@@ -293,13 +293,13 @@ class _Trainer(NetworkTrainer):
         )
         channels = project(together, cameras(looks).to(self.device), self.config.network.inputs)
 
-        def pictures(of: NDArray[np.uint8]) -> Tensor:
+        def scaled(of: NDArray[np.uint8]) -> Tensor:
             taken = torch.from_numpy(of[rows, columns]).to(self.device).float() / 255
             taken = taken.unsqueeze(1) if taken.dim() == 3 else taken.permute(0, 3, 1, 2)
             flip = (signs < 0).to(self.device)[:, None, None, None]
             return torch.where(flip, taken.flip(3), taken)
 
-        truth = Truth(pictures(seen.images), pictures(self.data.grey), pictures(self.data.coverage))
+        truth = Truth(scaled(seen.images), scaled(self.data.grey), scaled(self.data.coverage))
         return channels, truth
 
     @torch.no_grad()

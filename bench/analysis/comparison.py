@@ -73,7 +73,7 @@ class Comparison:
     objects: tuple[str, ...]
     prepare_s: Mapping[str, Floats]
     draw_s: Mapping[str, Floats]
-    pictures: Mapping[str, tuple[int, int]]
+    images: Mapping[str, tuple[int, int]]
     qualities: Mapping[str, Mapping[str, Quality]]
 
     def cost_ms(self, method: str, views: int) -> Estimate:
@@ -102,7 +102,7 @@ def compare(
     for (condition, class_name), group in records.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
         cell = str(condition), str(class_name)
         by_method = {str(method): of for method, of in group.groupby("method", sort=False)}
-        true = _by_picture(by_method.get(FLOOR, group[:0])).index
+        true = _by_image(by_method.get(FLOOR, group[:0])).index
         objects = tuple(sorted({obj for obj, _ in true}))
         if not objects:
             continue
@@ -112,7 +112,7 @@ def compare(
                 objects=objects,
                 prepare_s={m: _times(of, "prepare_s", objects) for m, of in by_method.items()},
                 draw_s={m: _times(of, "draw_s", objects) for m, of in by_method.items()},
-                pictures={
+                images={
                     m: (int((of["outcome"] == "ok").sum()), len(of)) for m, of in by_method.items()
                 },
                 qualities={
@@ -168,7 +168,7 @@ def _sees_mesh(method: str) -> bool:
         return False
 
 
-def _by_picture(records: pd.DataFrame) -> pd.DataFrame:
+def _by_image(records: pd.DataFrame) -> pd.DataFrame:
     """The pictures that are there, by object and view."""
     return records[records["outcome"] == "ok"].set_index(["object", "view"]).sort_index()
 
@@ -181,10 +181,10 @@ def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
 def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict[str, Quality]:
     """Means over objects. A picture without a value does not count in the mean of its object."""
     name = column(metric)
-    floor = _by_picture(by_method[FLOOR])[name]
+    floor = _by_image(by_method[FLOOR])[name]
     qualities = {}
     for method, records in by_method.items():
-        own = _by_picture(records)[name]
+        own = _by_image(records)[name]
         scores = own.reindex(floor.index).where(floor.index.isin(own.index), floor)
         per_object = scores.groupby(level="object", sort=True).mean().to_numpy(np.float64)
         estimate = Estimate(_mean(per_object), *mean_interval(per_object))
@@ -201,13 +201,13 @@ def _set_qualities(
 ) -> dict[str, Quality]:
     """Fréchet distances to the true pictures."""
     known = set(objects)
-    pictures = [picture for picture in features.pictures(FLOOR, *cell) if picture[0] in known]
-    if len(pictures) < 2:
+    images = [image for image in features.images(FLOOR, *cell) if image[0] in known]
+    if len(images) < 2:
         nothing = Estimate(NAN, NAN, NAN)
         return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
     qualities = {}
     for method in by_method:
-        value, left_out = features.distance((method, *cell), pictures)
+        value, left_out = features.distance((method, *cell), images)
         estimate = _jackknife(value, left_out)
         estimate = estimate._replace(low=max(estimate.low, 0.0))  # NaN stays
         qualities[method] = Quality(metric, estimate, left_out)

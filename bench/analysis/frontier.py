@@ -64,7 +64,7 @@ def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[n
 
 def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[Place]:
     """The places of all methods by these metrics, in their order and the comparison's."""
-    costs = {method: comparison.cost_ms(method, views) for method in comparison.pictures}
+    costs = {method: comparison.cost_ms(method, views) for method in comparison.images}
     could = candidates(costs)
     made = []
     for metric in metrics:
@@ -85,7 +85,7 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[P
                     method,
                     costs[method],
                     quality.estimate,
-                    *comparison.pictures[method],
+                    *comparison.images[method],
                     verdict,
                     rival,
                 )
@@ -151,7 +151,7 @@ def thinned(comparisons: Sequence[Comparison], metrics: Sequence[str], views: in
         whole = full.get(c.class_name)
         if whole is None or whole.objects != c.objects:
             continue
-        for method in candidates(c.pictures):
+        for method in candidates(c.images):
             cost_ms = c.cost_ms(method, views)
             for metric in metrics:
                 own = c.qualities[metric][method]

@@ -30,9 +30,9 @@ Floats = NDArray[np.float64]
 def true_gallery(answers: Features, class_name: str) -> Gallery:
     """The gallery of a class, from the judge's answers to the ground truth of a run."""
     truth = (GROUND_TRUTH, "", class_name)
-    pictures = answers.pictures(*truth)
-    found = answers.of(*truth, pictures) if pictures else np.empty((0, VIEW_COLUMNS))
-    return gallery(class_name, pictures, found)
+    images = answers.images(*truth)
+    found = answers.of(*truth, images) if images else np.empty((0, VIEW_COLUMNS))
+    return gallery(class_name, images, found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,8 +107,8 @@ def advise(comparison: Comparison, request: Request) -> Advice:
         behind = Estimate(NAN, NAN, NAN)
         if affordable:
             behind = lead(qualities[affordable[0]], qualities[method])
-        pictures = comparison.pictures[method]
-        return Choice(method, costs[method], qualities[method].estimate, *pictures, behind)
+        images = comparison.images[method]
+        return Choice(method, costs[method], qualities[method].estimate, *images, behind)
 
     wanted = -np.inf if request.min_ssim is None else request.min_ssim
     on_average = [m for m in by_cost if qualities[m].estimate.value >= wanted]

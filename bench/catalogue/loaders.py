@@ -109,18 +109,18 @@ def renderer(where: str, device: str, **fields: float) -> Renderer:
 def constant(device: str) -> Renderer:
     """The bundled picture."""
     del device
-    from baselines.constant import Constant, read_picture
+    from baselines.constant import Constant, read_image
 
-    return Constant(read_picture())
+    return Constant(read_image())
 
 
 def constant_identity() -> str:
     """The pixels, not the file: another PNG writer may pack them differently."""
     from hashlib import sha256
 
-    from baselines.constant import read_picture
+    from baselines.constant import read_image
 
-    return f"picture {sha256(read_picture().tobytes()).hexdigest()}"
+    return f"picture {sha256(read_image().tobytes()).hexdigest()}"
 
 
 def versions(*packages: str) -> str:

@@ -174,9 +174,9 @@ def spreads(features: Features, classes: Iterable[str]) -> dict[str, tuple[float
     made = {}
     for name in classes:
         truth = (GROUND_TRUTH, "", name)
-        pictures = features.pictures(*truth)
-        values = pd.DataFrame(features.of(*truth, pictures).astype(np.float64))
-        means = values.groupby([obj for obj, _ in pictures]).mean().to_numpy()
+        images = features.images(*truth)
+        values = pd.DataFrame(features.of(*truth, images).astype(np.float64))
+        means = values.groupby([obj for obj, _ in images]).mean().to_numpy()
         if len(means) >= 3:
             left_out = [_variance(np.delete(means, i, axis=0)) for i in range(len(means))]
             made[name] = _variance(means), np.array(left_out)

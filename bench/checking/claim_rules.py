@@ -69,7 +69,7 @@ class Scored:
     @property
     def networks(self) -> list[str]:
         """The variants of pc2pix in the run."""
-        of_all = next(iter(self.comparisons.values())).pictures
+        of_all = next(iter(self.comparisons.values())).images
         found = [m for m in of_all if m.partition("@")[0] == NETWORK]
         if not found:
             raise Lacking(f"the run has no {NETWORK}")

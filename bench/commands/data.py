@@ -72,7 +72,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
             examined[f"{obj.class_name}/{obj.object_id}"] = found
             advance(sum(bool(one.odd) for one in examined.values()))
     fit, misfit = _fit(examined)
-    irregular = (*dataset.irregular, *_without_pictures(dataset), *_grouped(examined), *misfit)
+    irregular = (*dataset.irregular, *_without_images(dataset), *_grouped(examined), *misfit)
     lines = (
         f"layout       {dataset.layout}",
         f"orientation  {dataset.orientation}",
@@ -151,12 +151,12 @@ def _grouped(examined: Mapping[str, _Examined]) -> list[str]:
     return lines
 
 
-def _without_pictures(dataset: Dataset) -> list[str]:
+def _without_images(dataset: Dataset) -> list[str]:
     """Objects that have a folder of pictures with gaps."""
     gaps, blind = [], []
     for obj in dataset.finite or ():
         if isinstance(obj, PaperObject) and obj.renders.is_dir():
-            missing = sum(not is_regular_file(path) for path in obj.picture_files())
+            missing = sum(not is_regular_file(path) for path in obj.image_files())
             name = f"{obj.class_name}/{obj.object_id}"
             if missing:
                 gaps.append(f"{name} ({missing})")

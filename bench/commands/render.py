@@ -23,15 +23,14 @@ from bench.rendering.cloud import (
     draw_each,
     make_view,
 )
-from bench.rendering.files import MOVING, moves, write_pictures
+from bench.rendering.files import MOVING, moves, write_images
 from bench.rendering.sheet import Tile, columns_of, draw_sheet
 from bench.running.environment import cores
-from bench.running.work import Pictures
 from bench.tables.markdown import visible
 from data_prep.failures import BadInput
 from data_prep.orientations import upright
 from data_prep.progress import progress
-from data_prep.scene import View
+from data_prep.scene import UInt8Images, View
 
 FRAMES = 36
 MOST_FRAMES = 120  # steps of 3 degrees; a sheet of ten methods takes 300 MB
@@ -69,12 +68,12 @@ def render(request: Request) -> dict[str, str]:
     dots = [Dots(views)] if len(drawings) > 1 else []
     drawn = _drawn(request.file, [*dots, *drawings])
     failed = {
-        one.method: remedied(pictures, request.file)
-        for one, pictures in drawn.items()
-        if isinstance(one, Drawing) and isinstance(pictures, Failed)
+        one.method: remedied(images, request.file)
+        for one, images in drawn.items()
+        if isinstance(one, Drawing) and isinstance(images, Failed)
     }
     if len(failed) < len(drawings):
-        write_pictures(_frames(drawn), request.out)
+        write_images(_frames(drawn), request.out)
     return failed
 
 
@@ -112,24 +111,24 @@ def views_of(request: Request) -> tuple[View, ...]:
     )
 
 
-def _drawn(file: CloudFile, wanted: Sequence[Wanted]) -> dict[Wanted, Pictures | Failed]:
+def _drawn(file: CloudFile, wanted: Sequence[Wanted]) -> dict[Wanted, UInt8Images | Failed]:
     """All of it, in the order in which it was wanted; progress where there is time for some."""
     quick = len(wanted) == 1 and len(wanted[0].views) == 1
-    done: dict[Wanted, Pictures | Failed] = {}
+    done: dict[Wanted, UInt8Images | Failed] = {}
     with nullcontext() if quick else progress("drawing", len(wanted)) as advance:
-        for one, pictures in draw_each(file, wanted, min(len(wanted), cores())):
-            done[one] = pictures
+        for one, images in draw_each(file, wanted, min(len(wanted), cores())):
+            done[one] = images
             if advance is not None:
-                advance(sum(isinstance(pictures, Failed) for pictures in done.values()))
+                advance(sum(isinstance(images, Failed) for images in done.values()))
     return {one: done[one] for one in wanted}
 
 
-def _frames(drawn: Mapping[Wanted, Pictures | Failed]) -> Pictures:
+def _frames(drawn: Mapping[Wanted, UInt8Images | Failed]) -> UInt8Images:
     """What is written: the pictures of the only method, or a sheet."""
     if len(drawn) == 1:
-        (pictures,) = drawn.values()
-        assert not isinstance(pictures, Failed)
-        return pictures
+        (images,) = drawn.values()
+        assert not isinstance(images, Failed)
+        return images
     tiles = [
         Tile(
             visible(one.method) if isinstance(one, Drawing) else CLOUD,
@@ -196,10 +195,10 @@ def render_cloud(
 
 def _beside(cloud: Path) -> Path:
     """The picture's name where none is given. Raises BadInput rather than replace a file."""
-    picture = cloud.with_suffix(".png")
-    if picture.exists():
-        raise BadInput(f"{picture}: exists already; -o {picture} replaces it, -o NAME keeps both")
-    return picture
+    image = cloud.with_suffix(".png")
+    if image.exists():
+        raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")
+    return image
 
 
 def shrink_record(

@@ -256,8 +256,8 @@ def _text(choice: Choice, request: Request) -> str:
     ssim = _estimated(choice.ssim)
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)
-    picture = milliseconds(choice.cost_ms.value / request.views)
-    return f"{visible(choice.method)}, ssim {ssim}, {cost} a cloud, {picture} ms a picture{failed}"
+    image = milliseconds(choice.cost_ms.value / request.views)
+    return f"{visible(choice.method)}, ssim {ssim}, {cost} a cloud, {image} ms a picture{failed}"
 
 
 def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:

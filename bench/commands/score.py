@@ -20,11 +20,12 @@ from bench.catalogue.plugins import ImageMetric, find_metric, metric_ids
 from bench.commands.options import RunDirectory, names
 from bench.records.artifacts import Item
 from bench.report.stored import Sources, open_sources
-from bench.running.work import Pictures, reason_of
+from bench.running.work import reason_of
 from bench.tables.build import read_scored
 from bench.tables.quality import Row, image_rows, quality_table
 from bench.tables.table import Table, write_tables
 from data_prep.failures import BadInput
+from data_prep.scene import UInt8Images
 
 
 def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
@@ -61,7 +62,7 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     ok = records[records["outcome"] == "ok"]
     for cell, group in ok.groupby(["method", "condition", "class", "object"], sort=False):
         item = Item(*map(str, cell))  # type: ignore[arg-type]  # pandas: of several columns a tuple
-        drawn, truth = sources.pictures(item), sources.pictures(item.truth)
+        drawn, truth = sources.images(item), sources.images(item.truth)
         if drawn is None or truth is None:
             raise BadInput(
                 f"{' '.join(item)}: its pictures are not there any more; start the run again with "
@@ -72,7 +73,9 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     return records.assign(**{column(metric.id): values})
 
 
-def checked_scores(metric: ImageMetric, truth: Pictures, drawn: Pictures) -> NDArray[np.float64]:
+def checked_scores(
+    metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images
+) -> NDArray[np.float64]:
     """Scores [V] of pictures [V, H, W, 3]. Raises BadInput where the metric has none."""
     try:
         found = np.asarray(metric.score(truth, drawn), np.float64)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Picture = tuple[str, int]  # object, view
+ImageKey = tuple[str, int]  # object, view
 ELEVATION_UNIT_DEG = 40.0  # the judge's elevation is in these
 AT_ONCE = 2**16  # numbers of the differences that are in memory
 VIEW_COLUMNS = 3  # sine and cosine of the azimuth, elevation; the rest is the shape code
@@ -48,7 +48,7 @@ class Gallery:
     objects: tuple[str, ...]
     sums: Floats
     counts: NDArray[np.int64]
-    codes: dict[Picture, Floats]
+    codes: dict[ImageKey, Floats]
 
     def without(self, view: int) -> Floats:
         """The mean code [G, d] of each object over its true pictures except this view.
@@ -67,16 +67,16 @@ class Gallery:
         return sums / counts[:, None]
 
 
-def gallery(class_name: str, pictures: Sequence[Picture], answers: NDArray[Any]) -> Gallery:
+def gallery(class_name: str, images: Sequence[ImageKey], answers: NDArray[Any]) -> Gallery:
     """The gallery of a class, from the answers [n, 3 + d] to its n true pictures."""
-    objects = tuple(sorted({obj for obj, _ in pictures}))
+    objects = tuple(sorted({obj for obj, _ in images}))
     codes = _codes(answers)
     place = {obj: i for i, obj in enumerate(objects)}
-    member = np.array([place[obj] for obj, _ in pictures], np.int64)
+    member = np.array([place[obj] for obj, _ in images], np.int64)
     sums = np.zeros((len(objects), codes.shape[1]))
     np.add.at(sums, member, codes)
     counts = np.bincount(member, minlength=len(objects))
-    return Gallery(class_name, objects, sums, counts, dict(zip(pictures, codes, strict=True)))
+    return Gallery(class_name, objects, sums, counts, dict(zip(images, codes, strict=True)))
 
 
 def why_no_retrieval(among: Gallery) -> str:
@@ -88,22 +88,22 @@ def why_no_retrieval(among: Gallery) -> str:
     return ""
 
 
-def found(among: Gallery, answers: NDArray[Any], pictures: Sequence[Picture]) -> Floats:
+def found(among: Gallery, answers: NDArray[Any], images: Sequence[ImageKey]) -> Floats:
     """1 for each picture whose judged code is nearest to the right object of all, else 0; [n].
 
     Euclidean; of objects equally near the first by name is taken to be meant.
     """
     codes = _codes(answers)
-    hits = np.zeros(len(pictures))
-    for view in sorted({view for _, view in pictures}):
-        rows = [i for i, (_, v) in enumerate(pictures) if v == view]
+    hits = np.zeros(len(images))
+    for view in sorted({view for _, view in images}):
+        rows = [i for i, (_, v) in enumerate(images) if v == view]
         means = among.without(view)
         at_once = max(1, AT_ONCE // max(means.size, 1))
         for start in range(0, len(rows), at_once):
             some = rows[start : start + at_once]
             distances = np.linalg.norm(codes[some][:, None] - means[None], axis=2)
             hits[some] = [
-                among.objects[k] == pictures[i][0]
+                among.objects[k] == images[i][0]
                 for i, k in zip(some, distances.argmin(axis=1), strict=True)
             ]
     return hits

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from baselines.constant import CONSTANT_PICTURE
+from baselines.constant import CONSTANT_IMAGE
 from bench.metrics.structural_similarity import ssim_per_image
 from data_prep.datasets import ProceduralObject, Split
 from data_prep.failures import BadInput
@@ -34,7 +34,7 @@ class Scores:
 
 
 def train_constant(
-    objects: int, views: int, steps: int, seed: int, out: Path = CONSTANT_PICTURE
+    objects: int, views: int, steps: int, seed: int, out: Path = CONSTANT_IMAGE
 ) -> Scores:
     """Fit to `objects` of the procedural train split, write the picture, score on validation.
 
@@ -43,13 +43,13 @@ def train_constant(
     for name, value in (("objects", objects), ("views", views), ("steps", steps)):
         if value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
-    picture = fit(_pictures("train", objects, views), steps, seed)
+    image = fit(_images("train", objects, views), steps, seed)
     buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, "PNG", optimize=True)
+    Image.fromarray(image).save(buffer, "PNG", optimize=True)
     write_whole(out, buffer.getvalue())
-    truth = _pictures("validation", *VALIDATION)
+    truth = _images("validation", *VALIDATION)
     white = blank(1)[0]
-    return Scores(*(mean_ssim(truth, chosen) for chosen in (picture, white)))
+    return Scores(*(mean_ssim(truth, chosen) for chosen in (image, white)))
 
 
 def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:
@@ -59,33 +59,33 @@ def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:
     is a local maximum.
     """
     order = torch.Generator().manual_seed(seed)
-    pictures = torch.from_numpy(truth).permute(0, 3, 1, 2)
+    images = torch.from_numpy(truth).permute(0, 3, 1, 2)
     start = torch.from_numpy(truth.mean(axis=0, dtype=np.float64)).float()
-    picture = start.permute(2, 0, 1).clone().requires_grad_()
-    optimizer = torch.optim.Adam([picture], lr=LEARNING_RATE)
+    image = start.permute(2, 0, 1).clone().requires_grad_()
+    optimizer = torch.optim.Adam([image], lr=LEARNING_RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for step in range(steps):
-        rows = torch.randint(len(pictures), (min(BATCH, len(pictures)),), generator=order)
-        value = structural_similarity(pictures[rows] / 255, picture[None] / 255, every=1)
+        rows = torch.randint(len(images), (min(BATCH, len(images)),), generator=order)
+        value = structural_similarity(images[rows] / 255, image[None] / 255, every=1)
         optimizer.zero_grad(set_to_none=True)
         (-value).backward()
         optimizer.step()
         schedule.step()
         with torch.no_grad():
-            picture.clamp_(0.0, 255.0)
+            image.clamp_(0.0, 255.0)
         if step % 50 == 49 or step == steps - 1:
             print(f"step {step + 1}/{steps}: ssim {float(value.detach()):.4f}", flush=True)
-    found = picture.detach().permute(1, 2, 0).numpy()
+    found = image.detach().permute(1, 2, 0).numpy()
     return np.floor(found + np.float32(0.5)).astype(np.uint8)
 
 
-def mean_ssim(truth: NDArray[np.uint8], picture: NDArray[np.uint8]) -> float:
+def mean_ssim(truth: NDArray[np.uint8], image: NDArray[np.uint8]) -> float:
     """Mean SSIM of one picture [H, W, 3] with each of [N, H, W, 3], by the metric itself."""
-    drawn = np.broadcast_to(picture, truth.shape)
+    drawn = np.broadcast_to(image, truth.shape)
     return float(ssim_per_image(truth, drawn).ssim.mean())
 
 
-def _pictures(split: Split, objects: int, views: int) -> NDArray[np.uint8]:
+def _images(split: Split, objects: int, views: int) -> NDArray[np.uint8]:
     chosen = tuple(ProceduralObject("chair", split, i) for i in range(objects))
     images = training_set(chosen, views).images
     return images.reshape(-1, *images.shape[2:])

@@ -64,7 +64,7 @@ class Scores:
 
 
 @dataclass(frozen=True, eq=False)
-class Pictures:
+class JudgeData:
     """N objects from V views each, without colours.
 
     painted        uint8 [N, V, 128, 128], luma of the true pictures
@@ -104,7 +104,7 @@ def train_judge(
             f"give at least {OBJECTS} objects, 2 views and 1 step"
         )
     team = connect(torch.device("cpu"))
-    data, validation = pictures("train", objects, views), pictures("validation", *VALIDATION)
+    data, validation = judge_data("train", objects, views), judge_data("validation", *VALIDATION)
     trainer = _Trainer(data, validation, JudgeConfig(steps, seed), team)
     trainer.train(hash_arrays(*vars(data).values()), folder)
     if is_first():
@@ -130,7 +130,7 @@ class _Trainer(CosineTrainer):
     kept = ("best_merit", "order", "steps_done")
 
     def __init__(
-        self, data: Pictures, validation: Pictures, config: JudgeConfig, team: Processes = ONE
+        self, data: JudgeData, validation: JudgeData, config: JudgeConfig, team: Processes = ONE
     ) -> None:
         super().__init__(config, team)
         self.validation, self.batch = validation, 2 * OBJECTS
@@ -309,7 +309,7 @@ def shape_descriptors(clouds: NDArray[np.float32]) -> NDArray[np.float32]:
     return numbers.reshape(2, count, -1)
 
 
-def pictures(split: Split, count: int, views: int) -> Pictures:
+def judge_data(split: Split, count: int, views: int) -> JudgeData:
     """The first `count` chairs of a split of the procedural set, rendered twice."""
     objects = [ProceduralObject("chair", split, i) for i in range(count)]
     painted, neutral, angles, clouds = [], [], [], []
@@ -325,7 +325,7 @@ def pictures(split: Split, count: int, views: int) -> Pictures:
             )
         )
     azimuth, elevation = (np.concatenate(each) for each in zip(*angles, strict=True))
-    return Pictures(
+    return JudgeData(
         np.concatenate(painted), np.concatenate(neutral), azimuth, elevation, np.concatenate(clouds)
     )
 
@@ -358,7 +358,7 @@ class Unpainted(MeshObject):
 
 
 def score(
-    network: JudgeNetwork, truth: Pictures, queries: NDArray[np.uint8] | None = None
+    network: JudgeNetwork, truth: JudgeData, queries: NDArray[np.uint8] | None = None
 ) -> Scores:
     """How well the network judges `queries`, luma uint8 [N, V, 128, 128]; default: the true ones.
 

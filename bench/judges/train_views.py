@@ -57,17 +57,17 @@ class Scores:
 
     def to_text(self) -> str:
         """Shares and errors, then the confusion matrix: a row for each true class."""
-        pictures = self.confusion.sum(axis=1)
+        counts = self.confusion.sum(axis=1)
         right = self.confusion.diagonal()
         lines = [
-            f"right: class {right.sum() / pictures.sum():.3f}, family {self.family:.3f}, "
+            f"right: class {right.sum() / counts.sum():.3f}, family {self.family:.3f}, "
             f"back of chairs {self.back:.3f}",
             f"{'':<12} right azimuth elevation  answered, % of the pictures of the class",
         ]
         for i, name in enumerate(self.classes):
-            answered = " ".join(f"{100 * n / pictures[i]:4.0f}" for n in self.confusion[i])
+            answered = " ".join(f"{100 * n / counts[i]:4.0f}" for n in self.confusion[i])
             lines.append(
-                f"{name:<12} {right[i] / pictures[i]:.3f} {self.azimuth_deg[i]:7.1f} "
+                f"{name:<12} {right[i] / counts[i]:.3f} {self.azimuth_deg[i]:7.1f} "
                 f"{self.elevation_deg[i]:9.1f}  {answered}"
             )
         return "\n".join(lines)

@@ -10,16 +10,16 @@ from bench.metrics.structural_similarity import ssim_per_image_and_box
 from bench.metrics.thin_parts import thin_scores
 
 
-def scores(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
+def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
     """Scores [V] of pictures uint8 [V, H, W, 3]; NaN where a picture has no such score.
 
     One SSIM map gives the first five.
     """
-    whole, in_box = ssim_per_image_and_box(truth, pictures, object_boxes(truth))
-    thin = thin_scores(truth, pictures)
+    whole, in_box = ssim_per_image_and_box(truth, images, object_boxes(truth))
+    thin = thin_scores(truth, images)
     return whole._asdict() | {
         "ssim_object": in_box,
-        "silhouette_iou": silhouette_iou(truth, pictures),
+        "silhouette_iou": silhouette_iou(truth, images),
         "thin_recall": thin.recall,
         "thin_precision": thin.precision,
     }

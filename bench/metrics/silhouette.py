@@ -52,7 +52,7 @@ def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
     return (WHITE - total / images.shape[-1]).astype(np.float32)
 
 
-def drawn(truth: NDArray[np.uint8], pictures: NDArray[np.uint8], usual: Masks) -> Masks:
+def drawn(truth: NDArray[np.uint8], images: NDArray[np.uint8], usual: Masks) -> Masks:
     """The pixels [N, H, W] where pictures draw something; both uint8 [N, H, W, C].
 
     usual  [N, H, W], a part of what the true pictures show; its median contrast is asked for where
@@ -60,21 +60,21 @@ def drawn(truth: NDArray[np.uint8], pictures: NDArray[np.uint8], usual: Masks) -
 
     Of a true picture, drawn is all that it shows. Raises as `require_pairs`.
     """
-    require_pairs(truth, pictures)
+    require_pairs(truth, images)
     shown, asked = foreground(truth), contrast(truth)
     for values, mask, some in zip(asked, shown, usual, strict=True):
         values[~mask] = np.median(values[some]) if some.any() else MOST_ASKED
-    return contrast(pictures) >= np.minimum(asked, MOST_ASKED) / 2
+    return contrast(images) >= np.minimum(asked, MOST_ASKED) / 2
 
 
-def require_pairs(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> None:
+def require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
     """Raises ValueError: an array is not uint8 or not [N, H, W, C], or the shapes differ."""
-    for images in (truth, pictures):
-        if images.dtype != np.uint8 or images.ndim != 4:
-            found = f"{images.dtype} {list(images.shape)}"
+    for some in (truth, images):
+        if some.dtype != np.uint8 or some.ndim != 4:
+            found = f"{some.dtype} {list(some.shape)}"
             raise ValueError(f"images must be uint8 [N, H, W, C], got {found}")
-    if truth.shape != pictures.shape:
-        raise ValueError(f"pictures {list(pictures.shape)} of truths {list(truth.shape)}")
+    if truth.shape != images.shape:
+        raise ValueError(f"pictures {list(images.shape)} of truths {list(truth.shape)}")
 
 
 def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
@@ -102,7 +102,7 @@ def _require_uint8(images: NDArray[np.uint8]) -> None:
         raise ValueError(f"images must be uint8 (range 0..255), got {found}")
 
 
-def silhouette_iou(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> NDArray[np.float64]:
+def silhouette_iou(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Intersection over union of silhouettes [N], 0..1, of pictures against the true ones.
 
     Both uint8 [N, H, W, 3] on white. 1 for identical pictures and where neither shows anything: it
@@ -111,7 +111,7 @@ def silhouette_iou(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> NDA
 
     Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
     """
-    covered = drawn(truth, pictures, foreground(truth))
+    covered = drawn(truth, images, foreground(truth))
     shown = foreground(truth)
     both = np.count_nonzero(shown & covered, axis=(1, 2))
     either = np.count_nonzero(shown | covered, axis=(1, 2))

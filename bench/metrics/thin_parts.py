@@ -45,17 +45,17 @@ class ThinScores(NamedTuple):
     precision: NDArray[np.float64]
 
 
-def thin_scores(truth: NDArray[np.uint8], pictures: NDArray[np.uint8]) -> ThinScores:
+def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScores:
     """Scores of pictures against the true ones, both uint8 [N, H, W, 3] on white.
 
     Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
     """
-    require_pairs(truth, pictures)
+    require_pairs(truth, images)
     shown, part = foreground(truth), evaluated(truth)
     recall = np.full(len(truth), np.nan)
     precision = np.full(len(truth), np.nan)
     thinned = np.flatnonzero(part.any(axis=(1, 2)))
-    drawn_there = drawn(truth[thinned], pictures[thinned], part[thinned])
+    drawn_there = drawn(truth[thinned], images[thinned], part[thinned])
     near = _near(part[thinned], PRECISION_WITHIN)
     for i, mask, beside in zip(thinned, drawn_there, drawn_there & near, strict=True):
         recall[i] = mask[part[i]].mean()

@@ -45,7 +45,7 @@ class Artifact:
     item: Item
     path: Path
 
-    def pictures(self) -> NDArray[np.uint8]:
+    def images(self) -> NDArray[np.uint8]:
         """All views [V, S, S, 3]."""
         return self.array("images")
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
 
-Picture = tuple[str, int]  # object, view
+ImageKey = tuple[str, int]  # object, view
 CELL = ("method", "condition", "class")
 VALUES = "features"
 
@@ -27,12 +27,12 @@ VALUES = "features"
 class Features(Protocol):
     """The features of one extractor by (method, condition, class), each a set of pictures."""
 
-    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
+    def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """The pictures there are, sorted; none in a cell that is not there."""
         ...
 
     def of(
-        self, method: str, condition: str, class_name: str, pictures: Sequence[Picture]
+        self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[Any]:
         """Theirs [n, d], in the order of `pictures`. Raises KeyError for one that is not there."""
         ...
@@ -64,36 +64,36 @@ class FeatureFile:
             for group in range(self._footer.num_row_groups)
         ]
 
-    def pictures(self, method: str, condition: str, class_name: str) -> list[Picture]:
+    def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """The pictures there are, sorted; none in a cell that is not there. Raises BadInput."""
-        found: list[Picture] = []
+        found: list[ImageKey] = []
         for table in self._read((method, condition, class_name), ("object", "view")):
-            found += _pictures(table)
+            found += _images(table)
         return sorted(found)
 
     def of(
-        self, method: str, condition: str, class_name: str, pictures: Sequence[Picture]
+        self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[np.float32]:
         """Theirs [n, d], in the order of `pictures`.
 
         Raises KeyError for one that is not there, and BadInput for a file that cannot be read.
         """
-        places = {picture: place for place, picture in enumerate(dict.fromkeys(pictures))}
+        places = {image: place for place, image in enumerate(dict.fromkeys(images))}
         values = np.empty((len(places), self._width), np.float32)
         missing = set(places)
-        objects = _Span(min(pictures)[0], max(pictures)[0]) if pictures else _Span("", "")
+        objects = _Span(min(images)[0], max(images)[0]) if images else _Span("", "")
         for table in self._read(
             (method, condition, class_name), ("object", "view", VALUES), objects
         ):
-            here = _pictures(table)
-            rows = [row for row, picture in enumerate(here) if picture in places]
+            here = _images(table)
+            rows = [row for row, image in enumerate(here) if image in places]
             column = table.column(VALUES).combine_chunks()
             read = column.flatten().to_numpy().reshape(-1, self._width)
             values[[places[here[row]] for row in rows]] = read[rows]
             missing.difference_update(here)
         if missing:
             raise KeyError(min(missing))
-        return values if len(places) == len(pictures) else values[[places[p] for p in pictures]]
+        return values if len(places) == len(images) else values[[places[p] for p in images]]
 
     def _read(
         self, cell: tuple[str, str, str], columns: Sequence[str], objects: _Span | None = None
@@ -124,7 +124,7 @@ class FeatureFile:
         return BadInput(f"{self._path}: not readable ({error}); start the run again")
 
 
-def _pictures(table: pa.Table) -> list[Picture]:
+def _images(table: pa.Table) -> list[ImageKey]:
     objects, views = (table.column(name).to_pylist() for name in ("object", "view"))
     names = {name: name for name in objects}  # one string an object, not one a row
     return [(names[obj], view) for obj, view in zip(objects, views, strict=True)]

@@ -14,14 +14,14 @@ import numpy as np
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.running.isolation import Lost, run_tasks
-from bench.running.work import Pictures, draw, load_renderer, reason_of
+from bench.running.work import draw, load_renderer, reason_of
 from data_prep.cloud_files import load_points
 from data_prep.dots import draw_dots
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.normalise import normalise_points
 from data_prep.orientations import upright
 from data_prep.randomness import generator
-from data_prep.scene import PointCloud, Renderer, View
+from data_prep.scene import PointCloud, Renderer, UInt8Images, View
 
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
 
@@ -106,7 +106,7 @@ def find_drawer(method_id: str) -> Method:
     return method
 
 
-def draw_file(file: CloudFile, drawing: Drawing) -> Pictures | Failed:
+def draw_file(file: CloudFile, drawing: Drawing) -> UInt8Images | Failed:
     """The pictures, made in a worker; or what became of the method, or of its worker.
 
     Raises BadInput for a file that cannot be used, and a method that cannot be had.
@@ -117,7 +117,7 @@ def draw_file(file: CloudFile, drawing: Drawing) -> Pictures | Failed:
 
 def draw_each(
     file: CloudFile, wanted: Sequence[Wanted], workers: int
-) -> Iterator[tuple[Wanted, Pictures | Failed]]:
+) -> Iterator[tuple[Wanted, UInt8Images | Failed]]:
     """All that is wanted of a file, as it comes; each reads the file for itself.
 
     Raises BadInput as `draw_file`, for a method before anything is drawn.
@@ -130,7 +130,7 @@ def draw_each(
         yield one, Failed(drawn.reason) if isinstance(drawn, Lost) else drawn
 
 
-def draw_cloud(cloud: PointCloud, drawing: Drawing) -> Pictures | Failed:
+def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
     """The pictures, made in this process. Raises BadInput for a method that cannot be had."""
     renderer: Renderer | None = None
     rng = drawing.rng or generator("render")
@@ -144,10 +144,10 @@ def draw_cloud(cloud: PointCloud, drawing: Drawing) -> Pictures | Failed:
         if renderer is None and isinstance(error, BadInput):  # unusable weights, say
             raise
         return Failed(reason_of(error))
-    return drawn.pictures
+    return drawn.images
 
 
-def _load_and_draw(task: tuple[CloudFile, Wanted]) -> Pictures | Failed:
+def _load_and_draw(task: tuple[CloudFile, Wanted]) -> UInt8Images | Failed:
     file, wanted = task
     cloud = file.load()
     if isinstance(wanted, Dots):

@@ -39,7 +39,7 @@ def frame_ms(frames: int) -> int:
     return max(LEAST_MS, round(TURN_MS / frames / GIF_MS) * GIF_MS)
 
 
-def write_pictures(frames: NDArray[np.uint8], path: Path) -> None:
+def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     """Write frames [F, H, W, 3] whole or not at all: the only one as PNG, else a film that loops.
 
     PNG, APNG and WebP hold the pictures as they are, a GIF in 256 colours. Raises CannotWrite.

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from data_prep.scene import IMAGE_SIZE
+from data_prep.scene import IMAGE_SIZE, UInt8Images
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
@@ -22,15 +21,13 @@ PROBLEM_PX, PROBLEM_HEIGHT = 11, 14  # a line's
 INK, PROBLEM_INK, PROBLEM_GROUND = (40, 40, 40), (150, 30, 30), (250, 243, 240)
 MOST_A_ROW = 5
 
-Pictures = NDArray[np.uint8]  # [F, IMAGE_SIZE, IMAGE_SIZE, 3], F frames
-
 
 @dataclass(frozen=True, eq=False)
 class Tile:
     """A label, and the pictures of each frame, or the reason why there are none."""
 
     label: str
-    pictures: Pictures | str
+    images: UInt8Images | str
 
 
 def columns_of(count: int) -> int:
@@ -39,7 +36,7 @@ def columns_of(count: int) -> int:
     return -(-count // max(rows, 1))
 
 
-def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> Pictures:
+def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
     """Frames uint8 [F, H, W, 3] of the tiles, row by row, each under its label.
 
     Pictures are enlarged `scale` times, every pixel becoming a square, so that nothing is shown
@@ -59,22 +56,22 @@ def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> Pictures:
     ]
     for tile, (left, top) in zip(tiles, places, strict=True):
         draw.text((left, top), shortened(tile.label, LABEL_PX, side), INK, _font(LABEL_PX))
-        if isinstance(tile.pictures, str):
+        if isinstance(tile.images, str):
             low = top + LABEL_HEIGHT
             draw.rectangle((left, low, left + side - 1, low + side - 1), PROBLEM_GROUND)
             room = side - 2 * MARGIN
-            lines = wrapped(tile.pictures, PROBLEM_PX, room)[: room // PROBLEM_HEIGHT]
+            lines = wrapped(tile.images, PROBLEM_PX, room)[: room // PROBLEM_HEIGHT]
             for i, line in enumerate(lines):
                 at = (left + MARGIN, low + MARGIN + i * PROBLEM_HEIGHT)
                 draw.text(at, line, PROBLEM_INK, _font(PROBLEM_PX))
-    counts = {len(tile.pictures) for tile in tiles if not isinstance(tile.pictures, str)}
+    counts = {len(tile.images) for tile in tiles if not isinstance(tile.images, str)}
     if len(counts) > 1:
         raise ValueError(f"tiles have {sorted(counts)} frames; give equally many")
     frames = np.repeat(np.asarray(page)[None], max(counts, default=1), axis=0)
     for tile, (left, top) in zip(tiles, places, strict=True):
-        if not isinstance(tile.pictures, str):
+        if not isinstance(tile.images, str):
             low = top + LABEL_HEIGHT
-            enlarged = tile.pictures.repeat(scale, axis=1).repeat(scale, axis=2)
+            enlarged = tile.images.repeat(scale, axis=1).repeat(scale, axis=2)
             frames[:, low : low + side, left : left + side] = enlarged
     return frames
 

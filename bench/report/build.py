@@ -24,9 +24,9 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import Item
 from bench.report.families import family_curves
+from bench.report.images import cases, extremes, grids, shown_objects
 from bench.report.page import Choice, Failure, FailureGroup, Page, TableGroup, html
 from bench.report.pareto import cost_plots
-from bench.report.pictures import cases, extremes, grids, shown_objects
 from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
 from bench.report.styles import looks
@@ -106,7 +106,7 @@ def read_page(made: Outputs) -> Page:
         cases=cases(chosen, sources),
         unseen=_unseen(sources),
         failures=failures,
-        failed_pictures=int((records["outcome"] != "ok").sum()),
+        failed_images=int((records["outcome"] != "ok").sum()),
         skipped=tuple(dict(manifest.get("skipped_metrics", {})).items()),
         command=_command(manifest),
         manifest=tuple(json.dumps(manifest, indent=2, ensure_ascii=False).split("\n")),

@@ -43,7 +43,7 @@ def write_class_figures(
     folder = directory / FIGURES
     network = network_of(methods)
     shown = [method for method in (SURFACE, network, "splat-net", "splat") if method in methods]
-    save(pictures_figure(shown, artifacts), folder / "classes.png")
+    save(images_figure(shown, artifacts), folder / "classes.png")
     if network is not None and SURFACE in methods:
         dots = dots_figure(table.rows, network, published)
         if dots is not None:
@@ -51,7 +51,7 @@ def write_class_figures(
 
 
 @drawing()
-def pictures_figure(shown: Sequence[str], artifacts: Sequence[Artifact]) -> Figure:
+def images_figure(shown: Sequence[str], artifacts: Sequence[Artifact]) -> Figure:
     """The first view of the first object of each class, nobody has chosen: truth, then methods.
 
     At the first condition; below each picture its SSIM with the truth.
@@ -70,17 +70,17 @@ def pictures_figure(shown: Sequence[str], artifacts: Sequence[Artifact]) -> Figu
     for number, (class_name, truth) in enumerate(first.items()):
         block, row = divmod(number, rows)
         line = axes[row, block * width : (block + 1) * width]
-        true = truth.pictures()[:1]
+        true = truth.images()[:1]
         show(line[0], true[0])
         line[0].set_axis_on()
         line[0].set_ylabel(visible(class_name), fontsize=9)
         for axis, method in zip(line[1:], shown, strict=True):
             axis.set_axis_on()
             artifact = by_item.get(Item(method, condition, *truth.item.object))
-            picture = None if artifact is None else artifact.pictures()[:1]
-            show(axis, None if picture is None else picture[0])
-            if picture is not None:
-                axis.set_xlabel(f"{ssim_per_image(true, picture).ssim[0]:.2f}", fontsize=7)
+            image = None if artifact is None else artifact.images()[:1]
+            show(axis, None if image is None else image[0])
+            if image is not None:
+                axis.set_xlabel(f"{ssim_per_image(true, image).ssim[0]:.2f}", fontsize=7)
         if row == 0:
             for axis, title in zip(line, ["truth", *shown], strict=True):
                 axis.set_title(visible(title), fontsize=8)

@@ -19,7 +19,7 @@ from bench.report.robustness import (
     draw_curve,
     in_words,
     scale_distances,
-    write_pictures,
+    write_images,
 )
 from bench.report.styles import RULE, Look, looks
 from bench.tables.figure import FIGURES, drawing, panels, save
@@ -48,7 +48,7 @@ def write_beyond_figures(
         save(figure, folder / f"beyond.{kind}")
     conditions = ordered(c for curve in curves for c in curve.family.conditions)
     path = folder / "beyond-pictures.png"
-    write_pictures(path, artifacts, conditions, OBJECTS_SHOWN, cell_in=1.2, titles_in=0.2, dpi=80)
+    write_images(path, artifacts, conditions, OBJECTS_SHOWN, cell_in=1.2, titles_in=0.2, dpi=80)
 
 
 @drawing()

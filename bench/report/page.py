@@ -53,7 +53,7 @@ class Plot:
 
 
 @dataclass(frozen=True)
-class Picture:
+class PageImage:
     """A picture as a data URI, with what it shows in words; `uri` is empty where there is none."""
 
     uri: str
@@ -64,7 +64,7 @@ class Picture:
 class GridCell:
     """A picture of a grid, and what stands beneath it."""
 
-    picture: Picture
+    image: PageImage
     beneath: str = ""
     counted: bool = False
 
@@ -89,7 +89,7 @@ class Case:
     score: str
     name: str
     facts: tuple[tuple[str, str], ...]
-    pictures: tuple[tuple[str, Picture], ...]
+    images: tuple[tuple[str, PageImage], ...]
     tags: Tags
 
 
@@ -159,7 +159,7 @@ class Page:
     cases: tuple[CaseGroup, ...]
     unseen: tuple[str, ...]
     failures: tuple[FailureGroup, ...]
-    failed_pictures: int
+    failed_images: int
     skipped: tuple[tuple[str, str], ...]
     command: str
     manifest: tuple[str, ...]

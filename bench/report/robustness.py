@@ -75,11 +75,11 @@ def write_figures(
     if curved:
         save(robustness_figure(curved, styles).figure, folder / "robustness.png")
     conditions = ordered(a.item.condition for a in artifacts if a.item.condition)
-    write_pictures(folder / "pictures.png", artifacts, conditions)
+    write_images(folder / "pictures.png", artifacts, conditions)
     _write_thin_parts(folder / "thin-parts.png", artifacts)
 
 
-def write_pictures(
+def write_images(
     path: Path,
     artifacts: Sequence[Artifact],
     conditions: Sequence[str],
@@ -96,7 +96,7 @@ def write_pictures(
 
     def first(cell: tuple[str, str], method: str, obj: tuple[str, str]) -> Image | None:
         artifact = by_item.get(Item(cell[0] or method, cell[1], *obj))
-        return None if artifact is None else artifact.pictures()[0]
+        return None if artifact is None else artifact.images()[0]
 
     rows = [
         (f"{obj[1][:LONGEST]}\n{method}", [first(cell, method, obj) for cell in cells])
@@ -116,7 +116,7 @@ def _write_thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
     """
     by_item = {artifact.item: artifact for artifact in artifacts}
     truths = [artifact for artifact in artifacts if artifact.item.method == GROUND_TRUTH][:THIN_OF]
-    parts = {truth.item.object: evaluated(truth.pictures()) for truth in truths}
+    parts = {truth.item.object: evaluated(truth.images()) for truth in truths}
     counts = {obj: part.sum(axis=(1, 2)) for obj, part in parts.items()}
     by_count = sorted(truths, key=lambda truth: -int(counts[truth.item.object].sum()))
     chosen = [truth for truth in by_count if counts[truth.item.object].any()][:OBJECTS_SHOWN]
@@ -133,14 +133,14 @@ def _write_thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
     for truth in chosen:
         obj = truth.item.object
         view = int(counts[obj].argmax())
-        true = truth.pictures()[view]
+        true = truth.images()[view]
         top, bottom, left, right = object_boxes(true[None])[0].tolist()
         cut = slice(max(top - 3, 0), bottom + 3), slice(max(left - 3, 0), right + 3)
         tinted = np.where(parts[obj][view][..., None], np.array(THIN_TINT, np.uint8), true)
         images: list[Image | None] = [true[cut], tinted[cut]]
         for cell in columns:
             artifact = by_item.get(Item(*cell, *obj))
-            images.append(None if artifact is None else artifact.pictures()[view][cut])
+            images.append(None if artifact is None else artifact.images()[view][cut])
         rows.append((f"{obj[1][:LONGEST]}\nview {view}", images))
     titles = [GROUND_TRUTH, "its thin parts", *(f"{m}\n{c}" for m, c in columns)]
     size_in = (2.2 * len(titles), 2.3 * len(rows))

@@ -43,7 +43,7 @@ class Sources:
         object.__setattr__(self, "_read", lru_cache(CACHED)(_read))
         object.__setattr__(self, "_sampled", lru_cache(CACHED)(_sampled))
 
-    def pictures(self, item: Item) -> NDArray[np.uint8] | None:
+    def images(self, item: Item) -> NDArray[np.uint8] | None:
         """The pictures [V, H, W, 3] of an item; None where they are missing or unreadable."""
         path = self.artifacts.get(item)
         return None if path is None else self._read(path)  # type: ignore[attr-defined]

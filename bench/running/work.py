@@ -27,16 +27,14 @@ from bench.records.record import GROUND_TRUTH
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
-from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, View
-
-Pictures = NDArray[np.uint8]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3]
+from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
     """Pictures of a cloud, what the method repaired on the way, and its times as in a record."""
 
-    pictures: Pictures
+    images: UInt8Images
     notes: str
     prepare_s: float
     draw_s: float
@@ -73,8 +71,8 @@ def reason_of(error: BaseException) -> str:
 
 def _draw_ground_truth(job: Job, watch: Stopwatch) -> Result:
     with watch.on("rendering"):
-        pictures = job.object.truth(job.views)
-    sha = _write_artifact(job, pictures, watch)
+        images = job.object.truth(job.views)
+    sha = _write_artifact(job, images, watch)
     return Result(job.key, tuple(records_of(job, "ok")), sha)
 
 
@@ -99,12 +97,12 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     )
     if truth is not None:
         with watch.on("metrics"):
-            scored = scores(truth, drawn.pictures)
+            scored = scores(truth, drawn.images)
         records = [
             replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
             for i, record in enumerate(records)
         ]
-    sha = _write_artifact(job, drawn.pictures, watch)
+    sha = _write_artifact(job, drawn.images, watch)
     return Result(job.key, tuple(records), sha)
 
 
@@ -115,7 +113,7 @@ def draw(
     views: Sequence[View],
     rng: np.random.Generator,
     batch: int | None = None,
-    truth: Pictures | None = None,
+    truth: UInt8Images | None = None,
 ) -> Drawn:
     """Pictures of a cloud, `batch` views a call (None: all of them), checked.
 
@@ -130,13 +128,13 @@ def draw(
     batches = _batches(views, batch)
     drawn = [renderer.draw(state, some, rng) for some in batches]
     done = time.perf_counter()
-    pictures = np.concatenate(
-        [_checked(images, len(some)) for images, some in zip(drawn, batches, strict=True)]
+    images = np.concatenate(
+        [_checked(drawn_now, len(some)) for drawn_now, some in zip(drawn, batches, strict=True)]
     )
     if method.id not in FLOORS:
-        _refuse_blank(pictures, truth)
+        _refuse_blank(images, truth)
     notes = "; ".join(getattr(state, "notes", ()))
-    return Drawn(pictures, notes, prepared - start, (done - prepared) / len(views))
+    return Drawn(images, notes, prepared - start, (done - prepared) / len(views))
 
 
 def _batches(views: Sequence[View], batch: int | None) -> list[Sequence[View]]:
@@ -145,21 +143,21 @@ def _batches(views: Sequence[View], batch: int | None) -> list[Sequence[View]]:
     return [views[i : i + batch] for i in range(0, len(views), batch)]
 
 
-def _refuse_blank(pictures: Pictures, truth: Pictures | None) -> None:
+def _refuse_blank(images: UInt8Images, truth: UInt8Images | None) -> None:
     """Raises StageFailure where a picture is of one colour throughout, unless the true one is.
 
     A renderer that has lost its context gives such, and so does one that looks the wrong way;
     as the picture of an object it is none.
     """
-    flat = _is_flat(pictures)
+    flat = _is_flat(images)
     if truth is not None:
         flat &= ~_is_flat(truth)
     if flat.any():
         raise StageFailure("draw", f"{int(flat.sum())} of {len(flat)} pictures are blank")
 
 
-def _is_flat(pictures: Pictures) -> NDArray[np.bool_]:
-    return (pictures == pictures[:, :1, :1]).all(axis=(1, 2, 3))
+def _is_flat(images: UInt8Images) -> NDArray[np.bool_]:
+    return (images == images[:, :1, :1]).all(axis=(1, 2, 3))
 
 
 def _or_none(score: np.float64) -> float | None:
@@ -181,7 +179,7 @@ def _identity(job: Job) -> tuple[str, str]:
     return job.object.class_name, job.object.object_id
 
 
-def _checked(images: NDArray[np.float32], count: int) -> Pictures:
+def _checked(images: NDArray[np.float32], count: int) -> UInt8Images:
     expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
     if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
         found = getattr(images, "dtype", type(images).__name__)
@@ -194,11 +192,11 @@ def _checked(images: NDArray[np.float32], count: int) -> Pictures:
     return to_uint8(images)
 
 
-def _write_artifact(job: Job, pictures: Pictures, watch: Stopwatch) -> str:
-    arrays: dict[str, NDArray[Any]] = {"images": pictures}
+def _write_artifact(job: Job, images: UInt8Images, watch: Stopwatch) -> str:
+    arrays: dict[str, NDArray[Any]] = {"images": images}
     with watch.on("metrics"):
         for extractor, weights in job.features:
-            arrays[extractor] = _extractor(extractor, weights)(pictures)
+            arrays[extractor] = _extractor(extractor, weights)(images)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()

@@ -24,7 +24,7 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import Suite
 from bench.metrics.frechet import jackknife_interval
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
-from bench.records.features import Features, Picture
+from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.quality import (
@@ -38,8 +38,8 @@ from bench.tables.quality import (
     as_published,
     beside_paper,
     cells,
+    image_keys,
     image_rows,
-    pictures_of,
     set_rows,
 )
 from bench.tables.table import NAN, Block, Table, columns_of, ordered
@@ -93,7 +93,7 @@ def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) 
     values = np.full(len(records), np.nan)
     places = records.reset_index(drop=True)
     for cell, group in cells(places[places["outcome"] == "ok"]):
-        values[group.index] = head.confidence(features.of(*cell, pictures_of(group)), cell[2])
+        values[group.index] = head.confidence(features.of(*cell, image_keys(group)), cell[2])
     (metric,) = RECOGNITION_METRICS
     return records.assign(**{column(metric): values})
 
@@ -145,7 +145,7 @@ def _measured(
 
 
 def _kernel(
-    features: MeasuredFeatures, cell: CellKey, shown: Sequence[Picture]
+    features: MeasuredFeatures, cell: CellKey, shown: Sequence[ImageKey]
 ) -> tuple[float, Floats]:
     x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
     objects = np.array([obj for obj, _ in shown])

@@ -141,7 +141,7 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
 
     def cell(condition: str, class_name: str, method: str) -> Cell:
         comparison = at.get((condition, class_name))
-        if comparison is None or method not in comparison.pictures:
+        if comparison is None or method not in comparison.images:
             return NOTHING
         cost = comparison.cost_ms(method, views).value
         return Cell(
@@ -162,7 +162,7 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
                 Tags(method=method, class_name=class_name),
             )
             for class_name in classes
-            for method in ordered(m for c in comparisons for m in c.pictures)
+            for method in ordered(m for c in comparisons for m in c.images)
         ),
         caption=f"Milliseconds for a cloud with {'its ' if views > 1 else ''}{_of_views(views)}, "
         "median over objects; beneath, what they are made of: prepare the cloud + draw a view",

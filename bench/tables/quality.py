@@ -25,7 +25,7 @@ from bench.catalogue.metrics import UNDEFINED, column, higher_is_better
 from bench.catalogue.suites import Suite
 from bench.judges import answers as control
 from bench.metrics.frechet import interval_of_left_out
-from bench.records.features import Features, Picture
+from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.table import (
@@ -398,8 +398,8 @@ def control_table(
                 why = control.why_no_retrieval(among) if metric == "retrieval" else ""
                 note = why or ("no pictures" if ok.empty else "")
             if among is not None and not note:
-                values = _per_picture(metric, ok, answers, among)
-                of_floor = _per_picture(metric, missing, floor, among)
+                values = _per_image(metric, ok, answers, among)
+                of_floor = _per_image(metric, missing, floor, among)
                 value, interval, with_blank = _judged(metric, values, of_floor, ok)
             row = make_row(suite, cell, metric, value, interval, group, {}, with_blank, note)
             made.append(row)
@@ -427,17 +427,17 @@ def _judged(
     return float(np.median(values)), interval, float(np.median(with_blank))
 
 
-def pictures_of(records: pd.DataFrame) -> list[Picture]:
+def image_keys(records: pd.DataFrame) -> list[ImageKey]:
     """Object and view of each record."""
     return list(zip(records["object"].tolist(), records["view"].tolist(), strict=True))
 
 
 def _answers(cell: CellKey, records: pd.DataFrame, judged: Features) -> NDArray[Any]:
     """What the judge says of each record's picture, in their order."""
-    return np.empty(0) if records.empty else judged.of(*cell, pictures_of(records))
+    return np.empty(0) if records.empty else judged.of(*cell, image_keys(records))
 
 
-def _per_picture(
+def _per_image(
     metric: str, records: pd.DataFrame, answers: NDArray[Any], among: control.Gallery
 ) -> Floats:
     """The error or the hit of each record's picture, in their order."""
@@ -447,7 +447,7 @@ def _per_picture(
         return control.azimuth_error_deg(answers, records["azimuth_deg"].to_numpy())
     if metric == "elevation-error-deg":
         return control.elevation_error_deg(answers, records["elevation_deg"].to_numpy())
-    return control.found(among, answers, pictures_of(records))
+    return control.found(among, answers, image_keys(records))
 
 
 def set_table(
@@ -480,7 +480,7 @@ class SetDistance(NamedTuple):
     interval  95 %, from these two
     """
 
-    between: Callable[[MeasuredFeatures, CellKey, Sequence[Picture]], tuple[float, Floats]]
+    between: Callable[[MeasuredFeatures, CellKey, Sequence[ImageKey]], tuple[float, Floats]]
     interval: Callable[[float, Floats], tuple[float, float]]
 
 
@@ -513,12 +513,12 @@ def _distances(
 ) -> tuple[float, Floats, float, str]:
     """Value, without each block of objects, with the floor's pictures for failed ones, why none."""
     _, condition, class_name = cell
-    drawn = features.pictures(*cell)
+    drawn = features.images(*cell)
     if len(drawn) < 2:
         return NAN, np.empty(0), NAN, "fewer than two pictures"
     value, left_out = distance.between(features, cell, drawn)
-    wanted = set(features.pictures(GROUND_TRUTH, "", class_name)) - set(drawn)
-    missing = wanted & set(features.pictures(FLOOR, condition, class_name)) if wanted else wanted
+    wanted = set(features.images(GROUND_TRUTH, "", class_name)) - set(drawn)
+    missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted
     with_blank = value
     if missing:
         with_blank, _ = distance.between(features, cell, sorted([*drawn, *missing]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from baselines.constant import Constant, read_picture
+from baselines.constant import Constant, read_image
 from bench.catalogue.methods import find_method
 from data_prep.failures import BadInput
 from data_prep.images import to_uint8
@@ -16,33 +16,33 @@ VIEWS = [View(0, 0), View(100, -40), View(-180, 90)]
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((5, 3), np.nan), np.ones((9, 3))])
-def test_the_same_picture_whatever_the_cloud_and_view(points: np.ndarray) -> None:
-    picture = np.random.default_rng(0).integers(0, 256, (128, 128, 3), np.uint8)
-    method = Constant(picture)
+def test_the_same_image_whatever_the_cloud_and_view(points: np.ndarray) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (128, 128, 3), np.uint8)
+    method = Constant(image)
     images = method.draw(method.prepare(PointCloud(points)), VIEWS)
     assert images.dtype == np.float32
-    np.testing.assert_array_equal(to_uint8(images), np.stack([picture] * 3))
+    np.testing.assert_array_equal(to_uint8(images), np.stack([image] * 3))
     assert method.draw(None, []).shape == (0, 128, 128, 3)
 
 
-def test_the_bundled_picture() -> None:
-    picture = read_picture()
-    assert picture.shape == (128, 128, 3)
-    assert picture.dtype == np.uint8
+def test_the_bundled_image() -> None:
+    image = read_image()
+    assert image.shape == (128, 128, 3)
+    assert image.dtype == np.uint8
     method = find_method("constant")
-    assert method.identity() == f"picture {hashlib.sha256(picture.tobytes()).hexdigest()}"
+    assert method.identity() == f"picture {hashlib.sha256(image.tobytes()).hexdigest()}"
     drawn = method.load("cpu").draw(None, VIEWS[:1], np.random.default_rng(0))
-    np.testing.assert_array_equal(to_uint8(drawn)[0], picture)
-    assert picture.min() > 200  # SSIM punishes any contrast in the wrong place
+    np.testing.assert_array_equal(to_uint8(drawn)[0], image)
+    assert image.min() > 200  # SSIM punishes any contrast in the wrong place
 
 
-def test_pictures_that_cannot_be_used(tmp_path) -> None:
+def test_images_that_cannot_be_used(tmp_path) -> None:
     path = tmp_path / "constant.png"
     with pytest.raises(BadInput, match=r"no readable picture .* 'bench train constant'"):
-        read_picture(path)
+        read_image(path)
     path.write_bytes(b"nothing")
     with pytest.raises(BadInput, match="no readable picture"):
-        read_picture(path)
+        read_image(path)
     Image.new("RGB", (64, 128)).save(path)
     with pytest.raises(BadInput, match="64 x 128, expected 128 x 128; reinstall"):
-        read_picture(path)
+        read_image(path)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from bench.catalogue.methods import find_method
 from bench.running.isolation import WORKER_ENVIRONMENT
@@ -28,21 +27,13 @@ METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(scope="module")
 def cloud() -> PointCloud:
     return chair_cloud(1024)
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_pictures_of_any_views(cloud: PointCloud, name: str) -> None:
+def test_images_of_any_views(cloud: PointCloud, name: str) -> None:
     method, rng = find_method(name).load("cpu"), np.random.default_rng(5)
     before, random = cloud.points.copy(), rng.bit_generator.state
     state = method.prepare(cloud, rng)

@@ -57,7 +57,7 @@ def test_the_sphere_is_closed(ball: Reconstruction) -> None:
 
 
 @pytest.mark.parametrize("view", [View(0, 0), View(50, -30)], ids=str)
-def test_picture_of_the_sphere(ball: Reconstruction, view: View) -> None:
+def test_image_of_the_sphere(ball: Reconstruction, view: View) -> None:
     image = SurfaceApss().draw(ball, [view])[0]
     radius = 232 * RADIUS / math.sqrt(4**2 - RADIUS**2)  # 41.2 px
     row, column = np.mgrid[:128, :128] + 0.5

@@ -98,12 +98,12 @@ class FeaturesAtHand:
         for number, (*cell, obj, view) in enumerate(zip(*columns, index["view"], strict=True)):
             self._rows.setdefault(tuple(cell), {})[obj, view] = values[number]
 
-    def pictures(self, *cell):
+    def images(self, *cell):
         return sorted(self._rows.get(cell, {}))
 
-    def of(self, method, condition, class_name, pictures):
+    def of(self, method, condition, class_name, images):
         rows = self._rows.get((method, condition, class_name), {})
-        return np.array([rows[picture] for picture in pictures])
+        return np.array([rows[image] for image in images])
 
 
 def write_all(directory, records):

@@ -23,73 +23,73 @@ class Telling:
     `check` sees all of that before; it may raise, do worse, or make other pictures.
     """
 
-    def __init__(self, check=lambda points, views, rng, pictures: pictures):
+    def __init__(self, check=lambda points, views, rng, images: images):
         self.check = check
 
     def prepare(self, cloud, rng):
         return cloud.points
 
     def draw(self, state, views, rng):
-        pictures = np.ones((len(views), 128, 128, 3), np.float32)
-        for picture, view in zip(pictures, views, strict=True):
+        images = np.ones((len(views), 128, 128, 3), np.float32)
+        for image, view in zip(images, views, strict=True):
             radius = np.linalg.norm(state, axis=1).max(initial=0.0)
             message = (view.azimuth_deg, view.elevation_deg, len(state), 10 * radius)
-            picture[0, :4] = np.array(message)[:, None] / 255
-        return self.check(state, views, rng, pictures)
+            image[0, :4] = np.array(message)[:, None] / 255
+        return self.check(state, views, rng, images)
 
 
-def left_and_right(points, views, rng, pictures):
+def left_and_right(points, views, rng, images):
     """Fails on clouds with points on both sides: two are enough, and needed."""
     left, right = (points[:, 0] < -0.2).sum(), (points[:, 0] > 0.2).sum()
     if left and right:
         raise StageFailure("weigh", f"{left} points left and {right} right")
-    return pictures
+    return images
 
 
-def crash_where_high(points, views, rng, pictures):
+def crash_where_high(points, views, rng, images):
     """One point is enough."""
     if (points[:, 1] > 0.3).any():
         os.kill(os.getpid(), signal.SIGSEGV)
-    return pictures
+    return images
 
 
-def blank_from_the_left(points, views, rng, pictures):
+def blank_from_the_left(points, views, rng, images):
     """From views with a negative azimuth, where there are five points or more."""
-    for picture, view in zip(pictures, views, strict=True):
+    for image, view in zip(images, views, strict=True):
         if view.azimuth_deg < 0 and len(points) >= 5:
-            picture[:] = 1.0
-    return pictures
+            image[:] = 1.0
+    return images
 
 
-def several_views(points, views, rng, pictures):
+def several_views(points, views, rng, images):
     if len(views) > 1 and len(points) > 2:
         raise ValueError("one at a time")
-    return pictures
+    return images
 
 
-def unlucky(points, views, rng, pictures):
+def unlucky(points, views, rng, images):
     """With all random numbers but those of `bench render`."""
     if rng.random() != generator("render").random():
         raise ValueError("bad luck")
-    return pictures
+    return images
 
 
-def slow(points, views, rng, pictures):
+def slow(points, views, rng, images):
     """All clouds fail that have a point; each takes a second."""
     time.sleep(1.0)
     if len(points):
         raise ValueError("at last")
-    return pictures
+    return images
 
 
-def round_(points, views, rng, pictures):
+def round_(points, views, rng, images):
     """Half the azimuth and 90, so that a whole turn has room in the grey levels."""
-    for picture, view in zip(pictures, views, strict=True):
-        picture[0, 0] = (view.azimuth_deg / 2 + 90) / 255
-    return pictures
+    for image, view in zip(images, views, strict=True):
+        image[0, 0] = (view.azimuth_deg / 2 + 90) / 255
+    return images
 
 
-def process_number(points, views, rng, pictures):
+def process_number(points, views, rng, images):
     raise StageFailure(f"process-{os.getpid()}", "here")
 
 
@@ -113,7 +113,7 @@ def load_faulty(fault, device):
     return Faulty(Telling(), lambda points: fault)
 
 
-def no_library(points, views, rng, pictures):
+def no_library(points, views, rng, images):
     raise MissingDependency("no libGL: install libgl1")
 
 

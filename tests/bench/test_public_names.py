@@ -15,7 +15,6 @@ import pytest
         ("bench.methods", "Method", "bench.catalogue.methods"),
         ("bench.image_metric", "ImageMetric", "bench.catalogue.plugins"),
         ("bench.render_cloud", "draw_cloud", "bench.rendering.cloud"),
-        ("bench.picture_files", "write_pictures", "bench.rendering.files"),
         ("bench.inception", "FidInception", "bench.metrics.inception"),
         ("bench.metrics", "ssim", "bench.metrics.structural_similarity"),
         ("bench.metrics", "frechet_distance", "bench.metrics.frechet"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from data_prep.cloud_files import save_ply
-from data_prep.dataset_paper import CLOUDS, RADIUS, RENDERS, VIEWS, picture_name
+from data_prep.dataset_paper import CLOUDS, RADIUS, RENDERS, VIEWS, image_name
 from data_prep.orientations import OURS, PAPER, Orientation
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
@@ -96,7 +96,7 @@ def write_paper_object(
     object_id: str,
     cloud: PointCloud,
     views: Sequence[View],
-    pictures: NDArray[np.uint8],
+    images: NDArray[np.uint8],
 ) -> None:
     """Cloud, cameras and pictures [V, H, W, 3] as `dataset_paper` reads them, bit for bit."""
     synset = SYNSETS[class_name]
@@ -106,8 +106,8 @@ def write_paper_object(
     renders.mkdir(parents=True, exist_ok=True)
     lines = [f"{-view.azimuth_deg!r} {view.elevation_deg!r}\n" for view in views]
     (renders / VIEWS).write_text("".join(lines))
-    for k, picture in enumerate(pictures):
-        Image.fromarray(picture).convert("RGBA").save(renders / picture_name(k))
+    for k, image in enumerate(images):
+        Image.fromarray(image).convert("RGBA").save(renders / image_name(k))
 
 
 def write_paper_split(

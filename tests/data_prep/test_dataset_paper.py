@@ -14,7 +14,7 @@ from data_prep.dataset_paper import PaperObject
 from data_prep.datasets import ProceduralObject, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
 from data_prep.failures import BadInput
-from data_prep.images import read_picture
+from data_prep.images import read_image
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
 
@@ -24,7 +24,7 @@ CHAIR = "03001627"
 RNG = np.random.default_rng(0)
 VIEWS = tuple(View(18.0 * k - 170 - 1 / 3, 4.0 * k - 38 - 1 / 7) for k in range(20))
 CLOUD = PointCloud(np.random.default_rng(1).uniform(-0.5, 0.5, (2048, 3)))
-PICTURES = np.random.default_rng(2).integers(0, 256, (20, 128, 128, 3), np.uint8)
+IMAGES = np.random.default_rng(2).integers(0, 256, (20, 128, 128, 3), np.uint8)
 
 
 def clouds(root: Path) -> Path:
@@ -38,7 +38,7 @@ def renders(root: Path, name: str = "a") -> Path:
 def tree(root: Path, *ids: str, train: tuple[str, ...] = ()) -> PaperObject:
     """A tree of these objects, all alike; the first of its test split."""
     for name in (*ids, *train):
-        write_paper_object(root, "chair", name, CLOUD, VIEWS, PICTURES)
+        write_paper_object(root, "chair", name, CLOUD, VIEWS, IMAGES)
     write_paper_split(root, "chair", ids, train)
     return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
 
@@ -52,12 +52,12 @@ def test_what_is_written_is_read_bit_for_bit(tmp_path: Path) -> None:
     assert obj.cloud(RNG).points.tobytes() == CLOUD.points.tobytes()
     assert obj.cloud(RNG).source is None
     assert obj.views(20, RNG) == VIEWS
-    assert np.array_equal(obj.truth(VIEWS), PICTURES)
+    assert np.array_equal(obj.truth(VIEWS), IMAGES)
     assert obj.views(3, RNG) == VIEWS[:3]
-    assert np.array_equal(obj.truth(VIEWS[:3]), PICTURES[:3])
-    cloud, pictures = obj.cloud_and_truth(RNG, VIEWS[:3])
+    assert np.array_equal(obj.truth(VIEWS[:3]), IMAGES[:3])
+    cloud, images = obj.cloud_and_truth(RNG, VIEWS[:3])
     assert cloud.points.tobytes() == CLOUD.points.tobytes()
-    assert np.array_equal(pictures, PICTURES[:3])
+    assert np.array_equal(images, IMAGES[:3])
 
 
 def test_where_clouds_and_cameras_stand(tmp_path: Path) -> None:
@@ -89,19 +89,19 @@ def test_transparent_pixels_are_white(tmp_path: Path) -> None:
     rgba[0, 2] = (0, 0, 0, 1)
     path = renders(tmp_path) / "render_0_128.png"
     Image.fromarray(rgba).save(path)
-    picture = obj.truth(VIEWS[:1])[0]
+    image = obj.truth(VIEWS[:1])[0]
     # 200 * 128/255 + 255 * 127/255 = 227.39, 103 -> 178.70, 0 -> 127; 0 at 1/255 -> 254.
-    assert picture[0, :4].tolist() == [[200, 100, 0], [227, 179, 127], [254] * 3, [255] * 3]
-    assert read_picture(path)[1] == "RGBA"
+    assert image[0, :4].tolist() == [[200, 100, 0], [227, 179, 127], [254] * 3, [255] * 3]
+    assert read_image(path)[1] == "RGBA"
 
 
 @pytest.mark.parametrize("mode", ["RGB", "L", "LA", "P"])
 def test_other_modes(tmp_path: Path, mode: str) -> None:
     path = tmp_path / "a.png"
     Image.new("RGB", (128, 128), (102, 102, 102)).convert(mode).save(path)
-    picture, found = read_picture(path)
+    image, found = read_image(path)
     assert found == mode
-    assert np.unique(picture).tolist() == [102]  # which the palette of P has
+    assert np.unique(image).tolist() == [102]  # which the palette of P has
 
 
 @pytest.mark.parametrize(
@@ -115,19 +115,19 @@ def test_other_modes(tmp_path: Path, mode: str) -> None:
         (lambda p: None, "no such file"),
     ],
 )
-def test_pictures_that_cannot_be_used(tmp_path: Path, make, problem: str) -> None:
+def test_images_that_cannot_be_used(tmp_path: Path, make, problem: str) -> None:
     path = tmp_path / "a.png"
     make(path)
     with pytest.raises(BadInput, match=problem):
-        read_picture(path)
+        read_image(path)
 
 
-def test_a_picture_cut_short(tmp_path: Path) -> None:
+def test_a_image_cut_short(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
-    Image.fromarray(PICTURES[0]).save(path)
+    Image.fromarray(IMAGES[0]).save(path)
     path.write_bytes(path.read_bytes()[:9000])
     with pytest.raises(BadInput, match="not a readable PNG"):
-        read_picture(path)
+        read_image(path)
 
 
 # --- splits ---------------------------------------------------------------------------------------
@@ -179,21 +179,21 @@ def test_files_without_a_split(tmp_path: Path) -> None:
 def test_ids_beyond_ascii(tmp_path: Path) -> None:
     obj = tree(tmp_path, "stühle 椅子")
     assert obj.cloud(RNG).points.tobytes() == CLOUD.points.tobytes()
-    assert np.array_equal(obj.truth(VIEWS), PICTURES)
+    assert np.array_equal(obj.truth(VIEWS), IMAGES)
 
 
 # --- what may be wrong with an object -------------------------------------------------------------
 
 
-def test_more_views_than_pictures(tmp_path: Path) -> None:
+def test_more_views_than_images(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"--views 21: .* 20 pictures; give at most --views 20"):
         tree(tmp_path, "a").views(21, RNG)
 
 
-def test_a_missing_picture_counts_where_it_is_asked_for(tmp_path: Path) -> None:
+def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
     obj = tree(tmp_path, "a")
     (renders(tmp_path) / "render_7_128.png").unlink()
-    assert np.array_equal(obj.truth(VIEWS[:7]), PICTURES[:7])
+    assert np.array_equal(obj.truth(VIEWS[:7]), IMAGES[:7])
     with pytest.raises(BadInput, match=r"render_7_128\.png: no such file"):
         obj.truth(VIEWS[:8])
 
@@ -227,7 +227,7 @@ def test_21_lines_and_carriage_returns(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join([*lines, "0 0 0 2"]).encode())
     assert obj.views(20, RNG) == VIEWS
-    assert np.array_equal(obj.truth(VIEWS), PICTURES)
+    assert np.array_equal(obj.truth(VIEWS), IMAGES)
 
 
 @pytest.mark.parametrize(
@@ -288,7 +288,7 @@ def chair(root: Path) -> PaperObject:
     return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
 
 
-def test_clouds_agree_with_their_pictures(tmp_path: Path) -> None:
+def test_clouds_agree_with_their_images(tmp_path: Path) -> None:
     obj = chair(tmp_path)
     assert list(oddities(obj)) == []
     shares = agreement(obj)

@@ -39,7 +39,7 @@ def names(dataset, class_name: str, split=None) -> list[str]:
     return [obj.object_id for obj in dataset.objects(class_name, None, 0, split)]
 
 
-def test_both_versions_give_the_same_picture(tmp_path: Path) -> None:
+def test_both_versions_give_the_same_image(tmp_path: Path) -> None:
     v1(tmp_path / "1", CHAIR, A)
     v2(tmp_path / "2", CHAIR, A)
     write_ply(tmp_path / "3" / "chair" / "a.ply", OURS)
@@ -51,11 +51,11 @@ def test_both_versions_give_the_same_picture(tmp_path: Path) -> None:
     # Coordinates are rounded to float32 when the file has been read, once more when normalised:
     # within [-1, 1] that is 2**-25 each, on a shape enlarged by less than 8 on its way.
     np.testing.assert_allclose(meshes[1].vertices, meshes[0].vertices, atol=9 * 2.0**-25)
-    pictures = [render(mesh, VIEWS) for mesh in meshes]
-    assert np.array_equal(pictures[0], pictures[1])
-    assert np.array_equal(pictures[0], pictures[2])
+    images = [render(mesh, VIEWS) for mesh in meshes]
+    assert np.array_equal(images[0], images[1])
+    assert np.array_equal(images[0], images[2])
     # The post stands at the front on the right of the object: for who looks at it, on the left.
-    green = (pictures[0][0].astype(int) @ [-1, 2, -1]) > 60
+    green = (images[0][0].astype(int) @ [-1, 2, -1]) > 60
     assert green.any()
     assert np.argwhere(green)[:, 1].max() < 64
 

@@ -13,17 +13,17 @@ def dots(points, views=FRONT):
     return draw_dots(np.array(points, np.float32).reshape(-1, 3), views)
 
 
-def drawn(picture):
+def drawn(image):
     """Row, column and grey of all dots."""
-    where = np.argwhere((picture < 255).all(axis=2))
-    return [(row, column, picture[row, column, 0]) for row, column in where.tolist()]
+    where = np.argwhere((image < 255).all(axis=2))
+    return [(row, column, image[row, column, 0]) for row, column in where.tolist()]
 
 
 def test_a_dot_is_where_the_camera_sees_its_point():
     """232 px of focal length; a point of depth 4 and 0.5 to the right is at 64 + 29 px."""
-    (picture,) = dots([[-0.5, 0.25, 0.0]])
-    assert picture.shape == (128, 128, 3)
-    assert drawn(picture) == [(int(64 - 0.25 * 58), int(64 + 0.5 * 58), 105)]
+    (image,) = dots([[-0.5, 0.25, 0.0]])
+    assert image.shape == (128, 128, 3)
+    assert drawn(image) == [(int(64 - 0.25 * 58), int(64 + 0.5 * 58), 105)]
 
 
 def test_nearer_is_darker_and_hides_what_lies_behind():
@@ -34,7 +34,7 @@ def test_nearer_is_darker_and_hides_what_lies_behind():
         assert both[2] == NEAR_GREY
 
 
-def test_each_view_has_its_picture():
+def test_each_view_has_its_image():
     """From behind, right is +X."""
     front, behind = dots([[-0.5, 0, 0]], (View(0.0, 0.0), View(180.0, 0.0)))
     assert drawn(front)[0][1] > 64 > drawn(behind)[0][1]

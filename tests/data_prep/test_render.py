@@ -60,7 +60,7 @@ def sphere(subdivisions: int, color: Sequence[int]) -> Mesh:
     return colored(ball.vertices, ball.faces, color)
 
 
-def picture(mesh: Mesh, view: View = FRONT) -> np.ndarray:
+def rendered(mesh: Mesh, view: View = FRONT) -> np.ndarray:
     (image,) = render(mesh, [view])
     return image
 
@@ -69,7 +69,7 @@ def picture(mesh: Mesh, view: View = FRONT) -> np.ndarray:
 
 
 def test_background_is_exactly_white() -> None:
-    image = picture(plate(half=0.2))
+    image = rendered(plate(half=0.2))
     assert image[0, 0].tolist() == [255, 255, 255]
     reach = 232 * 0.2 / 4 + CLEAR_PX
     away = np.abs(np.arange(128) + 0.5 - 64) > reach
@@ -98,7 +98,7 @@ def test_non_finite_vertices_are_refused(value: float) -> None:
 def test_facet_seen_head_on_has_its_own_colour() -> None:
     for value in range(0, 256, 15):
         color = (value, 255 - value, value * 7 % 256)
-        image = picture(plate(color=color))
+        image = rendered(plate(color=color))
         inside = 64 - math.floor(232 * 0.4 / 4 - CLEAR_PX)
         assert np.unique(image[inside:-inside, inside:-inside].reshape(-1, 3), axis=0).tolist() == [
             list(color)
@@ -117,7 +117,7 @@ def test_every_level_of_every_face_arrives_at_its_place() -> None:
     )
     level = np.random.default_rng(3).permutation(256)
     colors = np.stack([level, 255 - level, level * 7 % 256], axis=1)
-    image = picture(Mesh(vertices, faces, np.repeat(colors, 2, axis=0)))
+    image = rendered(Mesh(vertices, faces, np.repeat(colors, 2, axis=0)))
     middles = np.stack([side[i] + 0.05, side[j] + 0.05, np.zeros(256)], axis=1)
     pixels, _ = project(middles, FRONT)  # a square is 5.8 pixels wide: its middle pixel is inside
     column, row = np.floor(pixels).astype(int).T
@@ -130,7 +130,7 @@ def test_tilted_facet(tilt: float, color: Sequence[int]) -> None:
     expected = np.array(color) * math.cos(math.radians(tilt)) ** (1 / GAMMA)
     tilted = plate(color=color, tilt_deg=tilt)
     for mesh in (tilted, with_second_colour(tilted)):
-        image = picture(mesh)
+        image = rendered(mesh)
         middle = image[61:67, 50:78].astype(float)  # 0.4 cos 70 * 58 = 8 pixels up and down
         assert np.abs(middle - expected).max() <= LEVEL
 
@@ -148,7 +148,7 @@ def test_light_comes_from_the_camera(view: View) -> None:
     mesh = join([box((0, 0, 0), (0.9, 0.8, 0.7), (200, 100, 50))])
     backward = np.abs(camera_to_world(view)[:3, 2])
     faces = mesh.vertices[mesh.faces].mean(axis=1)
-    seen = {tuple(pixel) for pixel in picture(mesh, view)[::4, ::4].reshape(-1, 3).tolist()}
+    seen = {tuple(pixel) for pixel in rendered(mesh, view)[::4, ::4].reshape(-1, 3).tolist()}
     expected = {}
     for axis in range(3):
         if backward[axis] > 0.15:
@@ -161,15 +161,15 @@ def test_light_comes_from_the_camera(view: View) -> None:
 def test_both_sides_are_shaded_alike() -> None:
     mesh = plate(tilt_deg=40)
     turned = Mesh(mesh.vertices, mesh.faces[:, ::-1], mesh.face_colors)
-    image = picture(mesh)
+    image = rendered(mesh)
     assert (image[64, 64] < 255).all()
-    np.testing.assert_array_equal(picture(turned), image)
+    np.testing.assert_array_equal(rendered(turned), image)
 
 
 def test_facets_without_area_change_nothing() -> None:
     mesh = plate()
     slivers = Mesh(mesh.vertices, [[0, 0, 0], [1, 1, 2], [0, 2, 2]], np.full((3, 3), 9))
-    np.testing.assert_array_equal(picture(together(mesh, slivers)), picture(mesh))
+    np.testing.assert_array_equal(rendered(together(mesh, slivers)), rendered(mesh))
 
 
 # --- geometry -------------------------------------------------------------------------------------
@@ -200,7 +200,7 @@ def test_silhouette_of_a_convex_mesh(kind: str, view: View) -> None:
         mesh = colored(hull.vertices, hull.faces, (10, 20, 30))
     pixels, _ = project(mesh.vertices, view)
     distance = hull_distance(pixels)
-    image = picture(mesh, view)
+    image = rendered(mesh, view)
     assert (image[distance > CLEAR_PX] == 255).all()
     assert (image[distance < -CLEAR_PX] <= (10, 20, 30)).all()
     edge = image[np.abs(distance) < 0.1].mean()
@@ -209,7 +209,7 @@ def test_silhouette_of_a_convex_mesh(kind: str, view: View) -> None:
 
 def test_silhouette_of_the_unit_sphere() -> None:
     # Black on white: 1 - level / 255 is the covered share of a pixel, so its sum is an area.
-    image = picture(sphere(5, (0, 0, 0)), View(20, 10))
+    image = rendered(sphere(5, (0, 0, 0)), View(20, 10))
     area = (1 - image[..., 0] / 255.0).sum()
     radius = 232 / math.sqrt(4**2 - 1)
     # Facets of 0.035 cut 0.035^2 / 8 = 2e-4 of the radius, 0.01 px. Four samples tell the share of
@@ -218,7 +218,7 @@ def test_silhouette_of_the_unit_sphere() -> None:
 
 
 def test_edges_have_four_samples() -> None:
-    levels = np.unique(picture(sphere(3, (0, 0, 0))))
+    levels = np.unique(rendered(sphere(3, (0, 0, 0))))
     # Means of four black or white samples: multiples of 63.75, rounded either way.
     assert np.abs(levels - 63.75 * np.round(levels / 63.75)).max() <= 0.75
     assert set(np.round(levels / 63.75).astype(int)) == {0, 1, 2, 3, 4}
@@ -231,7 +231,7 @@ def test_nearer_hides_farther(order: int) -> None:
         plate(z=0.3, half=0.6, color=(0, 0, 200)),
     )
     mesh = together(*(near, far)[::order])
-    front, back = picture(mesh), picture(mesh, View(180, 0))
+    front, back = rendered(mesh), rendered(mesh, View(180, 0))
     assert front[64, 64].tolist() == [200, 0, 0]
     assert front[64, 64 - 25].tolist() == [0, 0, 200]  # 0.6 * 232 / 4.3 = 32 px
     assert back[64, 64].tolist() == [0, 0, 200]
@@ -242,7 +242,7 @@ def test_nearer_hides_farther(order: int) -> None:
     ("depth", "seen"), [(0.19, False), (0.21, True), (9.9, True), (10.1, False)]
 )
 def test_what_leaves_the_cameras_range_is_cut_off(depth: float, seen: bool) -> None:
-    image = picture(plate(z=depth - 4, half=0.1 * depth))
+    image = rendered(plate(z=depth - 4, half=0.1 * depth))
     assert (image[64, 64].tolist() == [180, 120, 60]) is seen
     assert (image < 255).any() == seen
 
@@ -263,8 +263,8 @@ def test_mirrored_shape_from_the_mirrored_side(view: View) -> None:
     mesh = together(chair(np.random.default_rng(2)), plate(z=-0.9, half=0.1, color=(0, 90, 0)))
     shifted = Mesh(mesh.vertices + np.float32([0.1, 0, 0]), mesh.faces, mesh.face_colors)
     mirrored = Mesh(shifted.vertices * np.float32([-1, 1, 1]), mesh.faces, mesh.face_colors)
-    image = picture(shifted, view)
-    twin = picture(mirrored, View(-view.azimuth_deg, view.elevation_deg))[:, ::-1]
+    image = rendered(shifted, view)
+    twin = rendered(mirrored, View(-view.azimuth_deg, view.elevation_deg))[:, ::-1]
     # The pattern of samples has no mirror symmetry: edges differ, flat areas must not.
     calm = flat(image) & flat(twin)
     assert calm.mean() > 0.5
@@ -319,7 +319,7 @@ def test_first_hit_faces_agree_with_a_ray_caster(seed: int, view: View) -> None:
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     cosine = np.abs(normal @ camera_to_world(view)[:3, 2])
     shade = colors * cosine[:, None] ** (1 / GAMMA)
-    found = picture(mesh, view)[row, column]
+    found = rendered(mesh, view)[row, column]
     assert (found[judged & (face < 0)] == 255).all()
     steep = cosine[face] > 0.3  # LEVEL holds up to 70 degrees
     assert np.abs(found - shade[face])[hit & steep].max() <= LEVEL
@@ -341,7 +341,7 @@ def test_views_may_be_more_than_a_sheet_holds() -> None:
         )
 
 
-def test_pictures_do_not_depend_on_the_mesh_before() -> None:
+def test_images_do_not_depend_on_the_mesh_before() -> None:
     small, large = plate(), sphere(4, (10, 20, 30))
     expected = [render(mesh, VIEWS) for mesh in (small, large, small)]
     np.testing.assert_array_equal(expected[0], expected[2])
@@ -359,7 +359,7 @@ def test_colours_at_shared_vertices() -> None:
     np.testing.assert_array_equal(render(shared, VIEWS), render(own, VIEWS))
     # Two facets in one plane with an edge in common, on either side of the middle.
     halves = Mesh([[0, -1, 0], [0, 1, 0], [1, 0, 0], [-1, 0, 0]], [[0, 1, 2], [0, 1, 3]], BOTH)
-    image = picture(halves)
+    image = rendered(halves)
     assert image[64, 61].tolist() == BOTH[0]  # +x is on the left of the front
     assert image[64, 66].tolist() == BOTH[1]
 
@@ -374,9 +374,9 @@ def test_the_driver_has_a_name_and_a_version() -> None:
     name, _, version = gl_renderer().partition(" / ")
     assert name
     assert version[0].isdigit()
-    image = picture(plate())
+    image = rendered(plate())
     gl_renderer()  # asking leaves the context usable
-    np.testing.assert_array_equal(picture(plate()), image)
+    np.testing.assert_array_equal(rendered(plate()), image)
 
 
 @pytest.mark.parametrize(
@@ -405,16 +405,16 @@ def test_what_is_missing_is_named(prelude: str, environment: dict, remedy: str) 
     assert remedy in last
 
 
-def test_a_picture_of_another_size_shows_the_same():
+def test_a_image_of_another_size_shows_the_same():
     """A pixel's centre of the smaller picture is a corner of four in the larger one: inside a facet
     all agree, and along an edge the samples of one are spread over the four."""
     mesh = ProceduralObject("chair", "test", 3).load()
     views = [View(30.0, 20.0), View(-100.0, -10.0)]
-    pictures = render(mesh, views)
+    images = render(mesh, views)
     large, small = render(mesh, views, 256), render(mesh, views, 64)
     assert large.shape == (2, 256, 256, 3)
     assert small.shape == (2, 64, 64, 3)
-    for fine, coarse in ((large, pictures), (pictures, small)):
+    for fine, coarse in ((large, images), (images, small)):
         side = coarse.shape[1]
         means = fine.reshape(2, side, 2, side, 2, 3).astype(float).mean(axis=(2, 4))
         inside = np.ptp(fine.reshape(2, side, 2, side, 2, 3), axis=(2, 4)).max(axis=-1) == 0
@@ -422,5 +422,5 @@ def test_a_picture_of_another_size_shows_the_same():
         # one grey level of rounding, and facets of different tilt that meet in a pixel
         assert (np.abs(means - coarse).max(axis=-1)[inside] > 1).mean() < 0.002
     # buffers of one size do not touch those of another
-    assert np.array_equal(render(mesh, views), pictures)
+    assert np.array_equal(render(mesh, views), images)
     assert np.array_equal(render(mesh, views, 256), large)

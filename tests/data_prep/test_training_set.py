@@ -29,7 +29,7 @@ def arrays(training_set: TrainingSet) -> list[np.ndarray]:
     return [getattr(training_set, field) for field in fields]
 
 
-def test_cloud_and_pictures_are_those_that_an_object_gives_apart(made: TrainingSet) -> None:
+def test_cloud_and_images_are_those_that_an_object_gives_apart(made: TrainingSet) -> None:
     for i, obj in enumerate(OBJECTS):
         key = (SEED, "chair", f"train-000{i}")
         views = obj.views(2, generator("training views", *key))

@@ -19,14 +19,6 @@ from .trainings import TRAININGS
 COMMANDS = [name for name, training in TRAININGS.items() if training.sheet]  # run as a whole here
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A run from beginning to end, made once: `whole("gan", 6)`; what it reported, and whether
@@ -120,8 +112,8 @@ def test_reports_and_sheets(name, whole):
         ["step-000004.png", f"step-{steps:06}.png"] if train.sheet else []
     )
     for sheet in sheets:
-        with Image.open(sheet) as picture:
-            assert picture.size == train.sheet
+        with Image.open(sheet) as image:
+            assert image.size == train.sheet
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import torch
 from learning.image_losses import structural_similarity
 
 
-def pictures(count=2, size=40):
+def images(count=2, size=40):
     rng = torch.Generator().manual_seed(0)
     a = torch.rand(count, 3, size, size + 6, generator=rng, dtype=torch.float64)
     return a, 0.6 * a + 0.4 * torch.rand(a.shape, generator=rng, dtype=torch.float64)
@@ -15,7 +15,7 @@ def pictures(count=2, size=40):
 def test_structural_similarity_is_scikit_images_at_every_second_window():
     from skimage.metrics import structural_similarity as reference
 
-    a, b = pictures()
+    a, b = images()
     expected = []
     for one, other in zip(a.numpy(), b.numpy(), strict=True):
         _, full = reference(
@@ -27,11 +27,11 @@ def test_structural_similarity_is_scikit_images_at_every_second_window():
     assert abs(structural_similarity(a, b).item() - np.mean(expected)) < 1e-6
 
 
-def test_structural_similarity_of_equal_pictures_is_one():
-    a, _ = pictures()
+def test_structural_similarity_of_equal_images_is_one():
+    a, _ = images()
     assert abs(structural_similarity(a, a).item() - 1) < 1e-12
 
 
 def test_structural_similarity_has_the_gradient_of_finite_differences():
-    a, b = pictures(1, 13)
+    a, b = images(1, 13)
     assert torch.autograd.gradcheck(lambda x: structural_similarity(x, b), a.requires_grad_())

@@ -83,7 +83,7 @@ def start_judge(out_dir, on_progress, **changes):
     rng = np.random.default_rng(3)
     painted, neutral = rng.integers(0, 256, (2, 4, 2, 128, 128), dtype=np.uint8)
     angles = rng.uniform(-40, 40, (2, 4, 2))
-    data = train_judge.Pictures(painted, neutral, *angles, make_clouds(4))
+    data = train_judge.JudgeData(painted, neutral, *angles, make_clouds(4))
     with pytest.MonkeyPatch.context() as patch, training_loop.denormals_flushed():
         patch.setattr(train_judge, "OBJECTS", 3)
         trainer = train_judge._Trainer(data, data, config)

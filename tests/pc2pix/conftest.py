@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from learning.training_loop import Cadence, seeded
 from pc2pix.model import Encoder, ModelConfig
@@ -10,14 +9,6 @@ from pc2pix.train_gan import GanConfig, GanData, train_gan
 from pc2pix.weights import export
 
 TINY = ModelConfig(width=0.0625, latent_dim=4)
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def make_clouds(count, points=2048):

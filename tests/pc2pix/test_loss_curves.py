@@ -62,12 +62,12 @@ def test_a_panel_for_every_loss_that_has_a_value():
 def test_a_training_leaves_its_curves(tmp_path):
     config = AutoencoderConfig(model=TINY, steps=2, batch=2)
     train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
-    with Image.open(tmp_path / "losses.png") as picture:
-        picture.load()
-        assert picture.format == "PNG"
+    with Image.open(tmp_path / "losses.png") as image:
+        image.load()
+        assert image.format == "PNG"
     assert not list(tmp_path.glob(".*"))
 
 
-def test_no_picture_of_nothing(tmp_path):
+def test_no_image_of_nothing(tmp_path):
     write_loss_curves(tmp_path / "losses.csv", tmp_path / "losses.png", 5)
     assert not list(tmp_path.iterdir())

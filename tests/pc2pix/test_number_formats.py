@@ -40,7 +40,7 @@ def test_float32_is_what_the_renderer_draws(name, points):
     # up to 3, some ten roundings of 2^-23 of that
     np.testing.assert_allclose(found.code, state[0].numpy(), rtol=0, atol=3e-6)
     # the renderer's kernels lie in another order in memory: float32 sums differ by some 1e-6
-    np.testing.assert_allclose(found.pictures, renderer.draw(state, VIEWS), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(found.images, renderer.draw(state, VIEWS), rtol=0, atol=1e-5)
 
 
 def test_float64_is_the_same_network_without_rounding(points):
@@ -51,11 +51,11 @@ def test_float64_is_the_same_network_without_rounding(points):
         code = encoder(torch.from_numpy(parts(points)).double()).mean(dim=0, keepdim=True)
         code = (code - weights.code_mean.double()) / weights.code_std.double()
         angles = torch.tensor([[0.75]]).double(), torch.tensor([[30 / 360 + 0.5]]).double()
-        picture = drawing(torch.zeros(1, 128).double(), code, *angles)
+        image = drawing(torch.zeros(1, 128).double(), code, *angles)
     # the same sums in float64; the angle above was a float32 once: 3e-8 of a turn
     np.testing.assert_allclose(exact.code, code[0].numpy(), rtol=0, atol=1e-12)
     np.testing.assert_allclose(
-        exact.pictures[0], picture[0].permute(1, 2, 0).numpy() / 2 + 0.5, rtol=0, atol=1e-4
+        exact.images[0], image[0].permute(1, 2, 0).numpy() / 2 + 0.5, rtol=0, atol=1e-4
     )
 
 
@@ -106,9 +106,9 @@ def test_the_range_is_that_of_what_the_layer_gives(tiny):
 
 def test_wider_formats_are_nearer(points):
     weights = load_weights("chair")
-    exact = infer(weights, points, VIEWS, "float64").pictures
+    exact = infer(weights, points, VIEWS, "float64").images
     errors = [
-        GREY_LEVELS * deviation(infer(weights, points, VIEWS, fmt).pictures, exact).mean
+        GREY_LEVELS * deviation(infer(weights, points, VIEWS, fmt).images, exact).mean
         for fmt in ("float32", "float16", "bfloat16")
     ]
     # unit roundoffs 2^-24, 2^-11, 2^-8: ratios 8192 and 8, each within the factor of 3 by which the

@@ -134,7 +134,7 @@ def test_paired_starts_without_noise(gan_data, tmp_path):
     assert (weight[:, 128:] != 0).any()
 
 
-def test_the_reconstruction_term_pulls_a_drawn_picture_to_the_real_one(gan_data, tmp_path):
+def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data, tmp_path):
     """One object, one view: the error must fall to a fraction of what it was."""
     one = GanData(
         np.full((1, 1, 128, 128, 3), 255, np.uint8),

@@ -38,8 +38,8 @@ def _raise() -> None:
     raise ValueError("12 of 34 parts are missing\nand more of that")
 
 
-def _with_nan(pictures: Images) -> Images:
-    return np.where(np.arange(pictures.shape[1])[:, None, None] == 64, np.nan, pictures)
+def _with_nan(images: Images) -> Images:
+    return np.where(np.arange(images.shape[1])[:, None, None] == 64, np.nan, images)
 
 
 IN_PREPARE: Mapping[str, Callable[[], None]] = {
@@ -49,7 +49,7 @@ IN_PREPARE: Mapping[str, Callable[[], None]] = {
     "exception": _raise,
 }
 IN_DRAW: Mapping[str, Callable[[Images], Images]] = {
-    "wrong-shape": lambda pictures: pictures[:, :64],
+    "wrong-shape": lambda images: images[:, :64],
     "nan": _with_nan,
     "blank": np.ones_like,
 }
@@ -76,8 +76,8 @@ class Faulty:
     def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
         """Its pictures, or what is made of them."""
         fault, inner = state
-        pictures = self.renderer.draw(inner, views, rng)
-        return IN_DRAW[fault](pictures) if fault in IN_DRAW else pictures
+        images = self.renderer.draw(inner, views, rng)
+        return IN_DRAW[fault](images) if fault in IN_DRAW else images
 
 
 def announce(folder: Path, methods: Mapping[str, str]) -> None:

@@ -69,10 +69,10 @@ def mesh_obj() -> Files:
     lines += ["vt 0 0", "vt 1 0", "vt 0 1", "vn 0 0 1", "usemtl paint", "g one"]
     lines += [f"f {a + 1}/1/1 {b + 1}/2/1 {c + 1}/3/1" for a, b, c in FACES]
     material = b"newmtl paint\nKd 1 0.5 0\nmap_Kd paint.png\n"
-    return {"a.obj": "\n".join(lines).encode(), "a.mtl": material, "paint.png": picture()}
+    return {"a.obj": "\n".join(lines).encode(), "a.mtl": material, "paint.png": image()}
 
 
-def picture() -> bytes:
+def image() -> bytes:
     """A small PNG."""
     file = io.BytesIO()
     Image.new("RGB", (4, 4), (9, 99, 200)).save(file, "PNG")
@@ -131,7 +131,7 @@ def gltf_tree(blob: bytes, **buffer: object) -> dict[str, Any]:
 
 def gltf_blob() -> bytes:
     """The buffer of `gltf_tree`."""
-    return CORNERS.tobytes() + np.array(FACES, "<u2").tobytes() + picture()
+    return CORNERS.tobytes() + np.array(FACES, "<u2").tobytes() + image()
 
 
 def glb(tree: object, blob: bytes) -> bytes:
@@ -373,7 +373,7 @@ def _tricky_ply(rng: random.Random, root: str) -> Files:
         data = data.replace(b"paint.png", rng.choice(OUTSIDE).format(root=root).encode())
     else:
         data = data.replace(b"list uchar int", rng.choice((b"list int int", b"list char double")))
-    return {"a.ply": data, "paint.png": picture()}
+    return {"a.ply": data, "paint.png": image()}
 
 
 def _tricky_off(rng: random.Random, root: str) -> Files:
@@ -612,7 +612,7 @@ class Format:
 
 FORMATS: Mapping[str, Format] = {
     "mesh-ply": Format(
-        lambda: tuple({"a.ply": mesh_ply(b), "paint.png": picture()} for b in (False, True)),
+        lambda: tuple({"a.ply": mesh_ply(b), "paint.png": image()} for b in (False, True)),
         _tricky_ply, _read_mesh, True,
     ),
     "mesh-obj": Format(lambda: (mesh_obj(),), _tricky_obj, _read_mesh, True),

@@ -22,7 +22,7 @@ def test_views_are_turned_by_a_tenth_of_a_degree() -> None:
     assert view.elevation_deg == -20.0
 
 
-def test_true_pictures_are_perfect_by_all_that_compares_pictures() -> None:
+def test_true_images_are_perfect_by_all_that_compares_images() -> None:
     truth = np.full((2, 3, 128, 128, 3), 255, np.uint8)
     truth[:, :, 40:90, 30:100] = (120, 60, 20)
     sample = Sample("table", truth, truth)

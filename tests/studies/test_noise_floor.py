@@ -37,7 +37,7 @@ def test_the_truth_scores_full_marks(study):
         assert 0.0 <= found[metric] < 1e-9
 
 
-def test_blank_pictures_show_no_thin_part(study):
+def test_blank_images_show_no_thin_part(study):
     assert study.cells["blank"]["thin-recall"] == 0.0
     assert np.isnan(study.cells["blank"]["thin-precision"])
     assert study.cells["blank"]["structure"] == 1.0

@@ -30,12 +30,12 @@ def both():
     plain.generator.load_state_dict(ours.generator.state_dict())
     plain.discriminator.load_state_dict(ours.discriminator.state_dict())
     before = ours.random.get_state()
-    pictures, shown = ours._draw_real()
+    images, shown = ours._draw_real()
     noise, wanted = zip(*(ours._draw_fake() for _ in range(2)), strict=True)
     ours.random.set_state(before)
     losses = ours.take_step()
     found = plain.step(
-        pictures.contiguous(), Target(*shown), noise, tuple(Target(*some) for some in wanted)
+        images.contiguous(), Target(*shown), noise, tuple(Target(*some) for some in wanted)
     )
     return ours, losses, plain, found
 

@@ -247,16 +247,16 @@ def test_failed_objects_are_counted_and_named():
 
 
 def test_what_is_tinted():
-    truth, picture = blank(1), blank(1)
+    truth, image = blank(1), blank(1)
     truth[0, 40:60, 30:50] = 80
-    picture[0, 40:60, 35:55] = 90
-    picture[0, 0, 0] = 250  # haze draws nothing
-    tinted = tint(truth, picture)
+    image[0, 40:60, 35:55] = 90
+    image[0, 0, 0] = 250  # haze draws nothing
+    tinted = tint(truth, image)
     assert (tinted[0, 40:60, 30:35] == TOO_LITTLE).all()
     assert (tinted[0, 40:60, 50:55] == TOO_MUCH).all()
     tinted[0, 40:60, 30:35] = 255
     tinted[0, 40:60, 50:55] = 90
-    assert np.array_equal(tinted, picture)
+    assert np.array_equal(tinted, image)
 
 
 # --- with a renderer ------------------------------------------------------------------------------
@@ -319,8 +319,8 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
     with Image.open(names["turntable-512.gif"]) as film:
         assert film.size == (MARGIN + 3 * wide, MARGIN + high)
         assert film.n_frames == 12  # type: ignore[attr-defined]
-    with Image.open(names["strip-512.png"]) as picture:
-        strip = np.asarray(picture)
+    with Image.open(names["strip-512.png"]) as image:
+        strip = np.asarray(image)
     assert strip.shape == (MARGIN + 3 * high, MARGIN + 6 * wide, 3)
     truth, ceiling_row, splat_row = (
         strip[MARGIN + i * high + LABEL_HEIGHT :, MARGIN:][:256:2, :256:2] for i in range(3)

@@ -382,7 +382,7 @@ def scene(
     return made
 
 
-def picture(of: Any) -> NDArray[np.uint8]:
+def image(of: Any) -> NDArray[np.uint8]:
     library = pyrender()
     renderer = library.OffscreenRenderer(SIDE, SIDE)
     try:
@@ -392,7 +392,7 @@ def picture(of: Any) -> NDArray[np.uint8]:
 
 
 def drawn(of: Any) -> str:
-    count = int((picture(of)[..., 1] < 255).sum())
+    count = int((image(of)[..., 1] < 255).sum())
     return f"{count} of {SIDE * SIDE} pixels drawn"
 
 
@@ -404,7 +404,7 @@ def drawn(of: Any) -> str:
 def pyrender_background_of_integers_is_black() -> str:
     """A white background in integers comes out black."""
     levels = [
-        int(picture(scene(background, np.zeros((3, 3))))[0, 0, 0])
+        int(image(scene(background, np.zeros((3, 3))))[0, 0, 0])
         for background in ((1, 1, 1, 1), WHITE)
     ]
     return "background {}, and {} from floats".format(*levels)

@@ -50,18 +50,18 @@ def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[
     nearest = train[(train - total).square().sum(dim=1).argmin()][None]
     codes = {SUM: total, NOTHING: c, TRAIN: nearest, ANSWER: d}
     stacked = torch.cat(list(codes.values()))
-    clouds, pictures = network.decode(stacked), network.draw(stacked)
+    clouds, images = network.decode(stacked), network.draw(stacked)
     answer, count = seen[-1], len(codes)
     to_cloud = chamfer_distances(clouds, np.stack([answer.cloud.points] * count))
-    to_picture = ssim_values(np.stack([answer.picture] * count), pictures)
+    to_image = ssim_values(np.stack([answer.image] * count), images)
     to_code = (stacked - d).square().mean(dim=1).sqrt().cpu().numpy()
     floor = list(codes).index(NOTHING)
     values = []
     for i, what in enumerate(codes):
-        found = {"cloud": to_cloud[i], "ssim": to_picture[i], "code": to_code[i]}
+        found = {"cloud": to_cloud[i], "ssim": to_image[i], "code": to_code[i]}
         if i != floor:
             found["cloud-gain"] = to_cloud[floor] - to_cloud[i]
-            found["ssim-gain"] = to_picture[i] - to_picture[floor]
+            found["ssim-gain"] = to_image[i] - to_image[floor]
         if what == SUM:
             found["cosine"] = cosine((a - b)[0].cpu().numpy(), (d - c)[0].cpu().numpy())
         values += [
@@ -72,9 +72,9 @@ def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[
     shown = zip(
         ("A", "− B", "+ C"), network.decode(terms), network.draw(terms), seen[:3], strict=True
     )
-    tiles = [Tile(title, cloud, picture, one.picture) for title, cloud, picture, one in shown]
-    tiles.append(Tile("= A − B + C", clouds[0], pictures[0]))
-    tiles.append(Tile("D by its code", clouds[-1], pictures[-1], answer.picture))
+    tiles = [Tile(title, cloud, image, one.image) for title, cloud, image, one in shown]
+    tiles.append(Tile("= A − B + C", clouds[0], images[0]))
+    tiles.append(Tile("D by its code", clouds[-1], images[-1], answer.image))
     return values, Strip(triple.change, tuple(tiles))
 
 

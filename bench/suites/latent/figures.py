@@ -17,7 +17,7 @@ from data_prep.scene import PointCloud, Points, View
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CLOUD, PICTURE, TRUTH = "decoded", "drawn", "true"
+CLOUD, IMAGE, TRUTH = "decoded", "drawn", "true"
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Tile:
 
     title: str
     cloud: Points
-    picture: NDArray[np.uint8]
+    image: NDArray[np.uint8]
     truth: NDArray[np.uint8] | None = None
 
 
@@ -55,7 +55,7 @@ def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
         for axis, tile in zip(axis_row, strip.tiles, strict=True):
             shown = {
                 CLOUD: draw_cloud(tile.cloud, view) if name == CLOUD else None,
-                PICTURE: tile.picture,
+                IMAGE: tile.image,
                 TRUTH: tile.truth,
             }[name]
             if shown is None:
@@ -67,7 +67,7 @@ def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
 
 def _rows(strip: Strip) -> tuple[str, ...]:
     has_truth = any(tile.truth is not None for tile in strip.tiles)
-    return (CLOUD, PICTURE, TRUTH) if has_truth else (CLOUD, PICTURE)
+    return (CLOUD, IMAGE, TRUTH) if has_truth else (CLOUD, IMAGE)
 
 
 def draw_cloud(cloud: Points, view: View) -> NDArray[np.uint8]:

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from bench.judges.views import ViewsNetwork, view_features
 from bench.metrics.structural_similarity import ssim_per_image
+from data_prep.scene import UInt8Images
 from pc2pix.losses import chamfer
 
-Pictures = NDArray[np.uint8]  # [N, 128, 128, 3]
 Clouds = NDArray[np.float32]  # [N, 2048, 3], unit-sphere coordinates
 Floats = NDArray[np.float64]
 
@@ -24,9 +24,9 @@ def unevenness(steps: Floats) -> float:
     return float(steps.max() / mean) if mean > 0 else float("nan")
 
 
-def picture_steps(pictures: Pictures) -> Floats:
+def image_steps(images: UInt8Images) -> Floats:
     """Root-mean-square difference of neighbours [K - 1], in 0..1, along a path of K pictures."""
-    values = pictures.astype(np.float64) / 255
+    values = images.astype(np.float64) / 255
     return np.sqrt(np.square(np.diff(values, axis=0)).mean(axis=(1, 2, 3)))
 
 
@@ -58,22 +58,22 @@ def distances_to_nearer_end(clouds: Clouds) -> Floats:
     return np.minimum(*to_ends)
 
 
-def cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> Pictures:
+def cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> UInt8Images:
     """[positions, H, W, 3]: the weighted mean of two pictures [H, W, 3], rounded; exact ends."""
     share = np.linspace(0, 1, positions)[:, None, None, None]
     return np.floor((1 - share) * start + share * end + 0.5).astype(np.uint8)
 
 
-def family_confidence(network: ViewsNetwork, pictures: Pictures) -> Floats:
+def family_confidence(network: ViewsNetwork, images: UInt8Images) -> Floats:
     """How sure the classifier of `fd-views` is of a structural family [N]: largest probability."""
-    features = torch.from_numpy(view_features(network, pictures))
+    features = torch.from_numpy(view_features(network, images))
     with torch.inference_mode():
         return network.heads["family"](features).double().softmax(dim=1).amax(dim=1).numpy()
 
 
-def ssim_values(truth: Pictures, pictures: Pictures) -> Floats:
+def ssim_values(truth: UInt8Images, images: UInt8Images) -> Floats:
     """SSIM [N] of each pair of pictures, by the protocol of the benchmark."""
-    return ssim_per_image(truth, pictures).ssim
+    return ssim_per_image(truth, images).ssim
 
 
 def cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:

@@ -70,7 +70,7 @@ class Seen:
     """A chair as the suite knows it: cloud [2048, 3], true picture [128, 128, 3]."""
 
     cloud: PointCloud
-    picture: NDArray[np.uint8]
+    image: NDArray[np.uint8]
 
 
 def weights_of(method: str) -> str:

@@ -11,19 +11,19 @@ from bench.suites.latent.chairs import Pair
 from bench.suites.latent.figures import Strip, Tile
 from bench.suites.latent.measures import (
     Clouds,
-    Pictures,
     chamfer_distances,
     cloud_steps,
     cross_fade,
     distances_to_nearer_end,
     family_confidence,
-    picture_steps,
+    image_steps,
     ssim_values,
     unevenness,
 )
 from bench.suites.latent.network import Network, look
 from bench.suites.latent.tables import ALL, Value
 from data_prep.randomness import generator
+from data_prep.scene import UInt8Images
 from pc2pix.latent import interpolate
 
 CODE, FADE, NOISE, TRUTH = "code", "cross-fade", "noise", "truth"
@@ -69,22 +69,22 @@ def walk(
         network.encode(chair.id, seen.cloud) for chair, seen in zip(chairs, ends, strict=True)
     )
     line = interpolate(start, end, positions)
-    clouds, pictures = network.decode(line), network.draw(line)
+    clouds, images = network.decode(line), network.draw(line)
     true_clouds = np.stack([seen.cloud.points for seen in ends])
-    true_pictures = np.stack([seen.picture for seen in ends])
-    faded = cross_fade(pictures[0], pictures[-1], positions)
+    true_images = np.stack([seen.image for seen in ends])
+    faded = cross_fade(images[0], images[-1], positions)
     random_line = interpolate(*_random_codes(pair, start, seed), positions)
     found = {
-        CODE: _evenness(classifier, pictures)
+        CODE: _evenness(classifier, images)
         | _cloud_path(clouds)
         | {
             "end-cloud": chamfer_distances(clouds[[0, -1]], true_clouds).mean(),
-            "end-ssim": ssim_values(true_pictures, pictures[[0, -1]]).mean(),
+            "end-ssim": ssim_values(true_images, images[[0, -1]]).mean(),
         },
         FADE: _evenness(classifier, faded),
         NOISE: _evenness(classifier, network.draw(random_line))
         | _cloud_path(network.decode(random_line)),
-        TRUTH: _confidence(classifier, true_pictures),
+        TRUTH: _confidence(classifier, true_images),
     }
     values = [
         Value(network.method, what, ALL, pair.id, metric, float(value))
@@ -92,10 +92,10 @@ def walk(
         for metric, value in by_metric.items()
     ]
     between = [
-        Tile(f"{i}/{positions - 1}", cloud, picture)
-        for i, (cloud, picture) in enumerate(zip(clouds, pictures, strict=True))
+        Tile(f"{i}/{positions - 1}", cloud, image)
+        for i, (cloud, image) in enumerate(zip(clouds, images, strict=True))
     ]
-    first, last = (Tile("original", seen.cloud.points, seen.picture) for seen in ends)
+    first, last = (Tile("original", seen.cloud.points, seen.image) for seen in ends)
     label = f"{pair.start.spec.family}\nto {pair.end.spec.family}"
     return values, Strip(label, (first, *between, last))
 
@@ -108,16 +108,16 @@ def _random_codes(pair: Pair, like: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     return start, end
 
 
-def _evenness(classifier: ViewsNetwork, pictures: Pictures) -> dict[str, float]:
-    steps = picture_steps(pictures)
+def _evenness(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, float]:
+    steps = image_steps(images)
     return {
         "picture-unevenness": unevenness(steps),
         "picture-step": float(steps.mean()),
-    } | _confidence(classifier, pictures)
+    } | _confidence(classifier, images)
 
 
-def _confidence(classifier: ViewsNetwork, pictures: Pictures) -> dict[str, float]:
-    sure = family_confidence(classifier, pictures)
+def _confidence(classifier: ViewsNetwork, images: UInt8Images) -> dict[str, float]:
+    sure = family_confidence(classifier, images)
     return {"family-confidence": float(sure.mean()), "family-confidence-min": float(sure.min())}
 
 

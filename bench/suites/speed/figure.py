@@ -69,13 +69,13 @@ def _line(axis: Any, summary: Summary, rival: Summary | None, colour: str, last:
     cost = summary.wall
     assert cost is not None  # the others have been left out
     views = np.geomspace(1, last, POINTS)
-    line = [MS * cost.per_picture(v) for v in views]
+    line = [MS * cost.per_image(v) for v in views]
     axis.plot(views, line, color=colour, label=summary.measurement.method)
     measured = [v for v in (1, cost.batch) if v <= last]
-    axis.plot(measured, [MS * cost.per_picture(v) for v in measured], "o", color=colour, ms=4)
+    axis.plot(measured, [MS * cost.per_image(v) for v in measured], "o", color=colour, ms=4)
     if rival is None or rival is summary or rival.wall is None:
         return
     for equal in break_even(cost, rival.wall).views:
         if equal <= last:
-            height = MS * cost.per_picture(equal)
+            height = MS * cost.per_image(equal)
             axis.plot(equal, height, "o", color=colour, ms=9, mfc="none")

@@ -46,7 +46,7 @@ class Cost:
         more = (self.draw_batch - self.draw_one) / (self.batch - 1)
         return self.prepare + self.draw_one + (views - 1) * more
 
-    def per_picture(self, views: float) -> float:
+    def per_image(self, views: float) -> float:
         """The same, shared by the pictures."""
         return self.total(views) / views
 
@@ -156,8 +156,8 @@ def summarise(measurement: Measurement) -> Summary:
     for views in dict.fromkeys((1, batch)):
         n = values[f"draw-{views}-ms"].n
         for cost, unit in ((wall, "ms"), (core, "core-ms")):
-            per_picture = MS * cost.per_picture(views) if cost else math.nan
-            values[f"picture-of-{views}-{unit}"] = Value(per_picture, n if cost else 0)
+            per_image = MS * cost.per_image(views) if cost else math.nan
+            values[f"picture-of-{views}-{unit}"] = Value(per_image, n if cost else 0)
     for name, mib in (("peak-mib", measurement.peak_mib), ("idle-mib", measurement.idle_mib)):
         values[name] = Value(math.nan, 0) if mib is None else Value(mib, 1)
     return Summary(measurement, values, wall, core)
@@ -172,7 +172,7 @@ def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
         return {}
     made = {}
     for views in dict.fromkeys((1, summary.wall.batch)):
-        ratio = rival.wall.per_picture(views) / summary.wall.per_picture(views)
+        ratio = rival.wall.per_image(views) / summary.wall.per_image(views)
         made[f"picture-of-{views}-speedup"] = Value(
             ratio, summary.values[f"picture-of-{views}-ms"].n
         )

@@ -108,8 +108,8 @@ def amortised_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Amor
         AmortisedRow(
             summary,
             views,
-            MS * summary.wall.per_picture(views),
-            MS * summary.core.per_picture(views),
+            MS * summary.wall.per_image(views),
+            MS * summary.core.per_image(views),
         )
         for summary in summaries
         if summary.wall and summary.core
@@ -219,7 +219,7 @@ def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Ite
                 s.measurement.threads: s for s in of_condition if s.measurement.method == method
             }
             cells = (
-                _picture(ours.get(threads), views, suite, summaries) for views, threads in across
+                _image(ours.get(threads), views, suite, summaries) for views, threads in across
             )
             lines.append([method, _published(paper, condition, method), *cells])
         yield f"A picture at {markdown.cell(condition)}, its cloud's preparation included, ms:"
@@ -234,7 +234,7 @@ def _published(paper: Paper, condition: str, method: str) -> Cell:
     return Cell("-") if value is None else Cell(f"{value:g}{_times(faster)}", special=ITALIC)
 
 
-def _picture(
+def _image(
     summary: Summary | None, views: int, suite: SpeedSuite, summaries: Sequence[Summary]
 ) -> str:
     if summary is None or summary.wall is None:
@@ -243,7 +243,7 @@ def _picture(
     faster = speedups(summary, rival).get(f"picture-of-{views}-speedup")
     own = summary is rival
     return (
-        _number(MS * summary.wall.per_picture(views))
+        _number(MS * summary.wall.per_image(views))
         + _times(None if own or faster is None else faster.value)
         + _mark(summary, suite)
     )
@@ -309,7 +309,7 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
             here = [r for r in rows if _circumstance(r.summary) == (condition, threads)]
             equal = [r for r in pairs if _circumstance(r.summary) == (condition, threads)]
             yield f"## {markdown.cell(condition)}, {_threads(threads)}"
-            yield _per_picture(here, suite)
+            yield _per_image(here, suite)
             if equal:
                 yield "For how many views of a cloud a method is cheaper than"
                 yield _break_even(equal, suite)
@@ -331,7 +331,7 @@ def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[B
     return Table("break_even", "", made, tuple(break_even_rows(summaries, suite)))
 
 
-def _per_picture(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
+def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
     cheapest = {
         views: min((r.wall_ms for r in rows if r.views == views and _rival(r)), default=None)
         for views in suite.amortised

@@ -59,11 +59,11 @@ def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observ
         record = first[job.key]
         shown = mean = most = None
         if (job.method, job.condition) in drawn:
-            pictures = job.made.pictures()
-            shown = float(foreground(pictures).mean())
+            images = job.made.images()
+            shown = float(foreground(images).mean())
             other = drawn.get((job.method, likes[job.condition] or ""))
             if other is not None:
-                mean, most = _change(pictures, other.made.pictures())
+                mean, most = _change(images, other.made.images())
         observed.append(
             Observation(
                 case=job.condition,
@@ -80,10 +80,10 @@ def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observ
     return observed
 
 
-def _change(pictures: NDArray[np.uint8], like: NDArray[np.uint8]) -> tuple[float, int]:
+def _change(images: NDArray[np.uint8], like: NDArray[np.uint8]) -> tuple[float, int]:
     """Mean and largest absolute difference; `like` is gone through again where it is shorter."""
-    counterpart = like[np.arange(len(pictures)) % len(like)]
-    difference = np.abs(pictures.astype(np.int16) - counterpart)
+    counterpart = like[np.arange(len(images)) % len(like)]
+    difference = np.abs(images.astype(np.int16) - counterpart)
     return float(difference.mean()), int(difference.max())
 
 

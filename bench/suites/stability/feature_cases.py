@@ -23,7 +23,6 @@ from bench.suites.stability.metric_cases import (
     Case,
     Near,
     Number,
-    Pictures,
     Refused,
     Stated,
     U,
@@ -40,6 +39,7 @@ from bench.suites.stability.metric_cases import (
     trace,
     twice,
 )
+from data_prep.scene import UInt8Images
 
 Floats = NDArray[np.float64]
 
@@ -262,18 +262,18 @@ def extractor(name: str) -> Extractor:
     return source.load(str(source.weights(None)))
 
 
-def _of_constants(name: str, a: Pictures, b: Pictures) -> float:
+def _of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
     """Squared distance of the features of two pictures."""
     features = extractor(name)
     return float(((features(a[:1])[0].astype(float) - features(b[:1])[0].astype(float)) ** 2).sum())
 
 
-def _rounding_of(name: str, a: Pictures, b: Pictures) -> float:
+def _rounding_of(name: str, a: UInt8Images, b: UInt8Images) -> float:
     features = extractor(name)
     return rounding(features(a), features(b))
 
 
-def _move_of_constants(name: str, a: Pictures, b: Pictures) -> float:
+def _move_of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
     return largest_move(math.sqrt(_of_constants(name, a, b)), 64, 3, FLOAT32_FEATURES)
 
 

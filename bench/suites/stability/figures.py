@@ -78,7 +78,7 @@ def matrix_figure(matrix: Table[Outcome]) -> Figure:
 def extremes_figure(
     cases: Sequence[str],
     methods: Sequence[str],
-    pictures: Mapping[tuple[str, str], NDArray[np.uint8]],
+    images: Mapping[tuple[str, str], NDArray[np.uint8]],
 ) -> Figure:
     """The first view of every case (across) and method (down); grey where there is no picture.
 
@@ -89,7 +89,7 @@ def extremes_figure(
     figure, axes = panels(len(blocks), 1, size_in)
     centres = IMAGE_SIZE * (np.arange(max(ACROSS, len(methods))) + 0.5)
     for axis, block in zip(axes[:, 0], blocks, strict=True):
-        axis.imshow(sheet([[pictures.get((case, m)) for case in block] for m in methods]))
+        axis.imshow(sheet([[images.get((case, m)) for case in block] for m in methods]))
         axis.set_xticks(centres[: len(block)], block, fontsize=6)
         axis.set_yticks(centres[: len(methods)], methods, fontsize=6, rotation=90, va="center")
         axis.xaxis.tick_top()
@@ -105,6 +105,6 @@ def sheet(rows: Sequence[Sequence[NDArray[np.uint8] | None]]) -> NDArray[np.uint
     """
     made = np.full((len(rows), IMAGE_SIZE, ACROSS, IMAGE_SIZE, 3), 255, np.uint8)
     for y, row in enumerate(rows):
-        for x, picture in enumerate(row):
-            made[y, :, x] = MISSING if picture is None else picture
+        for x, image in enumerate(row):
+            made[y, :, x] = MISSING if image is None else image
     return made.reshape(len(rows) * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3)

@@ -118,7 +118,7 @@ def measure_formats() -> list[FormatRow]:
             for fmt in FORMATS:
                 found = exact if fmt == REFERENCE else infer(weights, points, views, fmt)
                 code = deviation(found.code, exact.code)
-                picture = deviation(found.pictures, exact.pictures)
+                image = deviation(found.images, exact.images)
                 largest = max(found.layers, key=lambda layer: layer.largest)
                 rows.append(
                     FormatRow(
@@ -128,8 +128,8 @@ def measure_formats() -> list[FormatRow]:
                         code_scale=float(abs(exact.code).max()),
                         code_error_largest=code.largest if code else None,
                         code_error_mean=code.mean if code else None,
-                        grey_error_largest=GREY_LEVELS * picture.largest if picture else None,
-                        grey_error_mean=GREY_LEVELS * picture.mean if picture else None,
+                        grey_error_largest=GREY_LEVELS * image.largest if image else None,
+                        grey_error_mean=GREY_LEVELS * image.mean if image else None,
                         largest=largest.largest,
                         largest_in=largest.name,
                         overflowed=found.overflowed or "",

@@ -24,7 +24,6 @@ from bench.suites.stability.metric_cases import (
     WINDOW,
     Given,
     Near,
-    Pictures,
     Refused,
     Stated,
     U,
@@ -40,7 +39,7 @@ from bench.suites.stability.metric_cases import (
     twice,
     undefined,
 )
-from data_prep.scene import IMAGE_SIZE
+from data_prep.scene import IMAGE_SIZE, UInt8Images
 
 Floats = NDArray[np.float64]
 Row = tuple[str, Given, dict[str, Stated]]  # of `cases`
@@ -101,7 +100,7 @@ def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
     return case_id, lambda: (flat(p), speck(p, q, at)), stated | NOTHING_THIN
 
 
-def _one_window(name: str, a: Pictures, b: Pictures) -> float:
+def _one_window(name: str, a: UInt8Images, b: UInt8Images) -> float:
     """A component of images [1, s, s, C] with a single window: two passes in longdouble."""
     size = a.shape[1]
     weights = gaussian_window(size).astype(np.longdouble)[..., None]
@@ -137,7 +136,7 @@ def _small(side: int) -> Row:
     )
 
 
-def _strip(a: Pictures, b: Pictures) -> float:
+def _strip(a: UInt8Images, b: UInt8Images) -> float:
     """Mean luminance of single pixels."""
     p, q = a.astype(np.float64), b.astype(np.float64)
     return float(((2 * p * q + C1) / (p * p + q * q + C1)).mean())

@@ -37,10 +37,10 @@ from bench.suites.stability.metric_cases import (
     Case,
     Number,
     Pair,
-    Pictures,
     Refused,
     Stated,
 )
+from data_prep.scene import UInt8Images
 
 Floats = NDArray[np.float64]
 
@@ -126,19 +126,19 @@ def _shown(values: Array) -> str:
 # --- the metrics ----------------------------------------------------------------------------------
 
 
-def _ssim_object(truth: Pictures, pictures: Pictures) -> Floats:
-    return ssim_per_image_and_box(truth, pictures, object_boxes(truth))[1]
+def _ssim_object(truth: UInt8Images, images: UInt8Images) -> Floats:
+    return ssim_per_image_and_box(truth, images, object_boxes(truth))[1]
 
 
-def _between(name: str, truth: Pictures, pictures: Pictures) -> float:
+def _between(name: str, truth: UInt8Images, images: UInt8Images) -> float:
     features = extractor(name)
-    return frechet_distance(features(truth), features(pictures))
+    return frechet_distance(features(truth), features(images))
 
 
-def _code_lengths(truth: Pictures, pictures: Pictures) -> Floats:
+def _code_lengths(truth: UInt8Images, images: UInt8Images) -> Floats:
     """Length of the judge's shape code of each picture; NaN where an answer is not finite."""
     del truth
-    answers = extractor(JUDGE)(pictures).astype(np.float64)
+    answers = extractor(JUDGE)(images).astype(np.float64)
     return np.linalg.norm(answers[:, 3:], axis=1) + 0.0 * answers[:, :3].sum(axis=1)
 
 

@@ -193,7 +193,7 @@ def _draw(
     for made in matrices:
         save(matrix_figure(made), folder / f"{made.name}.png")
     first = {
-        (job.condition, job.method): job.made.pictures()[0]
+        (job.condition, job.method): job.made.images()[0]
         for job in jobs
         if outcomes[job.key].artifact_sha256
     }

@@ -13,14 +13,6 @@ from learning.training_loop import Cadence
 SMALL = NetworkConfig(widths=(4, 6, 8, 10, 12))
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 def make_cloud(count=2048, seed=0):
     rng = np.random.default_rng(seed)
     return rng.uniform(-0.5, 0.5, (count, 3)).astype(np.float32)

@@ -25,8 +25,8 @@ def inputs(config, count, size=128):
 
 def drawn(network, channels):
     with torch.no_grad():
-        _, (picture, *_) = composite(network(channels), network.config.heads)
-    return picture.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
+        _, (image, *_) = composite(network(channels), network.config.heads)
+    return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
 
 
 @pytest.fixture(params=[SMALL, GREY], ids=["both", "grey"])
@@ -67,7 +67,7 @@ def test_pytorch_without_the_operators_draws_the_same(network, monkeypatch):
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_one_picture_or_many(network, monkeypatch, precision):
+def test_one_image_or_many(network, monkeypatch, precision):
     """Kernels for groups of 3: of five pictures, of two, of each alone."""
     monkeypatch.setattr(engine, "GROUP", 3)
     folded = FoldedSplatNet(network, precision, size=64)

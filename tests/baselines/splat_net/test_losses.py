@@ -10,8 +10,8 @@ from baselines.splat_net.losses import (
     STRUCTURE_WEIGHT,
     PatchJudge,
     coverage_error,
+    image_error,
     judge_error,
-    picture_error,
 )
 from learning.image_losses import FOREGROUND_WEIGHT, structural_similarity
 
@@ -27,11 +27,11 @@ def scene(channels=3, size=32):
 
 def test_what_is_drawn_right_costs_nothing():
     real, coverage = scene()
-    assert abs(picture_error(real, real, coverage).item()) < 1e-12
+    assert abs(image_error(real, real, coverage).item()) < 1e-12
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_picture_error_counts_the_object_three_times(channels):
+def test_image_error_counts_the_object_three_times(channels):
     real, coverage = scene(channels)
     for half, weight in ((slice(0, 16), FOREGROUND_WEIGHT), (slice(16, 32), 1.0)):
         drawn = real.clone()
@@ -39,7 +39,7 @@ def test_picture_error_counts_the_object_three_times(channels):
         structure = 1 - structural_similarity(drawn, real)
         assert structure > 0.01
         expected = weight * 0.2 / channels / 2 + STRUCTURE_WEIGHT * structure
-        assert abs(picture_error(drawn, real, coverage) - expected) < 1e-12
+        assert abs(image_error(drawn, real, coverage) - expected) < 1e-12
 
 
 def test_coverage_error_at_no_idea_is_ln_2():
@@ -68,7 +68,7 @@ def test_gradients_are_those_of_finite_differences():
     real = torch.rand(1, 1, 13, 13, generator=random, dtype=torch.float64)
     drawn = torch.rand(1, 1, 13, 13, generator=random, dtype=torch.float64).requires_grad_()
     coverage = (torch.rand(1, 1, 13, 13, generator=random) < 0.5).double()
-    assert torch.autograd.gradcheck(lambda x: picture_error(x, real, coverage), drawn)
+    assert torch.autograd.gradcheck(lambda x: image_error(x, real, coverage), drawn)
     assert torch.autograd.gradcheck(lambda x: coverage_error(x, coverage), drawn)
 
 
@@ -83,12 +83,12 @@ def test_judges_are_held_to_margins_of_one():
 def test_patches_of_a_judge(size):
     torch.manual_seed(0)
     judge = PatchJudge().eval()
-    pictures = torch.rand(2, 4, size, size)
-    found = judge(pictures)
+    images = torch.rand(2, 4, size, size)
+    found = judge(images)
     assert found.shape == (2, 1, size // 8, size // 8)
     # what a patch sees: 22 px of the three halvings, and 16 more of the last kernel
-    pictures[:, :, 40:] = 0.5
-    assert torch.equal(judge(pictures)[:, :, 0], found[:, :, 0])
+    images[:, :, 40:] = 0.5
+    assert torch.equal(judge(images)[:, :, 0], found[:, :, 0])
 
 
 def test_a_judge_is_bounded():

@@ -84,7 +84,7 @@ def test_weights_are_small():
 
 
 @pytest.mark.parametrize("size", [16, 64, 128, 256])
-def test_pictures_of_many_sizes(size):
+def test_images_of_many_sizes(size):
     network = lived_in(SMALL)
     output = network(torch.randn(2, SEEN, size, size))
     assert output.shape == (2, 5, size, size)

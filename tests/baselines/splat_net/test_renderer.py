@@ -40,7 +40,7 @@ def cloud():
     return PointCloud(make_cloud())
 
 
-def test_pictures_are_the_networks(renderer, cloud):
+def test_images_are_the_networks(renderer, cloud):
     """Step by step: surfels, channels, network, composite."""
     network = renderer.weights.network
     surfels = stack([find_surfels(cloud.points)])
@@ -127,7 +127,7 @@ def test_angles_may_be_numpys(renderer, cloud):
     assert np.array_equal(found, renderer.draw(state, VIEWS[1:2])[0])
 
 
-def test_pictures_that_are_not_finite_fail_by_name(cloud):
+def test_images_that_are_not_finite_fail_by_name(cloud):
     renderer = build()
     state = renderer.prepare(cloud)
     renderer.folded.for_many.last.bias[0] = torch.nan

@@ -88,7 +88,7 @@ def test_before_the_judge_takes_part_the_objective_is_l1(data):
     assert any(different)
 
 
-def test_the_judge_learns_which_pictures_are_real(data):
+def test_the_judge_learns_which_images_are_real(data):
     trainer = build(data, objective="l1-patch", judge_lr=1e-2)
     drawn, real = torch.zeros(2, 4, 32, 32), torch.ones(2, 4, 32, 32)
     errors = [trainer._judge(drawn, real)[0].item() for _ in range(20)]
@@ -145,7 +145,7 @@ def test_what_is_minimised_is_the_weighted_sum_of_the_terms(data, monkeypatch):
     factors = {"colour": 3.0, "grey": 5.0, "coverage": 7.0}
     kinds = iter(("colour", "grey"))
     monkeypatch.setattr(
-        "baselines.splat_net.train.picture_error", lambda *_: bias[0] * factors[next(kinds)]
+        "baselines.splat_net.train.image_error", lambda *_: bias[0] * factors[next(kinds)]
     )
     monkeypatch.setattr(
         "baselines.splat_net.train.coverage_error", lambda *_: bias[0] * factors["coverage"]
@@ -168,7 +168,7 @@ def test_the_judge_counts_the_more_the_more_noise_a_cloud_has(data, monkeypatch)
         return outputs[-1]
 
     monkeypatch.setattr(trainer.network, "forward", forward)
-    for term in ("picture_error", "coverage_error"):
+    for term in ("image_error", "coverage_error"):
         monkeypatch.setattr(f"baselines.splat_net.train.{term}", lambda *_: torch.zeros(()))
     monkeypatch.setattr(
         trainer, "_judge", lambda drawn, real: (torch.zeros(()), outputs[-1][:, 0, 0, 0])
@@ -202,7 +202,7 @@ def test_a_batch_says_how_noisy_its_clouds_are(data, monkeypatch):
     assert 0.03 < noise.max() < 1.1 * MAX_NOISE
 
 
-def test_both_heads_learn_from_their_own_pictures(data, monkeypatch):
+def test_both_heads_learn_from_their_own_images(data, monkeypatch):
     trainer = build(data)
     bias = trainer.network.last.bias
     seen = []
@@ -211,7 +211,7 @@ def test_both_heads_learn_from_their_own_pictures(data, monkeypatch):
         seen.append((drawn, real))
         return drawn.mean() if drawn.shape[1] == 1 else 0 * drawn.mean()
 
-    monkeypatch.setattr("baselines.splat_net.train.picture_error", error)
+    monkeypatch.setattr("baselines.splat_net.train.image_error", error)
     trainer.take_step()
     assert [tuple(d.shape) for d, _ in seen] == [(BATCH, 3, 128, 128), (BATCH, 1, 128, 128)]
     assert [d.shape for d, _ in seen] == [r.shape for _, r in seen]
@@ -256,7 +256,7 @@ def test_a_scene_is_what_was_asked_for(waves):
         assert torch.equal(truth.coverage[i, 0], torch.from_numpy(waves.coverage[pair]) / 255)
 
 
-def test_a_mirrored_scene_is_the_mirrored_picture(waves):
+def test_a_mirrored_scene_is_the_mirrored_image(waves):
     """A mirrored cloud, projected from the opposite azimuth: left and right change places."""
     trainer = build(waves)
     objects, views = torch.tensor([1, 1]), torch.tensor([[0, 1], [0, 1]])
@@ -267,8 +267,8 @@ def test_a_mirrored_scene_is_the_mirrored_picture(waves):
     looks = [View(-waves.seen.azimuth_deg[1, i], waves.seen.elevation_deg[1, i]) for i in (0, 1)]
     surfels = find_surfels(flipped)
     assert torch.equal(channels[2:], project(stack([surfels] * 2), cameras(looks), SMALL.inputs))
-    for pictures in (truth.colour, truth.grey, truth.coverage):
-        assert torch.equal(pictures[2:], pictures[:2].flip(3))
+    for images in (truth.colour, truth.grey, truth.coverage):
+        assert torch.equal(images[2:], images[:2].flip(3))
     mirrored = channels[:2].flip(3).clone()
     for scale in range(len(HOPS)):
         mirrored[:, SMALL.inputs.channels - 4 * (scale + 1)] *= -1  # normals to the right

@@ -70,15 +70,15 @@ def test_a_file_of_one_head_draws_what_the_trained_network_draws_with_it(trained
     for value in both.parameters():
         if value.dim() > 1:
             value.copy_(value.half())
-    alpha, pictures = composite(both(given), ("colour", "grey"))
-    for head, expected in zip(("colour", "grey"), pictures, strict=True):
+    alpha, images = composite(both(given), ("colour", "grey"))
+    for head, expected in zip(("colour", "grey"), images, strict=True):
         export(trained, tmp_path / head, head)
         network = load_weights(tmp_path / head).network
         found_alpha, (found,) = composite(network(given), (head,))
         # the same sums, of some 9 x 12 products, by other kernels: some 1e-7
         torch.testing.assert_close(found, expected, rtol=0, atol=1e-5)
         torch.testing.assert_close(found_alpha, alpha, rtol=0, atol=1e-5)
-    assert (pictures[0] - pictures[1]).abs().max() > 1e-3
+    assert (images[0] - images[1]).abs().max() > 1e-3
 
 
 def test_a_head_that_is_not_there(trained, weights_file, tmp_path):

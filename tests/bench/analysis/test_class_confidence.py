@@ -26,7 +26,7 @@ def test_large_features_do_not_overflow():
     assert HEAD.confidence(features, "car").tolist() == [1.0, 0.0]
 
 
-def test_no_pictures_and_unknown_classes():
+def test_no_images_and_unknown_classes():
     assert HEAD.confidence(np.empty((0, 2)), "car").shape == (0,)
     with pytest.raises(KeyError, match="rifle"):
         HEAD.confidence(np.empty((0, 2)), "rifle")

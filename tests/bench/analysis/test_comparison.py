@@ -69,10 +69,10 @@ def test_cost_is_the_median_over_clouds(views, cost_ms):
 def test_cost_is_that_of_the_clouds_it_managed():
     comparison = only(to_frame(records(failed="c")))
     assert comparison.cost_ms("splat", 20).value == pytest.approx((30.0 + 70.0) / 2, rel=1e-12)
-    assert comparison.pictures["splat"] == (4, 6)
+    assert comparison.images["splat"] == (4, 6)
     never = only(to_frame(records(failed="abc")))
     assert np.isnan(never.cost_ms("splat", 20)).all()
-    assert never.pictures["splat"] == (0, 6)
+    assert never.images["splat"] == (0, 6)
 
 
 def test_scores_are_means_over_objects_with_blanks_for_failures():
@@ -86,19 +86,19 @@ def test_scores_are_means_over_objects_with_blanks_for_failures():
     )
 
 
-def test_of_an_object_that_failed_in_part_the_other_pictures_count():
+def test_of_an_object_that_failed_in_part_the_other_images_count():
     made = [r for r in records() if (r.method, r.object, r.view) != ("splat", "a", 1)]
     made.append(make_failed("splat", obj="a", view=1))
     per_object = only(to_frame(made)).qualities["ssim"]["splat"].per_object
     np.testing.assert_allclose(per_object, [(0.5 + 0.6) / 2, 0.9, 0.2], atol=1e-15)
 
 
-def test_objects_without_true_pictures_are_left_out():
+def test_objects_without_true_images_are_left_out():
     reason = {"reason": "input: no faces"}
     lost = [make_failed(method, obj="d", **reason) for method in ("splat", "blank")]
     comparison = only(to_frame([*records(), *lost]))
     assert comparison.objects == ("a", "b", "c")
-    assert comparison.pictures["splat"] == (6, 7)
+    assert comparison.images["splat"] == (6, 7)
     assert compare(to_frame(lost), {}, ["ssim"]) == []
 
 
@@ -179,7 +179,7 @@ def test_the_interval_of_a_distance_ends_at_0(monkeypatch):
     assert 2 * found.value - found.high < -1
 
 
-def test_the_distance_of_failed_pictures_is_that_of_blank_ones():
+def test_the_distance_of_failed_images_is_that_of_blank_ones():
     mixed = np.where((SHOWN == "c")[:, None], FEATURES["blank"], FEATURES["splat"])
     found = distances(without="c")["splat"].estimate.value
     assert found == frechet_distance(mixed, FEATURES[GROUND_TRUTH])

@@ -58,7 +58,7 @@ TRUTH = {  # codes by object and view
 
 
 def truth_of(codes):
-    rows = [(GROUND_TRUTH, "", "chair", *picture) for picture in codes]
+    rows = [(GROUND_TRUTH, "", "chair", *image) for image in codes]
     values = np.concatenate([answers(code=code) for code in codes.values()])
     index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
     return FeaturesAtHand(index, values)
@@ -83,7 +83,7 @@ def test_who_is_found():
     assert backwards.tolist() == [0, 1, 0, 1]
 
 
-def test_a_picture_is_not_found_by_itself():
+def test_a_image_is_not_found_by_itself():
     """The true picture of `a` from view 0 looks like `b` in all its views: it is taken for b."""
     codes = {("a", 0): (10.0,), ("a", 1): (0.0,), ("b", 0): (10.4,), ("b", 1): (10.4,)}
     among = true_gallery(truth_of(codes), "chair")
@@ -101,19 +101,19 @@ def test_one_answer_for_all_finds_one_object_in_as_many():
 
 def test_agrees_with_the_plainest_implementation():
     rng = np.random.default_rng(1)
-    pictures = [(obj, view) for obj in "abcdef" for view in range(5)]
-    codes = {p: rng.normal(ord(p[0]) / 2, 1, 4).astype(np.float32) for p in pictures}
-    drawn = {p: codes[p] + rng.normal(0, 1, 4).astype(np.float32) for p in pictures}
+    images = [(obj, view) for obj in "abcdef" for view in range(5)]
+    codes = {p: rng.normal(ord(p[0]) / 2, 1, 4).astype(np.float32) for p in images}
+    drawn = {p: codes[p] + rng.normal(0, 1, 4).astype(np.float32) for p in images}
     expected = []
-    for obj, view in pictures:
+    for obj, view in images:
         means = {
-            o: np.mean([codes[q].astype(float) for q in pictures if q[0] == o and q[1] != view], 0)
+            o: np.mean([codes[q].astype(float) for q in images if q[0] == o and q[1] != view], 0)
             for o in "abcdef"
         }
         near = min(means, key=lambda o: np.linalg.norm(drawn[obj, view].astype(float) - means[o]))
         expected.append(float(near == obj))
     values = np.concatenate([answers(code=code) for code in drawn.values()])
-    found = control.found(true_gallery(truth_of(codes), "chair"), values, pictures)
+    found = control.found(true_gallery(truth_of(codes), "chair"), values, images)
     assert found.tolist() == expected
     assert 0.1 < np.mean(expected) < 0.9
 

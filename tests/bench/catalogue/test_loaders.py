@@ -28,11 +28,11 @@ def test_one_by_one_calls_for_each_view():
     one_by_one = OneByOne(renderer)
     rng = np.random.default_rng(0)
     state = one_by_one.prepare(PointCloud(np.zeros((7, 3))), rng)
-    pictures = one_by_one.draw(state, VIEWS, rng)
+    images = one_by_one.draw(state, VIEWS, rng)
     assert renderer.calls == [(7, [view]) for view in VIEWS]
     expected = np.float32([0.0, 10 / 360, 20 / 360])
-    np.testing.assert_array_equal(pictures[:, 0, 0, 0], expected)
-    assert pictures.shape == (3, 128, 128, 3)
+    np.testing.assert_array_equal(images[:, 0, 0, 0], expected)
+    assert images.shape == (3, 128, 128, 3)
 
 
 @pytest.mark.slow
@@ -43,10 +43,10 @@ def test_all_variants_of_pc2pix_draw_the_same():
     for method in ("", "@bf16", "@unfolded", "@one-by-one", "@paper", "@paper-bf16"):
         renderer = find_method(f"pc2pix{method}").load("cpu")
         drawn[method] = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
-    for method, pictures in drawn.items():
+    for method, images in drawn.items():
         # float32 in another order, as in test_widen; bfloat16 rounds each of twelve layers to
         # 1/256 and its largest error may be many of its typical ones, so that its mean is asserted
-        apart = np.abs(pictures - drawn["@unfolded"])
+        apart = np.abs(images - drawn["@unfolded"])
         assert apart.mean() < 5e-3 if "bf16" in method else apart.max() < 1e-4, method
     assert (drawn[""] != drawn["@bf16"]).any()
     assert (drawn["@paper"] != drawn["@paper-bf16"]).any()

@@ -24,7 +24,7 @@ from bench.records.record import Record
 from data_prep.failures import BadInput
 
 RNG = np.random.default_rng(0)
-PICTURES = RNG.integers(0, 256, (3, 128, 128, 3), np.uint8)
+IMAGES = RNG.integers(0, 256, (3, 128, 128, 3), np.uint8)
 
 
 def test_every_image_metric_has_a_column():
@@ -48,11 +48,11 @@ def test_grey_features_do_not_see_colour():
     colour, grey = (
         find_extractor(name).load(str(VIEWS_WEIGHTS)) for name in ("fd-views", "fd-views-grey")
     )
-    luma = ((PICTURES @ np.array([299, 587, 114]) + 500) // 1000).astype(np.uint8)  # Rec. 601
+    luma = ((IMAGES @ np.array([299, 587, 114]) + 500) // 1000).astype(np.uint8)  # Rec. 601
     network = load_views_network(VIEWS_WEIGHTS)
     expected = view_features(network, np.stack([luma] * 3, axis=-1))
-    np.testing.assert_array_equal(grey(PICTURES), expected)
-    assert not np.allclose(colour(PICTURES), expected, atol=1e-3)
+    np.testing.assert_array_equal(grey(IMAGES), expected)
+    assert not np.allclose(colour(IMAGES), expected, atol=1e-3)
     np.testing.assert_array_equal(grey(np.stack([luma] * 3, axis=-1)), expected)
     # red and a blue of the same luma
     red, blue = np.full((1, 128, 128, 3), 255, np.uint8), np.full((1, 128, 128, 3), 255, np.uint8)
@@ -69,9 +69,9 @@ def test_the_judge_is_an_extractor(tmp_path, monkeypatch):
     monkeypatch.setattr(bench.catalogue.metrics, "JUDGE_WEIGHTS", path)
     source = find_extractor(JUDGE)
     assert source.weights(None) == path
-    answers = source.load(str(path))(PICTURES)
+    answers = source.load(str(path))(IMAGES)
     assert answers.shape == (3, 3 + CODE)
-    np.testing.assert_array_equal(answers, judge(network, PICTURES))
+    np.testing.assert_array_equal(answers, judge(network, IMAGES))
 
 
 def test_a_judge_that_is_not_there_is_skipped(tmp_path, monkeypatch):

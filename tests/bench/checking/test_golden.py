@@ -234,7 +234,7 @@ def test_a_metric_that_has_become_nan_is_a_regression(run):
     assert line.startswith("structure of splat at 512: nothing, golden 0.")
 
 
-def test_pictures_that_have_gone_missing_are_a_regression(run):
+def test_images_that_have_gone_missing_are_a_regression(run):
     alter_records(run, "outcome", lambda values: "failed")
     write_outputs(read_scored(run))
     assert [line.split(",")[0] for line in check(run).regressions] == [

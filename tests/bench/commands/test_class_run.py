@@ -172,14 +172,14 @@ def test_class_confidence_is_the_classifiers(measured, classifier, with_classifi
         (scored.records["method"] == "surface-apss") & (scored.records["object"] == "1.ply")
     ]
     assert set(chosen["class"]) == {"chair", "table"}
-    pictures = {
+    images = {
         path: read_artifact(path)["images"]
         for path in (measured.directory / "artifacts").rglob("*.npz")
     }
     found = []
-    for images in pictures.values():
+    for of_job in images.values():
         with torch.inference_mode():
-            features = torch.from_numpy(view_features(network, images))
+            features = torch.from_numpy(view_features(network, of_job))
             found.append(network.heads["class"](features).double().softmax(dim=1).numpy())
     message = np.stack(found)  # [artifact, view, class]
     for i, name in enumerate(("chair", "table")):

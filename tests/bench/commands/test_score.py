@@ -109,7 +109,7 @@ def test_a_metric_that_gives_no_scores_is_named(function, message):
         checked_scores(made(function), TWO, TWO)
 
 
-def test_true_and_drawn_pictures_in_their_order():
+def test_true_and_drawn_images_in_their_order():
     message = checked_scores(
         made(lambda truth, drawn: truth[:, 0, 0, 0] - 2.0 * drawn[:, 0, 0, 0]), TWO + 9, TWO + 2
     )
@@ -125,7 +125,7 @@ def metrics(monkeypatch):
     return found
 
 
-def test_every_picture_counts_where_it_belongs(copied, metrics):
+def test_every_image_counts_where_it_belongs(copied, metrics):
     """The ceiling draws the same under noise, splats grow with it, and the floor is blank."""
     dark = made(lambda truth, drawn: (drawn < 255).any(axis=3).mean(axis=(1, 2)), "dark-share")
     metrics["dark-share"] = dark
@@ -147,12 +147,12 @@ def test_scores_stand_with_their_own_views(copied):
     values = bench.commands.score.scored(run.records, sources, light)
     names = ["method", "condition", "class", "object"]
     for record in values[values["method"] == "splat"].to_dict("records"):
-        pictures = sources.pictures(bench.records.artifacts.Item(*(record[name] for name in names)))
-        assert pictures[0].mean() != pictures[1].mean()
-        assert record["light"] == pictures[record["view"]].mean()
+        images = sources.images(bench.records.artifacts.Item(*(record[name] for name in names)))
+        assert images[0].mean() != images[1].mean()
+        assert record["light"] == images[record["view"]].mean()
 
 
-def test_failed_pictures_are_scored_as_blank_ones(copied, metrics):
+def test_failed_images_are_scored_as_blank_ones(copied, metrics):
     """Every second picture of the ceiling fails: it scores 0 where blank scores 1."""
     run = bench.commands.score.read_scored(copied)
     records = run.records
@@ -178,7 +178,7 @@ def test_a_name_that_the_records_have_is_refused(copied, metrics):
         score(copied, ["silhouette-iou"])
 
 
-def test_pictures_that_are_gone(copied, metrics):
+def test_images_that_are_gone(copied, metrics):
     metrics["made"] = made(lambda truth, drawn: np.ones(len(drawn)))
     for path in (copied / "artifacts").rglob("*.npz"):
         path.unlink()

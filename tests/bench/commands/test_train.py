@@ -101,10 +101,10 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
         assert method.identity().endswith(renderer.weights.sha256)
         obj = ProceduralObject("chair", "test", 0)
         cloud = obj.cloud(np.random.default_rng(0))
-        pictures = renderer.draw(renderer.prepare(cloud), [View(0.0, 0.0), View(90.0, 10.0)])
-        assert pictures.shape == (2, 128, 128, 3)
-        assert pictures.dtype == np.float32
-        assert (pictures == pictures[..., :1]).all() == (planes == 2)
+        images = renderer.draw(renderer.prepare(cloud), [View(0.0, 0.0), View(90.0, 10.0)])
+        assert images.shape == (2, 128, 128, 3)
+        assert images.dtype == np.float32
+        assert (images == images[..., :1]).all() == (planes == 2)
 
     # and from its weights another goes on, without one more input
     start = ("--start", str(out / "weights.safetensors"))

@@ -22,7 +22,7 @@ def network():
 
 
 @pytest.fixture(scope="module")
-def pictures():
+def chairs():
     """Of 10 chairs that the network has not seen, 4 views each, with the angles [40, 2]."""
     images, angles = [], []
     for index in range(OBJECTS):
@@ -33,18 +33,18 @@ def pictures():
 
 
 @pytest.fixture(scope="module")
-def answers(network, pictures):
-    return judge(network, pictures[0])
+def answers(network, chairs):
+    return judge(network, chairs[0])
 
 
-def test_answers(network, pictures, answers):
+def test_answers(network, chairs, answers):
     assert answers.shape == (OBJECTS * VIEWS, 3 + CODE)
     assert answers.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(answers[:, 3:], axis=1), 1, atol=1e-6)
-    assert np.array_equal(answers, judge(network, pictures[0]))
+    assert np.array_equal(answers, judge(network, chairs[0]))
 
 
-def test_no_pictures(network):
+def test_no_images(network):
     assert judge(network, blank(0)).shape == (0, 3 + CODE)
 
 
@@ -72,7 +72,7 @@ def test_greyscale_names_what_it_refuses():
         greyscale(np.zeros((2, 4), np.uint8))
 
 
-def test_a_blank_picture_has_an_answer(network):
+def test_a_blank_image_has_an_answer(network):
     assert np.isfinite(judge(network, blank(1))).all()
 
 
@@ -84,29 +84,29 @@ def test_luma_is_rec_601():
     assert np.array_equal(greyscale(np.stack([greys] * 3, axis=-1)), greys)
 
 
-def test_colour_is_not_seen(network, pictures):
-    images = pictures[0][:8]
+def test_colour_is_not_seen(network, chairs):
+    images = chairs[0][:8]
     assert (images.max(-1) != images.min(-1)).any(), "the pictures are coloured"
     grey = np.repeat(greyscale(images)[..., None], 3, axis=-1)
     assert np.array_equal(judge(network, grey), judge(network, images))
 
 
-def test_neighbours_do_not_matter(network, pictures, answers):
-    alone = np.concatenate([judge(network, image[None]) for image in pictures[0][:5]])
+def test_neighbours_do_not_matter(network, chairs, answers):
+    alone = np.concatenate([judge(network, image[None]) for image in chairs[0][:5]])
     # sums of up to 1,536 float32 products a layer in another order, of features up to some 10
     np.testing.assert_allclose(alone, answers[:5], rtol=1e-4, atol=1e-4)
 
 
-def test_the_bundled_weights_see_from_where(pictures, answers):
+def test_the_bundled_weights_see_from_where(chairs, answers):
     """On chairs that were not trained on.
 
     Over 100 validation chairs the medians are 3.1 and 1.8 degrees. A median of 40 errors, of which
     those of one chair go together, is within a factor of 2 of that; by chance they are 90 and 20.
     """
     azimuth = np.degrees(np.arctan2(answers[:, 0], answers[:, 1]))
-    turn = (azimuth - pictures[1][:, 0] + 180) % 360 - 180
+    turn = (azimuth - chairs[1][:, 0] + 180) % 360 - 180
     assert np.median(np.abs(turn)) < 6
-    tilt = 40 * answers[:, 2] - pictures[1][:, 1]
+    tilt = 40 * answers[:, 2] - chairs[1][:, 1]
     assert np.median(np.abs(tilt)) < 4
 
 

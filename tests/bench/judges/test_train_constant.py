@@ -41,7 +41,7 @@ def test_the_fitted_ssim_is_the_metric(kind):
     assert float(found) == pytest.approx(ssim(a, b).ssim, abs=1e-4)
 
 
-def test_one_picture_is_best_drawn_as_it_is():
+def test_one_image_is_best_drawn_as_it_is():
     truth = squares(1)
     found = fit(truth, 2, 0)
     assert mean_ssim(truth, found) == pytest.approx(1.0, abs=1e-3)
@@ -58,9 +58,9 @@ def test_the_fit_beats_where_it_starts_and_white():
     assert np.array_equal(found, fit(truth, 60, 0))
 
 
-def test_the_picture_is_written_whole(tmp_path, monkeypatch):
+def test_the_image_is_written_whole(tmp_path, monkeypatch):
     truth = squares(6)
-    monkeypatch.setattr(bench.judges.train_constant, "_pictures", lambda *arguments: truth)
+    monkeypatch.setattr(bench.judges.train_constant, "_images", lambda *arguments: truth)
     out = tmp_path / "constant.png"
     scores = train_constant(2, 3, 4, 0, out)
     with Image.open(out) as image:

@@ -19,7 +19,7 @@ from bench.judges.train_judge import (
     blur,
     blurred,
     contrast,
-    pictures,
+    judge_data,
     score,
     shape_descriptors,
     train_judge,
@@ -32,7 +32,7 @@ from data_prep.scene import Mesh, View
 
 @pytest.fixture(scope="module")
 def data():
-    return pictures("train", 4, 2)
+    return judge_data("train", 4, 2)
 
 
 def test_a_tiny_training(tmp_path, monkeypatch, capsys):
@@ -90,7 +90,7 @@ def test_too_little_to_train_on(tmp_path):
         train_judge(48, 1, 9, 0, tmp_path / "never")
 
 
-def test_pictures(data):
+def test_images(data):
     chair = ProceduralObject("chair", "train", 3)
     view = View(float(data.azimuth_deg[3, 1]), float(data.elevation_deg[3, 1]))
     assert np.array_equal(data.painted[3, 1], greyscale(render(chair.load(), [view]))[0])
@@ -105,11 +105,11 @@ def test_mirroring_is_exact():
     """What training does to pictures, azimuths and clouds: a chair with x to -x, seen from -az."""
     chair = ProceduralObject("chair", "train", 1).load()
     mirrored = Mesh(chair.vertices * [-1, 1, 1], chair.faces, chair.face_colors)
-    picture = greyscale(render(chair, [View(50, 20)]))
+    image = greyscale(render(chair, [View(50, 20)]))
     other = greyscale(render(mirrored, [View(-50, 20)]))[:, :, ::-1]
     # edges are rasterised from another side: single grey values there, and few of them
-    assert np.abs(picture.astype(int) - other).mean() < 0.5
-    assert np.abs(picture.astype(int) - other[:, :, ::-1]).mean() > 5, "the test would see it"
+    assert np.abs(image.astype(int) - other).mean() < 0.5
+    assert np.abs(image.astype(int) - other[:, :, ::-1]).mean() > 5, "the test would see it"
 
 
 def test_contrast_against_the_closed_form():
@@ -123,12 +123,12 @@ def test_contrast_against_the_closed_form():
 
 def retrieval(gallery, queries):
     """The share of queries [N, V, d] whose object is found."""
-    pictures = [(str(i), view) for i, view in np.ndindex(queries.shape[:2])]
+    keys = [(str(i), view) for i, view in np.ndindex(queries.shape[:2])]
     true, asked = (
-        np.pad(codes.reshape(len(pictures), -1), ((0, 0), (VIEW_COLUMNS, 0)))
+        np.pad(codes.reshape(len(keys), -1), ((0, 0), (VIEW_COLUMNS, 0)))
         for codes in (gallery, queries)
     )
-    return answers.found(answers.gallery("chair", pictures, true), asked, pictures).mean()
+    return answers.found(answers.gallery("chair", keys, true), asked, keys).mean()
 
 
 def test_retrieval():
@@ -165,7 +165,7 @@ def test_blur_against_scipy(data):
     assert np.abs(blurred(data.painted[:1, :1], 1.5)[0, 0] - level).max() < 0.51
 
 
-def test_augmented_pictures(data):
+def test_augmented_images(data):
     painted = darkness(torch.from_numpy(data.painted).flatten(0, 1)).repeat(20, 1, 1, 1)
     neutral = darkness(torch.from_numpy(data.neutral).flatten(0, 1)).repeat(20, 1, 1, 1)
     before = painted.clone(), neutral.clone()

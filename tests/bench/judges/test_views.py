@@ -32,7 +32,7 @@ def network():
 
 
 @pytest.fixture(scope="module")
-def pictures():
+def chairs():
     """Of 8 chairs that the network has not seen, 4 views each, with the views."""
     images, views = [], []
     for index in range(8):
@@ -42,29 +42,29 @@ def pictures():
     return np.concatenate(images), views
 
 
-def test_features(network, pictures):
-    features = view_features(network, pictures[0])
+def test_features(network, chairs):
+    features = view_features(network, chairs[0])
     assert features.shape == (32, FEATURES)
     assert features.dtype == np.float32
     assert np.isfinite(features).all()
     assert features.min() >= 0
-    assert np.array_equal(features, view_features(network, pictures[0]))
+    assert np.array_equal(features, view_features(network, chairs[0]))
 
 
-def test_neighbours_do_not_matter(network, pictures):
-    together = view_features(network, pictures[0])
-    alone = np.concatenate([view_features(network, image[None]) for image in pictures[0][:5]])
+def test_neighbours_do_not_matter(network, chairs):
+    together = view_features(network, chairs[0])
+    alone = np.concatenate([view_features(network, image[None]) for image in chairs[0][:5]])
     # sums of up to 864 float32 products a layer in another order, of features up to some 10
     np.testing.assert_allclose(alone, together[:5], rtol=1e-4, atol=1e-4)
 
 
-def test_no_pictures(network):
+def test_no_images(network):
     assert view_features(network, blank(0)).shape == (0, FEATURES)
 
 
-def test_mirrored_pictures(network, pictures):
+def test_mirrored_images(network, chairs):
     """Views of arrays with negative strides, which torch refuses."""
-    mirrored = pictures[0][:3, :, ::-1]
+    mirrored = chairs[0][:3, :, ::-1]
     assert np.array_equal(view_features(network, mirrored), view_features(network, mirrored.copy()))
 
 
@@ -84,9 +84,9 @@ def test_names_what_it_refuses(network, images, found):
         view_features(network, images)
 
 
-def test_it_has_learned_what_chairs_look_like(network, pictures):
+def test_it_has_learned_what_chairs_look_like(network, chairs):
     """The features tell the direction of view on chairs that were not trained on."""
-    images, views = pictures
+    images, views = chairs
     with torch.inference_mode():
         answer = network.heads["view"](torch.from_numpy(view_features(network, images))).numpy()
     azimuth = np.degrees(np.arctan2(answer[:, 0], answer[:, 1]))
@@ -98,8 +98,8 @@ def test_it_has_learned_what_chairs_look_like(network, pictures):
     assert np.median(np.abs(tilt)) < 14
 
 
-def test_distances_order_pictures_as_people_do(network, pictures):
-    images, _ = pictures
+def test_distances_order_images_as_people_do(network, chairs):
+    images, _ = chairs
     truth = view_features(network, images)
     other_chairs = frechet_distance(truth[:16], truth[16:])
     nothing = frechet_distance(truth, view_features(network, blank(32)))
@@ -107,12 +107,12 @@ def test_distances_order_pictures_as_people_do(network, pictures):
     assert 0 < other_chairs < nothing
 
 
-def test_the_metric_table_leads_here(pictures):
+def test_the_metric_table_leads_here(chairs):
     metric = find_extractor("fd-views")
     weights = metric.weights(None)
     assert weights == VIEWS_WEIGHTS
-    features = metric.load(str(weights))(pictures[0][:3])
-    expected = view_features(load_views_network(weights), pictures[0][:3])
+    features = metric.load(str(weights))(chairs[0][:3])
+    expected = view_features(load_views_network(weights), chairs[0][:3])
     assert np.array_equal(features, expected)
 
 

@@ -12,7 +12,7 @@ from data_prep.images import blank
 BROWN = (120, 80, 40)  # contrast 175: half of 75 is asked for, 37.5
 
 
-def picture(*boxes, color=BROWN):
+def painted(*boxes, color=BROWN):
     """One picture with boxes (top, bottom, left, right) on white."""
     image = blank(1)
     for top, bottom, left, right in boxes:
@@ -42,11 +42,11 @@ SQUARE = (40, 60, 30, 50)
     ],
 )
 def test_two_boxes(box, expected):
-    assert iou(picture(SQUARE), picture(box)) == pytest.approx(expected, rel=1e-15)
+    assert iou(painted(SQUARE), painted(box)) == pytest.approx(expected, rel=1e-15)
 
 
 def test_what_is_inside_does_not_count():
-    truth = picture(SQUARE)
+    truth = painted(SQUARE)
     drawing = truth.copy()
     rng = np.random.default_rng(0)
     drawing[:, 40:60, 30:50] = rng.integers(0, 200, (20, 20, 3))
@@ -55,10 +55,10 @@ def test_what_is_inside_does_not_count():
     assert iou(truth, drawing) == 375 / 400
 
 
-def test_blank_pictures():
+def test_blank_images():
     assert iou(blank(1), blank(1)) == 1.0
-    assert iou(picture(SQUARE), blank(1)) == 0.0
-    assert iou(blank(1), picture(SQUARE)) == 0.0
+    assert iou(painted(SQUARE), blank(1)) == 0.0
+    assert iou(blank(1), painted(SQUARE)) == 0.0
 
 
 # --- what counts as drawn -------------------------------------------------------------------------
@@ -94,7 +94,7 @@ def test_agrees_with_its_definition(level):
 
 
 def test_haze_of_a_network_is_no_object():
-    truth = picture(SQUARE)
+    truth = painted(SQUARE)
     haze = blank(1)
     haze[...] = np.random.default_rng(1).integers(218, 256, haze.shape)
     assert foreground(haze).mean() > 0.99
@@ -102,15 +102,15 @@ def test_haze_of_a_network_is_no_object():
     np.testing.assert_array_equal(silhouette_iou(truth, np.minimum(truth, haze)), [1.0])
     assert iou(truth, haze) == 0.0
     # a light object asks for less: contrast 18 of 20 x 20 px is half of it or more
-    light = picture(SQUARE, color=(235, 235, 235))
-    assert iou(light, picture(SQUARE, color=(237, 237, 237))) == 1.0
-    assert iou(light, picture(SQUARE, color=(245, 245, 245))) == 1.0
-    assert iou(light, picture(SQUARE, color=(246, 246, 246))) == 0.0
+    light = painted(SQUARE, color=(235, 235, 235))
+    assert iou(light, painted(SQUARE, color=(237, 237, 237))) == 1.0
+    assert iou(light, painted(SQUARE, color=(245, 245, 245))) == 1.0
+    assert iou(light, painted(SQUARE, color=(246, 246, 246))) == 0.0
 
 
 def test_beside_the_object_its_median_contrast_is_asked_for():
     # 300 px of contrast 20 and 100 px of 75 or more: the median is 20, and 10 is drawn
-    truth = picture((40, 60, 30, 45), color=(235, 235, 235))
+    truth = painted((40, 60, 30, 45), color=(235, 235, 235))
     truth[:, 40:60, 45:50] = BROWN
     beside = truth.copy()
     beside[:, 80:90, 30:50] = 245
@@ -139,7 +139,7 @@ def scribbles(seed, count=5):
     boxes = [
         [(t, t + h, x, x + w) for t, x, h, w in rng.integers(5, 60, (4, 4))] for _ in range(count)
     ]
-    return np.concatenate([picture(*some, color=tuple(rng.integers(0, 240, 3))) for some in boxes])
+    return np.concatenate([painted(*some, color=tuple(rng.integers(0, 240, 3))) for some in boxes])
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_does_not_depend_on_the_orientation(turn):
     np.testing.assert_array_equal(silhouette_iou(turn(truth), turn(drawing)), expected)
 
 
-def test_pictures_do_not_depend_on_each_other():
+def test_images_do_not_depend_on_each_other():
     truth, drawing = scribbles(1), scribbles(2)
     together = silhouette_iou(truth, drawing)
     assert together.dtype == np.float64
@@ -161,7 +161,7 @@ def test_pictures_do_not_depend_on_each_other():
     np.testing.assert_array_equal(scores(truth, drawing)["silhouette_iou"], together)
 
 
-def test_identical_pictures_score_exactly_one():
+def test_identical_images_score_exactly_one():
     rng = np.random.default_rng(0)
     for images in (scribbles(3), rng.integers(0, 256, (3, 30, 40, 3), np.uint8), blank(2)):
         np.testing.assert_array_equal(silhouette_iou(images, images.copy()), 1.0)

@@ -13,7 +13,7 @@ BROWN = (120, 80, 40)  # contrast 175
 DISC = np.array([[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]], bool)
 
 
-def picture(*masks, color=BROWN):
+def painted(*masks, color=BROWN):
     image = blank(1)[0]
     for mask in masks:
         image[mask] = color
@@ -98,7 +98,7 @@ def test_corners_of_what_is_thick_are_not_thin():
 
 def test_a_leg_and_its_joint_are_evaluated():
     seat, leg = box(30, 50, 30, 90), box(50, 90, 40, 43)
-    found = evaluated(picture(seat, leg)[None])[0]
+    found = evaluated(painted(seat, leg)[None])[0]
     assert found[leg].all()
     # The disc reaches one row into the leg, which is thin from there on; E goes back by two.
     assert not thin((seat | leg)[None])[0][:51].any()
@@ -117,53 +117,53 @@ LEG = box(40, 80, 60, 63)  # 40 x 3 px, all of it thin, hence evaluated
 def test_the_truth_itself_scores_one():
     rng = np.random.default_rng(1)
     for color in (BROWN, (254, 254, 255), (250, 245, 200), (0, 0, 0)):
-        assert score(picture(LEG, color=color), picture(LEG, color=color)) == (1.0, 1.0)
-    edged = picture(LEG)
+        assert score(painted(LEG, color=color), painted(LEG, color=color)) == (1.0, 1.0)
+    edged = painted(LEG)
     edged[40:80, 60] = 255 - (255 - np.array(BROWN)) // 4  # a pixel covered by a quarter
     edged[40:80, 62] = rng.integers(200, 250, (40, 3))
     assert score(edged, edged) == (1.0, 1.0)
 
 
 def test_half_a_leg_is_half_recalled():
-    assert score(picture(LEG), picture(box(40, 60, 60, 63))) == (0.5, 1.0)
+    assert score(painted(LEG), painted(box(40, 60, 60, 63))) == (0.5, 1.0)
 
 
 def test_a_leg_of_twice_the_width_is_half_precise():
-    recall, precision = score(picture(LEG), picture(box(40, 80, 60, 66)))
+    recall, precision = score(painted(LEG), painted(box(40, 80, 60, 66)))
     assert (recall, precision) == (1.0, 0.5)
 
 
 def test_a_leg_beside_the_true_one():
-    recall, precision = score(picture(LEG), picture(box(40, 80, 61, 64)))
+    recall, precision = score(painted(LEG), painted(box(40, 80, 61, 64)))
     assert (recall, precision) == pytest.approx((2 / 3, 2 / 3))
 
 
 def test_what_is_far_from_thin_parts_does_not_count():
-    drawn = picture(LEG, box(40, 80, 67, 90))  # 5 px off and more: centres from 62 to 67
-    assert score(picture(LEG), drawn) == (1.0, 1.0)
-    drawn = picture(LEG, box(40, 80, 66, 90))  # its first column is 4 px off
-    assert score(picture(LEG), drawn) == (1.0, 0.75)
+    drawn = painted(LEG, box(40, 80, 67, 90))  # 5 px off and more: centres from 62 to 67
+    assert score(painted(LEG), drawn) == (1.0, 1.0)
+    drawn = painted(LEG, box(40, 80, 66, 90))  # its first column is 4 px off
+    assert score(painted(LEG), drawn) == (1.0, 0.75)
 
 
 def test_painting_everything_is_not_precise():
-    recall, precision = score(picture(LEG), picture(np.ones((128, 128), bool)))
+    recall, precision = score(painted(LEG), painted(np.ones((128, 128), bool)))
     # The leg, 4 px at its sides and ends, and 8 px with x^2 + y^2 <= 16 at each corner.
     assert 120 + 2 * 4 * 40 + 2 * 4 * 3 + 4 * 8 == 496
     assert (recall, precision) == (1.0, pytest.approx(120 / 496))
 
 
 def test_nothing_drawn():
-    recall, precision = score(picture(LEG), blank(1)[0])
+    recall, precision = score(painted(LEG), blank(1)[0])
     assert recall == 0.0
     assert np.isnan(precision)
 
 
 @pytest.mark.parametrize(
-    "truth", [blank(1)[0], picture(box(20, 60, 30, 90))], ids=["blank", "thick"]
+    "truth", [blank(1)[0], painted(box(20, 60, 30, 90))], ids=["blank", "thick"]
 )
 def test_without_thin_parts_there_is_no_score(truth):
     assert np.isnan(score(truth, truth)).all()
-    assert np.isnan(score(truth, picture(LEG))).all()
+    assert np.isnan(score(truth, painted(LEG))).all()
 
 
 # --- contrast -------------------------------------------------------------------------------------
@@ -184,21 +184,21 @@ def test_without_thin_parts_there_is_no_score(truth):
     ],
 )
 def test_haze_draws_nothing(color, level, recall):
-    truth = picture(LEG, color=color)
-    found, precision = score(truth, picture(LEG, color=(level,) * 3))
+    truth = painted(LEG, color=color)
+    found, precision = score(truth, painted(LEG, color=(level,) * 3))
     assert found == recall
     # All of the frame in that level: recalled as before, and no more precise than any painting.
-    found, precision = score(truth, picture(np.ones((128, 128), bool), color=(level,) * 3))
+    found, precision = score(truth, painted(np.ones((128, 128), bool), color=(level,) * 3))
     assert found == recall
     assert precision == pytest.approx(120 / 496) if recall else np.isnan(precision)
 
 
 def test_a_grey_method_is_not_asked_for_more_than_its_grey():
     assert contrast(np.array([[[NEUTRAL_GREY]]], np.uint8)).item() == MOST_ASKED
-    assert score(picture(LEG, color=(0, 0, 0)), picture(LEG, color=NEUTRAL_GREY)) == (1.0, 1.0)
+    assert score(painted(LEG, color=(0, 0, 0)), painted(LEG, color=NEUTRAL_GREY)) == (1.0, 1.0)
     # and the pixel that it covers by half
     half = (217, 217, 217)
-    assert score(picture(LEG, color=(0, 0, 0)), picture(LEG, color=half)) == (1.0, 1.0)
+    assert score(painted(LEG, color=(0, 0, 0)), painted(LEG, color=half)) == (1.0, 1.0)
 
 
 def test_contrast_is_to_white():
@@ -217,16 +217,16 @@ def test_does_not_depend_on_the_orientation(turn):
     rng = np.random.default_rng(2)
     bars = [box(t, t + h, x, x + w) for t, x, h, w in rng.integers(2, 60, (9, 4))]
     sticks = [box(t, t + 40, x, x + 3) for t, x in rng.integers(5, 80, (5, 2))]
-    truth, drawn = picture(*bars[:3], *sticks)[None], picture(*bars[1:5], *sticks[2:])[None]
+    truth, drawn = painted(*bars[:3], *sticks)[None], painted(*bars[1:5], *sticks[2:])[None]
     expected = thin_scores(truth, drawn)
     assert 0 < expected.recall[0] < 1
     assert 0 < expected.precision[0] < 1
     assert thin_scores(turn(truth), turn(drawn)) == expected
 
 
-def test_pictures_do_not_depend_on_each_other():
-    truth = np.stack([picture(LEG), blank(1)[0], picture(box(30, 90, 20, 22))])
-    drawn = np.stack([picture(box(40, 60, 60, 63)), picture(LEG), picture(box(30, 90, 21, 22))])
+def test_images_do_not_depend_on_each_other():
+    truth = np.stack([painted(LEG), blank(1)[0], painted(box(30, 90, 20, 22))])
+    drawn = np.stack([painted(box(40, 60, 60, 63)), painted(LEG), painted(box(30, 90, 21, 22))])
     together = thin_scores(truth, drawn)
     alone = [thin_scores(truth[i : i + 1], drawn[i : i + 1]) for i in range(3)]
     np.testing.assert_array_equal(together.recall, [one.recall[0] for one in alone])
@@ -242,7 +242,7 @@ def test_names_what_it_refuses():
         thin_scores(blank(1)[0], blank(1)[0])
     # In 0..1 all would be dark, and NaN would pass for white.
     for values in (blank(1) / 255, np.full((1, 128, 128, 3), np.nan), blank(1).astype(np.int64)):
-        for arguments in ((values, values), (picture(LEG)[None], values)):
+        for arguments in ((values, values), (painted(LEG)[None], values)):
             with pytest.raises(ValueError, match=rf"uint8 \[N, H, W, C\], got {values.dtype}"):
                 thin_scores(*arguments)
         for function in (foreground, contrast, object_boxes, evaluated):
@@ -256,7 +256,7 @@ def test_names_what_it_refuses():
 
 
 def test_boxes():
-    far = picture(box(10, 12, 100, 101), box(50, 60, 5, 20), color=(254, 255, 255))
-    boxes = object_boxes(np.stack([far, blank(1)[0], picture(np.ones((128, 128), bool))]))
+    far = painted(box(10, 12, 100, 101), box(50, 60, 5, 20), color=(254, 255, 255))
+    boxes = object_boxes(np.stack([far, blank(1)[0], painted(np.ones((128, 128), bool))]))
     assert boxes.tolist() == [[10, 60, 5, 101], [0, 0, 0, 0], [0, 128, 0, 128]]
     assert object_boxes(blank(0)).shape == (0, 4)

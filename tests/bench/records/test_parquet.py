@@ -160,15 +160,15 @@ def test_features_go_and_come_back(tmp_path):
     write_features(tmp_path, "metric", [job.made for job in jobs])
     found = read_features(tmp_path, "metric")
     for method in ("m0", "m1"):
-        pictures = found.pictures(method, "2048", "chair")
-        assert len(pictures) == 70
-        assert pictures == sorted(pictures)
-        values = found.of(method, "2048", "chair", pictures)
+        images = found.images(method, "2048", "chair")
+        assert len(images) == 70
+        assert images == sorted(images)
+        values = found.of(method, "2048", "chair", images)
         assert values.dtype == np.float32
-        assert np.array_equal(values, [expected[method, *picture] for picture in pictures])
-        backwards = found.of(method, "2048", "chair", pictures[::-1])
+        assert np.array_equal(values, [expected[method, *image] for image in images])
+        backwards = found.of(method, "2048", "chair", images[::-1])
         assert np.array_equal(backwards, values[::-1])
-    assert found.pictures("m0", "512", "chair") == []
+    assert found.images("m0", "512", "chair") == []
 
 
 def feature_jobs(tmp_path, objects, methods=("m0", "m1"), conditions=("2048",)):
@@ -200,16 +200,16 @@ def test_only_the_row_groups_that_are_asked_for_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(pq.ParquetFile, "read_row_group", counted)
     found = read_features(tmp_path, "metric")
     assert read == []
-    pictures = found.pictures("m1", "2048", "chair")
+    images = found.images("m1", "2048", "chair")
     assert read == [(group, ["object", "view"]) for group in (3, 4, 5)]
     read.clear()
-    some = [p for p in pictures if "o016" <= p[0] < "o030"]
+    some = [p for p in images if "o016" <= p[0] < "o030"]
     values = found.of("m1", "2048", "chair", some)
     item = jobs[1].item
     wanted = [expected[item._replace(object_id=obj), view] for obj, view in some]
     assert np.array_equal(values, wanted)
     assert read == [(4, ["object", "view", "features"])]
-    assert found.pictures("m2", "2048", "chair") == []
+    assert found.images("m2", "2048", "chair") == []
     assert len(read) == 1
 
 
@@ -224,13 +224,13 @@ def test_features_in_any_order_are_read(tmp_path):
     pq.write_table(table.take(order), path, row_group_size=7)
     found = read_features(tmp_path, "metric")
     for job in jobs[:4]:
-        pictures = found.pictures(*job.item[:3])
-        assert pictures == [(f"o{i:03d}", view) for i in range(10) for view in range(2)]
-        wanted = [expected[job.item._replace(object_id=obj), view] for obj, view in pictures]
-        assert np.array_equal(found.of(*job.item[:3], pictures), wanted)
+        images = found.images(*job.item[:3])
+        assert images == [(f"o{i:03d}", view) for i in range(10) for view in range(2)]
+        wanted = [expected[job.item._replace(object_id=obj), view] for obj, view in images]
+        assert np.array_equal(found.of(*job.item[:3], images), wanted)
 
 
-def test_pictures_without_features_are_named(tmp_path):
+def test_images_without_features_are_named(tmp_path):
     jobs, _ = feature_jobs(tmp_path, 2)
     write_features(tmp_path, "metric", [job.made for job in jobs])
     found = read_features(tmp_path, "metric")

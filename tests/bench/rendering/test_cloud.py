@@ -44,9 +44,9 @@ def message(path):
 
 
 def read(path):
-    with Image.open(path) as picture:
-        assert (picture.format, picture.mode, picture.size) == ("PNG", "RGB", (128, 128))
-        return np.asarray(picture)
+    with Image.open(path) as image:
+        assert (image.format, image.mode, image.size) == ("PNG", "RGB", (128, 128))
+        return np.asarray(image)
 
 
 def refused(command, *arguments):
@@ -60,7 +60,7 @@ def refused(command, *arguments):
 # --- pictures -------------------------------------------------------------------------------------
 
 
-def test_a_picture_of_a_cloud(command, plugins, cloud, tmp_path):
+def test_a_image_of_a_cloud(command, plugins, cloud, tmp_path):
     out = tmp_path / "new" / "out.png"
     assert command("render", cloud, "--method", "fake-healthy", "-o", out) == (0, f"{out}\n", "")
     assert message(out) == [30, 20, 3, 10]
@@ -75,7 +75,7 @@ def test_views_and_clouds_as_they_are(command, plugins, cloud, tmp_path):
     assert message(out) == [170, 90, 3, 40]
 
 
-def test_the_picture_is_that_of_the_method(command, cloud, tmp_path):
+def test_the_image_is_that_of_the_method(command, cloud, tmp_path):
     out = tmp_path / "out.png"
     points = generator("test").uniform(-0.5, 0.5, (300, 3)).astype(np.float32)
     np.save(tmp_path / "cloud.npy", points)
@@ -202,9 +202,9 @@ def test_the_command_takes_some_points(command, plugins, cloud, tmp_path):
 
 def sheet_tiles(path, frame=0):
     """Pictures of a sheet of one row, at their own size."""
-    with Image.open(path) as picture:
-        picture.seek(frame)
-        pixels = np.asarray(picture.convert("RGB"))
+    with Image.open(path) as image:
+        image.seek(frame)
+        pixels = np.asarray(image.convert("RGB"))
     side, step = 256, 256 + MARGIN
     lefts = range(MARGIN, pixels.shape[1] - side, step)
     top = MARGIN + LABEL_HEIGHT
@@ -385,7 +385,7 @@ def test_files_that_are_no_clouds(command, tmp_path):
     assert not (tmp_path / "out.png").exists()
 
 
-def test_pictures_that_cannot_be_written(command, cloud, tmp_path):
+def test_images_that_cannot_be_written(command, cloud, tmp_path):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").touch()
     for out in (tmp_path / "folder.png", tmp_path / "file" / "out.png"):

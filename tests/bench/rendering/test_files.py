@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.rendering.files import frame_ms, in_one_palette, moves, write_pictures
+from bench.rendering.files import frame_ms, in_one_palette, moves, write_images
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.randomness import generator
 
@@ -31,20 +31,20 @@ def noise(count, colours):
     return frames
 
 
-def test_one_picture(tmp_path):
-    picture = noise(1, 5000)
-    write_pictures(picture, tmp_path / "new" / "OUT.PNG")
+def test_one_image(tmp_path):
+    image = noise(1, 5000)
+    write_images(image, tmp_path / "new" / "OUT.PNG")
     with Image.open(tmp_path / "new" / "OUT.PNG") as written:
         assert (written.format, written.mode) == ("PNG", "RGB")
         assert not getattr(written, "is_animated", False)
-        assert np.array_equal(np.asarray(written), picture[0])
+        assert np.array_equal(np.asarray(written), image[0])
 
 
 @pytest.mark.parametrize(("suffix", "colours"), [("gif", 255), ("webp", 5000), ("apng", 5000)])
 def test_films_loop_and_show_what_they_were_given(tmp_path, suffix, colours):
     """A GIF in as many colours as there may be: white and 255 others."""
     given = noise(12, colours)
-    write_pictures(given, tmp_path / f"turn.{suffix}")
+    write_images(given, tmp_path / f"turn.{suffix}")
     frames, durations, loop = frames_of(tmp_path / f"turn.{suffix}")
     assert np.array_equal(frames, given)
     assert loop == 0  # for ever
@@ -113,5 +113,5 @@ def test_names():
 def test_what_cannot_be_written_leaves_nothing(tmp_path):
     (tmp_path / "folder.gif").mkdir()
     with pytest.raises(CannotWrite, match="make room, or give another -o"):
-        write_pictures(noise(3, 9), tmp_path / "folder.gif")
+        write_images(noise(3, 9), tmp_path / "folder.gif")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.gif"]

@@ -26,7 +26,7 @@ def plain(*greys):
     return np.repeat(np.array(greys, np.uint8), 128 * 128 * 3).reshape(-1, 128, 128, 3)
 
 
-def picture_at(frame, row, column, scale=1):
+def image_at(frame, row, column, scale=1):
     side = scale * 128
     top = MARGIN + row * (side + LABEL_HEIGHT + MARGIN) + LABEL_HEIGHT
     left = MARGIN + column * (side + MARGIN)
@@ -42,28 +42,28 @@ def test_tiles_stand_row_by_row_with_white_between():
     frames = draw_sheet([Tile("", plain(10)), Tile("", plain(20)), Tile("", plain(30))], 2, 1)
     assert frames.shape == (1, MARGIN + 2 * (STEP + LABEL_HEIGHT), MARGIN + 2 * STEP, 3)
     for place, grey in (((0, 0), 10), ((0, 1), 20), ((1, 0), 30), ((1, 1), 255)):
-        assert (picture_at(frames[0], *place) == grey).all()
+        assert (image_at(frames[0], *place) == grey).all()
     assert (frames < 255).all(axis=3).sum() == 3 * 128 * 128
 
 
-def test_every_frame_shows_its_pictures():
+def test_every_frame_shows_its_images():
     moving, other = plain(1, 2, 3), plain(4, 5, 6)
     frames = draw_sheet([Tile("a", moving), Tile("b", other)], 2, 1)
-    assert [picture_at(f, 0, 0)[0, 0, 0] for f in frames] == [1, 2, 3]
-    assert [picture_at(f, 0, 1)[0, 0, 0] for f in frames] == [4, 5, 6]
+    assert [image_at(f, 0, 0)[0, 0, 0] for f in frames] == [1, 2, 3]
+    assert [image_at(f, 0, 1)[0, 0, 0] for f in frames] == [4, 5, 6]
     assert (label_at(frames[0], 0, 1) == label_at(frames[2], 0, 1)).all()
 
 
 def test_pixels_become_squares():
-    picture = np.arange(128 * 128 * 3, dtype=np.uint32).astype(np.uint8).reshape(1, 128, 128, 3)
-    frame = draw_sheet([Tile("", picture)], 1, 3)[0]
-    shown = picture_at(frame, 0, 0, scale=3)
+    image = np.arange(128 * 128 * 3, dtype=np.uint32).astype(np.uint8).reshape(1, 128, 128, 3)
+    frame = draw_sheet([Tile("", image)], 1, 3)[0]
+    shown = image_at(frame, 0, 0, scale=3)
     for down in range(3):
         for right in range(3):
-            assert (shown[down::3, right::3] == picture[0]).all()
+            assert (shown[down::3, right::3] == image[0]).all()
 
 
-def test_a_label_is_over_its_own_picture_only():
+def test_a_label_is_over_its_own_image_only():
     frame = draw_sheet([Tile("i" * 300, plain(255)), Tile("", plain(255))], 2, 1)[0]
     assert (label_at(frame, 0, 0).min(axis=(0, 1)) == INK).all()
     blank = frame.copy()
@@ -71,18 +71,18 @@ def test_a_label_is_over_its_own_picture_only():
     assert (blank == 255).all()
 
 
-def test_a_reason_stands_in_place_of_the_pictures_in_every_frame():
+def test_a_reason_stands_in_place_of_the_images_in_every_frame():
     """A long one, too: what has no room is left out."""
     reason = "stage: " + 500 * "points and holes "
     frames = draw_sheet([Tile("", reason), Tile("", plain(7, 8))], 2, 1)
-    message = picture_at(frames[0], 0, 0)
+    message = image_at(frames[0], 0, 0)
     assert (frames[1][:, : MARGIN + STEP] == frames[0][:, : MARGIN + STEP]).all()
     assert (message[0, 0] == PROBLEM_GROUND).all()
     assert (message.reshape(-1, 3) == PROBLEM_INK).all(axis=1).any()
     framed = message.copy()
     framed[MARGIN:-MARGIN, MARGIN:-MARGIN] = PROBLEM_GROUND
     assert (framed == PROBLEM_GROUND).all()
-    assert picture_at(frames[1], 0, 1)[0, 0, 0] == 8
+    assert image_at(frames[1], 0, 1)[0, 0, 0] == 8
 
 
 def test_reasons_alone_are_one_frame():

@@ -98,7 +98,7 @@ def count(page, kind):
     )
 
 
-def test_all_pictures_are_there(open_page):
+def test_all_images_are_there(open_page):
     page = open_page()
     page.wait_for_load_state("load")
     widths = page.evaluate(

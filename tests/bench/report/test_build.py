@@ -48,7 +48,7 @@ def number_tables(document):
     return found
 
 
-def picture_of(uri):
+def image_of(uri):
     kind, _, data = uri.partition(",")
     assert kind == "data:image/webp;base64"
     with Image.open(io.BytesIO(base64.b64decode(data))) as image:
@@ -125,7 +125,7 @@ def test_costs_are_the_records_times(tmp_path):
     assert cell.one("span", class_="mark").text == "frontier"  # nothing else competes
 
 
-def test_head_counts_pictures(tmp_path):
+def test_head_counts_images(tmp_path):
     directory = write_run(tmp_path)
     failed = [make_failed("splat", "512", "b", view) for view in range(2)]
     kept = [
@@ -274,7 +274,7 @@ def _write_line(path, values):
     path.write_text(f"{hashlib.sha256(body.encode()).hexdigest()} {body}\n", encoding="utf-8")
 
 
-def _grid_pictures(directory, index=0):
+def _grid_images(directory, index=0):
     """Of the grid of an object: {condition: {column: picture or None}}."""
     grid = parse((directory / "report.html").read_text(encoding="utf-8")).all(
         "table", class_="pictures"
@@ -284,26 +284,26 @@ def _grid_pictures(directory, index=0):
     for row in grid.one("tbody").all("tr"):
         images = [cell.all("img") for cell in row.all("td")]
         found[row.one("th").text] = {
-            column: picture_of(image[0].attributes["src"]) if image else None
+            column: image_of(image[0].attributes["src"]) if image else None
             for column, image in zip(columns, images, strict=True)
         }
     return found
 
 
-def test_pictures_are_those_of_the_run_to_the_last_bit(copied):
+def test_images_are_those_of_the_run_to_the_last_bit(copied):
     write_report(make_outputs(read_scored(copied)))
-    shown = _grid_pictures(copied, index=1)
+    shown = _grid_images(copied, index=1)
     network = next(m for m in read_manifest(copied)["methods"] if m.startswith("pc2pix@"))
     assert list(shown) == ["2048", "noise-0.10"]
     for condition, by_column in shown.items():
         assert list(by_column) == ["cloud", "truth", "splat", network]
-        for column, picture in by_column.items():
+        for column, image in by_column.items():
             if column == "cloud":
                 continue
             cell = (GROUND_TRUTH, "") if column == "truth" else (column, condition)
             key = _entry(copied, *cell, "test-0001")["key"]
             expected = read_artifact(artifact_path(copied, key))["images"][0]
-            np.testing.assert_array_equal(picture, expected)
+            np.testing.assert_array_equal(image, expected)
     clean, noisy = (shown[c]["cloud"] < 255 for c in ("2048", "noise-0.10"))
     assert 0.02 < clean.mean() < 0.2
     assert (clean & ~noisy).sum() > 0.3 * clean.sum()  # noise has moved the points
@@ -322,10 +322,10 @@ def test_a_run_that_was_stopped_and_changed_shows_what_its_records_measured(copi
         line = {"key": other, "artifact_sha256": "0" * 64, "records": later}
         _write_line(copied / "journal" / f"{number:04d}.jsonl", line)
     write_report(make_outputs(read_scored(copied)))
-    np.testing.assert_array_equal(_grid_pictures(copied)["2048"]["splat"], kept[0])
+    np.testing.assert_array_equal(_grid_images(copied)["2048"]["splat"], kept[0])
 
 
-def test_missing_pictures_are_named_and_the_rest_is_there(copied):
+def test_missing_images_are_named_and_the_rest_is_there(copied):
     shutil.rmtree(copied / "artifacts")
     document = page_of(copied)
     warnings = [p.text for p in document.all("p", class_="warning")]
@@ -341,11 +341,11 @@ def test_missing_pictures_are_named_and_the_rest_is_there(copied):
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04" + bytes(40)])
-def test_an_unreadable_picture_is_a_missing_one(copied, content):
+def test_an_unreadable_image_is_a_missing_one(copied, content):
     path = artifact_path(copied, _entry(copied, "splat", "2048", "test-0000")["key"])
     path.write_bytes(content)
     write_report(make_outputs(read_scored(copied)))
-    shown = _grid_pictures(copied)
+    shown = _grid_images(copied)
     assert shown["2048"]["splat"] is None
     assert shown["noise-0.10"]["splat"] is not None
 

@@ -76,9 +76,9 @@ def labels(figure):
 
 def test_figure_4(drawn, tmp_path):
     jobs = make_jobs(tmp_path, lost=[("lamp", "surface-apss")])
-    pictures, _ = drawn(ROWS, jobs)
-    assert [name for name in labels(pictures) if name] == ["car", "sofa", "lamp"]  # two blocks
-    by_row = np.array(pictures.axes).reshape(2, 8)
+    images, _ = drawn(ROWS, jobs)
+    assert [name for name in labels(images) if name] == ["car", "sofa", "lamp"]  # two blocks
+    by_row = np.array(images.axes).reshape(2, 8)
     assert [axis.get_title() for axis in by_row[0]] == ["truth", *METHODS] * 2
     first = {(job.object.object_id, job.method): job for job in jobs}
     true, shown = (
@@ -94,8 +94,8 @@ def test_figure_4(drawn, tmp_path):
 
 def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
-    pictures, _ = drawn(ROWS, make_jobs(tmp_path, methods=methods))
-    titles = [axis.get_title() for axis in pictures.axes if axis.get_title()]
+    images, _ = drawn(ROWS, make_jobs(tmp_path, methods=methods))
+    titles = [axis.get_title() for axis in images.axes if axis.get_title()]
     assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"] * 2
 
 

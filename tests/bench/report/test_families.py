@@ -174,7 +174,7 @@ def test_files(tmp_path):
         assert sheet.size == (round((1.2 * 4 + 1) * 80), round((1.2 * 3 + 0.2) * 80))
 
 
-def test_nothing_but_floors_has_no_pictures(tmp_path):
+def test_nothing_but_floors_has_no_images(tmp_path):
     truth = make_truth(tmp_path / "artifacts")
     write_artifact(truth)
     write_beyond_figures(tmp_path, every_curve(FAMILIES[:1], ("blank",)), [truth])

@@ -177,7 +177,7 @@ def comparison(costs, qualities, condition="2048", metric="ssim"):
         ("a", "b", "c"),
         prepare_s={m: np.full(3, prepare) for m, (prepare, _) in costs.items()},
         draw_s={m: np.full(3, draw) for m, (_, draw) in costs.items()},
-        pictures=dict.fromkeys(costs, (6, 6)),
+        images=dict.fromkeys(costs, (6, 6)),
         qualities={
             metric: {
                 m: Quality(metric, Estimate(v, v - 0.05, v + 0.05), np.full(3, v))

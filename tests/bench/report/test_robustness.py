@@ -90,7 +90,7 @@ def test_curves_show_the_tables(drawn, jobs):
     assert ssim.get_xticklabels()[0].get_text() == "2048"
 
 
-def test_the_grid_shows_first_pictures_and_failures(drawn, jobs):
+def test_the_grid_shows_first_images_and_failures(drawn, jobs):
     _, grid = drawn(CURVES, jobs)
     cells = np.array(grid.axes).reshape(2, 2)  # objects x (truth, condition); the floor is left out
     assert [axis.get_title() for axis in cells[0]] == ["ground-truth", "2048"]

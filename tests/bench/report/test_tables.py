@@ -44,7 +44,7 @@ def test_the_best_is_of_those_that_compete():
     assert marks(alone) == {"splat": [""], "blank": [""]}
 
 
-def test_outcomes_of_a_line_are_those_of_its_pictures():
+def test_outcomes_of_a_line_are_those_of_its_images():
     cases = {
         "splat": ({}, ("ok",)),
         "surface-apss": ({"n_ok": 3, "note": "1 x timeout: 3 s"}, ("failed", "ok")),

@@ -294,12 +294,12 @@ def test_killed_three_times(finished, arguments, tmp_path):
     pd.testing.assert_frame_equal(
         records(directory).drop(columns=TIMES), records(finished[0]).drop(columns=TIMES)
     )
-    pictures = [
+    images = [
         {path.name: path.read_bytes() for path in place.glob("artifacts/*/[!.]*.npz")}
         for place in (finished[0], directory)
     ]
-    assert len(pictures[0]) == 3 + 24
-    assert pictures[0] == pictures[1]
+    assert len(images[0]) == 3 + 24
+    assert images[0] == images[1]
     done = Counter(line["key"] for lines in journal(directory).values() for line in lines)
     assert len(done) == 3 + 24
     assert set(done.values()) == {1}

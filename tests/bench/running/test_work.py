@@ -34,16 +34,16 @@ SSIM = ("ssim", "luminance", "contrast", "structure")
 
 def black_on_white():
     """Two pictures of a black square."""
-    pictures = np.ones((2, 128, 128, 3), np.float32)
-    pictures[:, 32:96, 32:96] = 0.0
-    return pictures
+    images = np.ones((2, 128, 128, 3), np.float32)
+    images[:, 32:96, 32:96] = 0.0
+    return images
 
 
 class Fake:
     """A method that draws `pictures` and remembers what it was given."""
 
-    def __init__(self, pictures=None, notes=()):
-        self.pictures = black_on_white() if pictures is None else pictures
+    def __init__(self, images=None, notes=()):
+        self.images = black_on_white() if images is None else images
         self.notes = notes
         self.clouds, self.draws = [], []
 
@@ -55,7 +55,7 @@ class Fake:
     def draw(self, state, views, rng):
         assert state is self
         self.draws.append(rng.random())
-        return self.pictures
+        return self.images
 
 
 class Failing(Fake):
@@ -92,19 +92,19 @@ def outcomes(result):
 # --- what is right --------------------------------------------------------------------------------
 
 
-def test_scores_pictures_and_checksum(measure, tmp_path):
+def test_scores_images_and_checksum(measure, tmp_path):
     rng = np.random.default_rng(2)
-    pictures = rng.integers(0, 256, (2, 128, 128, 3), np.uint8)
-    job, result = measure(Fake(to_float(pictures)))
+    images = rng.integers(0, 256, (2, 128, 128, 3), np.uint8)
+    job, result = measure(Fake(to_float(images)))
     assert result.key == job.key
     assert result.artifact_sha256 == sha256(job.artifact.read_bytes()).hexdigest()
     assert result.unusable is None
-    assert np.array_equal(read_artifact(job.artifact)["images"], pictures)
+    assert np.array_equal(read_artifact(job.artifact)["images"], images)
     truth = read_artifact(job.reference)["images"]
     for i, record in enumerate(result.records):
-        expected = ssim(truth[i : i + 1], pictures[i : i + 1])
+        expected = ssim(truth[i : i + 1], images[i : i + 1])
         assert [getattr(record, name) for name in SSIM] == list(expected)
-        _, in_box = ssim_per_image_and_box(truth, pictures, object_boxes(truth))
+        _, in_box = ssim_per_image_and_box(truth, images, object_boxes(truth))
         assert record.ssim_object == in_box[i]
         assert (record.thin_recall, record.thin_precision) == (None, None)  # a frame of noise
         assert (record.view, record.azimuth_deg, record.elevation_deg) == (
@@ -126,7 +126,7 @@ def test_the_truth_itself_scores_exactly_one(measure, tmp_path):
     assert all(getattr(record, name) == 1.0 for record in result.records for name in names)
 
 
-def test_thin_parts_and_pictures_without_an_object(measure):
+def test_thin_parts_and_images_without_an_object(measure):
     truth = np.full((2, 128, 128, 3), 255, np.uint8)
     truth[0, 40:80, 60:63] = 0
     drawn = truth.copy()
@@ -140,27 +140,27 @@ def test_thin_parts_and_pictures_without_an_object(measure):
 
 
 def test_values_outside_0_1_are_clipped(measure):
-    pictures = black_on_white()
-    pictures[0, :, :64], pictures[1, :, :64] = -0.5, 1.5
-    job, _ = measure(Fake(pictures))
+    images = black_on_white()
+    images[0, :, :64], images[1, :, :64] = -0.5, 1.5
+    job, _ = measure(Fake(images))
     drawn = read_artifact(job.artifact)["images"][:, :, :64]
     assert (drawn[0] == 0).all()
     assert (drawn[1] == 255).all()
 
 
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
-def test_a_picture_of_one_colour_is_none(measure, level):
-    pictures = black_on_white()
-    pictures[1] = level
-    job, result = measure(Fake(pictures))
+def test_a_image_of_one_colour_is_none(measure, level):
+    images = black_on_white()
+    images[1] = level
+    job, result = measure(Fake(images))
     assert outcomes(result) == {("failed", "draw: 1 of 2 pictures are blank")}
     assert not job.artifact.exists()
 
 
-def test_a_picture_with_one_other_pixel_is_a_picture(measure):
-    pictures = np.ones((2, 128, 128, 3), np.float32)
-    pictures[:, 127, 127, 2] = 0.99
-    _, result = measure(Fake(pictures))
+def test_a_image_with_one_other_pixel_is_a_image(measure):
+    images = np.ones((2, 128, 128, 3), np.float32)
+    images[:, 127, 127, 2] = 0.99
+    _, result = measure(Fake(images))
     assert outcomes(result) == {("ok", "")}
 
 
@@ -170,19 +170,19 @@ def test_a_floor_may_be_blank(tmp_path, floor):
     assert outcomes(do(make_job(tmp_path, method=floor))) == {("ok", "")}
 
 
-def test_blank_where_the_truth_is_blank_is_a_picture(measure):
+def test_blank_where_the_truth_is_blank_is_a_image(measure):
     truth = to_uint8(black_on_white())
     truth[1] = 255
-    pictures = black_on_white()
-    pictures[1] = 1.0
-    assert outcomes(measure(Fake(pictures), truth=truth)[1]) == {("ok", "")}
-    pictures[0] = 1.0
+    images = black_on_white()
+    images[1] = 1.0
+    assert outcomes(measure(Fake(images), truth=truth)[1]) == {("ok", "")}
+    images[0] = 1.0
     blank = {("failed", "draw: 1 of 2 pictures are blank")}
-    assert outcomes(measure(Fake(pictures), truth=truth)[1]) == blank
+    assert outcomes(measure(Fake(images), truth=truth)[1]) == blank
 
 
 @pytest.mark.parametrize(
-    ("pictures", "found"),
+    ("images", "found"),
     [
         (np.zeros((2, 128, 128, 3), np.uint8), "uint8"),
         (np.zeros((2, 128, 128, 3), complex), "complex128"),
@@ -190,9 +190,9 @@ def test_blank_where_the_truth_is_blank_is_a_picture(measure):
         (None, "NoneType"),
     ],
 )
-def test_pictures_of_another_kind_are_refused(measure, pictures, found):
+def test_images_of_another_kind_are_refused(measure, images, found):
     method = Fake()
-    method.pictures = pictures
+    method.images = images
     _, result = measure(method)
     assert outcomes(result) == {
         ("failed", f"draw: pictures are {found}, expected float32 in [0, 1]")
@@ -334,7 +334,7 @@ def test_the_ground_truth_is_the_mesh(tmp_path):
     assert {record.ssim for record in result.records} == {None}
 
 
-def test_features_are_those_of_the_pictures(tmp_path):
+def test_features_are_those_of_the_images(tmp_path):
     job = make_truth(tmp_path, features=(("fd-views", str(VIEWS_WEIGHTS)),))
     do(job)
     arrays = read_artifact(job.artifact)
@@ -352,11 +352,11 @@ def test_ceiling_floor_and_splat_end_to_end(tmp_path):
     )
     assert np.array_equal(truth, read_artifact(make_truth(tmp_path).artifact)["images"])
     assert (white == 255).all()
-    for method, pictures in (("true-mesh", truth), ("splat", splat), ("blank", white)):
+    for method, images in (("true-mesh", truth), ("splat", splat), ("blank", white)):
         assert outcomes(found[method]) == {("ok", "")}
         mean = np.mean([record.ssim for record in found[method].records])
-        assert mean == pytest.approx(ssim(truth, pictures).ssim, rel=1e-12)
-    covered, painted = ((pictures < 255).any(axis=3) for pictures in (truth, splat))
+        assert mean == pytest.approx(ssim(truth, images).ssim, rel=1e-12)
+    covered, painted = ((images < 255).any(axis=3) for images in (truth, splat))
     assert 0.2 < covered.mean() < 0.8
     assert (painted & ~covered).mean() < 0.02  # discs overlap the outline
     assert (covered & ~painted).mean() < 0.05  # and leave some holes
@@ -417,17 +417,17 @@ def test_what_a_method_raises_is_a_record(measure, error, reason):
         ((2, 3, 128, 128), "(2, 3, 128, 128)"),
     ],
 )
-def test_pictures_of_another_shape(measure, shape, message):
+def test_images_of_another_shape(measure, shape, message):
     _, result = measure(Fake(np.zeros(shape, np.float32)))
     reason = f"draw: pictures of shape {message}, expected (2, 128, 128, 3)"
     assert outcomes(result) == {("failed", reason)}
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_pictures_that_are_not_finite(measure, value):
-    pictures = np.zeros((2, 128, 128, 3), np.float32)
-    pictures[1, 5, 7] = value
-    job, result = measure(Fake(pictures))
+def test_images_that_are_not_finite(measure, value):
+    images = np.zeros((2, 128, 128, 3), np.float32)
+    images[1, 5, 7] = value
+    job, result = measure(Fake(images))
     assert outcomes(result) == {("failed", "draw: 3 pixel values are not finite")}
     assert not job.artifact.exists()
 
@@ -463,12 +463,12 @@ def test_a_missing_ground_truth_is_a_record(tmp_path):
 
 
 def test_one_view_is_enough(measure, tmp_path):
-    pictures = np.zeros((1, 128, 128, 3), np.float32)
+    images = np.zeros((1, 128, 128, 3), np.float32)
     write_artifact(make_truth(tmp_path))
     job = make_job(tmp_path, method="blank", views=(View(0, 0),))
     write_artifact(replace(job, artifact=job.reference))
     assert len(do(job).records) == 1
-    assert read_artifact(job.artifact)["images"].shape == pictures.shape
+    assert read_artifact(job.artifact)["images"].shape == images.shape
 
 
 def test_a_disk_that_cannot_be_written_ends_the_run(measure, monkeypatch):

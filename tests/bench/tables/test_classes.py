@@ -34,7 +34,7 @@ PUBLISHED = {
 }
 
 
-def pictures(class_name):
+def images(class_name):
     return [(obj, view) for obj in OBJECTS[class_name] for view in (0, 1)]
 
 
@@ -45,7 +45,7 @@ def random_features(seed=0):
         {"method": m, "condition": c, "class": k, "object": obj, "view": view}
         for m, c in ((GROUND_TRUTH, ""), *((m, "2048") for m in METHODS))
         for k in OBJECTS
-        for obj, view in pictures(k)
+        for obj, view in images(k)
     ]
     frame = pd.DataFrame(index)
     return frame, rng.random((len(frame), 4), np.float32) + (frame["method"] == "blank").to_numpy(
@@ -59,7 +59,7 @@ def records(**changes):
         make_record(m, obj=obj, view=view, class_name=k, ssim=rng.random(), **changes)
         for m in METHODS
         for k in OBJECTS
-        for obj, view in pictures(k)
+        for obj, view in images(k)
     ]
 
 
@@ -104,7 +104,7 @@ def test_distances_of_a_class():
         values[(index["method"] == m) & (index["class"] == "car")].astype(float)
         for m in (GROUND_TRUTH, "pc2pix@all")
     )
-    objects = np.array([obj for obj, _ in pictures("car")])
+    objects = np.array([obj for obj, _ in images("car")])
     row = cell(made, method="pc2pix@all", class_name="car", metric="fd-views")
     # the same numbers in another order of operations
     assert row.value == pytest.approx(frechet_distance(drawn, truth), rel=1e-9)
@@ -143,7 +143,7 @@ def test_confidence_keeps_to_its_records():
         assert record["class_confidence"] == pytest.approx(expected, rel=1e-12)
 
 
-def test_failed_pictures_have_no_confidence_and_count_as_blank():
+def test_failed_images_have_no_confidence_and_count_as_blank():
     index, values = random_features()
     drawn = ~(
         (index["method"] == "pc2pix@all") & (index["class"] == "lamp") & (index["object"] == "b")
@@ -206,7 +206,7 @@ def test_the_interval_of_an_average_of_distances():
         truth, drawn = (
             LeftOut(
                 values[(index["method"] == m) & (index["class"] == k)],
-                np.array([obj for obj, _ in pictures(k)]),
+                np.array([obj for obj, _ in images(k)]),
             )
             for m in (GROUND_TRUTH, "surface-apss")
         )

@@ -119,7 +119,7 @@ def test_all_metrics_and_cells_are_there():
     assert len(table.rows) == 16
 
 
-def test_a_cell_without_any_picture():
+def test_a_cell_without_any_image():
     records = [make_failed(obj=o, view=v) for o in "ab" for v in (0, 1)]
     floor = [make_record("blank", obj=o, view=v, ssim=0.25) for o in "ab" for v in (0, 1)]
     row = cell(worked_table(records + floor), method="splat", metric="ssim")
@@ -135,7 +135,7 @@ def test_a_failure_that_not_even_the_floor_survived():
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0.5, 0.5, 1, 2)
 
 
-def test_skipped_pictures_count_as_missing_but_not_as_failures():
+def test_skipped_images_count_as_missing_but_not_as_failures():
     skipped = make_failed(obj="b", outcome="skipped", reason="weights")
     floor = [make_record("blank", obj=obj, ssim=0.1) for obj in "ab"]
     row = cell(worked_table([make_record(), skipped, *floor]), method="splat", metric="ssim")
@@ -161,7 +161,7 @@ def thin_table(records=THIN):
     return detail_table("table_detail", "Detail", to_frame(records), SUITE)
 
 
-def test_means_are_over_the_pictures_that_have_a_value():
+def test_means_are_over_the_images_that_have_a_value():
     row = cell(thin_table(), method="splat", metric="thin-recall")
     assert row.value == pytest.approx(0.5, abs=EXACT)  # 0.2, 0.4, 0.9
     interval = mean_interval(np.array([0.3, 0.9]))  # a and b; c has no value
@@ -208,11 +208,11 @@ def test_markdown_says_once_why_values_are_missing():
 # --- control --------------------------------------------------------------------------------------
 
 
-def judged(pictures, seen):
+def judged(images, seen):
     """Answers by method: `seen(method, object, view)` gives azimuth, elevation and code."""
     rows, values = [], []
     for method, condition in ((GROUND_TRUTH, ""), ("splat", "2048"), ("blank", "2048")):
-        for obj, view in pictures:
+        for obj, view in images:
             azimuth, elevation, code = seen(method, obj, view)
             turn = np.radians(azimuth)
             rows.append((method, condition, "chair", obj, view))
@@ -258,7 +258,7 @@ def test_a_control_table_worked_by_hand():
     assert "(3 of class chair)" in table.remark
 
 
-def test_failed_pictures_are_judged_as_blank():
+def test_failed_images_are_judged_as_blank():
     records = [make_record(m, obj=o, view=v) for m in ("splat", "blank") for o, v in OFF]
     records[0] = make_failed(obj="a", view=0, reason="crash")
     records[2] = make_failed(obj="b", view=0, reason="crash")
@@ -273,14 +273,14 @@ def test_failed_pictures_are_judged_as_blank():
 
 
 @pytest.mark.parametrize(
-    ("pictures", "why"),
+    ("images", "why"),
     [
         ([("a", 0), ("a", 1)], "1 object: there is nothing to tell it from; run at least 2"),
         ([("a", 0), ("b", 0)], "1 view an object: none is left to know it by; run at least 2"),
     ],
 )
-def test_too_few_to_find_anything(pictures, why):
-    table = controls([make_record(obj=o, view=v) for o, v in pictures], judged(pictures, seen))
+def test_too_few_to_find_anything(images, why):
+    table = controls([make_record(obj=o, view=v) for o, v in images], judged(images, seen))
     row = cell(table, method="splat", metric="retrieval")
     assert np.isnan([row.value, row.ci_low, row.failures_as_blank]).all()
     assert row.note == why
@@ -307,10 +307,10 @@ def test_the_ceiling_is_judged_like_any_method(tmp_path):
 
 # --- Fréchet distances ----------------------------------------------------------------------------
 
-PICTURES = [(obj, view) for obj in "abcd" for view in (0, 1)]
+IMAGES = [(obj, view) for obj in "abcd" for view in (0, 1)]
 RNG = np.random.default_rng(3)
 FEATURES = {
-    method: RNG.normal(i, 1 + i, (len(PICTURES), 3)).astype(np.float32)
+    method: RNG.normal(i, 1 + i, (len(IMAGES), 3)).astype(np.float32)
     for i, method in enumerate((GROUND_TRUTH, "splat", "blank"))
 }
 
@@ -319,11 +319,11 @@ def features(without=()):
     """Features of ground truth, splat and blank; those of splat `without` some pictures."""
     rows, values = [], []
     for method, of_method in FEATURES.items():
-        for picture, value in zip(PICTURES, of_method, strict=True):
-            if method == "splat" and picture in without:
+        for image, value in zip(IMAGES, of_method, strict=True):
+            if method == "splat" and image in without:
                 continue
             condition = "" if method == GROUND_TRUTH else "2048"
-            rows.append((method, condition, "chair", *picture))
+            rows.append((method, condition, "chair", *image))
             values.append(value)
     shuffled = np.random.default_rng(4).permutation(len(rows))
     index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
@@ -336,7 +336,7 @@ def distances(without=(), skipped=None):
         if method == "splat" and (obj, view) in without
         else make_record(method, obj=obj, view=view)
         for method in ("splat", "blank")
-        for obj, view in PICTURES
+        for obj, view in IMAGES
     ]
     taken = {"fd-views": MeasuredFeatures(features(without))}
     taken["fd-views-grey"] = taken["fd-views"]
@@ -355,14 +355,14 @@ def test_distances_are_those_of_the_features():
     assert row.failures_as_blank == row.value
 
 
-def test_missing_pictures_are_left_out_of_both_sets_or_blank():
+def test_missing_images_are_left_out_of_both_sets_or_blank():
     without = [("b", 0), ("b", 1), ("d", 1)]
     row = cell(distances(without), method="splat", metric="fd-views")
-    kept = [i for i, picture in enumerate(PICTURES) if picture not in without]
+    kept = [i for i, image in enumerate(IMAGES) if image not in without]
     x, y = FEATURES["splat"], FEATURES[GROUND_TRUTH]
     assert row.value == pytest.approx(frechet_distance(x[kept], y[kept]), rel=EXACT)
     filled = x.copy()
-    for i in set(range(len(PICTURES))) - set(kept):
+    for i in set(range(len(IMAGES))) - set(kept):
         filled[i] = FEATURES["blank"][i]
     assert row.failures_as_blank == pytest.approx(frechet_distance(filled, y), rel=EXACT)
     assert (row.n_ok, row.n, row.note) == (5, 8, "3 x crash")
@@ -370,8 +370,8 @@ def test_missing_pictures_are_left_out_of_both_sets_or_blank():
 
 
 @pytest.mark.parametrize("there", [0, 1])
-def test_fewer_than_two_pictures_have_no_distance(there):
-    row = cell(distances(PICTURES[there:]), method="splat", metric="fd-views")
+def test_fewer_than_two_images_have_no_distance(there):
+    row = cell(distances(IMAGES[there:]), method="splat", metric="fd-views")
     assert np.isnan([row.value, row.ci_low, row.ci_high, row.failures_as_blank]).all()
     assert (row.n_ok, row.n, row.note) == (there, 8, "fewer than two pictures")
 

@@ -94,7 +94,7 @@ def test_normalised(meshes: list[Mesh]) -> None:
         assert abs(np.linalg.norm(vertices, axis=1).max() - 1) <= rounding
 
 
-def test_no_finer_than_a_picture_shows(meshes: list[Mesh]) -> None:
+def test_no_finer_than_a_image_shows(meshes: list[Mesh]) -> None:
     for mesh in meshes:
         assert 50 <= len(mesh.faces) <= 4000
 

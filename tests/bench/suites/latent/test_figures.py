@@ -16,16 +16,16 @@ def drawn(strips):
 
 def tile(seed, truth=False):
     rng = np.random.default_rng(seed)
-    picture, true = rng.integers(0, 256, (2, 128, 128, 3), dtype=np.uint8)
+    image, true = rng.integers(0, 256, (2, 128, 128, 3), dtype=np.uint8)
     cloud = rng.uniform(-0.5, 0.5, (30, 3)).astype(np.float32)
-    return Tile(f"tile {seed}", cloud, picture, true if truth else None)
+    return Tile(f"tile {seed}", cloud, image, true if truth else None)
 
 
 def shown(axis):
     return [np.asarray(image.get_array()) for image in axis.images]
 
 
-def test_clouds_stand_above_pictures():
+def test_clouds_stand_above_images():
     strips = [Strip("one", (tile(0), tile(1))), Strip("two", (tile(2), tile(3)))]
     cells = drawn(strips)
     assert cells.shape == (4, 2)
@@ -36,7 +36,7 @@ def test_clouds_stand_above_pictures():
     for row, strip in zip((0, 2), strips, strict=True):
         for column, one in enumerate(strip.tiles):
             assert np.array_equal(shown(cells[row, column])[0], draw_cloud(one.cloud, FRONT))
-            assert np.array_equal(shown(cells[row + 1, column])[0], one.picture)
+            assert np.array_equal(shown(cells[row + 1, column])[0], one.image)
 
 
 def test_truths_have_a_row_where_there_are_any():
@@ -49,7 +49,7 @@ def test_truths_have_a_row_where_there_are_any():
 
 def test_a_cloud_is_drawn_where_it_is():
     cloud = np.array([[0, 0.4, 0], [0.01, 0.4, 0]], np.float32)
-    picture = draw_cloud(cloud, FRONT)
-    rows, columns, _ = np.nonzero(picture < 255)
+    image = draw_cloud(cloud, FRONT)
+    rows, columns, _ = np.nonzero(image < 255)
     assert rows.max() < 64 - 20  # up
     assert abs(columns.mean() - 64) < 2

@@ -17,7 +17,7 @@ from bench.suites.latent.measures import (
     cross_fade,
     distances_to_nearer_end,
     family_confidence,
-    picture_steps,
+    image_steps,
     ssim_values,
     unevenness,
 )
@@ -28,22 +28,22 @@ def flat(*levels):
 
 
 def test_equal_steps_are_even():
-    steps = picture_steps(flat(0, 51, 102, 153))
+    steps = image_steps(flat(0, 51, 102, 153))
     np.testing.assert_allclose(steps, [0.2, 0.2, 0.2], rtol=1e-15)
     assert unevenness(steps) == pytest.approx(1, rel=1e-15)
 
 
 def test_one_double_step():
     # steps 1, 1, 2: the largest over the mean of 4/3
-    assert unevenness(picture_steps(flat(10, 20, 30, 50))) == pytest.approx(1.5, rel=1e-12)
+    assert unevenness(image_steps(flat(10, 20, 30, 50))) == pytest.approx(1.5, rel=1e-12)
 
 
 def test_all_the_way_in_one_jump():
-    assert unevenness(picture_steps(flat(7, 7, 7, 200, 200))) == pytest.approx(4)
+    assert unevenness(image_steps(flat(7, 7, 7, 200, 200))) == pytest.approx(4)
 
 
 def test_a_path_that_does_not_move_has_no_evenness():
-    assert math.isnan(unevenness(picture_steps(flat(9, 9, 9))))
+    assert math.isnan(unevenness(image_steps(flat(9, 9, 9))))
 
 
 def test_chamfer_of_shifted_points():
@@ -80,21 +80,21 @@ def test_cross_fade():
     assert np.array_equal(faded[-1], end)
     middle = (start.astype(int) + end + 1) // 2  # rounded half up
     assert np.array_equal(faded[2], middle)
-    assert unevenness(picture_steps(cross_fade(*flat(10, 80), 8))) == pytest.approx(1, abs=1e-12)
+    assert unevenness(image_steps(cross_fade(*flat(10, 80), 8))) == pytest.approx(1, abs=1e-12)
 
 
 def test_family_confidence():
     network = load_views_network(VIEWS_WEIGHTS)
-    pictures = np.random.default_rng(2).integers(0, 256, (3, 128, 128, 3), dtype=np.uint8)
+    images = np.random.default_rng(2).integers(0, 256, (3, 128, 128, 3), dtype=np.uint8)
     with torch.no_grad():
         head = network.heads["family"]
         head.weight.zero_()
         head.bias.zero_()
         families = len(network.labels.families)  # all equally likely
         equal = np.full(3, 1 / families)
-        np.testing.assert_allclose(family_confidence(network, pictures), equal, rtol=1e-12)
+        np.testing.assert_allclose(family_confidence(network, images), equal, rtol=1e-12)
         head.bias[2] = math.log(families - 1)  # as likely as all others together
-        np.testing.assert_allclose(family_confidence(network, pictures), [0.5] * 3, rtol=1e-6)
+        np.testing.assert_allclose(family_confidence(network, images), [0.5] * 3, rtol=1e-6)
 
 
 def test_ssim_values_are_the_benchmarks():

@@ -163,7 +163,7 @@ def test_a_triple_without_a_change_gives_c(untrained):
     assert found[SUM, "cloud-gain"] == found[SUM, "ssim-gain"] == found[SUM, "code"] == 0
     assert np.isnan(found[SUM, "cosine"])
     assert np.array_equal(strip.tiles[2].cloud, strip.tiles[3].cloud)  # C and the sum
-    assert np.array_equal(strip.tiles[2].picture, strip.tiles[3].picture)
+    assert np.array_equal(strip.tiles[2].image, strip.tiles[3].image)
 
 
 @dataclass(frozen=True)
@@ -210,8 +210,8 @@ def test_known_sums():
         difference = np.sqrt(np.mean(np.square(np.subtract(point, d))))
         assert found[what, "code"] == pytest.approx(difference, abs=1e-6)
         truth = render(triple.d.load(), [network.view])
-        picture = network.draw(torch.tensor([point]).float())
-        assert found[what, "ssim"] == pytest.approx(ssim(truth, picture).ssim, abs=1e-12)
+        image = network.draw(torch.tensor([point]).float())
+        assert found[what, "ssim"] == pytest.approx(ssim(truth, image).ssim, abs=1e-12)
         for metric, sign in (("cloud", -1), ("ssim", 1)) if what != NOTHING else ():
             gain = sign * (found[what, metric] - found[NOTHING, metric])
             assert found[what, f"{metric}-gain"] == pytest.approx(gain, abs=1e-12)
@@ -241,7 +241,7 @@ def test_a_known_path():
     drawn = network.draw(torch.tensor([[0.0, 0, 0], [2.0, 0, 0]]))
     assert found["code", "end-ssim"] == pytest.approx(ssim(np.concatenate(truth), drawn).ssim)
     for tile, true in zip((strip.tiles[0], strip.tiles[-1]), truth, strict=True):
-        assert np.array_equal(tile.picture, true[0])
+        assert np.array_equal(tile.image, true[0])
 
 
 def test_figures(measured):

@@ -17,13 +17,13 @@ def test_one_view_and_whole_batches_are_as_measured():
     assert NETWORK.total(1) == 10 + 110
     assert NETWORK.total(20) == 10 + 1200
     assert NETWORK.total(60) == 10 + 3 * 1200
-    assert NETWORK.per_picture(40) == (10 + 2 * 1200) / 40
+    assert NETWORK.per_image(40) == (10 + 2 * 1200) / 40
 
 
 def test_between_them_a_call_grows_evenly():
     cost = Cost(prepare=5.0, draw_one=10.0, draw_batch=48.0, batch=20)  # 10, 12, 14, ... 48
     assert [cost.total(v) for v in (2, 3, 19)] == pytest.approx([17, 19, 51])
-    assert cost.per_picture(2) == pytest.approx(8.5)
+    assert cost.per_image(2) == pytest.approx(8.5)
 
 
 def test_a_batch_of_one_is_a_call_a_view():

@@ -21,13 +21,13 @@ from bench.suites.stability.expectations import (
 )
 from data_prep.scene import View
 
-PICTURES = Observation("plain", "splat", "", "", 0.25, None, None, 0.1, 0.1)
-FAILED = replace(PICTURES, reason="apss: no faces", shown=None, prepare_s=None, draw_s=None)
+IMAGES = Observation("plain", "splat", "", "", 0.25, None, None, 0.1, 0.1)
+FAILED = replace(IMAGES, reason="apss: no faces", shown=None, prepare_s=None, draw_s=None)
 BY_ID = {case.id: case for case in CASES}
 
 
 def changed(mean, most=0):
-    return replace(PICTURES, mean_change=mean, most_change=most)
+    return replace(IMAGES, mean_change=mean, most_change=most)
 
 
 # --- the cases ------------------------------------------------------------------------------------
@@ -102,25 +102,25 @@ def test_what_is_expected_where_nothing_special_is_stated(method, case, expected
 @pytest.mark.parametrize(
     ("expected", "seen", "kind"),
     [
-        (Draws(), PICTURES, "holds"),
+        (Draws(), IMAGES, "holds"),
         (Draws(), FAILED, "unexpected"),
         (Agrees(0.5), changed(0.5, 255), "holds"),
         (Agrees(0.5), changed(0.51), "unexpected"),
         (Agrees(0.5, 1), changed(0.1, 1), "holds"),
         (Agrees(0.5, 1), changed(0.1, 2), "unexpected"),
-        (Agrees(0.5), PICTURES, "unexpected"),  # nothing to compare with
+        (Agrees(0.5), IMAGES, "unexpected"),  # nothing to compare with
         (Agrees(0.5), FAILED, "unexpected"),
         (Changes(0.5, "why"), changed(0.51), "differs"),
         (Changes(0.5, "why"), changed(0.5), "unexpected"),  # it has been fixed
         (Changes(0.5, "why"), FAILED, "unexpected"),
         (Fails("apss: "), FAILED, "refused"),
         (Fails("no faces"), FAILED, "unexpected"),  # a reason has to begin so
-        (Fails("apss: "), PICTURES, "unexpected"),
+        (Fails("apss: "), IMAGES, "unexpected"),
         (Fails("timeout: ", "contained"), replace(FAILED, reason="timeout: 60 s"), "contained"),
-        (Either((Draws(), Fails("apss: ")), "why"), PICTURES, "holds"),
+        (Either((Draws(), Fails("apss: ")), "why"), IMAGES, "holds"),
         (Either((Draws(), Fails("apss: ")), "why"), FAILED, "refused"),
         (Either((Draws(), Fails("draw: ")), "why"), FAILED, "unexpected"),
-        (Unstated(), PICTURES, "holds"),
+        (Unstated(), IMAGES, "holds"),
         (Unstated(), FAILED, "refused"),
         (Unstated(), changed(0.9), "holds"),
         (Unstated(), changed(1.1), "differs"),

@@ -15,8 +15,8 @@ def job_of(directory, case, views=VIEWS, method="splat"):
     return make_job(directory, Tetrahedron(case), method, case, views=views)
 
 
-def done(job, pictures):
-    sha = write_artifact(job, images=pictures)
+def done(job, images):
+    sha = write_artifact(job, images=images)
     record = make_record(method=job.method, condition=job.condition, notes="repaired")
     return Result(job.key, (record,), sha)
 
@@ -24,12 +24,12 @@ def done(job, pictures):
 @pytest.fixture
 def plain(tmp_path):
     job = job_of(tmp_path, "plain")
-    pictures = np.full((4, 128, 128, 3), 255, np.uint8)
-    pictures[:, :64] = np.array([10, 20, 30, 40], np.uint8)[:, None, None, None]
-    return job, done(job, pictures), pictures
+    images = np.full((4, 128, 128, 3), 255, np.uint8)
+    images[:, :64] = np.array([10, 20, 30, 40], np.uint8)[:, None, None, None]
+    return job, done(job, images), images
 
 
-def test_pictures(plain):
+def test_images(plain):
     job, result, _ = plain
     (seen,) = observe([job], {job.key: result}.__getitem__)
     assert (seen.case, seen.method, seen.reason, seen.notes) == ("plain", "splat", "", "repaired")
@@ -39,19 +39,19 @@ def test_pictures(plain):
 
 
 def test_a_change_is_seen_in_both_directions(tmp_path, plain):
-    job, result, pictures = plain
+    job, result, images = plain
     other = job_of(tmp_path, "shuffled")
-    changed = pictures.copy()
+    changed = images.copy()
     changed[0, 0, 0] = 0, 12, 10  # 10 darker, 2 lighter, equal
     seen = observe([job, other], {job.key: result, other.key: done(other, changed)}.__getitem__)[1]
-    assert seen.mean_change == pytest.approx(12 / pictures.size, rel=1e-12)
+    assert seen.mean_change == pytest.approx(12 / images.size, rel=1e-12)
     assert seen.most_change == 10
 
 
 def test_more_views_than_the_other_case_go_through_it_again(tmp_path, plain):
-    job, result, pictures = plain
+    job, result, images = plain
     other = job_of(tmp_path, "batch-doubled", views=2 * VIEWS)
-    twice = np.concatenate([pictures, pictures])
+    twice = np.concatenate([images, images])
     seen = observe([job, other], {job.key: result, other.key: done(other, twice)}.__getitem__)[1]
     assert (seen.mean_change, seen.most_change) == (0.0, 0)
     twice[7, 0, 0, 0] += 1
@@ -60,18 +60,18 @@ def test_more_views_than_the_other_case_go_through_it_again(tmp_path, plain):
 
 
 def test_other_methods_are_no_measure(tmp_path, plain):
-    job, result, pictures = plain
+    job, result, images = plain
     other = job_of(tmp_path, "shuffled", method="pc2pix")
-    seen = observe([job, other], {job.key: result, other.key: done(other, pictures)}.__getitem__)[1]
+    seen = observe([job, other], {job.key: result, other.key: done(other, images)}.__getitem__)[1]
     assert seen.mean_change is None
 
 
-def test_no_pictures(tmp_path, plain):
-    job, result, pictures = plain
+def test_no_images(tmp_path, plain):
+    job, result, images = plain
     broken, like = job_of(tmp_path, "normalised"), job_of(tmp_path, "millimetres")
     results = {
         broken.key: failed(broken, "apss: no faces"),
-        like.key: done(like, pictures),
+        like.key: done(like, images),
         job.key: result,
     }
     seen = observe([broken, like, job], results.__getitem__)

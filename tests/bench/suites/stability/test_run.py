@@ -148,7 +148,7 @@ def test_every_kind_has_a_colour_of_its_own(tmp_path):
         assert tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5)) in found
 
 
-def test_a_sheet_has_every_picture_in_its_place():
+def test_a_sheet_has_every_image_in_its_place():
     red = np.zeros((128, 128, 3), np.uint8) + np.array([255, 0, 0], np.uint8)
     made = sheet([[None, red], [red, None]])
     assert made.shape == (256, 128 * ACROSS, 3)

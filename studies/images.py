@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_prep.images import to_uint8
 from data_prep.render import render
-from data_prep.scene import Mesh, PointCloud, Renderer, View
+from data_prep.scene import Mesh, PointCloud, Renderer, UInt8Images, View
 
-Pictures = NDArray[np.uint8]  # [N, V, H, W, 3]: of N objects from V views each
 TURN_DEG = 0.1  # 0.1 px at the rim of the unit sphere: what another driver may amount to
 
 
 def draw_all(
     renderer: Renderer, clouds: Sequence[PointCloud], views: Sequence[Sequence[View]]
-) -> Pictures:
+) -> UInt8Images:
     """Pictures of clouds, each from its views, by a method that draws no random numbers."""
     unused = np.random.default_rng(0)
     return np.stack(
@@ -29,7 +27,7 @@ def draw_all(
     )
 
 
-def render_all(meshes: Sequence[Mesh], views: Sequence[Sequence[View]]) -> Pictures:
+def render_all(meshes: Sequence[Mesh], views: Sequence[Sequence[View]]) -> UInt8Images:
     """The true pictures of meshes, each from its views."""
     return np.stack([render(*pair) for pair in zip(meshes, views, strict=True)])
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bench.records.artifacts import Item
 from bench.records.record import GROUND_TRUTH
-from bench.report.page import Case, CaseGroup, Grid, GridCell, Picture
+from bench.report.page import Case, CaseGroup, Grid, GridCell, PageImage
 from bench.report.stored import Sources
 from bench.report.styles import rivals
 from bench.tables.table import Tags
@@ -115,10 +115,10 @@ def _turned(grid: Grid) -> Grid:
 def _grid_cell(sources: Sources, item: Item, record: Mapping[str, Any] | None) -> GridCell:
     what = f"{item.method} at {item.condition}, {item.class_name} {item.object_id}"
     if record is None:
-        return GridCell(Picture("", f"{what}: not measured"), "not measured")
+        return GridCell(PageImage("", f"{what}: not measured"), "not measured")
     if record["outcome"] != "ok":
         description = f"{record['outcome']}: {record['reason']}"
-        return GridCell(Picture("", f"{what}: {description}"), description, counted=True)
+        return GridCell(PageImage("", f"{what}: {description}"), description, counted=True)
     return GridCell(
         _drawn(sources, item, 0, f"{what}: SSIM {record['ssim']:.3f}"),
         f"{record['ssim']:.3f}",
@@ -164,13 +164,13 @@ def _case(record: Mapping[str, Any], sources: Sources) -> Case:
         ),
         *([("notes", record["notes"])] if record["notes"] else []),
     ]
-    pictures = (
+    images = (
         (CLOUD, _cloud(sources, item, at, f"the cloud of {name}")),
         ("truth", _drawn(sources, item.truth, view, f"the truth of {name}")),
         ("drawn", _drawn(sources, item, view, f"{name} as {item.method} draws it")),
     )
     tags = Tags(item.method, item.condition, class_name, (record["outcome"],))
-    return Case(record["kind"], f"{record['ssim']:.3f}", name, tuple(facts), pictures, tags)
+    return Case(record["kind"], f"{record['ssim']:.3f}", name, tuple(facts), images, tags)
 
 
 def _rows(records: pd.DataFrame) -> list[dict[str, Any]]:
@@ -182,24 +182,24 @@ def _view(record: Mapping[str, Any]) -> View:
     return View(record["azimuth_deg"], record["elevation_deg"])
 
 
-def _drawn(sources: Sources, item: Item, view: int, description: str) -> Picture:
-    pictures = sources.pictures(item)
-    if pictures is None or view >= len(pictures):
-        return Picture("", f"{description}; the picture is no longer there")
-    return Picture(data_uri(pictures[view]), description)
+def _drawn(sources: Sources, item: Item, view: int, description: str) -> PageImage:
+    images = sources.images(item)
+    if images is None or view >= len(images):
+        return PageImage("", f"{description}; the picture is no longer there")
+    return PageImage(data_uri(images[view]), description)
 
 
-def _cloud(sources: Sources, item: Item, view: View, description: str) -> Picture:
+def _cloud(sources: Sources, item: Item, view: View, description: str) -> PageImage:
     points = sources.points(item)
     if points is None:
-        return Picture("", f"{description}; it cannot be made again")
-    return Picture(data_uri(draw_dots(points, [view])[0]), description)
+        return PageImage("", f"{description}; it cannot be made again")
+    return PageImage(data_uri(draw_dots(points, [view])[0]), description)
 
 
-def data_uri(picture: NDArray[np.uint8]) -> str:
+def data_uri(image: NDArray[np.uint8]) -> str:
     """A picture [H, W, 3] as a lossless WebP that stands where an address would."""
     from PIL import Image
 
     buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, "WEBP", lossless=True, quality=100, method=2)
+    Image.fromarray(image).save(buffer, "WEBP", lossless=True, quality=100, method=2)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -43,19 +43,19 @@ def points():
     return generator("test").normal(size=(300, 3)) * (1, 2, 3)
 
 
-def test_a_picture_is_what_the_bundled_network_draws(points):
+def test_a_image_is_what_the_bundled_network_draws(points):
     renderer = pc2pix.load("chair")
     cloud = normalise_points(points)
     (expected,) = renderer.draw(renderer.prepare(cloud), [View(-50.0, 10.0)])
-    picture = pc2pix.draw_cloud(points, -50, 10)
-    assert picture.dtype == np.uint8
-    assert np.array_equal(picture, to_uint8(expected))
+    image = pc2pix.draw_cloud(points, -50, 10)
+    assert image.dtype == np.uint8
+    assert np.array_equal(image, to_uint8(expected))
 
 
 def test_views(points):
     teller = Telling()
-    picture = pc2pix.draw_cloud(points, renderer=teller)
-    assert (picture[0, 0, 0], picture[0, 1, 0]) == (30, 20)
+    image = pc2pix.draw_cloud(points, renderer=teller)
+    assert (image[0, 0, 0], image[0, 1, 0]) == (30, 20)
     turned = pc2pix.turntable(points, 8, 15, renderer=teller)
     assert turned[:, 0, 0, 0].tolist() == [0, 45, 90, 135, 180, 225, 255, 255]  # clipped at 255
     assert (turned[:, 0, 1, 0] == 15).all()
@@ -149,9 +149,9 @@ def test_the_examples_of_the_page(tmp_path, points):
     expected = pc2pix.draw_cloud(load_points(tmp_path / "cloud.ply"), 30, 20)
     blank = np.full_like(expected, 255)
     assert float(done.stdout) == pytest.approx(ssim(expected[None], blank[None]).ssim, abs=1e-4)
-    with Image.open(tmp_path / "picture.png") as picture:
+    with Image.open(tmp_path / "picture.png") as image:
         # Another process may have another number of threads: a grey level by rounding.
-        np.testing.assert_allclose(np.asarray(picture).astype(int), expected, rtol=0, atol=1)
+        np.testing.assert_allclose(np.asarray(image).astype(int), expected, rtol=0, atol=1)
     with Image.open(tmp_path / "turn.gif") as turn:
         assert (turn.n_frames, turn.size) == (36, (128, 128))
     with Image.open(tmp_path / "surface.png") as surface:

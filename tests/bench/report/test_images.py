@@ -5,7 +5,7 @@ from builders import make_failed, make_record
 
 from bench.records.record import to_frame
 from bench.report.build import failure_groups
-from bench.report.pictures import EACH, MOST_CASES, extremes, shown_objects
+from bench.report.images import EACH, MOST_CASES, extremes, shown_objects
 
 
 def frame(scores, method="splat", condition="2048", class_name="chair"):
@@ -35,7 +35,7 @@ def test_extremes_are_of_different_objects():
     ]
 
 
-def test_one_picture_is_not_both():
+def test_one_image_is_not_both():
     assert picked(frame({("a", 0): 0.4})) == [("worst", "a", 0, 0.4)]
 
 
@@ -83,7 +83,7 @@ def test_their_number_is_bounded(methods, classes):
     assert len(chosen) <= MOST_CASES
 
 
-def test_objects_are_the_first_that_have_pictures():
+def test_objects_are_the_first_that_have_images():
     records = [
         make_failed(obj="a"),
         *frame({(obj, 0): 0.5 for obj in "gfedcb"}),
