@@ -13,7 +13,8 @@ from importlib import import_module
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+
+from bench.commands.options import SETTINGS, Group
 
 COMMANDS = {  # name: module and name in it, first line of its help
     "run": ("run:run", "Run a suite, or go on with one that was stopped; print its tables."),
@@ -36,10 +37,9 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "doctor": ("doctor:doctor", "Check that everything a run needs is here."),
 }
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # Click's, which some Typers contain
-SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 
 
-class Commands(TyperGroup):
+class Commands(Group):
     """All commands; whatever ends one early becomes one line and an exit status.
 
     Here and not around `app()`, because Typer itself catches interrupts and broken pipes there.
@@ -68,6 +68,13 @@ class Commands(TyperGroup):
         with formatter.section("Commands"):
             formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
 
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read what stands before the command."""
+        try:
+            return super().make_context(*args, **kwargs)
+        except _USAGE_ERROR as error:
+            raise _refused(error) from error
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         from bench.tables.markdown import visible
@@ -85,10 +92,7 @@ class Commands(TyperGroup):
             print(f"bench: {visible(str(error))}; a lower learning rate may help", file=sys.stderr)
             raise typer.Exit(1) from error
         except _USAGE_ERROR as error:  # no such command or option, a value that it does not take
-            command = error.ctx.command_path if error.ctx else "bench"
-            message = error.format_message().rstrip(".")
-            print(f"bench: {visible(message)}; see '{command} --help'", file=sys.stderr)
-            raise typer.Exit(2) from error
+            raise _refused(error) from error
         except KeyboardInterrupt as error:
             goes_on = ctx.invoked_subcommand in ("run", "train")
             hint = "; the same command goes on from here" if goes_on else ""
@@ -104,10 +108,19 @@ class Commands(TyperGroup):
             raise typer.Exit(2) from error
 
 
+def _refused(error: Any) -> typer.Exit:
+    """Print a usage error as one line."""
+    from bench.tables.markdown import visible
+
+    command = error.ctx.command_path if error.ctx else "bench"
+    message = error.format_message().rstrip(".")
+    print(f"bench: {visible(message)}; see '{command} --help'", file=sys.stderr)
+    return typer.Exit(2)
+
+
 app = typer.Typer(
     cls=Commands,
     help="Benchmark of pc2pix against surface-reconstruction rendering.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     **SETTINGS,
 )

@@ -15,7 +15,7 @@ import numpy as np
 import typer
 
 from bench.catalogue.suites import Limits
-from bench.commands.options import WorkersOption, worker_count
+from bench.commands.options import SETTINGS, Group, WorkersOption, worker_count
 from bench.running.environment import cores
 from bench.running.isolation import Lost, run_tasks
 from bench.tables.markdown import visible
@@ -184,7 +184,7 @@ def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
     return [f"angles       {message}; {against}"], []
 
 
-app = typer.Typer(help="Look at datasets.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(cls=Group, help="Look at datasets.", **SETTINGS)
 
 
 @app.callback()
@@ -196,9 +196,11 @@ def _all() -> None:
 def inspect_data(
     location: Annotated[
         str,
-        typer.Argument(metavar="PATH", help="A folder, or a dataset such as shapenet:PATH."),
+        typer.Argument(
+            metavar="PATH", help="A folder, or a dataset as of 'bench run', shapenet:PATH say."
+        ),
     ],
-    sample: Annotated[int, typer.Option(help="Objects of each class that are read.")] = 10,
+    sample: Annotated[int, typer.Option(help="Objects read of each class.")] = 10,
     workers: WorkersOption = None,
 ) -> None:
     """What is understood of a dataset: exit 1 where something is missing or odd."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from enum import Enum, StrEnum
@@ -12,10 +13,23 @@ from types import UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
+from typer.core import TyperGroup
 
 from data_prep.failures import BadInput
 
+SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 RunDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a finished run.")]
+
+
+class Group(TyperGroup):
+    """A group of commands. Without arguments it shows its help and ends with status 2."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # click's Context
+        """What stands before the command, and the command."""
+        if not args:
+            print(ctx.get_help(), file=sys.stderr)
+            raise typer.Exit(2)
+        return super().parse_args(ctx, args)
 
 
 class Device(StrEnum):
@@ -43,8 +57,11 @@ def worker_count(workers: int | None) -> int | None:
     return workers
 
 
-WorkersOption = Annotated[int | None, typer.Option(help="Worker processes; default: all cores.")]
-DeviceOption = Annotated[Device, typer.Option(help="Where networks run.")]
+DEVICE = "Where networks run; auto: on a GPU if there is one."
+WorkersOption = Annotated[
+    int | None, typer.Option(help="Worker processes. Default: one for each core.")
+]
+DeviceOption = Annotated[Device, typer.Option(help=DEVICE)]
 
 
 @dataclass(frozen=True)
@@ -143,28 +160,34 @@ def _shard(text: str | None) -> Any:
 
 RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
     "suite": "The suite, see 'bench list'.",
-    "dataset": "procedural, folder:PATH (sub-folders are classes), shapenet:PATH, modelnet:PATH or "
-    "paper:PATH; see 'bench data inspect PATH'.",
-    "methods": "Comma-separated; blank is always measured.",
-    "conditions": "Comma-separated.",
-    "limit": "At most so many objects a class.",
-    "views": "Views per object.",
+    "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
+    "modelnet:PATH or paper:PATH; see 'bench data inspect PATH'.",
+    "methods": "Methods, comma-separated; blank is always measured. Default: the suite's.",
+    "conditions": "Conditions, comma-separated. Default: the suite's.",
+    "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "
+    "suite's number.",
+    "views": "Images of each object. Default: the suite's number.",
     "workers": Stated(
-        "Worker processes, one thread each; default: all cores.", convert=worker_count
+        "Worker processes, one thread each. Default: one for each core; one where a suite compares "
+        "times.",
+        convert=worker_count,
     ),
-    "device": Stated("Where networks run.", kind=Device),
+    "device": Stated(DEVICE, kind=Device),
     "seed": "Seed of clouds, views and noise.",
-    "out": "The run's folder; default: results/runs/SUITE-DATASET.",
+    "out": "The run's folder. Default: results/runs/SUITE-DATASET.",
     "shard": Stated(
-        "Only the kth of N parts; 'bench merge' joins them.",
+        "Only the kth of N parts of the objects; 'bench merge' joins them. Default: all objects.",
         metavar="k/N",
         kind=str | None,
         convert=_shard,
     ),
     "ray": Stated(
-        "On a Ray cluster: host:port, auto; see docs/cluster.md.", metavar="ADDRESS|local"
+        "Run on a Ray cluster: host:port, auto or local; see docs/cluster.md. Default: on this "
+        "machine.",
+        metavar="ADDRESS|local",
     ),
-    "fresh": "Start over; an old run is renamed, not deleted.",
+    "fresh": "Start again; a run that is in the folder is renamed, not deleted. Default: go on "
+    "with it.",
     "inception_weights": Stated(
         "Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded before, else "
         "fid is skipped.",

@@ -277,14 +277,18 @@ def _kind(method: str) -> str:
 def plan(
     options: Options,
     pilot: Annotated[
-        int, typer.Option(help="Objects that are measured now, with all methods and conditions.")
+        int, typer.Option(help="Objects measured now, with all methods and conditions.")
     ] = 6,
     also: Annotated[
         str | None,
-        typer.Option(metavar="METHODS", help="Further methods to measure, for what they save."),
+        typer.Option(
+            metavar="METHODS",
+            help="Further methods to measure, comma-separated, for what they save. Default: none.",
+        ),
     ] = None,
     samples: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Keep what was measured, as CSV.")
+        Path | None,
+        typer.Option(metavar="FILE", help="CSV file for the measured times. Default: not kept."),
     ] = None,
 ) -> None:
     """What a run costs, or what is left of one: time, disk, memory; and what saves."""

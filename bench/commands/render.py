@@ -142,37 +142,46 @@ def _frames(drawn: Mapping[Wanted, UInt8Images | Failed]) -> UInt8Images:
 def render_cloud(
     cloud: Annotated[
         Path,
-        typer.Argument(metavar="CLOUD", help="PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD."),
+        typer.Argument(
+            metavar="CLOUD", help="File: PLY, NPY, XYZ, TXT, CSV, PTS, LAS, LAZ, E57 or PCD."
+        ),
     ],
     method: Annotated[
-        str, typer.Option(help="What draws it, see 'bench list'; several make a sheet: a,b.")
+        str, typer.Option(help="Method, see 'bench list'; several, comma-separated, make a sheet.")
     ] = RECOMMENDED,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             "-o",
-            help="The picture, .png; or a turntable, .gif, .webp, .apng. Default: beside the "
-            "cloud, with its name and .png.",
+            help="Image file, .png; or a turntable, .gif, .webp, .apng. Default: beside the cloud, "
+            "with its name and .png.",
         ),
     ] = None,
-    azimuth: Annotated[float, typer.Option(help="Degrees; 0 is the front.")] = 30.0,
-    elevation: Annotated[float, typer.Option(help="Degrees, -90 to 90; 0 is level.")] = 20.0,
+    azimuth: Annotated[float, typer.Option(help="Azimuth in degrees; 0 is the front.")] = 30.0,
+    elevation: Annotated[
+        float, typer.Option(help="Elevation in degrees, -90 to 90; 0 is level.")
+    ] = 20.0,
     frames: Annotated[
-        int | None, typer.Option(help="Of a turntable, from the azimuth all around; default: 36.")
+        int | None,
+        typer.Option(help="Images of a turntable, from the azimuth all around. Default: 36."),
     ] = None,
     up: Annotated[
-        str, typer.Option(help="The file's axis that points up: z for most scans.")
+        str, typer.Option(help="Axis of the file that points up, -x to z; z for most scans.")
     ] = "y",
     front: Annotated[
-        str | None, typer.Option(help="Its axis to the front; default: -z, or -y where z is up.")
+        str | None,
+        typer.Option(help="Axis of the file to the front. Default: -z, or -y where z is up."),
     ] = None,
     points: Annotated[
-        int | None, typer.Option(help="At most so many, chosen at random; default: all.")
+        int | None, typer.Option(help="Points at most, chosen at random. Default: all.")
     ] = None,
     device: DeviceOption = Device.auto,
     as_is: Annotated[
-        bool, typer.Option("--as-is", help="Do not bring the cloud to the unit sphere.")
+        bool,
+        typer.Option(
+            "--as-is", help="Keep scale and place. Default: move the cloud into the unit sphere."
+        ),
     ] = False,
 ) -> None:
     """Draw a point cloud in a file: exit 1 where the method fails, of several where all do.
@@ -210,10 +219,12 @@ def shrink_record(
             "DIR alone lists some that failed.",
         ),
     ],
-    budget_s: Annotated[float, typer.Option(help="Seconds after which the best is kept.")] = 600.0,
+    budget_s: Annotated[
+        float, typer.Option(help="Seconds after which the smallest cloud so far is kept.")
+    ] = 600.0,
     workers: WorkersOption = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder; default: DIR/shrunk/RECORD.")
+        Path | None, typer.Option("--out", "-o", help="Folder. Default: DIR/shrunk/RECORD.")
     ] = None,
 ) -> None:
     """Make a failed record's cloud as small as it can be and still fail: exit 1 if it does not."""

@@ -53,7 +53,7 @@ def table(directory: RunDirectory) -> None:
 def report(
     directory: RunDirectory,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The file; default: DIR/report.html.")
+        Path | None, typer.Option("--out", "-o", help="The HTML file. Default: DIR/report.html.")
     ] = None,
 ) -> None:
     """Make one HTML file of a run: tables, curves, pictures, worst cases, failures; offline."""
@@ -65,13 +65,18 @@ def report(
 
 def check(
     directories: Annotated[
-        list[Path], typer.Argument(metavar="DIR", help="Finished runs; several with --claims.")
+        list[Path],
+        typer.Argument(metavar="DIR", help="The folder of a finished run; several with --claims."),
     ],
     bless: Annotated[
-        bool, typer.Option("--bless", help="Make this run's values the golden ones.")
+        bool,
+        typer.Option("--bless", help="Replace the golden values by this run's. Default: compare."),
     ] = False,
     claims: Annotated[
-        bool, typer.Option("--claims", help="What the runs say about the paper's claims.")
+        bool,
+        typer.Option(
+            "--claims", help="Check the paper's claims on the runs instead of golden values."
+        ),
     ] = False,
 ) -> None:
     """Compare a run with the golden values: exit 0 if all agree, 1 if one does not."""
@@ -109,17 +114,25 @@ def _check_claims(directories: list[Path]) -> None:
 
 def compare(
     directories: Annotated[
-        list[Path], typer.Argument(metavar="DIR [DIR]", help="One finished run, or two: a and b.")
+        list[Path],
+        typer.Argument(metavar="DIR [DIR]", help="The folder of one finished run, or of two."),
     ],
     methods: Annotated[
         str | None,
-        typer.Option(help="Of one run: the two methods a,b. Of two: which ones; default: all."),
+        typer.Option(
+            help="Methods, comma-separated: of one run the two to compare, of two runs which. "
+            "Default: all."
+        ),
     ] = None,
     metric: Annotated[
-        str | None, typer.Option(help="Comma-separated; default: ssim and the set metrics.")
+        str | None,
+        typer.Option(help="Metrics, comma-separated. Default: ssim, and those of sets of images."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: comparisons/A-B in the last run.")
+        Path | None,
+        typer.Option(
+            help="Folder for tables and figure. Default: comparisons/A-B in the last run."
+        ),
     ] = None,
 ) -> None:
     """Two runs, or two methods of one, object by object: what differs and what is a tie."""
@@ -151,15 +164,18 @@ def compare(
 def recommend(
     directory: RunDirectory,
     budget_ms: Annotated[
-        float | None, typer.Option(help="Milliseconds for a cloud with all its views.")
+        float | None,
+        typer.Option(help="Milliseconds for a cloud with all its images. Default: no limit."),
     ] = None,
     views: Annotated[
-        int | None, typer.Option(help="Pictures of a cloud; default: as many as in the run.")
+        int | None, typer.Option(help="Images of a cloud. Default: as many as in the run.")
     ] = None,
     condition: Annotated[
-        str | None, typer.Option(help="One of the run's, in full; default: all, in short.")
+        str | None, typer.Option(help="A condition of the run, in full. Default: all, in short.")
     ] = None,
-    min_ssim: Annotated[float | None, typer.Option(help="The least that will do.")] = None,
+    min_ssim: Annotated[
+        float | None, typer.Option(help="Least SSIM that is good enough, 0 to 1. Default: none.")
+    ] = None,
 ) -> None:
     """Which method to take for a budget, or a quality: exit 1 if none will do."""
     run = read_scored(directory)

@@ -145,7 +145,7 @@ def _jobs(prospect: RunStatus) -> list[str]:
 def run(
     options: Options,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would run, and do nothing.")
+        bool, typer.Option("--dry-run", help="Say what would run; do not run it.")
     ] = False,
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its tables."""

@@ -92,7 +92,8 @@ def checked_scores(
 def score_run(
     directory: RunDirectory,
     metrics: Annotated[
-        str | None, typer.Option(help="Comma-separated; default: all of installed packages.")
+        str | None,
+        typer.Option(help="Metrics, comma-separated. Default: all of installed packages."),
     ] = None,
 ) -> None:
     """Take metrics of other packages of a finished run's pictures; print their tables."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from bench.commands.options import Device, Stated, names, takes
+from bench.commands.options import DEVICE, SETTINGS, Device, Group, Stated, names, takes
 from data_prep.datasets import ProceduralObject, SceneObject, open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import progress
@@ -267,30 +267,31 @@ def _set_threads(threads: int | None) -> None:
         torch.set_num_threads(threads)
 
 
-app = typer.Typer(help="Train the networks.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(cls=Group, help="Train the networks.", **SETTINGS)
 Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
-Folder = Annotated[Path, typer.Option(help="Folder; a training that is there is continued.")]
+OUT = "Folder of the training; one that is there is continued."
+Folder = Annotated[Path, typer.Option(help=OUT)]
 
 TRAIN_OPTIONS: dict[str, str | Stated] = {
-    "out": "Folder; a training that is there is continued.",
-    "dataset": "As of 'bench run'; its train split.",
+    "out": OUT,
+    "dataset": "Dataset as of 'bench run'; its train split is used.",
     "classes": Stated(
-        "What to train on: a class, several (a,b), or all.",
+        "Classes to train on, comma-separated, or all.",
         flag="--class",
         kind=str,
         convert=lambda text: () if text == "all" else names(text) or (),
         default="chair",
     ),
-    "objects": "Objects of each class; default 1500 or all.",
-    "augment": "Show the encoder noise and fewer points.",
-    "steps": "Steps in all, those before a resume included.",
-    "batch": "Pictures or clouds a step.",
-    "precision": Stated(),
-    "device": Stated(kind=Device),
+    "objects": "Objects of each class. Default: 1500 procedural ones, or all of a folder.",
+    "augment": "Also train on clouds with noise and with fewer points.",
+    "steps": "Steps in total, with those done before a resume.",
+    "batch": "Images or clouds in a step.",
+    "precision": "Number format of the training step; weights are float32.",
+    "device": Stated(DEVICE, kind=Device),
     "seed": "Seed of initial weights and batches.",
-    "threads": "CPU threads; default: PyTorch's choice.",
+    "threads": "CPU threads. Default: PyTorch's choice.",
 }
-VIEWS = "Pictures of each object."
+VIEWS = "Images of each object."
 
 
 @app.command("autoencoder")
@@ -298,10 +299,10 @@ VIEWS = "Pictures of each object."
     AutoencoderOptions,
     TRAIN_OPTIONS
     | {
-        "width": Stated(),
-        "encoder": "The paper's, or one that does not depend on their order.",
-        "latent_dim": Stated("Length of the code.", flag="--latent"),
-        "learning_rate": "Of RMSprop.",
+        "width": "Channels: as in the paper, or a quarter of them (lite).",
+        "encoder": "The paper's, or one that does not depend on the order of points.",
+        "latent_dim": Stated("Length of the code, in numbers.", flag="--latent"),
+        "learning_rate": "Learning rate of RMSprop.",
     },
 )
 def autoencoder_command(options: AutoencoderOptions) -> None:
@@ -312,14 +313,14 @@ def autoencoder_command(options: AutoencoderOptions) -> None:
 @app.command("gan")
 @takes(
     GanOptions,
-    {"autoencoder": "Checkpoint of the autoencoder."}
+    {"autoencoder": "Checkpoint of the trained autoencoder."}
     | TRAIN_OPTIONS
     | {
         "views": VIEWS,
-        "objective": "acgan-code, acgan-paper or paired.",
-        "azimuth": "One number as in the paper, or two without a jump.",
-        "warm_up": "First steps without the discriminator (paired only).",
-        "generator_lr": "Adam's learning rate.",
+        "objective": "Loss: acgan-code, acgan-paper or paired; see docs/training.md.",
+        "azimuth": "Input of the azimuth: one number, as in the paper, or sine and cosine.",
+        "warm_up": "Steps at the start without the discriminator (paired only).",
+        "generator_lr": "Learning rate of Adam.",
     },
 )
 def gan_command(options: GanOptions) -> None:
@@ -332,46 +333,49 @@ def gan_command(options: GanOptions) -> None:
     SplatNetOptions,
     TRAIN_OPTIONS
     | {
-        "augment": "Show noise and fewer points.",
-        "size": "tiny, default or large.",
+        "augment": "Train on clouds with noise and with fewer points.",
+        "size": "Size of the network: tiny, default or large.",
         "views": VIEWS,
-        "start": "Go on from weights: a bundled name, or a file with the grey one beside.",
-        "objective": "l1 or l1-patch.",
+        "start": "Weights to start from: a bundled name, or a file with the grey one beside. "
+        "Default: random weights.",
+        "objective": "Loss: l1 or l1-patch; see docs/training.md.",
         "without": Stated(
-            "Inputs to leave out: normals,density,flattened,far,discs.",
+            "Inputs to leave out, comma-separated: normals, density, flattened, far, discs. "
+            "Default: none.",
             convert=lambda text: names(text) or (),
             default=None,
         ),
-        "warm_up": "First steps without the judge of patches (l1-patch only).",
-        "cool_down": "Last steps, over which the learning rate falls to zero.",
-        "learning_rate": "Of Adam.",
+        "warm_up": "Steps at the start without the patch discriminator (l1-patch only).",
+        "cool_down": "Steps at the end over which the learning rate falls to zero.",
+        "learning_rate": "Learning rate of Adam.",
     },
 )
 def splat_net_command(options: SplatNetOptions) -> None:
-    """A U-Net that sees the projected points: weights in colour and in grey."""
+    """The U-Net on projected points: weights in colour and in grey."""
     _print_once(train_splat_net(options))
 
 
 @app.command("decoder")
 @takes(
     DecoderOptions,
-    {"weights": "A bundled name or a file; the decoder is put beside it."} | TRAIN_OPTIONS,
+    {"weights": "Weights of the encoder: a bundled name, or a file. The decoder is put beside it."}
+    | TRAIN_OPTIONS,
     leave_out=("dataset", "classes", "augment"),
 )
 def decoder_command(options: DecoderOptions) -> None:
-    """A decoder from codes to clouds for trained weights, for the suite latent."""
+    """A decoder from codes to clouds, for the suite latent."""
     _print_once(train_decoder(options))
 
 
 @app.command("views")
 def train_views(
     objects: Annotated[int, typer.Option(help="Objects of each class.")] = 500,
-    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
-    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 12,
+    views: Annotated[int, typer.Option(help=VIEWS)] = 8,
+    epochs: Annotated[int, typer.Option(help="Passes over all images.")] = 12,
     seed: Seed = 0,
     out: Folder = Path("training/views"),
 ) -> None:
-    """The classifier behind fd-views: replaces the bundled weights, hence all goldens."""
+    """The network behind fd-views. Replaces the bundled weights; all golden values change."""
     from bench.judges.train_views import train_views as train
 
     print(train(objects, views, epochs, seed, folder=out).to_text())
@@ -379,12 +383,12 @@ def train_views(
 
 @app.command("constant")
 def train_constant(
-    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
-    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 8,
-    steps: Annotated[int, typer.Option(help="Steps of 64 pictures.")] = 400,
+    objects: Annotated[int, typer.Option(help="Procedural chairs to train on.")] = 1500,
+    views: Annotated[int, typer.Option(help=VIEWS)] = 8,
+    steps: Annotated[int, typer.Option(help="Steps, of 64 images each.")] = 400,
     seed: Seed = 0,
 ) -> None:
-    """The best constant picture: replaces the bundled one, hence its golden values."""
+    """The best constant image. Replaces the bundled one; its golden values change."""
     from bench.judges.train_constant import train_constant as train
 
     print(train(objects, views, steps, seed))
@@ -392,13 +396,13 @@ def train_constant(
 
 @app.command("judge")
 def train_judge(
-    objects: Annotated[int, typer.Option(help="Number of objects.")] = 1500,
-    views: Annotated[int, typer.Option(help="Pictures of each object.")] = 16,
-    steps: Annotated[int, typer.Option(help="Steps of 96 pictures.")] = 3000,
+    objects: Annotated[int, typer.Option(help="Procedural chairs to train on.")] = 1500,
+    views: Annotated[int, typer.Option(help=VIEWS)] = 16,
+    steps: Annotated[int, typer.Option(help="Steps, of 96 images each.")] = 3000,
     seed: Seed = 0,
     out: Folder = Path("training/judge"),
 ) -> None:
-    """The judge of view and shape: replaces the bundled weights, hence what it measures."""
+    """The judge of view and shape. Replaces the bundled weights; what it measures changes."""
     from bench.judges.train_judge import train_judge as train
 
     for name, scores in train(objects, views, steps, seed, folder=out).items():
