@@ -103,7 +103,9 @@ class PaperObject:
         """
         points = load_points(self.cloud_file)
         if len(points) != CLOUD_SIZE:
-            raise BadInput(f"{self.cloud_file}: {len(points)} points, expected {CLOUD_SIZE}")
+            raise BadInput(
+                f"{self.cloud_file}: {len(points)} points, expected {CLOUD_SIZE}; fetch it again"
+            )
         if not np.isfinite(points).all():
             raise BadInput(f"{self.cloud_file}: points that are not finite; fetch it again")
         with np.errstate(over="ignore"):
@@ -131,7 +133,9 @@ class PaperObject:
         path = self.renders / VIEWS
         found = read_views(path)
         if len(found) < count:
-            raise BadInput(f"{path}: {len(found)} lines, and {count} pictures are wanted")
+            raise BadInput(
+                f"{path}: {len(found)} lines, and {count} images are wanted; fetch it again"
+            )
         return tuple(
             View(math.remainder(-view.azimuth_deg, 360.0), view.elevation_deg)
             for view in found[:count]

@@ -77,7 +77,9 @@ def _folder(location: str) -> Path:
         root = Path(location).expanduser()
         there = root.is_dir()
     except (OSError, RuntimeError, UnicodeEncodeError) as error:  # RuntimeError: no such user
-        raise BadInput(f"{shown(location)}: not the name of a folder ({error})") from None
+        raise BadInput(
+            f"{shown(location)}: not the name of a folder ({error}); give its path"
+        ) from None
     if not there:
         raise BadInput(f"{root}: no such folder; give the folder that holds your meshes")
     return root

@@ -30,7 +30,10 @@ def sample_surface(mesh: Mesh, rng: np.random.Generator, count: int = CLOUD_SIZE
     areas = face_areas(mesh)
     total = areas.sum()
     if not (np.isfinite(total) and total > 0):
-        raise BadInput(f"cannot sample a surface of area {total:g}: the mesh has no usable face")
+        raise BadInput(
+            f"cannot sample a surface of area {total:g}: the mesh has no usable face; "
+            "fix it, or leave it out"
+        )
     face = rng.choice(len(areas), size=count, p=areas / total)
     # A uniform point of the unit square, folded into the triangle.
     along = rng.random((count, 2))

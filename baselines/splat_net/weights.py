@@ -81,7 +81,9 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
     state, step, config = checkpoint.load(checkpoint_path, KIND)
     network = network_config(config["network"])
     if head not in network.heads:
-        raise BadInput(f"{checkpoint_path}: has heads {network.heads}, not {head!r}")
+        raise BadInput(
+            f"{checkpoint_path}: has no head {head!r}; give one of {', '.join(network.heads)}"
+        )
     tensors = without_counters(sub_state(state, "average"))
     first = 1 + sum(PLANES[h] for h in network.heads[: network.heads.index(head)])
     rows = [0, *range(first, first + PLANES[head])]

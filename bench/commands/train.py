@@ -256,7 +256,7 @@ def training_objects(options: TrainingOptions) -> tuple[SceneObject, ...]:
         for obj in dataset.objects(name, options.objects, DEFAULT_OBJECTS, "train")
     )
     if not objects:
-        raise BadInput(f"--objects {options.objects}: training needs at least one object")
+        raise BadInput(f"--objects {options.objects}: must be at least 1")
     return objects
 
 

@@ -290,7 +290,9 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> Item:
     candidates = (o for c in suite.classes for o in dataset.objects(c, count, count))
     objects = tuple(o for o in candidates if (o.class_name, o.object_id) == wanted)[:1]
     if not objects:
-        raise BadInput(f"{name}: the dataset {dataset.id} has no such object any more")
+        raise BadInput(
+            f"{name}: the dataset {dataset.id} has no such object any more; bring its file back"
+        )
     protocol = Protocol(
         suite=suite,
         dataset=dataset.id,

@@ -111,7 +111,10 @@ def measure(protocol: Protocol, objects: int, workers: int) -> Pilot:
     sizes = sizes_of(protocol, workers)
     chosen = spread(sizes, objects)
     if not chosen:
-        raise BadInput(f"{protocol.dataset}: none of the objects looked at has a cloud")
+        raise BadInput(
+            f"{protocol.dataset}: none of the objects looked at has a cloud; 'bench data inspect' "
+            "says why"
+        )
     named = {(obj.class_name, obj.object_id): obj for obj in protocol.objects}
     part = replace(protocol, objects=tuple(named[name] for name in chosen))
     say(

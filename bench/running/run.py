@@ -134,7 +134,9 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
         yield ExecutorFactory(start, workers, None)
         return
     if suite.frontier:
-        raise BadInput(f"--ray: has no meaning for the suite {suite.id}, whose times are compared")
+        raise BadInput(
+            f"--ray: has no meaning for the suite {suite.id}, whose times are compared; leave it"
+        )
     if options.workers is not None and options.ray != LOCAL:
         raise BadInput("--workers: has no meaning with --ray, whose nodes bring theirs; leave it")
     asked = requirements(protocol)

@@ -203,7 +203,7 @@ def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
     [
         (None, "no such file"),
         ("", "no views"),
-        ("1 2\n" * 19, "19 lines, and 20 pictures are wanted"),
+        ("1 2\n" * 19, "19 lines, and 20 images are wanted; fetch it again"),
         ("1 2\n" * 19 + "1 x\n", "line 20: 'x' is not a number"),
         ("1 2\n" * 20, "has changed since the run began"),
     ],
@@ -315,7 +315,7 @@ def test_oddities(tmp_path: Path) -> None:
     Image.new("RGB", (128, 128)).save(renders(tmp_path) / "render_2_128.png")
     Image.new("RGBA", (224, 224)).save(renders(tmp_path) / "render_3_128.png")
     assert list(oddities(obj)) == [
-        ("the cloud cannot be used", "5 points, expected 2048"),
+        ("the cloud cannot be used", "5 points, expected 2048; fetch it again"),
         ("view.txt has not 20 lines", "21 lines"),
         ("angles beyond 180 and 40 degrees", "1 views"),
         ("a picture of mode RGB, not RGBA", "render_2_128.png"),

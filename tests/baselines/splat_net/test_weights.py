@@ -82,7 +82,7 @@ def test_a_file_of_one_head_draws_what_the_trained_network_draws_with_it(trained
 
 
 def test_a_head_that_is_not_there(trained, weights_file, tmp_path):
-    with pytest.raises(BadInput, match=r"has heads \('colour', 'grey'\), not 'silver'") as error:
+    with pytest.raises(BadInput, match=r"has no head 'silver'; give one of colour, grey") as error:
         export(trained, tmp_path / "w", "silver")
     assert one_line(error).startswith(f"{trained}: ")
     with pytest.raises(BadInput, match="expected a checkpoint"):
