@@ -223,17 +223,21 @@ def find_method(method_id: str) -> Method:
     `METHOD@PARAMETER=VALUE` is a method with one parameter set
     (`bench.catalogue.parameters.PARAMETERS`).
 
-    Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, a
-    weights file that is missing, and where another package announces a method that it does not
-    have.
+    Raises BadInput for an unknown id (naming the nearest), an unknown parameter or value, weights
+    that are missing or in another format, and where another package announces a method that it does
+    not have.
     """
     if (setting := find_setting(method_id)) is not None:
         method = find(setting.parameter.method, METHODS, "method")
         source = f"{method.id} with {setting.parameter.name} {setting.value:g}"
         load = partial(loaders.renderer, setting.parameter.renderer, **setting.fields)
         return replace(method, id=method_id, load=load, source=source)
-    name, at, weights = method_id.partition("@")
-    if at and weights.endswith(".safetensors") and (network := OWN_WEIGHTS.get(name)):
+    name, _, weights = method_id.partition("@")
+    if (suffix := Path(weights).suffix) and (network := OWN_WEIGHTS.get(name)):
+        if suffix != ".safetensors":
+            raise BadInput(
+                f"{weights}: weights are .safetensors files; '{network.command}' writes one"
+            )
         if not is_regular_file(Path(weights)):
             raise BadInput(f"{weights}: no such weights file; train one with '{network.command}'")
         return Method(
