@@ -1,0 +1,108 @@
+"""Every `bench` command of README and the tutorial, run in one folder in the order of the pages.
+
+What a page writes in capitals stands for something of the reader's, and a suite takes minutes: the
+tables below say what is given here instead, and what makes it small.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from bench.cli import app
+from data_prep.datasets import open_dataset
+
+pytestmark = pytest.mark.slow
+
+REPOSITORY = Path(__file__).parents[1]
+PAGES = (REPOSITORY / "docs" / "quickstart.md", REPOSITORY / "README.md")
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SMALL = "--limit 2 --views 2 --methods splat --conditions 2048 --workers 1"
+GIVEN = {
+    "CLOUD": "stool.ply",
+    "RECORD": "first",
+    "PATH": "meshes",
+    "folder:PATH": "folder:meshes",
+    "--suite ID": "--suite chair-robustness",
+    "NAME": "autoencoder",
+    "DIR_A": "first",
+    "DIR_B": "first",
+    "merge DIR…": "merge part-1 part-2",
+    "--out DIR": "--out whole",
+    "DIR": "first",
+}
+FURTHER = {
+    "run --suite ID": f"{SMALL} --dataset folder:meshes --out own",  # goes on: nothing is left
+    "run --suite chair-robustness --dataset folder:PATH": f"{SMALL} --out own",
+    "plan --suite ID": f"{SMALL} --pilot 1",
+    "recommend DIR": "--budget-ms 2000",
+    "train NAME": "--steps 1 --objects 2 --batch 2",
+}
+ENDS_WITH = {  # all others with 0
+    "check DIR": (2, "no golden values for this protocol"),
+    "score DIR": (2, "no installed package adds a metric"),
+    "shrink RECORD": (2, "first"),
+}
+
+
+def shown(page: Path) -> list[str]:
+    """What the page gives `bench`, without what explains it."""
+    lines = [
+        line
+        for kind, block in BLOCK.findall(page.read_text(encoding="utf-8"))
+        if not kind
+        for line in block.splitlines()
+    ]
+    return [
+        re.split(r" {2,}", line.removeprefix("bench "))[0]
+        for line in lines
+        if line.startswith("bench ") and "COMMAND" not in line
+    ]
+
+
+def typed(command: str) -> list[str]:
+    """The same with something in place of each name in capitals, and small."""
+    text = f" {command} "
+    for name, given in GIVEN.items():
+        text = text.replace(f" {name} ", f" {given} ").replace(f" {name} ", f" {given} ")
+    return shlex.split(f"{text} {FURTHER.get(command, '')}")
+
+
+def run(words: list[str]) -> tuple[int, str]:
+    ended = CliRunner().invoke(app, words, prog_name="bench")
+    return ended.exit_code, ended.output
+
+
+def test_they_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for kind, code in BLOCK.findall(PAGES[0].read_text(encoding="utf-8")):
+        if kind == "python":
+            exec(compile(code, "tutorial", "exec"), {})
+    Path("stool.ply").write_bytes(Path("chair.ply").read_bytes())
+    Path("meshes").mkdir()
+    for index, shape in enumerate(open_dataset("procedural").objects("chair", 2, 2)):
+        mesh = shape.load()
+        lines = [
+            *(f"v {x} {y} {z}" for x, y, z in mesh.vertices.tolist()),
+            *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()),
+        ]
+        Path(f"meshes/{index}.obj").write_text("\n".join(lines))
+    for number in (1, 2):
+        part = f"run --suite chair-robustness {SMALL} --shard {number}/2 --out part-{number}"
+        assert run(part.split())[0] == 0
+    commands = [command for page in PAGES for command in shown(page)]
+    assert len(commands) > 20
+    assert {*FURTHER, *ENDS_WITH} <= set(commands), "what a page no longer shows"
+    for command in commands:
+        status, message = ENDS_WITH.get(command, (0, ""))
+        ended, output = run(typed(command))
+        assert ended == status, f"{command}: {output}"
+        assert message in output, command
+        Path("chair.png").unlink(missing_ok=True)
+    for made in ("first/report.html", "first/comparisons", "sheet.png", "turn.gif", "stool.png"):
+        assert Path(made).exists(), made
+    assert Path("whole/records.parquet").exists()
