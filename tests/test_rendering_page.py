@@ -17,7 +17,8 @@ pytestmark = pytest.mark.slow
 PAGE = Path(__file__).parents[1] / "docs" / "rendering.md"
 BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 FRAMES = {"chair.png": 1, "pc2pix.png": 1, "sheet.png": 1, "turntable.gif": 36, "lying.png": 1}
-TILES = {"sheet.png": 5, "turntable.gif": 4}  # of all others one image
+TILES = {"sheet.png": (3, 2), "turntable.gif": (4, 1)}  # columns, rows; of all others one image
+WIDTH, HEIGHT = 256 + 6, 256 + 18 + 6  # of a tile: the image, its margin, its label
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +39,7 @@ def test_they_make_what_the_page_shows(folder):
         with Image.open(folder / name) as image:
             assert getattr(image, "n_frames", 1) == frames
             tiles = TILES.get(name)
-            # 256 px a tile, 6 px of margin around each, 18 px for the label
-            size = (128, 128) if tiles is None else (tiles * 262 + 6, 256 + 18 + 2 * 6)
+            size = (128, 128) if tiles is None else (tiles[0] * WIDTH + 6, tiles[1] * HEIGHT + 6)
             assert image.size == size
 
 
@@ -49,7 +49,8 @@ def test_the_images_of_the_page_are_of_these_commands(folder):
         Image.open(PAGE.parent / "render-sheet.png") as shown,
         Image.open(folder / "sheet.png") as made,
     ):
-        theirs, ours = (np.asarray(image.convert("RGB"))[24:280] for image in (shown, made))
-    for tile in (0, 2):
-        left = 6 + tile * 262
-        assert np.array_equal(theirs[:, left : left + 256], ours[:, left : left + 256])
+        theirs, ours = (np.asarray(image.convert("RGB")) for image in (shown, made))
+    for column, row in ((0, 0), (2, 1)):
+        left, top = 6 + column * WIDTH, 24 + row * HEIGHT
+        tile = np.s_[top : top + 256, left : left + 256]
+        assert np.array_equal(theirs[tile], ours[tile])
