@@ -1,1 +1,1 @@
-"""Renderers that are not learned: surface reconstruction and its rivals, floor and ceiling."""
+"""Renderers without pc2pix: surface reconstruction and other methods, floor and ceiling."""

@@ -1,7 +1,7 @@
-"""The best constant picture: one picture for every cloud and view, the one that SSIM likes best.
+"""The best constant image: one image for every cloud and view, with the highest mean SSIM.
 
-A second floor, higher than white: whoever draws pictures that score below it does not show by his
-score that he has looked at the cloud. The picture is fitted to the training set by `bench train
+A second floor, higher than white: whoever draws images that score below it does not show by his
+score that he has looked at the cloud. The image is fitted to the training set by `bench train
 constant` and kept as `constant.png`.
 """
 
@@ -23,7 +23,7 @@ CONSTANT_IMAGE = Path(__file__).with_name("constant.png")
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """Draws `picture`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], whatever the cloud."""
+    """Draws `image`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], whatever the cloud."""
 
     image: NDArray[np.uint8]
 
@@ -34,13 +34,13 @@ class Constant:
     def draw(
         self, state: None, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """The same picture for each view."""
+        """The same image for each view."""
         del state, rng
         return np.repeat(to_float(self.image)[None], len(views), axis=0)
 
 
 def read_image(path: Path = CONSTANT_IMAGE) -> NDArray[np.uint8]:
-    """The picture of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
+    """The image of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
 
     Raises BadInput where there is none, or one of another size.
     """

@@ -1,4 +1,4 @@
-"""Screened Poisson reconstruction (Kazhdan and Hoppe 2013), trimmed to where there are points.
+"""Screened Poisson reconstruction (Kazhdan and Hoppe 2013), trimmed where there are no points.
 
 The method fits a solid to oriented normals and closes whatever is open, with a bubble where need
 be. Two things make it fit for bare clouds of thin objects:

@@ -34,7 +34,7 @@ class TrueMesh:
 
 @dataclass(frozen=True)
 class Blank:
-    """White pictures, whatever the cloud."""
+    """White images, whatever the cloud."""
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> None:
         """Nothing to prepare."""
@@ -43,6 +43,6 @@ class Blank:
     def draw(
         self, state: None, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """White pictures."""
+        """White images."""
         del state, rng
         return to_float(blank(len(views)))

@@ -15,7 +15,7 @@ from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
 
 NEAR_GREY, FAR_GREY = 0.75, 0.35  # depth cue: at the nearest and farthest point of the unit sphere
-MAX_RADIUS_PX = 16.0  # a lone point must not paint the picture
+MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
 
 
 @dataclass(frozen=True)

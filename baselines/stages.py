@@ -1,4 +1,4 @@
-"""What all reconstructions share: checks between the stages, and what they hand on in the end."""
+"""What all reconstructions share: checks between the stages, and the type of their result."""
 
 from __future__ import annotations
 

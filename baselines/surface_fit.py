@@ -1,9 +1,9 @@
-"""The paper's chain, doing no work that the picture cannot show.
+"""The paper's chain without the work that the image cannot show.
 
 The stages and filters are those of `baselines.surface`; what differs is how finely they look. Let a
 pixel's footprint be what it covers at the origin, CAMERA_DISTANCE / FOCAL_PX = 0.017 units.
 
-Grid    A cell of the APSS grid is 2.25 footprints; two pixels are the shortest wave that a picture
+Grid    A cell of the APSS grid is 2.25 footprints; two pixels are the shortest wave that an image
         resolves. With L the longest side of the cloud's box the resolution is
         floor(1.2 L / cell): about 52 for a chair in place of 200.
 Points  Of the points in a cube of a cell's size the one nearest its middle is kept, and they are

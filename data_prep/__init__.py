@@ -1,1 +1,1 @@
-"""What there is to render: shapes, clouds, views, true pictures, datasets, perturbations."""
+"""Input of the benchmark: shapes, clouds, views, true images, datasets, perturbations."""

@@ -22,7 +22,7 @@ def camera_to_world(view: View) -> NDArray[np.float64]:
     """Pose [4, 4] in OpenGL's convention: the camera looks along its -Z, its +Y is up.
 
     The axes are written out instead of taken from a cross product with "up", so that the poles
-    (elevation +-90) are ordinary values: there the picture's up is the direction of azimuth.
+    (elevation +-90) are ordinary values: there the image's up is the direction of azimuth.
     """
     azimuth = math.radians(math.remainder(view.azimuth_deg, 360.0))
     elevation = math.radians(view.elevation_deg)

@@ -1,4 +1,4 @@
-"""The files that a mesh may name: materials, textures and buffers of its own, nothing else.
+"""The files that a mesh may refer to: its own materials, textures and buffers, nothing else.
 
 trimesh before 5.0 read whatever path a mesh gave, and no version asks what kind of file stands
 there.

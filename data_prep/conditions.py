@@ -14,7 +14,7 @@ Noise          The paper adds N(0, sigma) to a cloud in a sphere of radius 1. Th
 
 The last eleven are ours. They go where no network here has been in training: fewer points and more
 noise than it was shown, and what it was never shown at all: outliers, half an object, uneven
-density. The true picture is that of the whole object throughout.
+density. The true image is that of the whole object throughout.
 """
 
 from __future__ import annotations

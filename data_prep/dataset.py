@@ -1,4 +1,4 @@
-"""A dataset: objects by class and split, and what was understood of the place they come from.
+"""A dataset: objects by class and split, and what was found in its folder.
 
 Where a source has a split list, the list decides what is measured: what it names and is not there
 becomes an object that fails with "no such file", so that nothing is dropped in silence. What is

@@ -1,4 +1,4 @@
-"""A folder of one's own: meshes, or bare clouds; sub-folders are classes."""
+"""A folder of meshes or of clouds; sub-folders are classes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".pl
 
 @dataclass(frozen=True)
 class BareCloud:
-    """A cloud without mesh or pictures: it can be drawn, but there is nothing to score against."""
+    """A cloud without mesh or images: it can be drawn, but there is nothing to score against."""
 
     class_name: str
     object_id: str

@@ -1,21 +1,21 @@
-"""The paper's own data: clouds, pictures and cameras, in the layout that the original code unpacks.
+"""The paper's own data: clouds, images and cameras, in the layout that the original code unpacks.
 
     <class>_exp.json, all_exp.json                                   splits
     shape_net_core_uniform_samples_2048/<synset>/<id>.ply            clouds of 2,048 points
-    shapenet_release/renders/<synset>/<id>/render_<k>_128.png        pictures, k = 0..19, RGBA
-    shapenet_release/renders/<synset>/<id>/view.txt                  cameras, line k of picture k
+    shapenet_release/renders/<synset>/<id>/render_<k>_128.png        images, k = 0..19, RGBA
+    shapenet_release/renders/<synset>/<id>/view.txt                  cameras, line k of image k
 
 Placement. Clouds are ShapeNetCore.v1 with +Z up, as Blender imports it: the original's rotations
 say so (`orientations.PAPER`), because the surfaces that it reconstructs, turned twice, are drawn by
-a camera whose position is turned back. Their coordinates are twice as large here: the pictures show
+a camera whose position is turned back. Their coordinates are twice as large here: the images show
 the sphere of radius 0.5 from distance 2, ours that of radius 1 from distance 4. Clouds are not
-normalised again, or they would no longer fit their pictures.
+normalised again, or they would no longer fit their images.
 
 Angles. An azimuth of 0 stands on the clouds' +X, the front, and grows anticlockwise as seen from
 above: x = cos a cos e, y = sin a cos e, z = sin e, as in the rendering scripts of the time (Su et
 al. 2015), whose view files have the same columns. Ours grows clockwise, so the sign is changed. The
 data was not at hand to confirm this; `bench data inspect` counts the points of the clouds that fall
-on the objects in the pictures, for this reading of the angles and for the others.
+on the objects in the images, for this reading of the angles and for the others.
 
 Ids from these files become parts of paths, so nothing that could lead out of the folder of the
 dataset is taken for an id.
@@ -59,7 +59,7 @@ SPLIT_SUFFIX = "_exp.json"
 ALL_CLASSES = f"all{SPLIT_SUFFIX}"
 IMAGES = 20
 VIEWS = "view.txt"
-RADIUS = 0.5  # of the sphere that pictures show, in the units of the clouds
+RADIUS = 0.5  # of the sphere that images show, in the units of the clouds
 MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
 MOST_SPLIT_BYTES = 64 * MIB  # the original's largest, of 43,783 objects, has 2
 MOST_COLUMNS = 16  # of a line of view.txt
@@ -68,9 +68,9 @@ _SPLITS: Sequence[Split] = ("train", "test")
 
 @dataclass(frozen=True)
 class PaperObject:
-    """A cloud with 20 pictures and their cameras; there is no mesh.
+    """A cloud with 20 images and their cameras; there is no mesh.
 
-    An object is used as a whole: where the cloud, the cameras or one of the pictures that are asked
+    An object is used as a whole: where the cloud, the cameras or one of the images that are asked
     for is missing or damaged, it fails with that reason in all its views.
     """
 
@@ -81,11 +81,11 @@ class PaperObject:
 
     @property
     def has_truth(self) -> bool:
-        """Yes: its pictures."""
+        """Yes: its images."""
         return True
 
     def fingerprint(self) -> str:
-        """Checksum of the cloud, the cameras and the pictures."""
+        """Checksum of the cloud, the cameras and the images."""
         version = f"paper {PAPER.columns} {PAPER.signs}"
         return fingerprint_of(version, self.cloud_file, self._companions, MOST_BYTES)
 
@@ -113,9 +113,9 @@ class PaperObject:
         return RandomSubset(count).apply(PointCloud(ours), rng)
 
     def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
-        """The cameras of the first `count` pictures; views of the front where they cannot be read.
+        """The cameras of the first `count` images; views of the front where they cannot be read.
 
-        Raises BadInput for more than there are pictures.
+        Raises BadInput for more than there are images.
         """
         del rng
         if count > IMAGES:
@@ -142,11 +142,11 @@ class PaperObject:
         )
 
     def image_files(self) -> tuple[Path, ...]:
-        """Where its pictures have their place."""
+        """Where its images have their place."""
         return tuple(self.renders / image_name(k) for k in range(IMAGES))
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
-        """The first pictures. Raises BadInput where one, or a camera, cannot be had."""
+        """The first images. Raises BadInput where one, or a camera, cannot be had."""
         if self.cameras(len(views)) != tuple(views):
             raise BadInput(f"{self.renders / VIEWS}: has changed since the run began; start again")
         return np.stack([read_image(path)[0] for path in self.image_files()[: len(views)]])
@@ -164,7 +164,7 @@ class PaperObject:
 
 
 def image_name(number: int) -> str:
-    """The file of a picture."""
+    """The file of an image."""
     return f"render_{number}_128.png"
 
 
@@ -257,7 +257,7 @@ class PaperClass:
 
 
 def read_views(path: Path) -> tuple[View, ...]:
-    """The cameras of `view.txt`: line k holds azimuth and elevation of picture k in degrees.
+    """The cameras of `view.txt`: line k holds azimuth and elevation of image k in degrees.
 
     Further numbers of a line are passed over, as in the original. The angles are those of the file:
     whether zero and sense are ours is up to who reads a dataset. Raises BadInput, naming file, line

@@ -1,4 +1,4 @@
-"""The embedded default: parametric shapes, seeded, without end; nothing to download."""
+"""The embedded default: parametric shapes, seeded, unlimited in number; nothing to download."""
 
 from __future__ import annotations
 

@@ -11,15 +11,15 @@ from data_prep.camera import CAMERA_DISTANCE, project
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, Points, View
 
-MOST_DOTS = 4096  # more cover the pixels of a picture, and then it shows a silhouette
+MOST_DOTS = 4096  # more cover the pixels of an image, and then it shows a silhouette
 NEAR_GREY, FAR_GREY = 20.0, 190.0  # at the nearest and farthest point of the unit sphere
 
 
 def draw_dots(points: Points, views: Sequence[View]) -> NDArray[np.uint8]:
-    """Pictures [V, IMAGE_SIZE, IMAGE_SIZE, 3] of points [N, 3]: a pixel each, nearer is darker.
+    """Images [V, IMAGE_SIZE, IMAGE_SIZE, 3] of points [N, 3]: a pixel each, nearer is darker.
 
     Of more than MOST_DOTS points so many are chosen at random, the same each time. Points that are
-    not finite, out of the picture or not before the camera are left out.
+    not finite, out of the image or not before the camera are left out.
     """
     finite = points[np.isfinite(points).all(axis=1)]
     if len(finite) > MOST_DOTS:

@@ -1,4 +1,4 @@
-"""What is odd about an object of the paper's data, and whether its cloud fits its pictures."""
+"""What is odd about an object of the paper's data, and whether its cloud fits its images."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ READINGS = tuple((sense, turn) for sense in (1, -1) for turn in (0, 90, 180, 270
 
 
 def oddities(obj: PaperObject) -> Iterator[tuple[str, str]]:
-    """What is wrong or unusual, and where: ("a picture of mode RGB", "render_3_128.png")."""
+    """What is wrong or unusual, and where: ("an image of mode RGB", "render_3_128.png")."""
     try:
         obj.cloud(generator("examine"))
     except BadInput as error:
@@ -50,7 +50,7 @@ def oddities(obj: PaperObject) -> Iterator[tuple[str, str]]:
 
 def agreement(obj: PaperObject) -> NDArray[np.float64]:
     """[len(READINGS)]: for each reading of the angles, the share of all points of the cloud, over
-    all views, that fall on the object in the picture.
+    all views, that fall on the object in the image.
 
     Raises BadInput where the object cannot be used.
     """

@@ -1,4 +1,4 @@
-"""The ways in which things go wrong, distinguished because they end differently.
+"""The kinds of failure, distinguished because they end differently.
 
 `BadInput` is for the user to fix: a command that meets it prints one line and exits with 2.
 `StageFailure` is a result: a method could not render a cloud, the record says why, the run goes on.

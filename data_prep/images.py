@@ -1,5 +1,5 @@
-"""Pictures between their two forms: float32 in [0, 1] in memory, uint8 on disk and in metrics;
-and ground truth from PNG files that nobody vouches for."""
+"""Images between their two forms: float32 in [0, 1] in memory, uint8 on disk and in metrics;
+and ground truth from untrusted PNG files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def to_float(images: NDArray[np.uint8]) -> Images:
 
 
 def blank(count: int) -> NDArray[np.uint8]:
-    """`count` pictures of the white background, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
+    """`count` images of the white background, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
     return np.full((count, IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
 
 
@@ -47,7 +47,7 @@ def read_image(path: Path) -> tuple[NDArray[np.uint8], str]:
     from PIL import Image
 
     with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of pictures that grow out of all bounds
+        warnings.simplefilter("error")  # of images that grow out of all bounds
         try:
             with Image.open(file, formats=("PNG",)) as image:
                 size, mode = image.size, image.mode

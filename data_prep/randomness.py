@@ -1,4 +1,4 @@
-"""Random generators named by what they are for, so that the order of the work cannot matter."""
+"""Random generators named by their purpose, so that the order of the work does not matter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of meshes by OpenGL (EGL), with one shader that does what the scene requires.
+"""Images of meshes by OpenGL (EGL), with one shader that does what the scene requires.
 
 pyrender 0.1.45, the last release, makes the context; drawing goes past it. Its renderer reads back
 a depth buffer that nobody wants, looks programs and uniforms up anew for every view, multiplies
@@ -9,7 +9,7 @@ and resolved into one sheet, which is read back once.
 
 Importing pyrender imports an interactive viewer that nobody here uses but which needs pyglet and
 libGLU; it is left out. One GL context is made per process and reused, with buffers for each size of
-pictures. OpenGL keeps global state: one thread only.
+images. OpenGL keeps global state: one thread only.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ REMEDY = "install the Debian packages " + " ".join(DEBIAN_PACKAGES) + " (bench d
 
 
 def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
-    """Pictures of `mesh` from `views`: uint8 [V, size, size, 3], white background.
+    """Images of `mesh` from `views`: uint8 [V, size, size, 3], white background.
 
     A facet seen head-on has exactly its own colour; tilted by an angle t its colour is multiplied
     by cos(t)^(1/2.2). Both sides of a facet are visible. An edge is smoothed with 4 samples a
-    pixel. An empty mesh gives white pictures. The same mesh and views give the same bytes on the
+    pixel. An empty mesh gives white images. The same mesh and views give the same bytes on the
     same driver, in any process.
 
     Raises ValueError for non-finite vertices, MissingDependency where no GL context can be made.
@@ -78,7 +78,7 @@ def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray
 
 
 def gl_renderer() -> str:
-    """Name and version of the GL driver in use: part of a run's manifest, pictures depend on it.
+    """Name and version of the GL driver in use: part of a run's manifest, images depend on it.
 
     Raises MissingDependency where no GL context can be made.
     """
@@ -122,7 +122,7 @@ def _projection() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Buffers:
-    """Frame buffers for pictures of a size."""
+    """Frame buffers for images of a size."""
 
     size: int
     multisampled: int
@@ -139,7 +139,7 @@ class _Context:
     made: dict[int, _Buffers]
 
     def buffers(self, size: int) -> _Buffers:
-        """Those for pictures of this size, and the viewport set to it."""
+        """Those for images of this size, and the viewport set to it."""
         if size not in self.made:
             self.made[size] = _make_buffers(self.gl, size)
         self.gl.glViewport(0, 0, size, size)
@@ -169,7 +169,7 @@ class _Context:
             )
 
     def read(self, count: int, buffers: _Buffers) -> NDArray[np.uint8]:
-        """The first pictures of the sheet, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
+        """The first images of the sheet, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
         gl, size = self.gl, buffers.size
         gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, buffers.sheet)
         pixels = gl.glReadPixels(0, 0, size, size * count, gl.GL_RGB, gl.GL_UNSIGNED_BYTE)
@@ -179,7 +179,7 @@ class _Context:
 
 @functools.cache
 def _context() -> _Context:
-    # Not a default that the environment may change: OSMesa draws other pictures.
+    # Not a default that the environment may change: OSMesa draws other images.
     os.environ["PYOPENGL_PLATFORM"] = "egl"
     viewer = types.ModuleType("pyrender.viewer")
     viewer.Viewer = None  # type: ignore[attr-defined]

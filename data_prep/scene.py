@@ -131,5 +131,5 @@ class Renderer(Protocol):
         ...
 
     def draw(self, state: Any, views: Sequence[View], rng: np.random.Generator) -> Images:
-        """Pictures [V, IMAGE_SIZE, IMAGE_SIZE, 3] float32 in [0, 1]."""
+        """Images [V, IMAGE_SIZE, IMAGE_SIZE, 3] float32 in [0, 1]."""
         ...

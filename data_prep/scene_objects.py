@@ -1,7 +1,7 @@
-"""What an object of a dataset gives: a cloud, the views it is seen from, and its true pictures.
+"""What an object of a dataset gives: a cloud, the views it is seen from, and its true images.
 
-Most objects are meshes, from which all three are made. One that comes with clouds and pictures
-(`paper:PATH`) gives its own; a bare cloud has no true pictures, so it can be drawn but not scored.
+Most objects are meshes, from which all three are made. One that comes with clouds and images
+(`paper:PATH`) gives its own; a bare cloud has no true images, so it can be drawn but not scored.
 An object is a small value that crosses process boundaries; files are read where they are needed.
 """
 
@@ -35,7 +35,7 @@ class SceneObject(Protocol):
 
     @property
     def has_truth(self) -> bool:
-        """Whether there is anything that pictures of it can be scored against."""
+        """Whether there is anything that images of it can be scored against."""
         ...
 
     def fingerprint(self) -> str:
@@ -62,7 +62,7 @@ class SceneObject(Protocol):
         ...
 
     def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
-        """True pictures [V, IMAGE_SIZE, IMAGE_SIZE, 3] from views that `views` gave.
+        """True images [V, IMAGE_SIZE, IMAGE_SIZE, 3] from views that `views` gave.
 
         Raises BadInput where there are none to be had.
         """

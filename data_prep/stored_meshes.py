@@ -55,7 +55,7 @@ class PlacedMesh(MeshObject):
     orientation: Orientation
 
     def fingerprint(self) -> str:
-        """Checksum of the file, of the materials and pictures beside it and in `images`, of its
+        """Checksum of the file, of the materials and images beside it and in `images`, of its
         orientation and of the version of the loader."""
         turn = self.orientation.columns, self.orientation.signs
         version = f"loader {LOADER_VERSION} {turn}"

@@ -1,4 +1,4 @@
-"""Clouds and true pictures of many objects, in memory, for training."""
+"""Clouds and true images of many objects, in memory, for training."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class TrainingSet:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSet:
-    """A TrainingSet of meshes, and two more pictures of each of its views.
+    """A TrainingSet of meshes, and two more images of each of its views.
 
     coverage  uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: how much of a pixel the object covers, 255 all
     grey      uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: the object in NEUTRAL_GREY, on white
@@ -79,7 +79,7 @@ def make_training_set(
     seed: int,
     on_progress: Callable[[], object] = lambda: None,
 ) -> TrainingSet:
-    """Clouds and pictures of `objects`, sampled and rendered where they do not come with their own;
+    """Clouds and images of `objects`, sampled and rendered where they do not come with their own;
     `on_progress` is called after each.
 
     The same arguments give the same arrays on the same driver, so nothing needs to be kept between

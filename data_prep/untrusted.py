@@ -1,4 +1,4 @@
-"""Files and folders that nobody vouches for: opened without waiting, read within a stated bound.
+"""Untrusted files and folders: opened without waiting, read up to a stated size.
 
 What stands under a path may be a FIFO (whose reader waits for ever), a device (which never ends), a
 folder, or a file of any size; its name may hold whatever the file system allows.

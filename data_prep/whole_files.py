@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, whatever ends the process that writes them.
+"""Files that are written whole or not at all, whatever ends the process that writes them.
 
 A file is written under another name in its own folder, forced to disk, and renamed. Who reads the
 path sees the old file or the new one, never a part; also after a power cut, unless `synced=False`.

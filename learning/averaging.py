@@ -1,4 +1,4 @@
-"""Exponential moving averages of networks: what is exported, and makes the sample sheets."""
+"""Exponential moving averages of networks: they are exported, and they draw the sample sheets."""
 
 from __future__ import annotations
 

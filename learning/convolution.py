@@ -1,4 +1,4 @@
-"""A convolution for inference, its kernel laid out in memory beforehand.
+"""A convolution for inference: its kernel is brought into the fastest memory layout once.
 
 In the layout that oneDNN wants. For that PyTorch has operators without a public name
 (`torch.ops.mkldnn`, behind torch.compile); without them, and on other devices, its public

@@ -1,4 +1,4 @@
-"""When a training has gone wrong for good: its losses are no numbers any more, or explode."""
+"""Detection of a training that diverges: losses that are not finite, or explode."""
 
 from __future__ import annotations
 

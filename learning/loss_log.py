@@ -1,6 +1,6 @@
-"""`losses.csv` of a training run, a step and its losses in every row; and its picture.
+"""`losses.csv` of a training run, a step and its losses in every row; and the plot of it.
 
-The picture has one panel a loss, a smoothed line over the faint values.
+The image has one panel a loss, a smoothed line over the faint values.
 """
 
 from __future__ import annotations

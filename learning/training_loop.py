@@ -1,6 +1,6 @@
 """What all trainings share: resuming, logging, sample sheets, checkpoints, stopping on NaN.
 
-A run lives in one directory: `checkpoint.safetensors`, `losses.csv` and its picture `losses.png`,
+A run lives in one directory: `checkpoint.safetensors`, `losses.csv` and its image `losses.png`,
 `sheets/step-*.png`. It continues from its checkpoint whenever it is started again; on a CPU in
 float32 the continued run is bit for bit the uninterrupted one (same number of threads, and of
 processes).
@@ -105,7 +105,7 @@ class Trainer(Protocol):
         ...
 
     def sheet(self) -> NDArray[np.uint8] | None:
-        """A picture [H, W, 3] of how far training has come; None where there is nothing to see.
+        """An image [H, W, 3] of how far training has come; None where there is nothing to see.
 
         Must not change the state.
         """

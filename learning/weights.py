@@ -1,4 +1,4 @@
-"""Weights as files: found, checksummed, written, and checked before they are trusted.
+"""Weights as files: found, checksummed, written, and checked before use.
 
 A safetensors file; its header says what it is and how it was trained. PyTorch is imported by what
 handles tensors only: names and checksums are for the command line, which has no time for it.

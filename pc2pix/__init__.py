@@ -1,6 +1,6 @@
-"""pc2pix (Atienza 2019): pictures of point clouds drawn by a network.
+"""pc2pix (Atienza 2019): images of point clouds drawn by a network.
 
-`draw_cloud` and `turntable` make pictures of points, `load` a renderer with weights of your choice.
+`draw_cloud` and `turntable` make images of points, `load` a renderer with weights of your choice.
 """
 
 from __future__ import annotations

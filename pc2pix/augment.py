@@ -35,7 +35,7 @@ def take_evenly(points: Tensor, count: int) -> Tensor:
 
 
 class Scene(NamedTuple):
-    """B clouds, their pictures and the directions these are seen from.
+    """B clouds, their images and the directions these are seen from.
 
     points       [B, N, 3]
     images       [B, 3, H, W]
@@ -53,7 +53,7 @@ def mirror(scene: Scene, which: Tensor) -> Scene:
     """The scenes marked in `which` (bool [B]) mirrored left to right.
 
     Exact for a light at the camera: a mirrored shape seen from the opposite azimuth gives the
-    mirrored picture.
+    mirrored image.
     """
     sign = torch.where(which, -1.0, 1.0)[:, None].to(scene.points)
     x, rest = scene.points[:, :, :1], scene.points[:, :, 1:]

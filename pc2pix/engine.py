@@ -1,4 +1,4 @@
-"""Inference engine: the generator with everything known beforehand worked into its weights.
+"""Inference engine: the generator with normalisation and fixed inputs folded into its weights.
 
 What it draws is what `pc2pix.model.Generator` draws in evaluation mode, up to rounding; what it
 leaves out is arithmetic:
@@ -208,7 +208,7 @@ class Norm:
 
 
 class LastLayers:
-    """BatchNorm, ReLU and the convolution to three channels, as pictures in [0, 1]."""
+    """BatchNorm, ReLU and the convolution to three channels, as images in [0, 1]."""
 
     def __init__(self, generator: Generator, like: Sequence[int], dtype: torch.dtype) -> None:
         self.norm = Norm(generator.bn)
@@ -282,7 +282,7 @@ class FoldedGenerator:
     def __call__(
         self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
     ) -> Tensor:
-        """Pictures float32 [V, 128, 128, 3] in [0, 1] of one cloud.
+        """Images float32 [V, 128, 128, 3] in [0, 1] of one cloud.
 
         code                    [1, latent_dim]
         elevation01, azimuth01  [V, 1], as the generator takes them

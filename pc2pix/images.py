@@ -1,4 +1,4 @@
-"""From bare points to pictures, in one call; for more than that see `pc2pix.load`."""
+"""From bare points to images, in one call; for more than that see `pc2pix.load`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw_cloud(
     front: str | None = None,
     renderer: Pc2pixRenderer | None = None,
 ) -> NDArray[np.uint8]:
-    """A picture [128, 128, 3] of real numbers [N, 3], in any units and anywhere.
+    """An image [128, 128, 3] of real numbers [N, 3], in any units and anywhere.
 
     azimuth_deg    0: the front; 90: from +X (see `data_prep.scene`)
     elevation_deg  -90..90; the networks were trained within -40..40
@@ -35,7 +35,7 @@ def draw_cloud(
     renderer       of `pc2pix.load`; None: the bundled weights `chair`, read once a process
 
     Any number of points will do; of many, the network gets several random thousands. The same
-    points give the same picture. Raises ValueError for what is no array of such a shape and for
+    points give the same image. Raises ValueError for what is no array of such a shape and for
     angles that there are not; BadInput (a ValueError) for a cloud without points, without extent or
     with non-finite points, and for axes that are none; StageFailure for a cloud that the network
     cannot make sense of (all of `data_prep.failures`).
@@ -53,7 +53,7 @@ def turntable(
     front: str | None = None,
     renderer: Pc2pixRenderer | None = None,
 ) -> NDArray[np.uint8]:
-    """Pictures [frames, 128, 128, 3] from all around, from azimuth 0 on, in equal steps.
+    """Images [frames, 128, 128, 3] from all around, from azimuth 0 on, in equal steps.
 
     Everything else as in `draw_cloud`; the cloud is encoded once. No frames give an empty array.
     """

@@ -1,4 +1,4 @@
-"""Codes as vectors: what lies between two of them, and A - B + C (the paper's Figures 5 and 6).
+"""Codes as vectors: paths between two of them, and A - B + C (the paper's Figures 5 and 6).
 
 Codes are *whitened*, as `Pc2pixRenderer.prepare` gives them and as decoder and generator take them:
 (code - mean) / std over the training set, so that no number outweighs another by its unit alone.

@@ -88,9 +88,9 @@ STRUCTURE_WEIGHT = 0.25
 
 
 def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
-    """How far drawn pictures are from the real ones of the same cloud and view; a scalar.
+    """How far drawn images are from the real ones of the same cloud and view; a scalar.
 
-    Pictures [B, 3, H, W] in [-1, 1], H and W at least 11. `learning.image_losses.weighted_error` on
+    Images [B, 3, H, W] in [-1, 1], H and W at least 11. `learning.image_losses.weighted_error` on
     a scale of 0..1; whatever is not white is object. Works in float32. The score of the benchmark
     is part of this loss; the model card says so.
     """
@@ -103,7 +103,7 @@ def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
 class Objective:
     """Weights of the terms of Eq. 6 and 7, and the error measured on the code.
 
-    reconstruction_weight  of `reconstruction_error`; where it is not zero, real and drawn pictures
+    reconstruction_weight  of `reconstruction_error`; where it is not zero, real and drawn images
                            are of the same clouds and views, and the encoder is trained too
     """
 
@@ -130,7 +130,7 @@ OBJECTIVES = {
 
 
 class Condition(NamedTuple):
-    """What a picture was, or should be, made from: c_1, c_2, c_3 of Eq. 6."""
+    """What an image was, or should be, made from: c_1, c_2, c_3 of Eq. 6."""
 
     code: Tensor  # [B, latent_dim]
     elevation01: Tensor  # [B, 1]
@@ -189,5 +189,5 @@ def discriminator_loss(
 def generator_loss(
     on_fake: DiscriminatorOutput, fake: Condition, objective: Objective
 ) -> LossTerms:
-    """Eq. 7: be taken for real, and let the conditions be read off the picture."""
+    """Eq. 7: be taken for real, and let the conditions be read off the image."""
     return _terms(on_fake, fake, True, objective)

@@ -157,7 +157,7 @@ class UpBlock(nn.Module):
 
 
 class Generator(nn.Module):
-    """Paper Table 1: noise, code and angles to a picture.
+    """Paper Table 1: noise, code and angles to an image.
 
     Departure of the original code from Table 1, followed here: no ReLU after the first dense layer.
     """
@@ -176,7 +176,7 @@ class Generator(nn.Module):
     def forward(
         self, noise: Tensor, code: Tensor, elevation01: Tensor, azimuth01: Tensor
     ) -> Tensor:
-        """Pictures [B, 3, 128, 128] in [-1, 1].
+        """Images [B, 3, 128, 128] in [-1, 1].
 
         noise        [B, 128], uniform in (-1, 1) while training
         code         [B, latent_dim]
@@ -259,7 +259,7 @@ class SpectralLinear(nn.Linear):
 class DownBlock(nn.Module):
     """Table 2's ResBlockSN: ReLU-conv-ReLU-conv-pool beside a 1x1 convolution and pool.
 
-    The first block, too, starts with a ReLU on the raw picture (code): negative pixel values reach
+    The first block, too, starts with a ReLU on the raw image (code): negative pixel values reach
     the network only through the shortcut.
     """
 
@@ -279,7 +279,7 @@ class DownBlock(nn.Module):
 
 
 class Discriminator(nn.Module):
-    """Paper Table 2: a picture to real or not, code and angles. Every layer is normalised."""
+    """Paper Table 2: an image to real or not, code and angles. Every layer is normalised."""
 
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
@@ -298,7 +298,7 @@ class Discriminator(nn.Module):
         initialise(self)
 
     def forward(self, images: Tensor) -> DiscriminatorOutput:
-        """Judge pictures [B, 3, 128, 128] in [-1, 1]. In training mode this moves every u."""
+        """Judge images [B, 3, 128, 128] in [-1, 1]. In training mode this moves every u."""
         x = images
         for block in self.blocks[:-1]:
             x = block(x)  # [B, c1, 64, 64] ... [B, c4, 8, 8]

@@ -1,4 +1,4 @@
-"""Inference of pc2pix in narrower number formats, with a look at every layer.
+"""Inference of pc2pix in narrower number formats, with the range of values of every layer.
 
 Which format is wide enough, and where does one that is not break? The networks run wholly in the
 format asked for: weights, BatchNorm statistics, the cloud, the angles and everything between are
@@ -59,7 +59,7 @@ class Inference:
     """One cloud drawn in one format.
 
     code      whitened, float64 [latent_dim], in standard deviations of the training codes
-    pictures  float64 [V, 128, 128, 3] in [0, 1], not rounded to grey levels
+    images  float64 [V, 128, 128, 3] in [0, 1], not rounded to grey levels
     layers    in the order in which they ran
     """
 
@@ -74,7 +74,7 @@ class Inference:
 
     @property
     def refused(self) -> str | None:
-        """The stage at which `Pc2pixRenderer` refuses such a code or picture, if it does."""
+        """The stage at which `Pc2pixRenderer` refuses such a code or image, if it does."""
         if not np.isfinite(self.code).all():
             return "encode"
         return None if np.isfinite(self.images).all() else "generate"

@@ -28,7 +28,7 @@ NoisePolicy = Literal["zero", "uniform"]
 class Pc2pixRenderer:
     """`data_prep.scene.Renderer` by encoder and generator.
 
-    z  "zero" (default): the centre of the noise distribution, one picture per cloud and view
+    z  "zero" (default): the centre of the noise distribution, one image per cloud and view
        whatever the seed, so that a score carries no sampling noise. "uniform": z ~ U(-1, 1) from
        the `rng` given to `draw`, a fresh one per view, as in the original's evaluation.
 
@@ -96,7 +96,7 @@ class Pc2pixRenderer:
     def draw(
         self, state: Tensor, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Pictures float32 [V, 128, 128, 3] in [0, 1]: one batch of exactly these views.
+        """Images float32 [V, 128, 128, 3] in [0, 1]: one batch of exactly these views.
 
         No views give an empty array. Raises ValueError where z is "uniform" and `rng` is missing,
         StageFailure("generate") where the network gives NaN or infinity.

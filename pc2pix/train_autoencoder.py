@@ -186,7 +186,7 @@ def dots_of(*rows: Tensor) -> NDArray[np.uint8]:
 
 
 def dots(points: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A sample sheet's picture [128, 128, 3] of a cloud [N, 3]: a black pixel for each point."""
+    """A sample sheet's image [128, 128, 3] of a cloud [N, 3]: a black pixel for each point."""
     image = np.full((IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
     pixels, _ = project(points, SHEET_VIEW)
     column, row = np.clip(pixels, 0, IMAGE_SIZE - 1).astype(int).T

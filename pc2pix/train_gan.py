@@ -1,8 +1,8 @@
 """Training of the rendering GAN (paper section 3.2): alternating steps of Eq. 6 and Eq. 7.
 
-Two ways, by objective. The paper's: codes of a frozen encoder, and nothing ties a drawn picture to
+Two ways, by objective. The paper's: codes of a frozen encoder, and nothing ties a drawn image to
 the real one of the same cloud and view but the heads of the discriminator. Ours (`paired`): every
-step draws the clouds and views of its real pictures, mirrored at random, with a reconstruction
+step draws the clouds and views of its real images, mirrored at random, with a reconstruction
 term; the encoder is trained with the rest; the first `warm_up` steps leave the discriminator out.
 
 Departures from roatienza/pc2pix@23b7b46d, each for a reason:
@@ -10,7 +10,7 @@ Departures from roatienza/pc2pix@23b7b46d, each for a reason:
   about 0.1 beside z ~ U(-1, 1); mean and deviation travel with the weights.
 - Fake conditions use codes of training clouds only. The script that wrote the original's code file
   ran over train and test shapes, so test codes conditioned its training.
-- Fake pictures of the discriminator's step are made with BatchNorm's batch statistics, as in the
+- Fake images of the discriminator's step are made with BatchNorm's batch statistics, as in the
   generator's own step, so that both steps see one distribution; the original used the moving
   statistics there.
 - An exponential moving average of generator and encoder (weights and BN statistics; decay
@@ -105,7 +105,7 @@ class GanConfig:
 
 @dataclass(frozen=True, eq=False)
 class GanData:
-    """Training pictures of N objects from V views each; BadInput where a shape is wrong.
+    """Training images of N objects from V views each; BadInput where a shape is wrong.
 
     images         uint8 [N, V, 128, 128, 3], white background
     azimuth_deg    float [N, V], -180..180
@@ -158,7 +158,7 @@ def train_gan(
 
     `encoder` is frozen, or with `paired` where training starts; it is stored in the checkpoint,
     which is all that export needs. Under `torchrun` all processes train together, each with
-    `config.batch` pictures a step (`learning.processes`). Raises BadInput where `out_dir` holds a
+    `config.batch` images a step (`learning.processes`). Raises BadInput where `out_dir` holds a
     run of another configuration, encoder or data, and TrainingDiverged where a loss stops being
     finite or explodes.
     """
@@ -253,7 +253,7 @@ class _GanTrainer(NetworkTrainer):
         return super().state() | {"code_mean": self.code_mean, "code_std": self.code_std}
 
     def _images(self, objects: Tensor, views: Tensor) -> Tensor:
-        """Real pictures [B, 3, 128, 128] in [-1, 1], channels last."""
+        """Real images [B, 3, 128, 128] in [-1, 1], channels last."""
         device = self.images.device
         nhwc = self.images[objects.to(device), views.to(device)]
         return nhwc.permute(0, 3, 1, 2).float() / 127.5 - 1
@@ -366,7 +366,7 @@ class _GanTrainer(NetworkTrainer):
         return _detached({f"d_{name}": value for name, value in terms._asdict().items()})
 
     def _judge_drawn(self, drawn: Tensor, condition: Condition) -> dict[str, Tensor]:
-        """Eq. 7 for drawn pictures."""
+        """Eq. 7 for drawn images."""
         # gradients pass through the discriminator, but its own would be thrown away
         self.discriminator.requires_grad_(False)
         with self.autocast():
@@ -396,7 +396,7 @@ class _GanTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Two rows: real pictures, and what the averaged generator draws for the same (z = 0)."""
+        """Two rows: real images, and what the averaged generator draws for the same (z = 0)."""
         count = min(SHEET_IMAGES, len(self.codes))
         objects = torch.arange(count) * len(self.codes) // count
         views = torch.arange(count) % self.azimuth01.shape[1]

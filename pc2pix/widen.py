@@ -1,4 +1,4 @@
-"""A wider generator that draws the same pictures: what width costs, quality held still.
+"""A wider generator that draws the same images, to measure the cost of width alone.
 
 Every channel becomes `times` equal ones, and every weight that reads a channel is shared out among
 its copies at random, so that copies differ in what they feed but not in what they hold
@@ -18,7 +18,7 @@ from pc2pix.model import Generator
 def widen(generator: Generator, times: int, seed: int = 0) -> Generator:
     """A generator `times` as wide, in evaluation mode, that draws what `generator` draws there.
 
-    Up to rounding: sums are of `times` as many terms. Inputs, the three channels of the picture and
+    Up to rounding: sums are of `times` as many terms. Inputs, the three channels of the image and
     the latent dimension stay what they are. Raises ValueError for `times` below 1, RuntimeError
     where the wider configuration does not have `times` the channels (its widths are rounded).
     """

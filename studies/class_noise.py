@@ -1,4 +1,4 @@
-"""How far the cells of Table 5 move by what another machine changes.
+"""How much the cells of Table 5 change on another machine.
 
     python -m studies.class_noise [--objects 10] [--views 10]
 
@@ -6,7 +6,7 @@ Golden values of the suite `thirteen-classes` need tolerances of their own: its 
 others than those of chairs, and so are its shapes. Objects of the validation split, at `2048`,
 measured twice with one thing changed:
 
-turn      every view by 0.1 degree more of azimuth, true and drawn pictures alike, as another driver
+turn      every view by 0.1 degree more of azimuth, true and drawn images alike, as another driver
           samples edges elsewhere (`studies.noise_floor`).
 rounding  one point in fifty moved by one rounding error, as another processor rounds elsewhere:
           for reconstructions, where it decides about a spike.
@@ -50,7 +50,7 @@ ONE_IN = 50
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Pictures [N, V, H, W, 3] of the objects of a class, and their true ones."""
+    """Images [N, V, H, W, 3] of the objects of a class, and their true ones."""
 
     class_name: str
     truth: NDArray[np.uint8]

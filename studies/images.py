@@ -1,4 +1,4 @@
-"""Pictures of many objects at once, and views that are turned a little."""
+"""Images of many objects at once, and views that are turned a little."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURN_DEG = 0.1  # 0.1 px at the rim of the unit sphere: what another driver may 
 def draw_all(
     renderer: Renderer, clouds: Sequence[PointCloud], views: Sequence[Sequence[View]]
 ) -> UInt8Images:
-    """Pictures of clouds, each from its views, by a method that draws no random numbers."""
+    """Images of clouds, each from its views, by a method that draws no random numbers."""
     unused = np.random.default_rng(0)
     return np.stack(
         [
@@ -28,7 +28,7 @@ def draw_all(
 
 
 def render_all(meshes: Sequence[Mesh], views: Sequence[Sequence[View]]) -> UInt8Images:
-    """The true pictures of meshes, each from its views."""
+    """The true images of meshes, each from its views."""
     return np.stack([render(*pair) for pair in zip(meshes, views, strict=True)])
 
 

@@ -1,4 +1,4 @@
-"""How fast pictures are drawn, beside the same network written down plainly, and how exactly.
+"""Speed and accuracy of drawing, beside the same network in plain PyTorch.
 
     python -m studies.inference_speed [--threads 2] [--rounds 9] [--batches 1,20] [--chairs 24]
 
@@ -10,13 +10,13 @@ module as it is trained (up-sampling and convolution in one, channels last) take
 network of the paper's width is the bundled one made wider (`pc2pix.widen`): it draws the same.
 
 The machine's rate is that of one well-shaped convolution (RATE_SHAPE), its kernel prepacked; the
-share is the rate of a whole picture beside it. It counts the products of Table 1 once the zeros and
+share is the rate of a whole image beside it. It counts the products of Table 1 once the zeros and
 repetitions of up-sampling are taken out (four 2x2 convolutions for the second one of a block); the
 engine computes fewer still, so that the share could exceed 100 %. Leave the machine alone
 meanwhile.
 
-Exactness: pictures of validation chairs by the bundled weights; |dSSIM| is that of the score
-against the true picture, which is what a table shows.
+Exactness: images of validation chairs by the bundled weights; |dSSIM| is that of the score
+against the true image, which is what a table shows.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def report_speed(
 def plain_draw(
     network: Generator, code: torch.Tensor, elevation01: torch.Tensor, azimuth01: torch.Tensor
 ) -> Callable[[], torch.Tensor]:
-    """Pictures [V, 128, 128, 3] in [0, 1] by the plain network with the same weights."""
+    """Images [V, 128, 128, 3] in [0, 1] by the plain network with the same weights."""
     config = network.config
     # the plain network takes one number for the azimuth; a second one passes as part of the code
     plain = PlainGenerator(config.width, config.latent_dim + config.azimuth_numbers - 1).eval()

@@ -1,11 +1,11 @@
-"""How fast the metrics are, beside what one would take otherwise, and how far the two are apart.
+"""Speed of the metrics beside other implementations, and how far their values differ.
 
     python -m studies.metric_speed [--threads 1] [--rounds 9] [--frechet-rounds 1]
                                       [--sizes 100,250,500,1000,2000,3000,10000]
 
 ssim      `bench.metrics.structural_similarity` with all components, against scikit-image with the
           same protocol, which gives SSIM alone; 20 pairs: noise, and chairs against what methods
-          draw of them. Where both pictures agree ours computes nothing: white around a chair,
+          draw of them. Where both images agree ours computes nothing: white around a chair,
           unless a network draws haze.
 frechet   `bench.metrics.frechet` at d = 2,048 against the usual route, as in pytorch-fid:
           covariances and the matrix root of their product by SciPy; where that is not finite, again
@@ -13,7 +13,7 @@ frechet   `bench.metrics.frechet` at d = 2,048 against the usual route, as in py
           sets of n.
 interval  of the Fréchet distance: a distance anew for every object left out, against what
           `bench.metrics.frechet` shares.
-scores    milliseconds a picture of all image metrics, of parts of them, and of the networks.
+scores    milliseconds an image of all image metrics, of parts of them, and of the networks.
 
 The two sides of a ratio take turns in one process (A, B, A, B ...), after one round that does not
 count (of the usual route: none); numbers are medians over the rounds. With one thread times are CPU
@@ -60,7 +60,7 @@ CHAIRS, VIEWS = 4, 5  # make as many
 METHODS = ("splat", "pc2pix", "pc2pix@acgan", "blank")
 FEATURES = 2048
 SIZES = (100, 250, 500, 1000, 2000, 3000, 10000)
-INTERVALS = ((480, 64, 24), (2000, 64, 100), (480, 2048, 24))  # pictures, features, objects
+INTERVALS = ((480, 64, 24), (2000, 64, 100), (480, 2048, 24))  # images, features, objects
 
 
 Watch = Callable[..., list[list[float]]]  # `in_turns` on one clock
@@ -92,7 +92,7 @@ def main() -> None:
 
 
 def image_pairs() -> dict[str, tuple[UInt8Images, UInt8Images]]:
-    """PAIRS pairs of pictures by name: noise, and true pictures of chairs with drawn ones."""
+    """PAIRS pairs of images by name: noise, and true images of chairs with drawn ones."""
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (2, PAIRS, 128, 128, 3), np.uint8)
     pairs = {"noise, other noise": (noise[0], noise[1])}
@@ -148,7 +148,7 @@ def report_ssim(
 
 
 def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: int) -> None:
-    """What a picture costs, by score and network."""
+    """What an image costs, by score and network."""
     truth, drawn = pair
     boxes = object_boxes(truth)
     works: dict[str, Work] = {

@@ -1,4 +1,4 @@
-"""How far every metric moves by what should not matter: the noise floor of the benchmark.
+"""How much every metric changes by what should not matter: the noise floor of the benchmark.
 
     python -m studies.noise_floor [--chairs 24] [--views 10] [--seeds 6] [--condition 2048]
                                      [--out results/noise-floor.md]
@@ -11,12 +11,12 @@ seed       other random views of the same chairs, and other points on them: stan
            comparison of methods on the same views and clouds (as in every run) by less.
 batch      pc2pix draws every view by itself, and 20 in one batch.
 threads    pc2pix and the feature networks on 1 and on 2 threads.
-precision  the feature networks in float64 instead of float32, with pictures as they are; and pc2pix
+precision  the feature networks in float64 instead of float32, with images as they are; and pc2pix
            in float64 and in bfloat16, with float32 features.
-turn       every view by 0.1 degree more of azimuth, true and drawn pictures alike: 0.1 px at the
+turn       every view by 0.1 degree more of azimuth, true and drawn images alike: 0.1 px at the
            rim of the unit sphere.
-renderer   the true pictures by a ray-caster of the same camera and shading (`ray_caster`), not by
-           OpenGL: with the same 4 samples a pixel, with 4 elsewhere, and with 16. The pictures of
+renderer   the true images by a ray-caster of the same camera and shading (`ray_caster`), not by
+           OpenGL: with the same 4 samples a pixel, with 4 elsewhere, and with 16. The images of
            methods stay as they are; for `true-mesh`, which draws by the renderer, they are those of
            the ray-caster and the truth is OpenGL's.
 
@@ -96,7 +96,7 @@ class Scene:
 
 
 class Taken(NamedTuple):
-    """What the feature networks make of pictures: [chairs, views, d] each."""
+    """What the feature networks make of images: [chairs, views, d] each."""
 
     colour: NDArray[np.floating]
     grey: NDArray[np.floating]
@@ -130,11 +130,11 @@ class Study:
         }
 
     def measure(self, drawn: UInt8Images, taken: Taken) -> Cells:
-        """The cells of pictures against the first scene's truth."""
+        """The cells of images against the first scene's truth."""
         return cells(self.truth, self.truth_taken, drawn, taken, self.scene.views)
 
     def draw(self, method: str, scene: Scene) -> UInt8Images:
-        """The pictures of a method, all views of a chair in one batch."""
+        """The images of a method, all views of a chair in one batch."""
         renderer = self.network if method == NETWORK else find_method(method).load("cpu")
         return draw_all(renderer, scene.clouds, scene.views)
 
@@ -238,7 +238,7 @@ class Study:
         return self.moved(TURN, again, since=self.cells | ceiling)
 
     def by_renderer(self) -> list[Floor]:
-        """True pictures by rays; the ceiling's pictures by rays against OpenGL's."""
+        """True images by rays; the ceiling's images by rays against OpenGL's."""
         found = []
         ceiling = {CEILING: self.measure(self.truth, self.truth_taken)}
         for source, samples in SAMPLES.items():
@@ -259,7 +259,7 @@ class Study:
 
 
 class Features:
-    """Pictures to what the bundled networks make of them, in float32 as in a run, or in float64."""
+    """Images to what the bundled networks make of them, in float32 as in a run, or in float64."""
 
     def __init__(self, dtype: torch.dtype) -> None:
         self.dtype = dtype
@@ -321,7 +321,7 @@ def cells(
     taken: Taken,
     views: Sequence[Sequence[View]],
 ) -> Cells:
-    """Every metric over all pictures, as the tables of a run take it: means (of the pictures that
+    """Every metric over all images, as the tables of a run take it: means (of the images that
     have a value), distances, medians of the judge's errors, the share of objects found."""
     found = [scores(t, d) for t, d in zip(truth, drawn, strict=True)]
     values = {
@@ -418,7 +418,7 @@ def _budget(floors: Sequence[Floor]) -> str:
         allowed = tolerance(method, metric)
         if source != TURN or allowed is None or not np.isfinite(floor.value):
             continue
-        if method == CEILING and metric not in CONTROL_METRICS:  # one driver draws both pictures
+        if method == CEILING and metric not in CONTROL_METRICS:  # one driver draws both images
             continue
         limit = allowed.absolute + allowed.relative * abs(floor.value)
         by_source = [moved[other, method, metric].moved for other in DRIVERS]

@@ -1,7 +1,7 @@
-"""The paper's networks and its training step written down plainly: what speed is measured against.
+"""The paper's networks and its training step in plain PyTorch, as the reference for speed.
 
 No code is shared with `pc2pix` and none of its savings is used: nearest up-sampling and then a 3x3
-convolution, a 3x3 convolution and then average pooling, real and drawn pictures in passes of their
+convolution, a 3x3 convolution and then average pooling, real and drawn images in passes of their
 own, contiguous memory, float32, PyTorch's default Adam. The names of the layers are the same, so
 that weights can be handed over (PyTorch's `load_state_dict`).
 
@@ -31,7 +31,7 @@ NOISE = 128
 
 
 class Target(NamedTuple):
-    """What pictures [B, 3, 128, 128] show: code [B, d], elevation and azimuth [B, 1] in 0..1."""
+    """What images [B, 3, 128, 128] show: code [B, d], elevation and azimuth [B, 1] in 0..1."""
 
     code: Tensor
     elevation: Tensor
@@ -69,7 +69,7 @@ class PlainGenerator(nn.Module):
         self.conv = nn.Conv2d(c[-1], 3, 3, padding=1)
 
     def forward(self, noise: Tensor, wanted: Target) -> Tensor:
-        """Pictures [B, 3, 128, 128]."""
+        """Images [B, 3, 128, 128]."""
         x = self.dense(torch.cat([noise, *wanted], dim=1))
         x = x.reshape(len(x), 4, 4, -1).permute(0, 3, 1, 2).contiguous()
         return torch.tanh(self.conv(relu(self.bn(self.blocks(x)))))

@@ -1,4 +1,4 @@
-"""The pictures of `data_prep.render` once more, by casting rays: no OpenGL, nothing shared with it.
+"""The images of `data_prep.render` by ray casting: without OpenGL, with no code in common.
 
 The same camera and the same shading, but every sample of a pixel is a ray of its own through
 Embree. For checks; needs `pip install embreex` (2 MB, Embree itself 43 MB), which nothing else in
@@ -31,14 +31,14 @@ def grid(side: int) -> tuple[tuple[float, float], ...]:
 
 
 def cast(mesh: Mesh, views: Sequence[View], samples: ArrayLike) -> NDArray[np.uint8]:
-    """Pictures of `mesh` from `views`: uint8 [V, IMAGE_SIZE, IMAGE_SIZE, 3], white background.
+    """Images of `mesh` from `views`: uint8 [V, IMAGE_SIZE, IMAGE_SIZE, 3], white background.
 
     samples  [S, (column, row)] within a pixel, 0..1 from its upper left corner
 
     A pixel is the mean of its samples, each with the colour of the first facet that its ray meets:
     the facet's own colour times cos(t)^(1/2.2), t between the facet's normal and the axis of view,
     from either side. The mean is taken of sRGB values, as OpenGL does where the frame buffer is not
-    declared to be sRGB. A facet without area is met by no ray; an empty mesh gives white pictures.
+    declared to be sRGB. A facet without area is met by no ray; an empty mesh gives white images.
 
     Raises MissingDependency where embreex is not installed.
     """

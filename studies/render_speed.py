@@ -4,8 +4,8 @@
 
 For procedural chairs (validation split) and for spheres of more and more faces, in ms of processor
 time: what a call of `data_prep.render.render` costs once (set-up: vertices, upload), and for each
-view (drawing, which ends with the resolved picture; and reading it back); whole calls, as views/s;
-and how many times their time the same pictures take by pyrender itself
+view (drawing, which ends with the resolved image; and reading it back); whole calls, as views/s;
+and how many times their time the same images take by pyrender itself
 (`studies.plain_pyrender`), and, where embreex is installed, by the ray-caster
 (`studies.ray_caster`, 4 samples a pixel, building its tree included). Each of the three has a
 process of its own (two GL contexts in one process slow each other down); they take turns (A, B, C,

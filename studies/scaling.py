@@ -1,4 +1,4 @@
-"""What more workers bring, and what handing out the work costs.
+"""Speed-up by more workers, and the overhead of distributing the work.
 
     python -m studies.scaling [--workers 1,2] [--ray] [--limit 8] [--rounds 1]
 

@@ -1,9 +1,9 @@
-"""How fast a training step is, beside the same step written down plainly.
+"""Speed of a training step beside the same step in plain PyTorch.
 
     python -m studies.training_speed [--threads 1,2] [--rounds 9] [--width lite] [--batch 32]
 
 Both are measured in turns (A, B, A, B ...) in one process, from the same weights; every line gives
-medians over the rounds and the smallest and largest ratio of a round. Pictures are random numbers:
+medians over the rounds and the smallest and largest ratio of a round. Images are random numbers:
 no step looks at what they show. Leave the machine alone meanwhile.
 
 Denormal numbers are flushed in our step and not in the plain one. That can be set for the thread

@@ -1,4 +1,4 @@
-"""Pieces of work timed in turns (A, B, A, B ...): what slows the machine down slows all of them."""
+"""Pieces of work timed in turns (A, B, A, B ...), so that other load slows all of them alike."""
 
 from __future__ import annotations
 

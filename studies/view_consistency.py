@@ -1,4 +1,4 @@
-"""Whether a drawn silhouette moves as the true one does when the camera goes around.
+"""Whether a drawn silhouette moves as the true one does when the camera turns around the object.
 
     python -m studies.view_consistency --out DIR [--methods a,b] [--chairs 100] [--threads 1]
 
@@ -156,7 +156,7 @@ def main() -> None:
 
 
 def draw(task: Task) -> UInt8Images | Failed:
-    """The method's pictures of all views."""
+    """The method's images of all views."""
     chair = ProceduralObject(CLASS, SPLIT, task.chair)
     identity = (CLASS, chair.object_id)
     perturbation = find(task.condition, CONDITIONS, "condition").perturbation
@@ -182,7 +182,7 @@ def measure(task: Task) -> Measured | Failed:
 
 
 def silhouettes(truth: UInt8Images, images: UInt8Images) -> tuple[Masks, Masks]:
-    """What true pictures show and what pictures draw of it, [N, H, W] each."""
+    """What true images show and what images draw of it, [N, H, W] each."""
     true = foreground(truth)
     return true, drawn(truth, images, true)
 
@@ -438,7 +438,7 @@ def strip_row(label: str, truth: UInt8Images, images: UInt8Images | Failed) -> l
 
 
 def tint(truth: UInt8Images, images: UInt8Images) -> UInt8Images:
-    """The pictures, red where more is drawn than the true silhouette, blue where less."""
+    """The images, red where more is drawn than the true silhouette, blue where less."""
     true, seen = silhouettes(truth, images)
     tinted = images.copy()
     tinted[seen & ~true] = TOO_MUCH

@@ -1,4 +1,4 @@
-"""A small network that sees the projected points: learned, but it is shown the geometry.
+"""splat-net: a small network whose input is the projected points.
 
 `load` gives a renderer with bundled weights or with your own.
 """

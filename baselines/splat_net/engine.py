@@ -1,4 +1,4 @@
-"""The network for inference: normalisation folded into convolutions, kernels laid out beforehand.
+"""The network for inference: normalisation folded into convolutions, kernels prepared once.
 
 What it draws is what `SplatNet` draws in evaluation mode, up to the rounding of the precision.
 """
@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from baselines.splat_net.network import Block, SplatNet, composite
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
 
-GROUP = 20  # pictures that pass together: fewer leave the processor waiting between operations
+GROUP = 20  # images that pass together: fewer leave the processor waiting between operations
 
 
 class FoldedSplatNet:
@@ -28,11 +28,11 @@ class FoldedSplatNet:
 
     @functools.cached_property
     def for_one(self) -> _Layers:
-        """Kernels laid out for a group are slow with a single picture."""
+        """Kernels laid out for a group are slow with a single image."""
         return _Layers(self.network, self.dtype, self.size, 1)
 
     def __call__(self, channels: Tensor) -> Tensor:
-        """Pictures float32 [P, S, S, 3] in 0..1 by the first head, of channels [P, C, S, S] of
+        """Images float32 [P, S, S, 3] in 0..1 by the first head, of channels [P, C, S, S] of
         `dtype`."""
         layers = self.for_one if len(channels) == 1 else self.for_many
         output = layers(channels)
@@ -41,7 +41,7 @@ class FoldedSplatNet:
 
 
 class _Layers:
-    """All convolutions, for groups of `group` pictures of a size."""
+    """All convolutions, for groups of `group` images of a size."""
 
     def __init__(self, network: SplatNet, dtype: torch.dtype, size: int, group: int) -> None:
         self.dtype = dtype

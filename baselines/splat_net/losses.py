@@ -1,4 +1,4 @@
-"""What drawn pictures are held to, and the judge of patches that makes them look like pictures."""
+"""The losses of drawn images, and the patch discriminator."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Objective:
 
     patch_weight  that of the judge of patches on clean clouds, and on those with the strongest
                   noise of the training; between the two it rises with the standard deviation. The
-                  less the points say, the more the mean of all pictures that are possible is
-                  blurred, and the more counts that a picture is likely. None: there is no judge
+                  less the points say, the more the mean of all images that are possible is
+                  blurred, and the more counts that an image is likely. None: there is no judge
     """
 
     patch_weight: tuple[float, float] | None
@@ -38,7 +38,7 @@ OBJECTIVES = {
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True pictures in 0..1 of B clouds and views.
+    """True images in 0..1 of B clouds and views.
 
     colour    [B, 3, S, S]
     grey      [B, 1, S, S]
@@ -53,7 +53,7 @@ class Truth:
 def image_error(drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
     """`learning.image_losses.weighted_error`; a scalar.
 
-    Pictures [B, C, S, S] and coverage [B, 1, S, S] in 0..1. The score of the benchmark is part of
+    Images [B, C, S, S] and coverage [B, 1, S, S] in 0..1. The score of the benchmark is part of
     this loss; the model card says so.
     """
     return weighted_error(drawn, real, coverage > 0, STRUCTURE_WEIGHT)
@@ -66,7 +66,7 @@ def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:
 
 
 class PatchJudge(nn.Sequential):
-    """Colour and grey picture [B, 4, S, S] -> how real patches look [B, 1, S/8, S/8]."""
+    """Colour and grey image [B, 4, S, S] -> how real patches look [B, 1, S/8, S/8]."""
 
     def __init__(self) -> None:
         def layer(cin: int, cout: int, stride: int) -> nn.Module:

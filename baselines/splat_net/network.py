@@ -1,6 +1,6 @@
 """The network: a U-Net over the projected points.
 
-It predicts how much of a pixel is covered (alpha) and what covers it apart; the picture is their
+It predicts how much of a pixel is covered (alpha) and what covers it apart; the image is their
 composite on white. What covers it has a head for each material: the object's own colours, which are
 a guess, or the neutral grey that reconstructions are rendered in. Both are trained at once, on one
 trunk; bundled weights have one of them.
@@ -19,7 +19,7 @@ from torch.nn import functional
 from baselines.splat_net.projection import ALL_INPUTS, Inputs
 from data_prep.failures import BadInput
 
-SMALLEST = 16  # the picture's side over that of the narrowest level: sizes must be its multiples
+SMALLEST = 16  # the image's side over that of the narrowest level: sizes must be its multiples
 Material = Literal["colour", "grey"]
 PLANES: dict[Material, int] = {"colour": 3, "grey": 1}
 
@@ -64,7 +64,7 @@ class Block(nn.Sequential):
 
 
 class SplatNet(nn.Module):
-    """Pictures of projected points."""
+    """Images of projected points."""
 
     def __init__(self, config: NetworkConfig = DEFAULT) -> None:
         super().__init__()
@@ -102,7 +102,7 @@ class SplatNet(nn.Module):
 
 
 def composite(output: Tensor, heads: tuple[Material, ...]) -> tuple[Tensor, list[Tensor]]:
-    """Alpha [P, 1, S, S] and, for each head, a picture on white [P, 3 or 1, S, S]; all in 0..1."""
+    """Alpha [P, 1, S, S] and, for each head, an image on white [P, 3 or 1, S, S]; all in 0..1."""
     planes = torch.sigmoid(output.float())
     alpha, *covers = planes.split([1, *(PLANES[head] for head in heads)], dim=1)
     return alpha, [1 + alpha * (cover - 1) for cover in covers]

@@ -1,8 +1,8 @@
-"""What the camera sees of the points: the pictures that the network is shown, one channel each.
+"""Projection of the points by the camera: the input channels of the network.
 
-Every channel is made by scattering all points of all pictures at once, in float32: in bfloat16
+Every channel is made by scattering all points of all images at once, in float32: in bfloat16
 depths of neighbouring points would be equal. A point's disc is a square of pixels, of which the
-nearest point wins (where it matters the network makes it round); squares grow with the picture, so
+nearest point wins (where it matters the network makes it round); squares grow with the image, so
 that they cover the same angle at any size.
 """
 
@@ -96,10 +96,10 @@ def project(
 
     surfels  with one leading dimension: P, or 1 where all cameras see the same cloud
     cameras  [P, 3, 4]
-    size     of the pictures, a multiple of 16
+    size     of the images, a multiple of 16
     dtype    of the result; everything before it is float32
 
-    All zero where no point is near. Points behind the camera or off the picture are not seen.
+    All zero where no point is near. Points behind the camera or off the image are not seen.
     Depth is given as nearness, 0 for `FARTHEST` or nothing to about 1.1; counts n as log(1 + n).
     """
     points = _to_camera(surfels.points, cameras)  # [P, N, 3]
@@ -147,7 +147,7 @@ def _to_camera(points: Tensor, cameras: Tensor) -> Tensor:
 
 
 class _Pixels:
-    """Where points [P, N, 3], in the camera's frame, fall: one table of S * S pixels a picture."""
+    """Where points [P, N, 3], in the camera's frame, fall: one table of S * S pixels an image."""
 
     def __init__(self, points: Tensor, size: int) -> None:
         self.size = size

@@ -15,7 +15,7 @@ from baselines.splat_net.weights import Weights
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 
-POINTS_TOGETHER = 2**19  # of all pictures of a group: a bound on memory for large clouds
+POINTS_TOGETHER = 2**19  # of all images of a group: a bound on memory for large clouds
 
 
 class SplatNetRenderer:
@@ -23,10 +23,10 @@ class SplatNetRenderer:
 
     precision  of the network: "float32" (default), or "bfloat16", twice as fast where the processor
                has it; points and their projection are float32 always. ValueError for another
-    size       of the pictures, a multiple of 16. ValueError for another. The network was trained
+    size       of the images, a multiple of 16. ValueError for another. The network was trained
                for 128
 
-    The order of the points does not matter: the same picture, bit for bit. Results do not depend on
+    The order of the points does not matter: the same image, bit for bit. Results do not depend on
     the other views of a call, or the number of threads, beyond the rounding of the precision.
     """
 
@@ -68,7 +68,7 @@ class SplatNetRenderer:
     def draw(
         self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Pictures float32 [V, size, size, 3] in 0..1; no randomness. No views: an empty array."""
+        """Images float32 [V, size, size, 3] in 0..1; no randomness. No views: an empty array."""
         del rng
         images = np.empty((len(views), self.size, self.size, 3), np.float32)
         group = max(1, min(GROUP, POINTS_TOGETHER // len(state)))

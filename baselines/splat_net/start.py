@@ -1,4 +1,4 @@
-"""Weights to go on training from, on other objects or for longer: both files of a training in one.
+"""Weights from which a training starts: the colour and the grey file as one network.
 
 A training exports its network twice, each with one head; what is trained has both. Inputs that the
 new network does without are cut out of the first layer. A wider network draws as the narrower one

@@ -1,4 +1,4 @@
-"""What a cloud says about its surface before any camera is chosen: normals, and where it is flat.
+"""Surfels of a cloud, independent of the camera: normals, density, and where the surface is flat.
 
 Several scales, by hops. One hop: a point's `NEIGHBOURS` nearest points. Two: the neighbourhoods of
 these together, as one distribution, which reaches twice as far without a second search; and so on.

@@ -1,7 +1,7 @@
-"""Training of the network: clouds are degraded, projected, drawn, and held to the true pictures.
+"""Training of the network: clouds are degraded, projected and drawn, and compared with true images.
 
 Each step takes a few clouds and several views of each: finding neighbours costs as much as drawing
-a picture, and the views of a cloud share them. The learning rate is constant, then falls to nothing
+an image, and the views of a cloud share them. The learning rate is constant, then falls to nothing
 over the last `cool_down` steps. Projection stays in float32 whatever the precision.
 """
 
@@ -64,7 +64,7 @@ class SplatNetConfig:
     warm_up    steps before the judge of patches takes part
     cool_down  last steps, over which the learning rate falls to nothing, and networks normalise as
                they will when they draw (`learning.averaging.take_statistics`)
-    batch      pictures a step, a multiple of VIEWS_TOGETHER
+    batch      images a step, a multiple of VIEWS_TOGETHER
     augment    fewer points and noise; without it every cloud is seen whole and clean
     start      checksums of the weights that training starts from; None where they are random
     """
@@ -225,7 +225,7 @@ class _Trainer(NetworkTrainer):
         return f"{rate} up to step {constant}, then falling linearly to {last}"
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
-        """A step of the judge: its error, and how false [B] it finds the drawn pictures. Zeros
+        """A step of the judge: its error, and how false [B] it finds the drawn images. Zeros
         before it takes part, so that losses.csv has the same columns from first to last step."""
         if int(self.steps_done) < self.config.warm_up:
             return torch.zeros((), device=drawn.device), torch.zeros(
@@ -266,7 +266,7 @@ class _Trainer(NetworkTrainer):
     ) -> tuple[Tensor, Truth]:
         """What the network is shown of objects [K] from their views [K, M], and the truth.
 
-        A mirrored shape seen from the opposite azimuth gives the mirrored picture, for the light
+        A mirrored shape seen from the opposite azimuth gives the mirrored image, for the light
         is at the camera.
         """
         sign = torch.where(mirrored, -1.0, 1.0)

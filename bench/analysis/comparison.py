@@ -1,6 +1,6 @@
-"""Methods on the same objects: what they cost and how good they are, so that they can be paired.
+"""Cost and quality of methods on the same objects, object by object.
 
-Pure functions of records and features. A failed picture is scored as a blank one, as in the column
+Pure functions of records and features. A failed image is scored as a blank one, as in the column
 `failures_as_blank` of the tables: whoever chooses a method gets its failures too.
 """
 
@@ -36,10 +36,10 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """How good the pictures of a method are by one metric.
+    """How good the images of a method are by one metric.
 
     per_object  float64 [G]: the object's mean score; of a Fréchet distance, which no single object
-                has, the distance of all pictures without those of the object, or of each block of
+                has, the distance of all images without those of the object, or of each block of
                 objects where there are many (`bench.metrics.frechet.object_blocks`)
     """
 
@@ -51,7 +51,7 @@ class Quality:
     def rank(self) -> float:
         """The value as tables print it, with its sign so that more is better; NaN without one.
 
-        The same pictures drawn in another order of sums differ by 1e-6: that decides nothing.
+        The same images drawn in another order of sums differ by 1e-6: that decides nothing.
         """
         value = round(self.estimate.value, decimals(self.metric))
         return value if is_similarity(self.metric) else -value
@@ -61,10 +61,10 @@ class Quality:
 class Comparison:
     """All methods of a run on the same objects of a class under one condition.
 
-    objects            the G objects that have true pictures, sorted
+    objects            the G objects that have true images, sorted
     prepare_s, draw_s  float64 [G] by method, in the run's order: seconds for the cloud and for a
                        view, NaN where the method failed
-    pictures           (there, asked for) by method
+    images           (there, asked for) by method
     qualities          by metric and method
     """
 
@@ -94,9 +94,9 @@ def compare(
 ) -> list[Comparison]:
     """A comparison for each condition and class, in the order of the records.
 
-    metrics  metrics of pictures that the records have, and set metrics that there are features of
+    metrics  metrics of images that the records have, and set metrics that there are features of
 
-    Objects without true pictures are left out, and so is a class that has no others.
+    Objects without true images are left out, and so is a class that has no others.
     """
     made = []
     for (condition, class_name), group in records.groupby(["condition", "class"], sort=False):  # type: ignore[misc]
@@ -169,7 +169,7 @@ def _sees_mesh(method: str) -> bool:
 
 
 def _by_image(records: pd.DataFrame) -> pd.DataFrame:
-    """The pictures that are there, by object and view."""
+    """The images that are there, by object and view."""
     return records[records["outcome"] == "ok"].set_index(["object", "view"]).sort_index()
 
 
@@ -179,7 +179,7 @@ def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
 
 
 def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict[str, Quality]:
-    """Means over objects. A picture without a value does not count in the mean of its object."""
+    """Means over objects. An image without a value does not count in the mean of its object."""
     name = column(metric)
     floor = _by_image(by_method[FLOOR])[name]
     qualities = {}
@@ -199,7 +199,7 @@ def _set_qualities(
     features: MeasuredFeatures,
     objects: Sequence[str],
 ) -> dict[str, Quality]:
-    """Fréchet distances to the true pictures."""
+    """Fréchet distances to the true images."""
     known = set(objects)
     images = [image for image in features.images(FLOOR, *cell) if image[0] in known]
     if len(images) < 2:

@@ -1,6 +1,6 @@
-"""Methods along families of conditions: who is ahead of whom, and where that changes. Pure.
+"""Methods along families of conditions: which is ahead, and where that changes. Pure.
 
-Methods are compared on the same objects, failed pictures scored as blank ones
+Methods are compared on the same objects, failed images scored as blank ones
 (`bench.analysis.comparison`). Between the conditions that were measured a curve is a straight line
 on the axis of the family: on the logarithm where the axis is logarithmic.
 """

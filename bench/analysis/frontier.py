@@ -26,7 +26,7 @@ class Place:
     """One method by one metric, for clouds with so many views.
 
     cost_ms  milliseconds for a cloud with its views
-    n_ok, n  pictures that are there, pictures there should be
+    n_ok, n  images that are there, images there should be
     verdict  frontier   no other candidate is at least as good for at most this cost
              dominated  one that costs no more is better, by an interval without 0
              tied       one that costs no more is at least as good, but not by such an interval

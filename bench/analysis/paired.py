@@ -1,4 +1,4 @@
-"""Two methods, or one method in two runs, on the same objects: what differs, and how surely.
+"""Two methods, or one method in two runs, on the same objects: differences, intervals, p values.
 
 A cell is a metric under one condition and of one class. Its difference pairs the two object by
 object, failed images scored as blank ones (`bench.analysis.comparison`). Image metrics: interval by

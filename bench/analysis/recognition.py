@@ -1,4 +1,4 @@
-"""Does an image show the view, the object and the class that it should? Networks are asked.
+"""Whether an image shows the view, the object and the class that it should, by networks.
 
 Pure functions of records and features. The judge (`bench.judges.judge`) gives the direction of view
 and a shape code from an image alone: a method that ignores its cloud, or the view, may have good

@@ -1,4 +1,4 @@
-"""Which method to take: by a budget, by the quality required, and what choosing so gives away.
+"""Which method to take: by a budget, by a quality, and what that choice costs.
 
 Pure functions of comparisons. "Affordable" is a method whose median cost is within the budget.
 """
@@ -30,8 +30,8 @@ ALTERNATIVES = 3
 class Request:
     """What is asked for; None where it does not matter.
 
-    views      pictures of a cloud
-    budget_ms  for a cloud with all its pictures
+    views      images of a cloud
+    budget_ms  for a cloud with all its images
     min_ssim   mean over objects
     """
 

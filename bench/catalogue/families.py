@@ -1,4 +1,4 @@
-"""Families of conditions: one thing about a cloud that is varied, from what it is to too much.
+"""Families of conditions: one property of a cloud that is varied step by step.
 
 A literal table. What the networks were trained on stands beside it, so that figures and tables can
 say where they are beyond it.

@@ -1,4 +1,4 @@
-"""How the methods of the benchmark come into being, and what their pictures depend on.
+"""How the methods of the benchmark are loaded, and what their images depend on.
 
 Heavy packages are imported when a function is called, in the worker that needs them.
 """
@@ -27,8 +27,8 @@ class Network:
     """A network of this project with files of weights.
 
     package    has `load`, and a module `weights`
-    libraries  what its pictures depend on
-    version    raised by hand when a change alters its pictures
+    libraries  what its images depend on
+    version    raised by hand when a change alters its images
     command    trains it
     """
 
@@ -81,7 +81,7 @@ def one_by_one(device: str) -> Renderer:
 
 
 def widened(device: str, precision: Precision = "float32") -> Renderer:
-    """The bundled pc2pix at the paper's width: the same pictures, the paper's cost."""
+    """The bundled pc2pix at the paper's width: the same images, the paper's cost."""
     from pc2pix.renderer import Pc2pixRenderer
     from pc2pix.weights import load_weights
     from pc2pix.widen import widen
@@ -107,7 +107,7 @@ def renderer(where: str, device: str, **fields: float) -> Renderer:
 
 
 def constant(device: str) -> Renderer:
-    """The bundled picture."""
+    """The bundled image."""
     del device
     from baselines.constant import Constant, read_image
 

@@ -30,8 +30,8 @@ class Method:
     """A renderer with a name.
 
     `load` gets the device ("auto", "cpu" or "cuda") and returns the renderer; `version` is raised
-    by hand when a change alters its pictures (finished work is then done again); `identity` gives
-    whatever else its pictures depend on: the versions of its libraries, the checksum of its
+    by hand when a change alters its images (finished work is then done again); `identity` gives
+    whatever else its images depend on: the versions of its libraries, the checksum of its
     weights. Only the ceiling has `sees_mesh`.
     """
 

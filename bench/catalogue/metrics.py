@@ -1,11 +1,11 @@
 """The metrics of the benchmark, as literal tables.
 
-Image metrics score a picture against the true one. Set metrics are Fréchet distances between sets
-of pictures, on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d].
+Image metrics score an image against the true one. Set metrics are Fréchet distances between sets
+of images, on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d].
 Nothing but the distance on the published Inception features is called `fid`, and nothing but the
 kernel distance on these `kid`. Control metrics ask
-whether a picture shows the view and the object that it should; a judge predicts them from the
-picture alone, and its answers are features too, which no distance is taken of.
+whether an image shows the view and the object that it should; a judge predicts them from the
+image alone, and its answers are features too, which no distance is taken of.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ IMAGE_METRICS = {
     "thin-recall": "share of the thin parts of the true object that is drawn",
     "thin-precision": "share of true object in what is drawn beside thin parts",
 }
-# Why an image metric may have no value for a picture that is there; the others always have one.
+# Why an image metric may have no value for an image that is there; the others always have one.
 UNDEFINED = {
     "ssim-object": "no window is centred in the box of the true object",
     "thin-recall": "the true object shows no part thinner than 4 px",
@@ -45,7 +45,7 @@ CONTROL_METRICS = {
     "elevation-error-deg": "median error of the elevation that the judge sees; lower is better",
     "retrieval": "share of pictures by which the judge finds the object among those of the run",
 }
-# Made from the features of a set metric: of a picture, and of a set (and which set metric's).
+# Made from the features of a set metric: of an image, and of a set (and which set metric's).
 RECOGNITION_METRICS = {
     "class-confidence": "probability that the classifier of fd-views gives the true class",
 }
@@ -59,7 +59,7 @@ Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class FeatureSource:
-    """What takes features of pictures; a set metric is named after the one that it is taken of.
+    """What takes features of images; a set metric is named after the one that it is taken of.
 
     `weights` finds the file to load, given the option of the command line; it raises
     WeightsUnavailable where there is none, and then its metrics are skipped. `load` takes that
@@ -161,7 +161,7 @@ def find_extractor(extractor_id: str) -> FeatureSource:
 
 
 def is_similarity(metric: str) -> bool:
-    """Whether it is a mean over pictures, and higher is better; else a distance of sets."""
+    """Whether it is a mean over images, and higher is better; else a distance of sets."""
     return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
 
 

@@ -1,7 +1,7 @@
-"""Metrics of other packages: what scores a picture against the true one.
+"""Metrics of other packages: what scores an image against the true one.
 
 A package announces one by an entry point of the group `pc2pix_bench.metrics`: the name is the
-metric's id, the object an `ImageMetric`. `bench score` takes it of the pictures of a finished run.
+metric's id, the object an `ImageMetric`. `bench score` takes it of the images of a finished run.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ PLUGINS = "pc2pix_bench.metrics"
 
 @dataclass(frozen=True)
 class ImageMetric:
-    """A score of pictures.
+    """A score of images.
 
-    score    of true and drawn pictures, uint8 [V, H, W, 3] each: float64 [V], finite. The pictures
+    score    of true and drawn images, uint8 [V, H, W, 3] each: float64 [V], finite. The images
              of one object, those of its views; no score may depend on the others
     version  raised by hand when a change alters the values; it stands in the tables
     about    one line for people

@@ -194,7 +194,7 @@ class LatentSuite:
     triples        A - B + C, where A is B with one change
     pool           test chairs that triples are looked for among
     neighbours     train chairs among which the nearest to a sum is looked for
-    azimuth_deg, elevation_deg  of the one view that all pictures show
+    azimuth_deg, elevation_deg  of the one view that all images show
     shown          pairs and triples in the figures
     """
 
@@ -272,7 +272,7 @@ STABILITY = StabilitySuite(
 
 @dataclass(frozen=True)
 class SpeedSuite:
-    """What pictures cost: `bench.suites.speed.run` takes the times.
+    """What images cost: `bench.suites.speed.run` takes the times.
 
     methods       what is timed, each in a process of its own for each number of threads
     rivals        methods that all others are compared with; the first is the paper's
@@ -285,7 +285,7 @@ class SpeedSuite:
     least_rounds  counted rounds over all clouds, at least
     most_rounds   and at most
     seconds       after which no further round is begun, once there are `least_rounds`
-    amortised     numbers of views that the cost per picture is given for
+    amortised     numbers of views that the cost per image is given for
     quiet_cores   more cores than these busy with something else: a warning beside the times
     limits        for one measurement
     """

@@ -1,4 +1,4 @@
-"""The checklist of the paper's claims: runs in, verdicts out, as `claims.md`."""
+"""The checklist of the paper's claims: from runs to verdicts, as `claims.md`."""
 
 from __future__ import annotations
 

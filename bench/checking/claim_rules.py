@@ -1,4 +1,4 @@
-"""How a claim of the paper is held against a run: evidence, rules, findings. Pure functions.
+"""How a claim of the paper is tested on a run: evidence, rules, findings. Pure functions.
 
 A finding is `supported` only where a 95 % interval over objects lies wholly on the claimed side;
 where it holds 0, so many objects cannot tell, which is no support, and the reason says so.
@@ -55,7 +55,7 @@ class Lacking(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A run whose pictures were scored.
+    """A run whose images were scored.
 
     comparisons  by condition and class
     orderings    of Table 5; None for runs without
@@ -142,7 +142,7 @@ def degrades(run: Scored, metric: str, conditions: Sequence[str]) -> list[Findin
 
 
 def above_blank(run: Scored) -> list[Finding]:
-    """The network's pictures are nearer to the truth than white ones, by SSIM and by distance."""
+    """The network's images are nearer to the truth than white ones, by SSIM and by distance."""
     found = []
     for network in run.networks:
         leads = {
@@ -169,7 +169,7 @@ def class_ordering(
 
 
 def unrecognisable(run: Scored) -> list[Finding]:
-    """The classifier gives the true class less to SR's pictures than to true ones."""
+    """The classifier gives the true class less to SR's images than to true ones."""
     pairs = [
         [run.quality(CONFIDENCE, m, FULL, name) for m in ("true-mesh", SURFACE)]
         for condition, name in run.comparisons
@@ -236,7 +236,7 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
 
 
 def faster(samples: pd.DataFrame, times: float) -> list[Finding]:
-    """A picture of the network costs less than one over `times` of one of SR, preparing included.
+    """An image of the network costs less than one over `times` of one of SR, preparing included.
 
     On one thread, cloud by cloud: the interval is over clouds.
     """
@@ -257,7 +257,7 @@ def faster(samples: pd.DataFrame, times: float) -> list[Finding]:
 
 
 def _costs(samples: pd.DataFrame) -> dict[str, Floats]:
-    """Seconds a picture [clouds] by method: medians of preparing a cloud and of its views."""
+    """Seconds an image [clouds] by method: medians of preparing a cloud and of its views."""
     warm = samples[(samples["round"] > 0) & (samples["threads"] == 1)]
     warm = warm[warm["condition"].astype(str) == FULL]
     made = {}

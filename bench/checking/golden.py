@@ -1,4 +1,4 @@
-"""A run against what is known: our golden values, and the paper's.
+"""A run compared with known values: our golden values, and the paper's.
 
 Golden values are ours, made by one run of the default protocol; each carries a tolerance and the
 reason for it. The paper's values are never a criterion: other data, other weights. What can be

@@ -4,8 +4,8 @@ On one machine a run repeats to the last digit, so these tolerances leave room o
 drivers and processors. How they were measured, at 128 px:
 
 * Another driver samples edges elsewhere. Turning every view by 0.1 degree (0.1 px at the rim of the
-  unit sphere), true pictures included, moved the cells of `splat` and `blank` by at most 0.0003
-  (SSIM and its components) and 1 % (fd-views) over 40 pictures. Allowed: three times that.
+  unit sphere), true images included, moved the cells of `splat` and `blank` by at most 0.0003
+  (SSIM and its components) and 1 % (fd-views) over 40 images. Allowed: three times that.
 * Another processor rounds elsewhere, and APSS is ill-conditioned: where normals disagree, one
   rounding error decides about a spike. Two runs that differed in one rounding error here and there
   (see `bench.running.executors`) differed per chair by a standard deviation of 0.0156 (ssim),
@@ -14,14 +14,14 @@ drivers and processors. How they were measured, at 128 px:
   largest of five.
 * The same two for what came later. The turn by 0.1 degree moved the cells of `splat`, `blank` and
   `constant` by at most 0.0003 (ssim-object), 0.0053 (thin-recall), 0.0004 (thin-precision; 0.025
-  for `constant`, which draws enough beside thin parts in few pictures only) and 1 %
+  for `constant`, which draws enough beside thin parts in few images only) and 1 %
   (fd-views-grey). For APSS, one point in fifty was moved by one rounding error, on 12 chairs
   clean and noisy: per chair, ssim-object moved by 1.8 times as much as ssim, thin-precision by 0.4
   and thin-recall by 0.1 times. With the 0.0156 of ssim, 3 standard errors over 24 chairs are 0.017,
   0.004 and 0.001; less is never allowed than for a driver.
 * The judge, asked the same: its medians moved by up to 2 % of themselves (azimuth: and by the 0.1
-  degree of the turn), and one picture in 40 to another object; by APSS no more than by the turn.
-* All of it again by `studies.noise_floor` on as many pictures as a golden cell has (24 chairs x
+  degree of the turn), and one image in 40 to another object; by APSS no more than by the turn.
+* All of it again by `studies.noise_floor` on as many images as a golden cell has (24 chairs x
   20 views; 2048, 512 and noise-0.10; both networks, `splat`, `constant`, `blank`): the largest move
   of a cell by the turn of 0.1 degree, by an independent ray-caster that samples where OpenGL does,
   and by one with the mirrored pattern of samples, was
@@ -35,7 +35,7 @@ drivers and processors. How they were measured, at 128 px:
       retrieval                0.004    0.002    0.002
 
   Three times of that is allowed, or more. Whether a part counts as thin is decided by whole pixels,
-  so that few pictures tell little: 40 of `splat` showed less.
+  so that few images tell little: 40 of `splat` showed less.
 * silhouette-iou came later. The same three sources, at 2048 and 512, moved a cell by at most
   0.00016, 0.00014 and 0.00028 (`splat`, `constant`). For APSS, one point in fifty moved by one
   rounding error on 12 chairs moved it per chair by 1.5 times as much as ssim on clean clouds and
@@ -47,7 +47,7 @@ drivers and processors. How they were measured, at 128 px:
   with APSS and 0.0016 with `surface-fit`, less than chairs under noise. New are class-confidence,
   moved by at most 0.0045 by the turn and 0.0061 by rounding, and kd-views, by at most 2.6 % of
   itself, and where it is small by 0.03. Three times the largest is allowed for all methods; true
-  pictures, too, are neither certain nor at no kernel distance from themselves.
+  images, too, are neither certain nor at no kernel distance from themselves.
 * What does not matter beside that: views one at a time or 20 in a batch, 1 thread or 2, float64 for
   float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
   components and ssim-object), 0 (thin parts, retrieval), 2e-5 (fd) and 2e-4 degrees (the judge).
@@ -107,7 +107,7 @@ OF_CLASSES: Mapping[str, Tolerance] = {
     "class-confidence": Tolerance(0.018, 0.0, f"{_DRIVER}, or of rounding"),
     "kd-views": Tolerance(0.1, 0.08, f"{_DRIVER}, or of rounding"),
 }
-_OF_FEW = {  # (method, metric) whose value is a mean over few pictures
+_OF_FEW = {  # (method, metric) whose value is a mean over few images
     ("constant", "thin-precision"): Tolerance(0.08, 0.0, f"{_DRIVER}, in few pictures"),
 }
 
@@ -116,7 +116,7 @@ def tolerance(method: str, metric: str) -> Tolerance | None:
     """The tolerance of a cell; None where there is no golden value.
 
     `fid` and `kid` have none: their weights are not part of the default protocol. The judge and
-    the classifier err on true pictures too, so that their answers are never exact.
+    the classifier err on true images too, so that their answers are never exact.
     """
     for of_all_methods in (JUDGED, OF_CLASSES):
         if metric in of_all_methods:

@@ -47,7 +47,7 @@ class Inspection:
 
 @dataclass(frozen=True)
 class _Examined:
-    """What an object showed: what is odd, and where; how well its cloud fits its pictures."""
+    """What an object showed: what is odd, and where; how well its cloud fits its images."""
 
     odd: tuple[tuple[str, str], ...]
     agreement: tuple[float, ...] | None = None
@@ -152,7 +152,7 @@ def _grouped(examined: Mapping[str, _Examined]) -> list[str]:
 
 
 def _without_images(dataset: Dataset) -> list[str]:
-    """Objects that have a folder of pictures with gaps."""
+    """Objects that have a folder of images with gaps."""
     gaps, blind = [], []
     for obj in dataset.finite or ():
         if isinstance(obj, PaperObject) and obj.renders.is_dir():
@@ -169,7 +169,7 @@ def _without_images(dataset: Dataset) -> list[str]:
 
 
 def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
-    """How well clouds and pictures agree, and whether another reading of the angles is better."""
+    """How well clouds and images agree, and whether another reading of the angles is better."""
     shares = [found.agreement for found in examined.values() if found.agreement is not None]
     if not shares:
         return [], []

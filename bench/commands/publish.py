@@ -1,4 +1,4 @@
-"""What a run or a merge puts out at its end: tables, figures and the report."""
+"""What a run or a merge writes at its end: tables, figures and the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`bench render`: a picture of a cloud, a sheet by several methods, or a turntable of either."""
+"""`bench render`: an image of a cloud, a sheet by several methods, or a turntable of either."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CLOUD = "cloud"  # the label of the dots
 class Request:
     """What is to be drawn by which methods, seen from where.
 
-    out     a picture, or a turntable by its name
+    out     an image, or a turntable by its name
     frames  of a turntable, which begins at the azimuth and goes all around; None: FRAMES
     """
 
@@ -58,8 +58,8 @@ class Request:
 def render(request: Request) -> dict[str, str]:
     """Draw it and write it, unless all methods fail. Gives the reasons of those that do.
 
-    One method gives its pictures as they are. Several give a sheet: the points as dots, then a
-    tile for each method, with the reason in it where there is no picture. Raises BadInput for what
+    One method gives its images as they are. Several give a sheet: the points as dots, then a
+    tile for each method, with the reason in it where there is no image. Raises BadInput for what
     cannot be had; where the request alone shows it, before a worker is started.
     """
     check(request)
@@ -124,7 +124,7 @@ def _drawn(file: CloudFile, wanted: Sequence[Wanted]) -> dict[Wanted, UInt8Image
 
 
 def _frames(drawn: Mapping[Wanted, UInt8Images | Failed]) -> UInt8Images:
-    """What is written: the pictures of the only method, or a sheet."""
+    """What is written: the images of the only method, or a sheet."""
     if len(drawn) == 1:
         (images,) = drawn.values()
         assert not isinstance(images, Failed)
@@ -187,7 +187,7 @@ def render_cloud(
     """Draw a point cloud in a file: exit 1 where the method fails, of several where all do.
 
     A method gets all points, 120 s and 4 GiB. Of many points pc2pix takes 8 x 1,024, surface-fit
-    what the picture can show; for other reconstructions 100,000 are half a minute's work.
+    what the image can show; for other reconstructions 100,000 are half a minute's work.
     """
     methods = names(method) or ()
     file = CloudFile(cloud, as_is, up, front, points)
@@ -203,7 +203,7 @@ def render_cloud(
 
 
 def _beside(cloud: Path) -> Path:
-    """The picture's name where none is given. Raises BadInput rather than replace a file."""
+    """The image's name where none is given. Raises BadInput rather than replace a file."""
     image = cloud.with_suffix(".png")
     if image.exists():
         raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")

@@ -56,7 +56,7 @@ def report(
         Path | None, typer.Option("--out", "-o", help="The HTML file. Default: DIR/report.html.")
     ] = None,
 ) -> None:
-    """Make one HTML file of a run: tables, curves, pictures, worst cases, failures; offline."""
+    """Make one HTML file of a run: tables, curves, images, worst cases, failures; offline."""
     from bench.report.build import write_report
     from bench.tables.build import make_outputs, read_scored
 
@@ -268,7 +268,7 @@ def _good_enough(advice: Advice, request: Request, min_ssim: float) -> str:
 
 
 def _text(choice: Choice, request: Request) -> str:
-    """The method with its quality and its cost, for the cloud and for a picture."""
+    """The method with its quality and its cost, for the cloud and for an image."""
     ssim = _estimated(choice.ssim)
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)

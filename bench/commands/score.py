@@ -1,7 +1,7 @@
-"""`bench score`: metrics of other packages, taken of the pictures that a finished run has kept.
+"""`bench score`: metrics of other packages, taken of the images that a finished run has kept.
 
 The run itself stays as it is: its records, its tables and what they are compared with. A score is a
-pure function of pictures, so there is nothing to keep but the tables.
+pure function of images, so there is nothing to keep but the tables.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from data_prep.scene import UInt8Images
 def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
     """A table for each metric, written into `directory`/tables as metric_ID.csv and .md.
 
-    Raises BadInput for what is no finished run, an unknown metric, pictures that are not there any
+    Raises BadInput for what is no finished run, an unknown metric, images that are not there any
     more, and where a metric fails or gives no scores.
     """
     metrics = [find_metric(metric_id) for metric_id in metric_ids]
@@ -54,7 +54,7 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
 
 
 def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.DataFrame:
-    """The records with a column for the metric, NaN where there is no picture.
+    """The records with a column for the metric, NaN where there is no image.
 
     Raises BadInput as `score`.
     """
@@ -76,7 +76,7 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
 def checked_scores(
     metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images
 ) -> NDArray[np.float64]:
-    """Scores [V] of pictures [V, H, W, 3]. Raises BadInput where the metric has none."""
+    """Scores [V] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
     try:
         found = np.asarray(metric.score(truth, drawn), np.float64)
     except Exception as error:  # whatever a stranger's function raises
@@ -96,7 +96,7 @@ def score_run(
         typer.Option(help="Metrics, comma-separated. Default: all of installed packages."),
     ] = None,
 ) -> None:
-    """Take metrics of other packages of a finished run's pictures; print their tables."""
+    """Take metrics of other packages of a finished run's images; print their tables."""
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput("no installed package adds a metric; see docs/adding-a-metric.md")

@@ -1,4 +1,4 @@
-"""What the judge's answers say of images: from where, and which object of all it is.
+"""What the judge's answers mean: the view of an image, and which object it shows.
 
 Pure functions of `bench.judges.judge.judge`'s answers, without the network.
 """
@@ -39,9 +39,9 @@ class Gallery:
 
     class_name
     objects  the G objects, sorted
-    sums     float64 [G, d], over all true pictures of an object
+    sums     float64 [G, d], over all true images of an object
     counts   how many those are, int [G]
-    codes    float64 [d] of each true picture
+    codes    float64 [d] of each true image
     """
 
     class_name: str
@@ -51,11 +51,11 @@ class Gallery:
     codes: dict[ImageKey, Floats]
 
     def without(self, view: int) -> Floats:
-        """The mean code [G, d] of each object over its true pictures except this view.
+        """The mean code [G, d] of each object over its true images except this view.
 
-        So that a picture is never compared with the true picture of its own view: it has to be
+        So that an image is never compared with the true image of its own view: it has to be
         known by its shape, and the truth itself is no exception. NaN for an object that has no
-        other picture.
+        other image.
         """
         sums, counts = self.sums.copy(), self.counts.astype(float)
         for i, obj in enumerate(self.objects):
@@ -68,7 +68,7 @@ class Gallery:
 
 
 def gallery(class_name: str, images: Sequence[ImageKey], answers: NDArray[Any]) -> Gallery:
-    """The gallery of a class, from the answers [n, 3 + d] to its n true pictures."""
+    """The gallery of a class, from the answers [n, 3 + d] to its n true images."""
     objects = tuple(sorted({obj for obj, _ in images}))
     codes = _codes(answers)
     place = {obj: i for i, obj in enumerate(objects)}
@@ -89,7 +89,7 @@ def why_no_retrieval(among: Gallery) -> str:
 
 
 def found(among: Gallery, answers: NDArray[Any], images: Sequence[ImageKey]) -> Floats:
-    """1 for each picture whose judged code is nearest to the right object of all, else 0; [n].
+    """1 for each image whose judged code is nearest to the right object of all, else 0; [n].
 
     Euclidean; of objects equally near the first by name is taken to be meant.
     """

@@ -1,9 +1,9 @@
-"""The judge of drawn pictures: from where a chair is seen, and which chair it is.
+"""The judge of drawn images: from where a chair is seen, and which chair it is.
 
-A network that has seen true pictures only. From a picture it predicts the direction of view, to be
+A network that has seen true images only. From an image it predicts the direction of view, to be
 compared with the one that was asked for, and a shape code, by which the object can be found among
 others. It looks at brightness alone, because methods draw in other colours than the truth, and was
-trained on blurred, repainted and damaged pictures, because methods draw those. Trained by
+trained on blurred, repainted and damaged images, because methods draw those. Trained by
 `bench train judge` on the procedural train split; the weights are bundled.
 """
 
@@ -98,13 +98,13 @@ def load_judge_network(path: Path) -> JudgeNetwork:
 
 
 def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What the judge makes of pictures uint8 [N, 128, 128, 3]: float32 [N, 3 + CODE].
+    """What the judge makes of images uint8 [N, 128, 128, 3]: float32 [N, 3 + CODE].
 
     Columns 0 and 1 are sine and cosine of the azimuth, column 2 the elevation over 40 degrees, the
     rest a shape code of length 1; the closer two codes (Euclidean), the likelier the same object.
     Sine and cosine are not normalised: where a chair looks alike from several sides they shrink.
-    In batches of at most 20; a picture's answer does not depend on its neighbours.
-    Raises ValueError for pictures of another size or type.
+    In batches of at most 20; an image's answer does not depend on its neighbours.
+    Raises ValueError for images of another size or type.
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
         found = f"{images.dtype} {list(images.shape)}"
@@ -118,7 +118,7 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
 
 
 def greyscale(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Luma (Rec. 601) of sRGB pictures uint8 [..., 3]: uint8 [...], rounded half up.
+    """Luma (Rec. 601) of sRGB images uint8 [..., 3]: uint8 [...], rounded half up.
 
     In whole numbers, so that grey is exactly itself. Raises ValueError for another type or number
     of channels.

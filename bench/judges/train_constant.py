@@ -1,4 +1,4 @@
-"""The fit of the best constant picture (see `baselines.constant`): gradient ascent on SSIM."""
+"""The fit of the best constant image (see `baselines.constant`): gradient ascent on SSIM."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ VALIDATION = (100, 8)  # objects, views
 
 @dataclass(frozen=True)
 class Scores:
-    """Mean SSIM on chairs that the picture was not fitted to, and that of white beside it."""
+    """Mean SSIM on chairs that the image was not fitted to, and that of white beside it."""
 
     constant: float
     blank: float
@@ -36,7 +36,7 @@ class Scores:
 def train_constant(
     objects: int, views: int, steps: int, seed: int, out: Path = CONSTANT_IMAGE
 ) -> Scores:
-    """Fit to `objects` of the procedural train split, write the picture, score on validation.
+    """Fit to `objects` of the procedural train split, write the image, score on validation.
 
     Raises BadInput where there is nothing to fit to.
     """
@@ -53,9 +53,9 @@ def train_constant(
 
 
 def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:
-    """The picture [H, W, 3] whose mean SSIM with pictures uint8 [N, H, W, 3] is highest, rounded.
+    """The image [H, W, 3] whose mean SSIM with images uint8 [N, H, W, 3] is highest, rounded.
 
-    Adam on random batches with a cosine schedule, from the mean picture. SSIM is not concave: this
+    Adam on random batches with a cosine schedule, from the mean image. SSIM is not concave: this
     is a local maximum.
     """
     order = torch.Generator().manual_seed(seed)
@@ -80,7 +80,7 @@ def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:
 
 
 def mean_ssim(truth: NDArray[np.uint8], image: NDArray[np.uint8]) -> float:
-    """Mean SSIM of one picture [H, W, 3] with each of [N, H, W, 3], by the metric itself."""
+    """Mean SSIM of one image [H, W, 3] with each of [N, H, W, 3], by the metric itself."""
     drawn = np.broadcast_to(image, truth.shape)
     return float(ssim_per_image(truth, drawn).ssim.mean())
 

@@ -1,7 +1,7 @@
-"""Training of the judge of drawn pictures (see `bench.judges.judge`), on true pictures alone.
+"""Training of the judge of drawn images (see `bench.judges.judge`), on true images alone.
 
-Two pictures of one chair shall have codes closer to each other than to those of the other chairs
-of the batch (InfoNCE). So that this cannot be had by colour, each picture is repainted and damaged
+Two images of one chair shall have codes closer to each other than to those of the other chairs
+of the batch (InfoNCE). So that this cannot be had by colour, each image is repainted and damaged
 on its own (`augment`), and the same features have to tell the rough shape of the chair's cloud.
 """
 
@@ -35,7 +35,7 @@ from learning.processes import ONE, Processes, connect, is_first
 from learning.trainer import Part
 from learning.training_loop import denormals_flushed, hash_arrays, seeded
 
-OBJECTS = 48  # a batch is two pictures of each
+OBJECTS = 48  # a batch is two images of each
 LEARNING_RATE = 2e-3
 WARM_UP = 0.05  # of all steps
 WEIGHT_DECAY = 0.05
@@ -55,7 +55,7 @@ class Scores:
     """On objects not trained on: median errors in degrees, and the share of objects found.
 
     An object is found where, of all validation objects, its mean code over the other true views is
-    the nearest to the picture's (Euclidean).
+    the nearest to the image's (Euclidean).
     """
 
     azimuth_deg: float
@@ -67,7 +67,7 @@ class Scores:
 class JudgeData:
     """N objects from V views each, without colours.
 
-    painted        uint8 [N, V, 128, 128], luma of the true pictures
+    painted        uint8 [N, V, 128, 128], luma of the true images
     neutral        uint8 [N, V, 128, 128], the same objects in uniform grey
     azimuth_deg    float64 [N, V], -180..180
     elevation_deg  float64 [N, V], -40..40
@@ -92,7 +92,7 @@ def train_judge(
 ) -> dict[str, Scores]:
     """Train on `objects` of the procedural train split; the scores of the weights in `out`.
 
-    The scores are for validation pictures as they are ("true"), "blurred" (sigma 1.5 px) and in
+    The scores are for validation images as they are ("true"), "blurred" (sigma 1.5 px) and in
     uniform grey ("neutral"). AdamW with a cosine schedule to zero. A training in `folder` is
     continued. `out` is written whole, at the end: the weights whose validation was best, where 4
     degrees of azimuth weigh as much as a tenth of the objects found. Raises BadInput for fewer
@@ -172,7 +172,7 @@ class _Trainer(CosineTrainer):
         return min(self.peak * ((done + 1) / self._warm_up()), super().rate(done))
 
     def take_step(self) -> dict[str, Tensor]:
-        """One step on two pictures of each of OBJECTS objects, with a validation now and then."""
+        """One step on two images of each of OBJECTS objects, with a validation now and then."""
         loss = self._loss()
         self.minimise(loss, self.optimizer, self.rate(int(self.steps_done)))
         self.steps_done += 1
@@ -197,7 +197,7 @@ class _Trainer(CosineTrainer):
         objects, self.order = self.order[:OBJECTS], self.order[OBJECTS:]
         chosen = torch.rand(self.view.shape[1], OBJECTS, generator=self.random).argsort(0)[:2]
         rows, columns = objects.repeat(2), chosen.flatten()
-        # A mirrored chair from the other side: both its pictures, hence a chair like any other.
+        # A mirrored chair from the other side: both its images, hence a chair like any other.
         mirrored = (torch.rand(OBJECTS, generator=self.random) < 0.5).repeat(2)
         images = augment(
             darkness(self.painted[rows, columns]),
@@ -230,11 +230,11 @@ def contrast(codes: Tensor) -> Tensor:
 
 
 def augment(painted: Tensor, neutral: Tensor, random: torch.Generator) -> Tensor:
-    """Pictures as a method may draw them: darkness [N, 1, 128, 128] in 0..1, each on its own terms.
+    """Images as a method may draw them: darkness [N, 1, 128, 128] in 0..1, each on its own terms.
 
-    `painted` and `neutral` are darkness of the same pictures in their colours and in uniform grey.
+    `painted` and `neutral` are darkness of the same images in their colours and in uniform grey.
     Colours fade towards grey, brightness, contrast and gamma of the object change while white stays
-    white; some pictures lose thin parts or a patch, some are blurred or were drawn smaller, and the
+    white; some images lose thin parts or a patch, some are blurred or were drawn smaller, and the
     background is not quite clean.
     """
     count = len(painted)
@@ -269,7 +269,7 @@ def augment(painted: Tensor, neutral: Tensor, random: torch.Generator) -> Tensor
 def blur(images: Tensor, sigma_px: Tensor) -> Tensor:
     """Gaussian blur of [N, 1, H, W], each by its own sigma [N] in pixels, 0 < sigma <= 2.
 
-    Outside the picture the darkness is zero.
+    Outside the image the darkness is zero.
     """
     reach = torch.arange(-6.0, 7.0)
     kernel = torch.exp(-0.5 * (reach / sigma_px[:, None]) ** 2)
@@ -362,7 +362,7 @@ def score(
 ) -> Scores:
     """How well the network judges `queries`, luma uint8 [N, V, 128, 128]; default: the true ones.
 
-    Codes of objects are always means over true pictures.
+    Codes of objects are always means over true images.
     """
     true = _judge_luma(network, truth.painted)
     asked = true if queries is None else _judge_luma(network, queries)

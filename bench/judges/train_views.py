@@ -29,7 +29,7 @@ from learning.training_loop import denormals_flushed, hash_arrays, seeded
 
 BATCH = 64
 LEARNING_RATE = 2e-3
-AUGMENT_LEVELS = 0.1  # brightness of a training picture's object varies by +-10 %
+AUGMENT_LEVELS = 0.1  # brightness of a training image's object varies by +-10 %
 # Reconstructions and `fd-views-grey` are grey: the class has to be seen without colour, too.
 GREY_SHARE = 0.25
 LUMA = (0.299, 0.587, 0.114)  # Rec. 601
@@ -41,8 +41,8 @@ NO_LABEL = -100  # of the back, for what is no chair
 class Scores:
     """On objects of the validation split: what the network predicts correctly.
 
-    confusion    int [C, C]: pictures by true (rows) and answered class
-    family       share of pictures with the right family, over all classes
+    confusion    int [C, C]: images by true (rows) and answered class
+    family       share of images with the right family, over all classes
     back         of the chairs, with the right back
     azimuth_deg, elevation_deg  median errors [C] in degrees; where a class looks alike from several
                  sides (round tables, most lamps) no azimuth is right
@@ -108,7 +108,7 @@ def train_views(
 
 
 class _Trainer(CosineTrainer):
-    """Everything that a step changes: BATCH pictures [N, H, W, 3], all once in an epoch."""
+    """Everything that a step changes: BATCH images [N, H, W, 3], all once in an epoch."""
 
     kind = "views"
     batch = BATCH
@@ -150,7 +150,7 @@ def labels() -> Labels:
 
 
 def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
-    """Pictures uint8 [N, H, W, 3] as float32 [N, 3, H, W], some greyed, objects lighter or darker.
+    """Images uint8 [N, H, W, 3] as float32 [N, 3, H, W], some greyed, objects lighter or darker.
 
     The white background stays white.
     """
@@ -164,7 +164,7 @@ def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
 def _labelled(
     known: Labels, split: Split, count: int, views: int
 ) -> tuple[TrainingSet, dict[str, Tensor]]:
-    """Pictures of `count` objects of each class, and the right answers about each picture."""
+    """Images of `count` objects of each class, and the right answers about each image."""
     objects = [ProceduralObject(name, split, i) for name in known.classes for i in range(count)]
     data = training_set(tuple(objects), views, quiet=not is_first())
     view = torch.from_numpy(view_answers(data.azimuth_deg, data.elevation_deg))
@@ -192,7 +192,7 @@ def _loss(network: ViewsNetwork, features: Tensor, targets: dict[str, Tensor]) -
 
 
 def _cross_entropy(answers: Tensor, targets: Tensor) -> Tensor:
-    """Mean over the pictures that have a label; zero where none has."""
+    """Mean over the images that have a label; zero where none has."""
     total = functional.cross_entropy(answers, targets, ignore_index=NO_LABEL, reduction="sum")
     return total / (targets != NO_LABEL).sum().clamp(min=1)
 
@@ -220,7 +220,7 @@ def _score(network: ViewsNetwork, objects: int, views: int) -> Scores:
 
 
 def _medians(errors: NDArray[np.float64], classes: int) -> NDArray[np.float64]:
-    """By class; every class has equally many pictures, one class after the other."""
+    """By class; every class has equally many images, one class after the other."""
     return np.median(errors.reshape(classes, -1), axis=1)
 
 

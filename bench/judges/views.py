@@ -1,6 +1,6 @@
 """The network behind `fd-views`: a small classifier of rendered views of the procedural set.
 
-From a 128 x 128 picture it predicts the class of an object, its structural family, the back of a
+From a 128 x 128 image it predicts the class of an object, its structural family, the back of a
 chair and the direction of view; the 64 averages before its last layer are the features. It stands
 in where the published Inception weights are not at hand, and its distances are never called FID.
 Its answer about the class is what `class-confidence` is made of. Trained by `bench train views` on
@@ -44,7 +44,7 @@ class Labels:
 
 
 class ViewsNetwork(nn.Module):
-    """uint8 pictures [N, 3, 128, 128] -> features [N, 64]; `heads` maps features to answers."""
+    """uint8 images [N, 3, 128, 128] -> features [N, 64]; `heads` maps features to answers."""
 
     def __init__(self, labels: Labels) -> None:
         super().__init__()
@@ -102,10 +102,10 @@ def load_views_network(path: Path) -> ViewsNetwork:
 
 
 def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Features float32 [N, 64] of pictures uint8 [N, 128, 128, 3], in batches of at most 20.
+    """Features float32 [N, 64] of images uint8 [N, 128, 128, 3], in batches of at most 20.
 
     Raises ValueError for anything else: floats in 0..1 would pass for black, and the averages of
-    pictures of another size for those of another object.
+    images of another size for those of another object.
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
         found = f"{images.dtype} {list(images.shape)}"
@@ -113,7 +113,7 @@ def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[n
     features = np.empty((len(images), FEATURES), np.float32)
     with torch.inference_mode():
         for start in range(0, len(images), BATCH):
-            # A copy by NumPy: torch refuses negative strides, those of mirrored pictures.
+            # A copy by NumPy: torch refuses negative strides, those of mirrored images.
             part = torch.from_numpy(images[start : start + BATCH].copy()).permute(0, 3, 1, 2)
             features[start : start + BATCH] = network(part).numpy()
     return features

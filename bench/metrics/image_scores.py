@@ -1,4 +1,4 @@
-"""All scores of pictures against the true ones, by the names of the columns of a record."""
+"""All scores of images against the true ones, named as the columns of a record."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bench.metrics.thin_parts import thin_scores
 
 
 def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
-    """Scores [V] of pictures uint8 [V, H, W, 3]; NaN where a picture has no such score.
+    """Scores [V] of images uint8 [V, H, W, 3]; NaN where an image has no such score.
 
     One SSIM map gives the first five.
     """

@@ -1,4 +1,4 @@
-"""Where the weights of the FID network come from: a file, the cache, or (on request) the net.
+"""Where the weights of the FID network come from: a file, the cache, or (on request) the network.
 
 Apart from `bench.metrics.inception`, so that a run can be planned, and its rows marked as skipped,
 without importing torch.
@@ -36,7 +36,7 @@ def find_weights(chosen: str | None) -> Path:
     anything else      the path of the file
 
     The network is asked on request only: the default run needs none, and taking the features of all
-    its pictures would more than double its time. Raises BadInput where a path cannot be read or is
+    its images would more than double its time. Raises BadInput where a path cannot be read or is
     not the published file (sha256), and WeightsUnavailable where the cache does not hold it (and it
     cannot be fetched).
     """

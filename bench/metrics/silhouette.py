@@ -1,7 +1,7 @@
 """Where an image shows something, and how far the drawn silhouette covers the true one.
 
-White is background, by the conventions of all pictures. A true picture shows something wherever it
-is not white; its edges, which cover a pixel in part, count as a whole. Of a drawn picture that
+White is background, by the conventions of all images. A true image shows something wherever it
+is not white; its edges, which cover a pixel in part, count as a whole. Of a drawn image that
 would be too much: a network's background is white but for a few levels, and all of the frame would
 be object. So a pixel counts as `drawn` if its contrast to white is at least half of that of the
 true pixel, and haze draws nothing.
@@ -53,12 +53,12 @@ def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def drawn(truth: NDArray[np.uint8], images: NDArray[np.uint8], usual: Masks) -> Masks:
-    """The pixels [N, H, W] where pictures draw something; both uint8 [N, H, W, C].
+    """The pixels [N, H, W] where images draw something; both uint8 [N, H, W, C].
 
-    usual  [N, H, W], a part of what the true pictures show; its median contrast is asked for where
+    usual  [N, H, W], a part of what the true images show; its median contrast is asked for where
            they are white (the neutral grey's, where the part is empty)
 
-    Of a true picture, drawn is all that it shows. Raises as `require_pairs`.
+    Of a true image, drawn is all that it shows. Raises as `require_pairs`.
     """
     require_pairs(truth, images)
     shown, asked = foreground(truth), contrast(truth)
@@ -78,11 +78,11 @@ def require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
 
 
 def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """The box [N, (top, bottom, left, right)] of the foreground of each true picture.
+    """The box [N, (top, bottom, left, right)] of the foreground of each true image.
 
-    In pixels, bottom and right exclusive; all 0 for a blank picture.
+    In pixels, bottom and right exclusive; all 0 for a blank image.
 
-    Raises ValueError where the pictures are not uint8 or not [N, H, W, C].
+    Raises ValueError where the images are not uint8 or not [N, H, W, C].
     """
     shown = foreground(truth)
     if truth.ndim != 4:
@@ -96,18 +96,18 @@ def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
 
 
 def _require_uint8(images: NDArray[np.uint8]) -> None:
-    """On the scale 0..1 all is dark, and NaN is not: neither may pass for a picture."""
+    """On the scale 0..1 all is dark, and NaN is not: neither may pass for an image."""
     if images.dtype != np.uint8:
         found = f"{images.dtype} {list(images.shape)}"
         raise ValueError(f"images must be uint8 (range 0..255), got {found}")
 
 
 def silhouette_iou(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Intersection over union of silhouettes [N], 0..1, of pictures against the true ones.
+    """Intersection over union of silhouettes [N], 0..1, of images against the true ones.
 
-    Both uint8 [N, H, W, 3] on white. 1 for identical pictures and where neither shows anything: it
-    always has a value. 0 where nothing is drawn of a true picture that shows something, and the
-    other way round. A picture's value does not depend on its neighbours.
+    Both uint8 [N, H, W, 3] on white. 1 for identical images and where neither shows anything: it
+    always has a value. 0 where nothing is drawn of a true image that shows something, and the
+    other way round. An image's value does not depend on its neighbours.
 
     Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
     """

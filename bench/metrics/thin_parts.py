@@ -1,6 +1,6 @@
-"""Legs, rungs and spindles: does a picture draw the thin parts of an object, and only them?
+"""Recall and precision of thin parts in an image: legs, rungs and spindles.
 
-SSIM hardly notices them, because they cover few pixels; the user of a picture does.
+SSIM hardly notices them, because they cover few pixels; the user of an image does.
 
 * Thin is what the true silhouette loses to a morphological opening by the disc of diameter 4: the
   12 pixels whose centres lie within 2 px of a pixel corner. A part that it does not fit into is
@@ -37,7 +37,7 @@ _DISC = tuple((y, x) for y in range(4) for x in range(4) if (y - 1.5) ** 2 + (x 
 class ThinScores(NamedTuple):
     """Float64 [N] each, 0..1, 1 is best; NaN where there is nothing to take a share of.
 
-    recall     NaN for a true picture without thin parts
+    recall     NaN for a true image without thin parts
     precision  as recall, and where nothing is drawn beside a thin part
     """
 
@@ -46,7 +46,7 @@ class ThinScores(NamedTuple):
 
 
 def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScores:
-    """Scores of pictures against the true ones, both uint8 [N, H, W, 3] on white.
+    """Scores of images against the true ones, both uint8 [N, H, W, 3] on white.
 
     Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
     """
@@ -65,7 +65,7 @@ def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScor
 
 
 def evaluated(truth: NDArray[np.uint8]) -> Masks:
-    """E of true pictures uint8 [N, H, W, 3]: silhouette within 2 px of a thin pixel, [N, H, W]."""
+    """E of true images uint8 [N, H, W, 3]: silhouette within 2 px of a thin pixel, [N, H, W]."""
     shown = foreground(truth)
     return _near(thin(shown), EVALUATED_WITHIN) & shown
 

@@ -1,4 +1,4 @@
-"""Where finished pictures and features are, and what they are of.
+"""Files of finished images and features, and what they belong to.
 
 An artifact is a compressed .npz, written whole or not at all by `bench.running.work`: `images`,
 uint8 [V, S, S, 3], and one array [V, d] for each feature extractor.
@@ -29,7 +29,7 @@ class Item(NamedTuple):
 
     @property
     def truth(self) -> Item:
-        """The true pictures of its object."""
+        """The true images of its object."""
         return Item(GROUND_TRUTH, "", self.class_name, self.object_id)
 
     @property
@@ -40,7 +40,7 @@ class Item(NamedTuple):
 
 @dataclass(frozen=True)
 class Artifact:
-    """The pictures of an item are in the file `path`."""
+    """The images of an item are in the file `path`."""
 
     item: Item
     path: Path

@@ -1,7 +1,7 @@
 """The features that a run has kept, read cell by cell: all of them at once need not fit in memory.
 
-A cell is one method's pictures of one class under one condition. The files are written cell by cell
-(`bench.records.parquet.write_features`), a row group holding pictures of one cell only, and every
+A cell is one method's images of one class under one condition. The files are written cell by cell
+(`bench.records.parquet.write_features`), a row group holding images of one cell only, and every
 row group says what cells and objects are in it; so what is asked for is read, and nothing else.
 Files in another order are read as well, more slowly.
 """
@@ -25,16 +25,16 @@ VALUES = "features"
 
 
 class Features(Protocol):
-    """The features of one extractor by (method, condition, class), each a set of pictures."""
+    """The features of one extractor by (method, condition, class), each a set of images."""
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """The pictures there are, sorted; none in a cell that is not there."""
+        """The images there are, sorted; none in a cell that is not there."""
         ...
 
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[Any]:
-        """Theirs [n, d], in the order of `pictures`. Raises KeyError for one that is not there."""
+        """Theirs [n, d], in the order of `images`. Raises KeyError for one that is not there."""
         ...
 
 
@@ -65,7 +65,7 @@ class FeatureFile:
         ]
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
-        """The pictures there are, sorted; none in a cell that is not there. Raises BadInput."""
+        """The images there are, sorted; none in a cell that is not there. Raises BadInput."""
         found: list[ImageKey] = []
         for table in self._read((method, condition, class_name), ("object", "view")):
             found += _images(table)
@@ -74,7 +74,7 @@ class FeatureFile:
     def of(
         self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
     ) -> NDArray[np.float32]:
-        """Theirs [n, d], in the order of `pictures`.
+        """Theirs [n, d], in the order of `images`.
 
         Raises KeyError for one that is not there, and BadInput for a file that cannot be read.
         """

@@ -1,4 +1,4 @@
-"""A job, its result, and what the time of a worker went into: plain values that cross processes."""
+"""A job, its result, and the times of its parts: plain values that cross processes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Job:
 
     key           names everything that the result depends on
     perturbation  what `condition` is the name of
-    artifact      where pictures and features go
+    artifact      where images and features go
     reference     the artifact of the ground truth; None where nothing is scored
     features      (id, weights file) of the extractors to run
     batch         views drawn in one call; None: all of them
@@ -111,7 +111,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a job. `artifact_sha256` is None where there are no pictures.
+    """What became of a job. `artifact_sha256` is None where there are no images.
 
     `timing` is zeros for a job that was done by an earlier start, or whose worker died.
     `unusable` is set where going on with other jobs of its kind makes no sense (a library or
@@ -126,7 +126,7 @@ class Result:
 
 
 def failed(job: Job, reason: str) -> Result:
-    """The result of a job that gave no pictures."""
+    """The result of a job that gave no images."""
     return Result(job.key, tuple(records_of(job, "failed", reason=reason)), None)
 
 

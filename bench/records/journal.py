@@ -1,8 +1,8 @@
-"""A run's directory: what has been done, kept so that a kill at any moment loses nothing.
+"""A run's directory and its journal of finished jobs: a kill at any moment loses nothing.
 
     manifest.json        what was measured, with which versions, on which machine
     journal/NNNN.jsonl   one checksummed line per finished job, only ever appended to
-    artifacts/           pictures and features of each job, named by the job's key
+    artifacts/           images and features of each job, named by the job's key
     records.parquet      the records of the last complete run, made from the journal
     features/*.parquet   the features behind the Fréchet distances, made from the artifacts
     jobs.parquet         what each artifact is of: all jobs of that run, in the order of its plan
@@ -49,7 +49,7 @@ SHARD = "shard"  # likewise; manifests from before there were any have none
 class JobOutcome:
     """What became of a job, without its records.
 
-    artifact_sha256  None where there are no pictures
+    artifact_sha256  None where there are no images
     reason           why there are none; empty where there are
     timing           zeros for a job that was done by an earlier start
     """

@@ -21,7 +21,7 @@ from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record, to_fram
 from data_prep.failures import BadInput
 from data_prep.whole_files import whole_file
 
-# Arrow's own pool keeps what has been freed: some 35 MB after the records of 20,000 pictures.
+# Arrow's own pool keeps what has been freed: some 35 MB after the records of 20,000 images.
 pa.set_memory_pool(pa.system_memory_pool())
 
 RECORDS = "records.parquet"
@@ -101,7 +101,7 @@ def _read_table(
         raise BadInput(
             f"{path}: schema {schema} is newer than {SCHEMA_VERSION}; update pc2pix-bench"
         )
-    if 0 < schema < SCHEMA_VERSION:  # scores are missing that only the pictures could give
+    if 0 < schema < SCHEMA_VERSION:  # scores are missing that only the images could give
         raise BadInput(
             f"{path}: schema {schema} is older than {SCHEMA_VERSION}; start the run again with its "
             "command, to measure what is new"
@@ -142,7 +142,7 @@ def read_jobs(directory: Path) -> list[JobRow]:
 
 
 def artifacts_of(directory: Path, jobs: Iterable[JobRow]) -> list[Artifact]:
-    """Where the pictures are of those jobs that have any."""
+    """Where the images are of those jobs that have any."""
     return [
         Artifact(job.item, artifact_path(directory, job.key)) for job in jobs if job.artifact_sha256
     ]

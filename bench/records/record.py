@@ -19,11 +19,11 @@ GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features 
 
 @dataclass(frozen=True)
 class Record:
-    """One picture, or the reason why there is none.
+    """One image, or the reason why there is none.
 
     `reason` is empty where the outcome is ok. `notes` holds what a method repaired on its way.
     Scores are None unless the outcome is ok; `ssim_object` and the thin scores also where the
-    picture has nothing that they could be taken of (`bench.catalogue.metrics.UNDEFINED` says when).
+    image has nothing that they could be taken of (`bench.catalogue.metrics.UNDEFINED` says when).
     `prepare_s` is the object's, repeated for each view; `draw_s` is this view's share of drawing
     all views at once. Times are wall time in seconds; in a run with several workers they were taken
     while others ran: compare them within a run only.

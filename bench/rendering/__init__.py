@@ -1,1 +1,1 @@
-"""A user's own cloud: drawn by a method, or made smaller until only its failure is left."""
+"""A user's own cloud: drawn by a method, or reduced to the points that make a method fail."""

@@ -1,4 +1,4 @@
-"""Pictures of a cloud in a file, by any method.
+"""Images of a cloud in a file, by any method.
 
 The file is read and the method runs in a worker process: neither is trusted.
 """
@@ -82,7 +82,7 @@ Wanted = Drawing | Dots
 
 @dataclass(frozen=True)
 class Failed:
-    """Why there are no pictures, in the words of a record."""
+    """Why there are no images, in the words of a record."""
 
     reason: str
 
@@ -107,7 +107,7 @@ def find_drawer(method_id: str) -> Method:
 
 
 def draw_file(file: CloudFile, drawing: Drawing) -> UInt8Images | Failed:
-    """The pictures, made in a worker; or what became of the method, or of its worker.
+    """The images, made in a worker; or what became of the method, or of its worker.
 
     Raises BadInput for a file that cannot be used, and a method that cannot be had.
     """
@@ -131,7 +131,7 @@ def draw_each(
 
 
 def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
-    """The pictures, made in this process. Raises BadInput for a method that cannot be had."""
+    """The images, made in this process. Raises BadInput for a method that cannot be had."""
     renderer: Renderer | None = None
     rng = drawing.rng or generator("render")
     try:

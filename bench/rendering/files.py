@@ -1,4 +1,4 @@
-"""Pictures as PNG, and turntables as GIF, WebP or APNG, by the name of the file."""
+"""Images as PNG, and turntables as GIF, WebP or APNG, by the name of the file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ KMEANS_STEPS = 4  # turntable of one chair: 4.8 grey levels off (rms) in place o
 
 
 def moves(path: Path) -> bool:
-    """Whether a turntable goes by that name, and not a picture. Raises BadInput if neither does."""
+    """Whether a turntable goes by that name, and not an image. Raises BadInput if neither does."""
     suffix = path.suffix.lower()
     if suffix != STILL and suffix not in MOVING:
         raise BadInput(
@@ -42,7 +42,7 @@ def frame_ms(frames: int) -> int:
 def write_images(frames: NDArray[np.uint8], path: Path) -> None:
     """Write frames [F, H, W, 3] whole or not at all: the only one as PNG, else a film that loops.
 
-    PNG, APNG and WebP hold the pictures as they are, a GIF in 256 colours. Raises CannotWrite.
+    PNG, APNG and WebP hold the images as they are, a GIF in 256 colours. Raises CannotWrite.
     """
     from PIL import Image
 

@@ -1,4 +1,4 @@
-"""Labelled pictures side by side, still or moving. Pure: arrays to arrays."""
+"""Labelled images side by side, still or moving. Pure: arrays to arrays."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST_A_ROW = 5
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A label, and the pictures of each frame, or the reason why there are none."""
+    """A label, and the images of each frame, or the reason why there are none."""
 
     label: str
     images: UInt8Images | str
@@ -39,9 +39,9 @@ def columns_of(count: int) -> int:
 def draw_sheet(tiles: Sequence[Tile], columns: int, scale: int) -> UInt8Images:
     """Frames uint8 [F, H, W, 3] of the tiles, row by row, each under its label.
 
-    Pictures are enlarged `scale` times, every pixel becoming a square, so that nothing is shown
-    that a method has not drawn. A reason stands in place of the pictures, as much of it as there is
-    room for. Where no tile has pictures there is one frame. Raises ValueError where tiles have
+    Images are enlarged `scale` times, every pixel becoming a square, so that nothing is shown
+    that a method has not drawn. A reason stands in place of the images, as much of it as there is
+    room for. Where no tile has images there is one frame. Raises ValueError where tiles have
     different numbers of frames.
     """
     from PIL import Image, ImageDraw

@@ -1,4 +1,4 @@
-"""The report of a finished run: one HTML file that says and shows all of it, offline."""
+"""The report of a finished run: one HTML file with everything, for use offline."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ QUALITY = "ssim"  # what cost is compared with where a suite names no metric
 def write_report(made: Outputs, out: Path | None = None) -> Path:
     """Write the report of a finished run to `out` (default: report.html in its folder).
 
-    The same run gives the same bytes. Pictures that are no longer there, and clouds that cannot be
+    The same run gives the same bytes. Images that are no longer there, and clouds that cannot be
     made again, are named as missing. Raises BadInput where the list of jobs cannot be read, and
     CannotWrite where `out` cannot be written.
     """
@@ -233,7 +233,7 @@ def table_group(table: Table[Any], folded: bool = True) -> TableGroup:
 
 
 def failure_groups(records: pd.DataFrame) -> tuple[FailureGroup, ...]:
-    """Pictures that are not there, by reason, the most frequent first.
+    """Images that are not there, by reason, the most frequent first.
 
     Each listed is one method on one cloud, with the views that it lacks.
     """

@@ -54,7 +54,7 @@ def write_class_figures(
 def images_figure(shown: Sequence[str], artifacts: Sequence[Artifact]) -> Figure:
     """The first view of the first object of each class, nobody has chosen: truth, then methods.
 
-    At the first condition; below each picture its SSIM with the truth.
+    At the first condition; below each image its SSIM with the truth.
     """
     condition = next(artifact.item.condition for artifact in artifacts if artifact.item.condition)
     first: dict[str, Artifact] = {}

@@ -1,4 +1,4 @@
-"""Methods along families of conditions: a plot for each family, and who is ahead."""
+"""Methods along families of conditions: a plot for each family, and which method is ahead."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def write_beyond_figures(
     """`beyond` (PNG and SVG) and `beyond-pictures.png`: the first view of the first objects, nobody
     has chosen, a column for each condition, family after family.
 
-    `artifacts` are all that there are, ground truths included. Ceiling and floors have no picture.
+    `artifacts` are all that there are, ground truths included. Ceiling and floors have no image.
     """
     folder = directory / FIGURES
     figure = beyond_figure(curves, looks(ordered(c.method for c in curves))).figure

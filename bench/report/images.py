@@ -1,4 +1,4 @@
-"""Pictures of the report: which are shown, what stands beside them, and how they are encoded."""
+"""Images of the report: which are shown, what stands beside them, and how they are encoded."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each
 MOST_ACROSS = 8  # methods beside each other; more stand below each other
-MOST_CASES = 240  # pictures beside truth and cloud: they are most of the file
+MOST_CASES = 240  # images beside truth and cloud: they are most of the file
 EACH = 2  # worst and best records of a method at a condition, while there is room
 CLOUD = "cloud"
 
 
 def shown_objects(records: pd.DataFrame) -> list[tuple[str, str]]:
-    """The first objects of which there are pictures, as (class, object): not chosen by looks."""
+    """The first objects of which there are images, as (class, object): not chosen by looks."""
     ok = records[records["outcome"] == "ok"]
     pairs = ok[["class", "object"]].drop_duplicates().sort_values(["class", "object"])
     classes = pairs["class"].nunique()
@@ -197,7 +197,7 @@ def _cloud(sources: Sources, item: Item, view: View, description: str) -> PageIm
 
 
 def data_uri(image: NDArray[np.uint8]) -> str:
-    """A picture [H, W, 3] as a lossless WebP that stands where an address would."""
+    """An image [H, W, 3] as a lossless WebP that stands where an address would."""
     from PIL import Image
 
     buffer = io.BytesIO()

@@ -54,7 +54,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class PageImage:
-    """A picture as a data URI, with what it shows in words; `uri` is empty where there is none."""
+    """An image as a data URI, with what it shows in words; `uri` is empty where there is none."""
 
     uri: str
     description: str
@@ -62,7 +62,7 @@ class PageImage:
 
 @dataclass(frozen=True)
 class GridCell:
-    """A picture of a grid, and what stands beneath it."""
+    """An image of a grid, and what stands beneath it."""
 
     image: PageImage
     beneath: str = ""
@@ -71,7 +71,7 @@ class GridCell:
 
 @dataclass(frozen=True)
 class Grid:
-    """Pictures of one object from one view: heads are (name, tags)."""
+    """Images of one object from one view: heads are (name, tags)."""
 
     title: str
     description: str
@@ -83,7 +83,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class Case:
-    """A single record with its pictures: the cloud, the truth, what was drawn."""
+    """A single record with its images: the cloud, the truth, what was drawn."""
 
     kind: str
     score: str
@@ -104,7 +104,7 @@ class CaseGroup:
 
 @dataclass(frozen=True)
 class Failure:
-    """One method on one cloud that gave no pictures."""
+    """One method on one cloud that gave no images."""
 
     name: str
     views: str
@@ -135,9 +135,9 @@ class Page:
     """All that a report shows.
 
     facts       (term, description) of the head
-    outcomes    (outcome, number of pictures)
+    outcomes    (outcome, number of images)
     shares      (part of the workers' time, 0..1)
-    unseen      why pictures are missing, one sentence each
+    unseen      why images are missing, one sentence each
     skipped     (metric, reason)
     meanings    (title, ((term, description), ...))
     """

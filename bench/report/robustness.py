@@ -61,7 +61,7 @@ SUBDIVIDED = (1, 2, 5)
 def write_figures(
     directory: Path, tables: Sequence[Table[Row]], artifacts: Sequence[Artifact]
 ) -> None:
-    """Robustness curves (after Tables 3 and 4), picture grids (the paper's Figures 1 and 3) and a
+    """Robustness curves (after Tables 3 and 4), image grids (the paper's Figures 1 and 3) and a
     sheet of thin parts.
 
     `artifacts` are all that there are, ground truths included. Where all methods have failed, there
@@ -112,7 +112,7 @@ def _write_thin_parts(path: Path, artifacts: Sequence[Artifact]) -> None:
     """Objects with the most thin parts, each in the view that shows most of them, cut out.
 
     Columns: the truth, the truth with the evaluated pixels tinted, then method by method the
-    pictures at a clean and at a noisy condition.
+    images at a clean and at a noisy condition.
     """
     by_item = {artifact.item: artifact for artifact in artifacts}
     truths = [artifact for artifact in artifacts if artifact.item.method == GROUND_TRUTH][:THIN_OF]

@@ -1,4 +1,4 @@
-"""Where a finished run keeps its pictures, and its clouds made again. Reads, never writes."""
+"""Where a finished run keeps its images, and its clouds made again. Reads, never writes."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ CACHED = 32  # artifacts held in memory, of about 1 MB each
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Pictures and clouds by item.
+    """Images and clouds by item.
 
-    artifacts  where the pictures are
+    artifacts  where the images are
     clouds     jobs whose clouds are the items', by item with an empty method
     unseen     why there are no clouds; empty where there are
     """
@@ -44,7 +44,7 @@ class Sources:
         object.__setattr__(self, "_sampled", lru_cache(CACHED)(_sampled))
 
     def images(self, item: Item) -> NDArray[np.uint8] | None:
-        """The pictures [V, H, W, 3] of an item; None where they are missing or unreadable."""
+        """The images [V, H, W, 3] of an item; None where they are missing or unreadable."""
         path = self.artifacts.get(item)
         return None if path is None else self._read(path)  # type: ignore[attr-defined]
 

@@ -109,7 +109,7 @@ TIMEOUT_S = 120
 
 
 def environment() -> dict[str, str]:
-    """What the project's pictures depend on beside its own code.
+    """What the project's images depend on beside its own code.
 
     Raises MissingDependency where nothing can be rendered on this machine; the message says which
     Debian packages to install.

@@ -1,4 +1,4 @@
-"""Jobs in worker processes, and what they come to: as the journal says, or by having them done."""
+"""Jobs in worker processes, and their outcomes: from the journal, or by running them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def do_jobs(
 ) -> dict[str, JobOutcome]:
     """What became of all jobs by key: those in the journal, and the rest by doing them.
 
-    Their records are in the journal, and nowhere else: memory does not grow with the pictures.
+    Their records are in the journal, and nowhere else: memory does not grow with the images.
 
     `start` gives the executor for so many jobs; it is closed here. Raises MissingDependency where
     going on makes no sense.

@@ -1,4 +1,4 @@
-"""`bench merge`: the shards of a run become the run that nobody has made in one piece.
+"""`bench merge`: the shards of a run become one run, as if it had not been divided.
 
 Journals, artifacts and records of the shards are brought together; tables, figures and the report
 are made from them as at the end of any run. No method draws anything again, and neither dataset nor
@@ -62,7 +62,7 @@ def merge(
     """Put the shards of a run together in `out`; `publish` as in `bench.running.run.run`.
 
     Raises BadInput where a directory is no finished shard, one is missing, there twice or of
-    another run, naming it; where pictures of a shard are missing or altered; and where `out` holds
+    another run, naming it; where images of a shard are missing or altered; and where `out` holds
     another run. The shards stay as they are.
     """
     parts = _in_order([_read_part(directory) for directory in directories])

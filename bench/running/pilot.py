@@ -1,8 +1,8 @@
-"""A few of a run's items done and measured on this machine, and from them what the run costs.
+"""A few items of a run measured on this machine, and the cost of the run from them.
 
 The items are done in a temporary folder, in worker processes like those of a run and as many, since
 cost and memory depend on the neighbours on the machine and on what else a process has loaded. The
-first item of a method in a process takes longer (libraries, weights, a first picture): it is done
+first item of a method in a process takes longer (libraries, weights, a first image): it is done
 twice, the second time counts, and the difference is loading, which a run pays once a process.
 
 What an object costs depends on its size (how much of its box it fills): the surfaces of the paper

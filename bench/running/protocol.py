@@ -89,7 +89,7 @@ SCORES_VERSION = 1  # raise when a change alters a score
 class Protocol:
     """What a run measures. Two runs with equal protocols give equal tables on one machine.
 
-    `environment` names what pictures depend on beside our own code (GL driver, library versions);
+    `environment` names what images depend on beside our own code (GL driver, library versions);
     `features` are the (id, weights file) of the set metrics that can be taken, `feature_identity`
     the checksum or version behind each; `shard` is the part of a run that `objects` are.
     """
@@ -120,7 +120,7 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
     """All jobs of a run, in the order in which they are started: object by object.
 
     Raises BadInput for unknown methods and conditions, for bare clouds, which cannot be scored, and
-    for more views than objects have pictures.
+    for more views than objects have images.
     """
     _refuse_bare_clouds(protocol)
     conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
@@ -161,7 +161,7 @@ def _refuse_bare_clouds(protocol: Protocol) -> None:
 
 
 def with_floor(methods: Sequence[str]) -> tuple[str, ...]:
-    """The methods and the floor: failures are scored as its pictures, so it is always measured."""
+    """The methods and the floor: failures are scored as its images, so it is always measured."""
     unique = tuple(dict.fromkeys(methods))
     return unique if FLOOR in unique else (*unique, FLOOR)
 
@@ -250,7 +250,7 @@ def manifest_of(
 
 
 def method_identity(method_id: str, device: str) -> list[Any]:
-    """What the pictures of a method depend on beside the cloud and the views."""
+    """What the images of a method depend on beside the cloud and the views."""
     method = find_method(method_id)
     return [method.version, method.identity(), device]
 

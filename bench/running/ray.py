@@ -7,8 +7,8 @@ from the nodes, and nothing but this process writes into its folder.
 
 A node does one job at a time, in a killable process of its own. It gets a list of what it has to
 have in common with the machine that keeps the run (`NodeRequirements`), and proves it before its
-first job: pictures of another driver or another version of a file would go into the same tables
-unseen. The true pictures that a job is scored against come with the job, its artifact goes back as
+first job: images of another driver or another version of a file would go into the same tables
+unseen. The true images that a job is scored against come with the job, its artifact goes back as
 bytes (about 0.1 MB for 20 views).
 """
 
@@ -187,7 +187,7 @@ LOCAL = "local"
 PATIENCE_S = 10.0
 COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
 NODES_PER_JOB = 5  # lost ones; then it is the job that takes them down
-REFERENCES_KEPT = 64  # true pictures in the object store; jobs of one object follow each other
+REFERENCES_KEPT = 64  # true images in the object store; jobs of one object follow each other
 STORE_BYTES = 256 * 2**20  # of the object store of a cluster of our own
 INSTALL = "Ray is not installed; pip install 'pc2pix-bench[ray]'"
 

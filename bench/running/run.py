@@ -1,4 +1,4 @@
-"""A run from its protocol to its records; and what a run would do, without doing any of it."""
+"""A run from its protocol to its records; and what a run would do, without doing it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Outputs = TypeVar("Outputs")
 class RunStatus:
     """A run that has not been started, or not now.
 
-    there    keys of the jobs that count as done, items without a true picture included
+    there    keys of the jobs that count as done, items without a true image included
     workers  processes of this machine
     """
 
@@ -150,7 +150,7 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
 class Measured:
     """A run whose records and features are written, while its directory is still locked.
 
-    artifacts  the pictures of all jobs that have any: ground truths, then items
+    artifacts  the images of all jobs that have any: ground truths, then items
     seconds    what each stage took; whoever goes on adds to it
     """
 

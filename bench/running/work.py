@@ -1,6 +1,6 @@
 """What a worker does: draw the ground truth of an object, or take one method over one cloud.
 
-Jobs and their results are plain values that cross process boundaries. A job writes its pictures and
+Jobs and their results are plain values that cross process boundaries. A job writes its images and
 features into an artifact (a compressed .npz, written whole or not at all) and returns the records;
 whether they count is decided by whoever keeps the journal.
 """
@@ -32,7 +32,7 @@ from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Pictures of a cloud, what the method repaired on the way, and its times as in a record."""
+    """Images of a cloud, what the method repaired on the way, and its times as in a record."""
 
     images: UInt8Images
     notes: str
@@ -115,10 +115,10 @@ def draw(
     batch: int | None = None,
     truth: UInt8Images | None = None,
 ) -> Drawn:
-    """Pictures of a cloud, `batch` views a call (None: all of them), checked.
+    """Images of a cloud, `batch` views a call (None: all of them), checked.
 
-    Raises whatever the method raises, and StageFailure where what it gives are no pictures, or
-    blank ones (unless the true picture is blank too, or blank is what the method is for).
+    Raises whatever the method raises, and StageFailure where what it gives are no images, or
+    blank ones (unless the true image is blank too, or blank is what the method is for).
     """
     if not method.sees_mesh:
         cloud = PointCloud(cloud.points)
@@ -144,10 +144,10 @@ def _batches(views: Sequence[View], batch: int | None) -> list[Sequence[View]]:
 
 
 def _refuse_blank(images: UInt8Images, truth: UInt8Images | None) -> None:
-    """Raises StageFailure where a picture is of one colour throughout, unless the true one is.
+    """Raises StageFailure where an image is of one colour throughout, unless the true one is.
 
     A renderer that has lost its context gives such, and so does one that looks the wrong way;
-    as the picture of an object it is none.
+    as the image of an object it is none.
     """
     flat = _is_flat(images)
     if truth is not None:

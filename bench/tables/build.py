@@ -248,7 +248,7 @@ def _suite(directory: Path, manifest: Mapping[str, Any]) -> Suite:
 
 
 def read_scored(directory: Path) -> ScoredRun:
-    """A finished run whose pictures were scored. Raises BadInput for anything else."""
+    """A finished run whose images were scored. Raises BadInput for anything else."""
     return scored_run(directory, read_finished(directory))
 
 

@@ -89,7 +89,7 @@ def table_of_classes(rows: Iterable[Row], remark: str) -> Table[Row]:
 
 
 def with_confidence(records: pd.DataFrame, features: Features, head: ClassHead) -> pd.DataFrame:
-    """The records with a column of what the classifier gives the true class, NaN of no picture."""
+    """The records with a column of what the classifier gives the true class, NaN of no image."""
     values = np.full(len(records), np.nan)
     places = records.reset_index(drop=True)
     for cell, group in cells(places[places["outcome"] == "ok"]):

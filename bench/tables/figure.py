@@ -1,4 +1,4 @@
-"""What all figures share: how they are made and written, cells with images, names beside lines.
+"""What all figures share: how they are made and written, cells with images, labels beside lines.
 
 matplotlib is imported where something is drawn, and without pyplot: nothing is global.
 """

@@ -1,4 +1,4 @@
-"""Grids and documents as Markdown, and what comes from files and users made harmless for it.
+"""Grids and documents as Markdown, with text from files and users escaped.
 
 Class and object ids are names of files, method ids may hold the path of a weights file, and reasons
 quote both: any of them may carry markup, line breaks, escape sequences of terminals, or characters
@@ -70,7 +70,7 @@ def _line(line: Line) -> str:
 
 
 def _value(of: Cell) -> str:
-    """The value with its interval in brackets, how many pictures it is of, and what follows."""
+    """The value with its interval in brackets, how many images it is of, and what follows."""
     text = cell(of.text)
     interval = " [{}, {}]".format(*map(cell, of.interval)) if of.interval else ""
     shown = of.special.markdown if of.special is not None else "{value}{interval}"

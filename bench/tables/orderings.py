@@ -54,7 +54,7 @@ MARKS = {
 class Ordering:
     """SR against the network in one class by one metric.
 
-    surface, network  their values, failed pictures scored as blank ones
+    surface, network  their values, failed images scored as blank ones
     method      the network: what stands for the paper's PC2PIX
     lead        how much better the network is, paired over objects: over 0 if it is
     paper_lead  the same by FID as the paper printed it; NaN where it has no such class

@@ -1,4 +1,4 @@
-"""The two ledgers beside a run: values as the paper printed them, and our own golden values.
+"""The values to compare a run with: those that the paper printed, and our golden values.
 
 They are never mixed: a published number is only ever quoted, a golden one only ever compared with.
 Both live in `results/` of the checkout.

@@ -58,12 +58,12 @@ PAPER_METHODS = {"surface-apss": "SR", "pc2pix": "PC2PIX", "pc2pix@acgan": "PC2P
 class Row:
     """One cell of a table. A number that does not exist is NaN.
 
-    value              over the pictures whose outcome is ok
+    value              over the images whose outcome is ok
     ci_low, ci_high    95 % interval over objects
-    n_ok, n            pictures that are there and have a value, pictures there should be
+    n_ok, n            images that are there and have a value, images there should be
     paper              as published, on the paper's data
-    failures_as_blank  the value with a blank picture in place of each failed one
-    note               why there is no value, or the reasons of the failures and how many pictures
+    failures_as_blank  the value with a blank image in place of each failed one
+    note               why there is no value, or the reasons of the failures and how many images
                        have no value though they are there
     objective          what the weights of a network were trained with; empty for other methods
     """
@@ -90,14 +90,14 @@ class Row:
 
     @property
     def only_undefined(self) -> bool:
-        """Whether the note is about pictures that are there and have no value, and no others."""
+        """Whether the note is about images that are there and have no value, and no others."""
         if self.n_ok == self.n:
             return bool(self.note)
         return f" x {NO_VALUE}: " in self.note and "; " not in self.note
 
     @property
     def failed(self) -> bool:
-        """Whether pictures are missing."""
+        """Whether images are missing."""
         return self.n_ok < self.n and not self.only_undefined
 
 
@@ -272,7 +272,7 @@ def _about(rows: Sequence[Row]) -> str:
 
 
 def _outcomes(rows: Sequence[Row]) -> tuple[str, ...]:
-    """What became of the pictures of these rows, in the words of the records."""
+    """What became of the images of these rows, in the words of the records."""
     found = set()
     for row in rows:
         if row.skipped:
@@ -288,7 +288,7 @@ def _outcomes(rows: Sequence[Row]) -> tuple[str, ...]:
 def image_table(
     name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
 ) -> Table[Row]:
-    """Means over pictures of the suite's image metrics, with intervals over objects."""
+    """Means over images of the suite's image metrics, with intervals over objects."""
     rows = [made.row for made in image_rows(suite.image_metrics, records, suite, published)]
     return quality_table(name, title, rows, 3, paper_layout=_as_paper(suite))
 
@@ -311,7 +311,7 @@ def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> 
 class Measured(NamedTuple):
     """A row, and what its interval was made from.
 
-    per_object  float64 [G]: of a metric of pictures the mean of each object that has a value, of a
+    per_object  float64 [G]: of a metric of images the mean of each object that has a value, of a
                 distance of sets the distance without each block of objects
                 (`bench.metrics.frechet`)
     """
@@ -323,7 +323,7 @@ class Measured(NamedTuple):
 def image_rows(
     metrics: Sequence[str], records: pd.DataFrame, suite: Suite, published: Published
 ) -> list[Measured]:
-    """Means over pictures of metrics that the records have, for all cells."""
+    """Means over images of metrics that the records have, for all cells."""
     made = []
     names = [column(metric) for metric in metrics]
     for cell, group in cells(records):
@@ -357,7 +357,7 @@ def image_rows(
 def _floor_of_failed(
     cell: tuple[str, str, str], group: pd.DataFrame, records: pd.DataFrame
 ) -> pd.DataFrame:
-    """The floor's records of the pictures that failed in a cell, where it has them."""
+    """The floor's records of the images that failed in a cell, where it has them."""
     failed = group[group["outcome"] == "failed"]
     if failed.empty:
         return records.iloc[:0]
@@ -373,10 +373,10 @@ def _floor_of_failed(
 def control_table(
     records: pd.DataFrame, judged: Features | None, skipped: str, suite: Suite
 ) -> Table[Row]:
-    """What the judge makes of each method's pictures: the view, and which object it is.
+    """What the judge makes of each method's images: the view, and which object it is.
 
-    Angles: medians over pictures of the error in degrees, intervals by a bootstrap over objects.
-    Retrieval: a share of pictures. `judged` are the judge's answers; where there are none,
+    Angles: medians over images of the error in degrees, intervals by a bootstrap over objects.
+    Retrieval: a share of images. `judged` are the judge's answers; where there are none,
     `skipped` says why.
     """
     sizes: dict[str, int] = {}
@@ -417,7 +417,7 @@ def control_table(
 def _judged(
     metric: str, values: Floats, floor: Floats, records: pd.DataFrame
 ) -> tuple[float, tuple[float, float], float]:
-    """Value of the records' pictures, its interval, and the value with the floor's pictures."""
+    """Value of the records' images, its interval, and the value with the floor's images."""
     objects = records["object"].to_numpy()
     with_blank = np.concatenate([values, floor])
     if metric == "retrieval":
@@ -433,14 +433,14 @@ def image_keys(records: pd.DataFrame) -> list[ImageKey]:
 
 
 def _answers(cell: CellKey, records: pd.DataFrame, judged: Features) -> NDArray[Any]:
-    """What the judge says of each record's picture, in their order."""
+    """What the judge says of each record's image, in their order."""
     return np.empty(0) if records.empty else judged.of(*cell, image_keys(records))
 
 
 def _per_image(
     metric: str, records: pd.DataFrame, answers: NDArray[Any], among: control.Gallery
 ) -> Floats:
-    """The error or the hit of each record's picture, in their order."""
+    """The error or the hit of each record's image, in their order."""
     if records.empty:
         return np.empty(0)
     if metric == "azimuth-error-deg":
@@ -459,7 +459,7 @@ def set_table(
     suite: Suite,
     published: Published,
 ) -> Table[Row]:
-    """Fréchet distances between a method's pictures and the ground truth of the same views.
+    """Fréchet distances between a method's images and the ground truth of the same views.
 
     `skipped` gives the reason for each set metric that has no features.
     """
@@ -511,7 +511,7 @@ def set_rows(
 def _distances(
     cell: tuple[str, str, str], features: MeasuredFeatures, distance: SetDistance
 ) -> tuple[float, Floats, float, str]:
-    """Value, without each block of objects, with the floor's pictures for failed ones, why none."""
+    """Value, without each block of objects, with the floor's images for failed ones, why none."""
     _, condition, class_name = cell
     drawn = features.images(*cell)
     if len(drawn) < 2:
@@ -545,7 +545,7 @@ def make_row(
 ) -> Row:
     """A row, with the counts and the reasons that the records give.
 
-    `undefined` is the number of pictures that are there and have no value of this metric.
+    `undefined` is the number of images that are there and have no value of this metric.
     """
     method, condition, class_name = cell
     outcomes = records["outcome"].tolist()

@@ -121,8 +121,8 @@ class Cell:
     value     what a column is sorted by; None: comes last
     interval  its ends
     rest      what follows
-    count     pictures that are there, and that should be
-    blank     the value with a blank picture in place of each that failed, "-" without one; None
+    count     images that are there, and that should be
+    blank     the value with a blank image in place of each that failed, "-" without one; None
               where none failed
     paper     the published value; empty where there is none
     special   what is special about it

@@ -1,1 +1,1 @@
-"""The suite `latent`: what lies between codes, and what their differences mean."""
+"""The suite `latent`: paths between codes, and sums of codes."""

@@ -1,4 +1,4 @@
-"""Sums of codes, A - B + C (the paper's Figure 6), and how near they come to the answer D."""
+"""Sums of codes, A - B + C (the paper's Figure 6), and their distance to the answer D."""
 
 from __future__ import annotations
 

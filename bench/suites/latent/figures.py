@@ -1,4 +1,4 @@
-"""The paper's Figures 5 and 6: clouds above the pictures that are drawn of the same codes."""
+"""The paper's Figures 5 and 6: clouds above the images that are drawn of the same codes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CLOUD, IMAGE, TRUTH = "decoded", "drawn", "true"
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A cloud [N, 3] above a picture uint8 [128, 128, 3] and perhaps the true one, with a title."""
+    """A cloud [N, 3] above an image uint8 [128, 128, 3] and perhaps the true one, with a title."""
 
     title: str
     cloud: Points
@@ -40,7 +40,7 @@ class Strip:
 
 @drawing()
 def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
-    """For each strip rows of clouds and pictures, and of truths where it has any.
+    """For each strip rows of clouds and images, and of truths where it has any.
 
     All strips have the titles of the first.
     """

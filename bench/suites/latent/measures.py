@@ -1,4 +1,4 @@
-"""What is measured of paths and sums of codes. Pure functions of pictures and clouds."""
+"""What is measured of paths and sums of codes. Pure functions of images and clouds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def unevenness(steps: Floats) -> float:
 
 
 def image_steps(images: UInt8Images) -> Floats:
-    """Root-mean-square difference of neighbours [K - 1], in 0..1, along a path of K pictures."""
+    """Root-mean-square difference of neighbours [K - 1], in 0..1, along a path of K images."""
     values = images.astype(np.float64) / 255
     return np.sqrt(np.square(np.diff(values, axis=0)).mean(axis=(1, 2, 3)))
 
@@ -59,7 +59,7 @@ def distances_to_nearer_end(clouds: Clouds) -> Floats:
 
 
 def cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> UInt8Images:
-    """[positions, H, W, 3]: the weighted mean of two pictures [H, W, 3], rounded; exact ends."""
+    """[positions, H, W, 3]: the weighted mean of two images [H, W, 3], rounded; exact ends."""
     share = np.linspace(0, 1, positions)[:, None, None, None]
     return np.floor((1 - share) * start + share * end + 0.5).astype(np.uint8)
 
@@ -72,7 +72,7 @@ def family_confidence(network: ViewsNetwork, images: UInt8Images) -> Floats:
 
 
 def ssim_values(truth: UInt8Images, images: UInt8Images) -> Floats:
-    """SSIM [N] of each pair of pictures, by the protocol of the benchmark."""
+    """SSIM [N] of each pair of images, by the protocol of the benchmark."""
     return ssim_per_image(truth, images).ssim
 
 

@@ -1,4 +1,4 @@
-"""A network as the suite `latent` sees it: clouds to codes, codes to clouds and pictures."""
+"""A network as the suite `latent` sees it: clouds to codes, codes to clouds and images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BUNDLED = "chair"  # the weights of the method `pc2pix`
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Everything that turns clouds into codes, and codes into clouds and pictures."""
+    """Everything that turns clouds into codes, and codes into clouds and images."""
 
     method: str
     renderer: Pc2pixRenderer
@@ -51,9 +51,9 @@ class Network:
         return decode(self.decoder, codes)
 
     def draw(self, codes: Tensor) -> NDArray[np.uint8]:
-        """Pictures uint8 [K, 128, 128, 3] of whitened codes [K, d], all from the one view.
+        """Images uint8 [K, 128, 128, 3] of whitened codes [K, d], all from the one view.
 
-        One by one, so that a picture does not depend on its neighbours. Raises BadInput where one
+        One by one, so that an image does not depend on its neighbours. Raises BadInput where one
         is not finite.
         """
         try:
@@ -67,7 +67,7 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A chair as the suite knows it: cloud [2048, 3], true picture [128, 128, 3]."""
+    """A chair as the suite knows it: cloud [2048, 3], true image [128, 128, 3]."""
 
     cloud: PointCloud
     image: NDArray[np.uint8]

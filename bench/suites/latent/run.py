@@ -1,4 +1,4 @@
-"""The suite `latent`: what lies between codes, and whether A - B + C is D (Figures 5 and 6).
+"""The suite `latent`: paths between codes, and whether A - B + C is D (Figures 5 and 6).
 
 One process, a minute or so, everything from the beginning each time: there is nothing to resume.
 The same seed gives the same bytes on one machine, with whatever number of threads.

@@ -1,1 +1,1 @@
-"""The suite `speed`: what a picture costs."""
+"""The suite `speed`: what an image costs."""

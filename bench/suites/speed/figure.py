@@ -1,4 +1,4 @@
-"""The figure of the suite `speed`: what a picture costs against the number of views of a cloud."""
+"""The figure of the suite `speed`: what an image costs against the number of views of a cloud."""
 
 from __future__ import annotations
 

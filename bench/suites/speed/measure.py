@@ -1,7 +1,7 @@
 """What a worker of the suite `speed` does: time one method, in a process that does nothing else.
 
-First what a fresh process pays: loading (imports and weights), the first cloud, the first picture
-(OpenGL starts here). Then a round that is not counted, in which the pictures are checked: what
+First what a fresh process pays: loading (imports and weights), the first cloud, the first image
+(OpenGL starts here). Then a round that is not counted, in which the images are checked: what
 draws nothing may be as fast as it likes. Then rounds over all clouds, prepare and draw apart.
 """
 
@@ -158,7 +158,7 @@ def take_samples(
     suite: SpeedSuite,
     clock: Clock,
 ) -> tuple[list[Sample], list[Failure]]:
-    """Times of loading, of the first picture, and of `suite`'s rounds; and what failed.
+    """Times of loading, of the first image, and of `suite`'s rounds; and what failed.
 
     A cloud that fails once is left out from then on; the times that it gave are kept. Where the
     method cannot be loaded, all clouds have failed.
@@ -179,7 +179,7 @@ def take_samples(
     for _ in range(suite.warm_ups):
         for subject in tuple(left):
             with _left_out_if_failed(subject, left, failures):
-                # Raises where what the method gives are no pictures of a cloud.
+                # Raises where what the method gives are no images of a cloud.
                 draw(method, renderer, subject.cloud, subject.views, subject.rng())
     start, number = clock.wall(), 0
     while left and number < suite.most_rounds:

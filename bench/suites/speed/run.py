@@ -66,7 +66,7 @@ def speed_units(
     for an unknown method or condition.
     """
     common = [
-        # `Method.version` is raised when pictures change; times also change where they do not.
+        # `Method.version` is raised when images change; times also change where they do not.
         *(FORM, suite.id, code_sha256(TIMED), circumstances, views, seed),
         *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
         [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],

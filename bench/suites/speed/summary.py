@@ -1,4 +1,4 @@
-"""Medians of samples, and what V pictures of one cloud cost.
+"""Medians of samples, and what V images of one cloud cost.
 
 A cloud is prepared once and drawn as often as one likes. Drawing was timed in calls of one view and
 of a batch of views; in between the cost of a call is taken to grow evenly, and more views than a
@@ -40,14 +40,14 @@ class Cost:
     batch: int
 
     def total(self, views: float) -> float:
-        """Of preparing a cloud and drawing `views` >= 1 pictures of it."""
+        """Of preparing a cloud and drawing `views` >= 1 images of it."""
         if views >= self.batch:
             return self.prepare + views * self.draw_batch / self.batch
         more = (self.draw_batch - self.draw_one) / (self.batch - 1)
         return self.prepare + self.draw_one + (views - 1) * more
 
     def per_image(self, views: float) -> float:
-        """The same, shared by the pictures."""
+        """The same, shared by the images."""
         return self.total(views) / views
 
 
@@ -105,7 +105,7 @@ class Summary:
     """What a measurement comes to.
 
     values  by metric, see `summarise`
-    wall    seconds that go by, medians; None where there is no picture to speak of
+    wall    seconds that go by, medians; None where there is no image to speak of
     core    seconds of processor time, likewise
     """
 
@@ -128,10 +128,10 @@ class Summary:
 def summarise(measurement: Measurement) -> Summary:
     """Medians over clouds and rounds, in milliseconds and MiB.
 
-    cold-load, cold-prepare, cold-draw   the first call in its process; cold-picture is their sum
+    cold-load, cold-prepare, cold-draw   the first call in its process; cold-image is their sum
     prepare, draw-1, draw-V              warm: median, 95th percentile (p95) and median of the
                                          processor time (core); of a call, a view's share
-    picture-of-1, picture-of-V           a picture where 1 or V are drawn of a cloud, prepared
+    picture-of-1, picture-of-V           an image where 1 or V are drawn of a cloud, prepared
                                          for them: sums of the medians above
     peak-mib, idle-mib                   most memory of the process, and before the method was there
     """
@@ -164,7 +164,7 @@ def summarise(measurement: Measurement) -> Summary:
 
 
 def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
-    """How many times cheaper a picture is than with the rival under the same circumstances.
+    """How many times cheaper an image is than with the rival under the same circumstances.
 
     Empty where one of the two has no cost.
     """

@@ -53,7 +53,7 @@ class SpeedRow:
 
 @dataclass(frozen=True)
 class AmortisedRow:
-    """Milliseconds a picture, by the clock and of cores, where `views` are drawn of a cloud."""
+    """Milliseconds an image, by the clock and of cores, where `views` are drawn of a cloud."""
 
     summary: Summary
     views: int
@@ -90,7 +90,7 @@ def _columns(suite: SpeedSuite, *own: Column) -> tuple[Column, ...]:
 
 
 def speed_rows(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> list[SpeedRow]:
-    """All numbers, a row each; the paper's stand beside those of a picture among V of a cloud."""
+    """All numbers, a row each; the paper's stand beside those of an image among V of a cloud."""
     rows = []
     for summary in summaries:
         of = summary.measurement
@@ -103,7 +103,7 @@ def speed_rows(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) ->
 
 
 def amortised_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[AmortisedRow]:
-    """The cost of a picture against the number of views; methods without a cost have no rows."""
+    """The cost of an image against the number of views; methods without a cost have no rows."""
     return [
         AmortisedRow(
             summary,
@@ -193,7 +193,7 @@ def _circumstances_in_words(
 
 
 def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Iterator[Block]:
-    """A grid for each condition: methods down, pictures of a cloud by number of threads across."""
+    """A grid for each condition: methods down, images of a cloud by number of threads across."""
     yield "## The claim"
     if paper:
         yield (
@@ -297,7 +297,7 @@ def _failures(summaries: Sequence[Summary]) -> list[str]:
 
 
 def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[AmortisedRow]:
-    """Cost per picture by number of views; for people also the break-even counts."""
+    """Cost per image by number of views; for people also the break-even counts."""
     batch, pairs = summaries[0].measurement.views, break_even_rows(summaries, suite)
 
     def layout(rows: Sequence[AmortisedRow]) -> Iterator[Block]:

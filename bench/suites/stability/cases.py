@@ -1,6 +1,6 @@
-"""The inputs of the suite `stability`: what every method is put through, and with what it agrees.
+"""The inputs of the suite `stability`: clouds for every method, and which cases have to agree.
 
-A case is a cloud at the edge of the domain, views, and a way to draw them. Where its pictures
+A case is a cloud at the edge of the domain, views, and a way to draw them. Where its images
 should be those of another case, `like` names that: a metamorphic check. What each method is
 expected to make of a case stands in `bench.suites.stability.expectations`.
 """
@@ -41,7 +41,7 @@ class Case:
     id     kebab-case
     group  what kind of extreme; cases of a group stand together
     about  in words
-    like   the case whose pictures these should be, view by view (and again from the first where
+    like   the case whose images these should be, view by view (and again from the first where
            this case has more views)
     batch  views drawn in one call; None: all of them
     """

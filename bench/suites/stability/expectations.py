@@ -1,11 +1,11 @@
 """What each method is expected to make of each case of the suite `stability`, and the verdict.
 
-An expectation is a picture, the picture of the case's `like` to within a tolerance, a change of
+An expectation is an image, the image of the case's `like` to within a tolerance, a change of
 stated size against that, or a failure of a stated name. For methods that nobody has stated anything
-about (those of other packages) every picture and every named failure is in order; only what has no
+about (those of other packages) every image and every named failure is in order; only what has no
 name is not: an exception of Python, a crash, a time or memory limit.
 
-What a method made of a case is an observation: small values, taken from records and pictures. One
+What a method made of a case is an observation: small values, taken from records and images. One
 `Outcome` is one cell of a matrix cases x subjects, whatever the subject is: a method, a metric, a
 number format.
 """
@@ -29,13 +29,13 @@ from bench.suites.stability.cases import CASES, Case
 class Observation:
     """One method on one case.
 
-    reason         why there are no pictures; empty where there are
+    reason         why there are no images; empty where there are
     notes          what the method repaired on its way
     shown          share of the pixels that are not white, mean over the views; None without
-    mean_change    mean absolute difference to the pictures of the case it should be like, in grey
-                   levels 0..255; None where there is none, or no pictures of either
+    mean_change    mean absolute difference to the images of the case it should be like, in grey
+                   levels 0..255; None where there is none, or no images of either
     most_change    the largest
-    prepare_s, draw_s  as in a record; None without pictures
+    prepare_s, draw_s  as in a record; None without images
     """
 
     case: str
@@ -128,12 +128,12 @@ ROUNDED = ("float16", "millimetres")
 
 @dataclass(frozen=True)
 class Draws:
-    """Pictures of the right shape, finite, none of one colour throughout."""
+    """Images of the right shape, finite, none of one colour throughout."""
 
 
 @dataclass(frozen=True)
 class Agrees:
-    """The pictures of the case's `like`, to within grey levels 0..255."""
+    """The images of the case's `like`, to within grey levels 0..255."""
 
     mean: float
     most: int | None = None
@@ -141,7 +141,7 @@ class Agrees:
 
 @dataclass(frozen=True)
 class Changes:
-    """Not the pictures of the case's `like`, though one might think so."""
+    """Not the images of the case's `like`, though one might think so."""
 
     mean: float
     why: str
@@ -149,7 +149,7 @@ class Changes:
 
 @dataclass(frozen=True)
 class Fails:
-    """No pictures, for a reason that begins as stated (a regular expression)."""
+    """No images, for a reason that begins as stated (a regular expression)."""
 
     reason: str
     kind: Kind = "refused"

@@ -263,7 +263,7 @@ def extractor(name: str) -> Extractor:
 
 
 def _of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
-    """Squared distance of the features of two pictures."""
+    """Squared distance of the features of two images."""
     features = extractor(name)
     return float(((features(a[:1])[0].astype(float) - features(b[:1])[0].astype(float)) ** 2).sum())
 

@@ -27,7 +27,7 @@ COLOURS: dict[Kind | None, tuple[str, str]] = {
     None: ("#ffffff", ""),
 }
 ROW_IN, COLUMN_IN = 0.17, 0.55  # of a cell
-ACROSS = 12  # pictures
+ACROSS = 12  # images
 MISSING = 225  # grey
 
 
@@ -80,9 +80,9 @@ def extremes_figure(
     methods: Sequence[str],
     images: Mapping[tuple[str, str], NDArray[np.uint8]],
 ) -> Figure:
-    """The first view of every case (across) and method (down); grey where there is no picture.
+    """The first view of every case (across) and method (down); grey where there is no image.
 
-    pictures  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] by case and method
+    images  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] by case and method
     """
     blocks = [cases[i : i + ACROSS] for i in range(0, len(cases), ACROSS)]
     size_in = (0.95 * ACROSS + 0.6, (0.95 * len(methods) + 0.25) * len(blocks))
@@ -99,7 +99,7 @@ def extremes_figure(
 
 
 def sheet(rows: Sequence[Sequence[NDArray[np.uint8] | None]]) -> NDArray[np.uint8]:
-    """Pictures side by side, uint8 [rows * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3], white to the right.
+    """Images side by side, uint8 [rows * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3], white to the right.
 
     None becomes a grey square.
     """

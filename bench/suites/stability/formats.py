@@ -1,8 +1,8 @@
-"""Number formats for pc2pix at ordinary and extreme clouds: what holds, and what overflows where.
+"""Number formats for pc2pix at ordinary and extreme clouds: which layer overflows.
 
 The matrix is both bundled weights x formats (`pc2pix.number_formats`) x the cloud of one
 procedural test chair, plain and made extreme. What is asserted is how far a format is from float64
-on the *same* cloud. Whether the picture of a cloud a thousand times too large is any good is
+on the *same* cloud. Whether the image of a cloud a thousand times too large is any good is
 another question: it is a saturated pattern in every format (the network has seen the unit sphere
 only).
 
@@ -11,10 +11,10 @@ it was measured on 60 validation chairs (24 in float16; 12 of them also made ext
 
 * The code, in standard deviations: its largest error was at most 43 u times the code's largest
   value (at least 1). Allowed: 100 u.
-* The picture, in grey levels: the mean error over all pixels was at most 463 u on plain clouds and
+* The image, in grey levels: the mean error over all pixels was at most 463 u on plain clouds and
   763 u on extreme ones, which drive the last tanh to -1 and 1, so that a rounding error that
   changes a sign costs 255. Allowed: 1000 u and 1500 u. The largest error of a pixel is shown, not
-  bounded: along edges the picture of the paired network is that steep.
+  bounded: along edges the image of the paired network is that steep.
 
 That is twice what was found; the amplification varied from chair to chair by a factor of 3.
 """
@@ -59,8 +59,8 @@ class FormatRow:
     code_scale  largest absolute value of the code in float64, in standard deviations
     code_error_largest, code_error_mean  against float64, in standard deviations; None where a code
                 is not finite
-    grey_error_largest, grey_error_mean  of the pictures, against float64, in grey levels 0..255;
-                None where a picture is not finite
+    grey_error_largest, grey_error_mean  of the images, against float64, in grey levels 0..255;
+                None where an image is not finite
     largest     absolute value within the networks that is finite, and the layer that it is in
     overflowed  the first layer with a value that is not finite; "" where all are finite
     refused     the stage at which the renderer refuses this, "encode" or "generate"; "" if it draws
@@ -97,7 +97,7 @@ OVERFLOWS: dict[tuple[str, str, Format], tuple[str, str]] = {
     # 54 times the scale, so beyond 65,504 from 1.22e3 on.
     ("chair-acgan", "scaled-1.3e3", "float16"): ("encoder.dense", "encode"),
     # 59 times the scale, so beyond 65,504 from 1.11e3 on. All of it is below 0, and the ReLU after
-    # it makes 0 of minus infinity: picture and code are finite, and nothing shows it.
+    # it makes 0 of minus infinity: image and code are finite, and nothing shows it.
     ("chair", "scaled-1.3e3", "float16"): ("generator.blocks.0.conv1", ""),
 }
 
@@ -161,7 +161,7 @@ def format_outcomes(rows: Iterable[FormatRow]) -> list[Outcome]:
 
 
 def allowed(row: FormatRow) -> tuple[float, float]:
-    """What the code's largest error and the picture's mean error may be, in the units of a row."""
+    """What the code's largest error and the image's mean error may be, in the units of a row."""
     if row.format == REFERENCE:
         return 0.0, 0.0
     u = ROUNDOFF[row.format]

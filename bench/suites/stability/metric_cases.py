@@ -1,6 +1,6 @@
 """What a case on metrics is made of, the images that cases use, and how far values may be off.
 
-A metric is a function of two arrays: true pictures and pictures, two sets of features, the judge's
+A metric is a function of two arrays: true images and images, two sets of features, the judge's
 answers and the angles asked for. What a case states is a closed form, an independent computation,
 an invariant or a named refusal; what nobody states is not asked.
 

@@ -136,7 +136,7 @@ def _between(name: str, truth: UInt8Images, images: UInt8Images) -> float:
 
 
 def _code_lengths(truth: UInt8Images, images: UInt8Images) -> Floats:
-    """Length of the judge's shape code of each picture; NaN where an answer is not finite."""
+    """Length of the judge's shape code of each image; NaN where an answer is not finite."""
     del truth
     answers = extractor(JUDGE)(images).astype(np.float64)
     return np.linalg.norm(answers[:, 3:], axis=1) + 0.0 * answers[:, :3].sum(axis=1)

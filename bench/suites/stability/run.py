@@ -1,7 +1,7 @@
-"""The suite `stability`: extremes, and whether what happens there is what is stated.
+"""The suite `stability`: extreme inputs, and whether the outcomes are as stated.
 
 Three matrices: methods on extreme clouds and views (killable workers, resumable), metrics on
-extreme pictures and features, and pc2pix in other number formats.
+extreme images and features, and pc2pix in other number formats.
 """
 
 from __future__ import annotations

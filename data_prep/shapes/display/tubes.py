@@ -1,4 +1,4 @@
-"""Displays with a picture tube: deep cases that narrow to the rear. Metres."""
+"""Displays with an image tube: deep cases that narrow to the rear. Metres."""
 
 from __future__ import annotations
 
