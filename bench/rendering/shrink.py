@@ -171,7 +171,7 @@ class Shrunk:
         if fails_alike(self.reproduced, self.reason):
             lines.append("reproduced")
         else:
-            lines.append(f"not reproduced: {self.reproduced or 'the command draws a image'}")
+            lines.append(f"not reproduced: {self.reproduced or 'the command draws an image'}")
         return "\n".join(lines)
 
 
