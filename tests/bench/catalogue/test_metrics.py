@@ -27,12 +27,9 @@ RNG = np.random.default_rng(0)
 IMAGES = RNG.integers(0, 256, (3, 128, 128, 3), np.uint8)
 
 
-def test_every_image_metric_has_a_column():
+def test_the_suites_ask_for_what_there_is():
     assert {column(metric) for metric in IMAGE_METRICS} <= set(Record.__dataclass_fields__)
     assert UNDEFINED.keys() < IMAGE_METRICS.keys()
-
-
-def test_the_suites_ask_for_what_there_is():
     for suite in SUITES:
         assert {*suite.image_metrics, *suite.detail_metrics} <= IMAGE_METRICS.keys()
         for metric in suite.class_metrics:
@@ -42,6 +39,8 @@ def test_the_suites_ask_for_what_there_is():
                 assert metric in suite.set_metrics
         assert [find_extractor(name).id for name in suite.extractors] == list(suite.extractors)
     assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", JUDGE)
+    with pytest.raises(BadInput, match="unknown metric 'fd-view': did you mean 'fd-views'"):
+        find_extractor("fd-view")
 
 
 def test_grey_features_do_not_see_colour():
@@ -79,8 +78,3 @@ def test_a_judge_that_is_not_there_is_skipped(tmp_path, monkeypatch):
     with pytest.raises(WeightsUnavailable) as error:
         find_extractor(JUDGE).weights(None)
     assert str(error.value) == "judge.safetensors is not bundled; 'bench train judge' makes it"
-
-
-def test_an_unknown_extractor():
-    with pytest.raises(BadInput, match="unknown metric 'fd-view': did you mean 'fd-views'"):
-        find_extractor("fd-view")
