@@ -187,7 +187,8 @@ def write_run(directory: Path, **changes) -> Path:
     rng = np.random.default_rng(0)
     jobs, records = [], []
     for name in manifest["objects"]:
-        obj = Tetrahedron(name.partition("/")[2])
+        class_name, _, object_id = name.partition("/")
+        obj = Tetrahedron(object_id, class_name)
         truth = np.random.default_rng([*name.encode()]).random((2, 4), np.float32)
         jobs.append(make_truth(directory / "artifacts", obj))
         write_artifact(jobs[-1], **dict.fromkeys(EXTRACTORS, truth))
@@ -203,6 +204,7 @@ def write_run(directory: Path, **changes) -> Path:
                         condition,
                         obj.object_id,
                         view,
+                        class_name=class_name,
                         **{score: 1.0 if ideal else rng.random() for score in SCORES},
                     )
                     for view in range(2)

@@ -110,15 +110,6 @@ def test_workers_give_what_this_process_gives(jobs_for):
         assert (there.ssim, there.structure) == (record.ssim, record.structure)
 
 
-@pytest.mark.slow
-def test_a_job_that_hangs_is_stopped_and_the_others_finish(jobs_for, tmp_path):
-    hanging = Hanging("1", pid_file=tmp_path / "pid")
-    jobs = jobs_for(hanging, Tetrahedron("2"), Tetrahedron("3"))
-    found = reasons(run_jobs(jobs, 1, Limits(4.0, 8.0)))
-    assert found == {"1": {"timeout: no result within 4 s"}, "2": {""}, "3": {""}}
-    assert not is_alive(int((tmp_path / "pid").read_text()))
-
-
 def test_closing_early_stops_all_workers(jobs_for, tmp_path):
     files = [tmp_path / "pid1", tmp_path / "pid2"]
     hanging = [Hanging(file.name, pid_file=file) for file in files]
