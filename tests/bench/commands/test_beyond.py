@@ -14,7 +14,7 @@ from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.protocol import Options
-from bench.tables.build import curves, make_outputs, read_scored, tables, write_outputs
+from bench.tables.build import make_outputs, read_scored, write_outputs
 
 from ..builders import golden_values_of_nothing, write_run
 
@@ -66,22 +66,6 @@ def test_table_and_check_know_the_leads(written, command, monkeypatch):
     assert (status, err) == (0, "")
     assert path.read_bytes() == before
     assert (written / "tables" / "crossings.md").read_text() in out
-
-
-def test_curves_are_of_all_methods(written):
-    made = curves(read_scored(written))
-    assert list(dict.fromkeys(c.method for c in made)) == METHODS
-    assert len(made) == 3 * 3 * len(METHODS)
-    distances = {
-        (row.method, row.condition): row.value
-        for table in tables(read_scored(written))
-        for row in table.rows
-        if row.metric == "fd-views"
-    }
-    for curve in made:
-        if curve.metric == "fd-views":
-            found = [of.value for of in curve.estimates]
-            assert found == [distances[curve.method, c] for c in curve.family.conditions]
 
 
 def test_tables_and_report_have_titles_of_their_own(written):

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import os
-import pickle
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from harness_objects import Hanging, Killed, Refusing, Tetrahedron
 
 from bench.records.journal import read_manifest
 
-from ..builders import make_truth
 from ..conftest import BENCH
 
 pytestmark = [pytest.mark.slow, pytest.mark.ray]
@@ -97,48 +93,6 @@ def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):
     keys = journal_keys(directory)
     assert len(keys) == len(set(keys)) == 27
     assert_equal_runs(directory, finished[0])
-
-
-FEED = """
-import os, pickle, sys
-from bench.running.isolation import feed
-from bench.running.isolation import Limits
-from bench.running.environment import environment
-from bench.running.ray import RayPool, connected
-from bench.running.ray import requirements
-from bench.running.protocol import Protocol
-from bench.catalogue.suites import SUITES
-from contextlib import closing
-if __name__ == "__main__":
-    with open(sys.argv[1], "rb") as file:
-        jobs = pickle.load(file)
-    protocol = Protocol(SUITES[0], "", (), (), (), 2, 0, "cpu", (), {}, environment())
-    with connected(sys.argv[2], 1) as cluster:
-        with closing(RayPool(cluster, Limits(5.0, 8.0), requirements(protocol))) as pool:
-            for result in feed(jobs, pool):
-                print(result.records[0].object, result.records[0].reason)
-"""
-
-
-def test_failures_are_results_and_are_not_tried_again(cluster, tmp_path):
-    cluster.add_node(num_cpus=1)
-    (tmp_path / "feed.py").write_text(FEED)
-    pid_file = tmp_path / "pid"
-    objects = Refusing("1"), Killed("2"), Hanging("3", pid_file=pid_file), Tetrahedron("4")
-    jobs = [make_truth(tmp_path, obj) for obj in objects]
-    (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
-    done = subprocess.run(
-        [sys.executable, tmp_path / "feed.py", tmp_path / "jobs", cluster.address],
-        capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert sorted(done.stdout.splitlines()) == [
-        "1 input: no such shape; draw one",
-        "2 crash: the worker died (SIGKILL)",
-        "3 timeout: no result within 5 s",
-        "4 ",
-    ]
-    assert [job.artifact.is_file() for job in jobs] == [False, False, False, True]
 
 
 def test_no_cluster_answers(arguments, tmp_path):
