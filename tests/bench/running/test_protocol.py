@@ -14,7 +14,6 @@ from bench.running.protocol import plan, with_floor
 from data_prep import conditions
 from data_prep.conditions import Condition, GaussianNoise
 from data_prep.datasets import ProceduralObject
-from data_prep.failures import BadInput
 from data_prep.scene import View
 
 from ..builders import make_protocol
@@ -172,13 +171,6 @@ def test_a_longer_run_begins_with_the_shorter_one():
     objects = tuple(ProceduralObject("chair", "test", i) for i in range(3))
     short, long = (keys(objects=chosen) for chosen in (objects[:2], objects))
     assert short.items() < long.items()
-
-
-def test_unknown_names_are_refused():
-    with pytest.raises(BadInput, match="unknown method 'splatt': did you mean 'splat'"):
-        plan(replace(PROTOCOL, methods=("splatt",)), HERE)
-    with pytest.raises(BadInput, match=r"unknown condition 'noise-0\.5': did you mean 'noise-0"):
-        plan(replace(PROTOCOL, conditions=("noise-0.5",)), HERE)
 
 
 def test_the_floor_is_always_measured_once():
