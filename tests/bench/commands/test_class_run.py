@@ -188,7 +188,8 @@ def test_the_orderings_in_the_report(written):
     page = read_page(outputs)
     assert page.curves_title == "Class by class"
     assert len(page.tables) == 4
-    _, leads = page.tables[-1].tables
+    counts, leads = page.tables[-1].tables
+    assert [counts.unfolded, leads.unfolded] == [True, True]
     assert [line.name for line in leads.lines] == ["chair", "table", "average"]
     # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
     assert [line.cells[1].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]

@@ -184,7 +184,11 @@ def test_a_damaged_line_is_done_again_and_the_others_stay(tmp_path, change):
         assert journal.damage == []  # said once
 
 
-@pytest.mark.parametrize("contents", [b"\0" * 4096, b"\xff\xfe\n\n", b"[" * 10_000, b" {}\n"])
+@pytest.mark.parametrize(
+    "contents",
+    [b"\0" * 4096, b"\xff\xfe\n\n", b"[" * 10_000, b" {}\n"],
+    ids=["zeros", "not UTF-8", "deep", "no checksum"],
+)
 def test_a_journal_file_of_rubbish_is_set_aside(tmp_path, contents):
     job = make_job(tmp_path)
     write_journal(tmp_path, job)
@@ -351,6 +355,7 @@ def test_no_manifest(tmp_path, read):
         *("", "{", "[]", "{}", "\xff", "[" * 10_000),
         *('{"schema_version": "new"}', '{"schema_version": 1e999}'),
     ],
+    ids=range(8),
 )
 def test_a_damaged_manifest(tmp_path, text):
     path = tmp_path / "manifest.json"

@@ -184,6 +184,8 @@ def test_only_the_row_groups_that_are_asked_for_are_read(tmp_path, monkeypatch):
     assert read == [(4, ["object", "view", "features"])]
     assert found.images("m2", "2048", "chair") == found.images("m0", "512", "chair") == []
     assert len(read) == 1
+    backwards = found.of("m1", "2048", "chair", images[::-1])
+    assert np.array_equal(backwards, wanted(expected, jobs[1], images[::-1]))
 
 
 def test_features_in_any_order_are_read(tmp_path):
