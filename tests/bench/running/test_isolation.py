@@ -131,6 +131,7 @@ def test_workers_come_and_go_without_a_word(tmp_path):
 
 
 def test_tasks_come_with_their_results_and_are_taken_as_workers_get_free():
+    assert dict(run_tasks(range(6), square, 2, LIMITS)) == {x: x * x for x in range(6)}
     taken = []
 
     def endless():
@@ -139,8 +140,7 @@ def test_tasks_come_with_their_results_and_are_taken_as_workers_get_free():
             yield number
 
     with closing(run_tasks(endless(), square, 1, LIMITS)) as stream:
-        found = list(islice(stream, 5))
-    assert sorted(found) == [(x, x * x) for x in range(5)]
+        assert len(list(islice(stream, 5))) == 5
     assert len(taken) <= 5 + 2
 
 
