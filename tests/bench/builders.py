@@ -8,14 +8,17 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from harness_objects import Tetrahedron
 
 from bench.catalogue.metrics import IMAGE_METRICS, column
+from bench.catalogue.suites import SUITES
 from bench.records.artifacts import Item
 from bench.records.job import Job
 from bench.records.journal import write_manifest
 from bench.records.parquet import JobRow, write_features, write_jobs, write_records
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
+from bench.running.protocol import Options, Protocol
 from bench.tables.build import scored_run, write_outputs
 from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View
@@ -89,6 +92,38 @@ def make_truth(directory: Path, obj=None, **changes) -> Job:
     return make_job(directory, obj, GROUND_TRUTH, "", reference=None, **changes)
 
 
+def make_protocol(**changes) -> Protocol:
+    """Two methods under two conditions, without objects and features."""
+    protocol = Protocol(
+        suite=SUITES[0],
+        dataset="procedural",
+        methods=("splat", "blank"),
+        conditions=("2048", "512"),
+        objects=(),
+        views=2,
+        seed=0,
+        device="cpu",
+        features=(),
+        feature_identity={},
+        environment={},
+    )
+    return replace(protocol, **changes)
+
+
+def finished_options(tiny_weights, out, **changes) -> Options:
+    """The options of the fixture `finished`, with one worker."""
+    options = Options(
+        SUITE,
+        methods=("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
+        conditions=("2048", "noise-0.10"),
+        limit=3,
+        views=2,
+        workers=1,
+        out=out,
+    )
+    return replace(options, **changes)
+
+
 class FeaturesAtHand:
     """`bench.records.features.Features` without a file: of rows with values [n, d]."""
 
@@ -152,7 +187,8 @@ def write_run(directory: Path, **changes) -> Path:
     rng = np.random.default_rng(0)
     jobs, records = [], []
     for name in manifest["objects"]:
-        obj = Tetrahedron(name.partition("/")[2])
+        class_name, _, object_id = name.partition("/")
+        obj = Tetrahedron(object_id, class_name)
         truth = np.random.default_rng([*name.encode()]).random((2, 4), np.float32)
         jobs.append(make_truth(directory / "artifacts", obj))
         write_artifact(jobs[-1], **dict.fromkeys(EXTRACTORS, truth))
@@ -168,6 +204,7 @@ def write_run(directory: Path, **changes) -> Path:
                         condition,
                         obj.object_id,
                         view,
+                        class_name=class_name,
                         **{score: 1.0 if ideal else rng.random() for score in SCORES},
                     )
                     for view in range(2)
@@ -179,3 +216,21 @@ def write_run(directory: Path, **changes) -> Path:
         write_features(directory, extractor, [job.made for job in jobs])
     write_outputs(scored_run(directory, manifest))
     return directory
+
+
+def golden_values_of_nothing(manifest) -> pd.DataFrame:
+    """Golden values of this protocol, of no method that a run has."""
+    protocol = {name: manifest[name] for name in ("dataset", "views", "seed")}
+    cell = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}
+    return pd.DataFrame([protocol | {"objects": len(manifest["objects"])} | cell])
+
+
+def install_stranger(folder: Path, monkeypatch, group: str, module: str, entries: str) -> None:
+    """A package "stranger" on the path of this process: a module of that name, and what of it
+    is announced."""
+    (folder / "stranger.py").write_text(module)
+    info = folder / "stranger-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[{group}]\n{entries}")
+    monkeypatch.syspath_prepend(folder)

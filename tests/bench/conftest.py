@@ -78,6 +78,19 @@ def finished(arguments, tmp_path_factory):
     return directory, done
 
 
+@pytest.fixture(scope="module")
+def same_machine(finished):
+    """Runs of this process find the machine as that run found it, and no weights for fid."""
+    import bench.running.protocol
+    from bench.records.journal import read_manifest
+
+    environment = read_manifest(finished[0])["environment"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.running.protocol, "environment", lambda: environment)
+        patch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
+        yield
+
+
 @pytest.fixture
 def copied(finished, tmp_path):
     """A copy of that run, to be altered."""

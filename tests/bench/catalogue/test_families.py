@@ -9,7 +9,6 @@ from bench.catalogue.suites import SUITES
 from data_prep.conditions import CONDITIONS, GaussianNoise, Missing, Outliers, Stride, UnevenDensity
 from data_prep.scene import CLOUD_SIZE
 
-SUITE = find("beyond-training", SUITES, "suite")
 BY_ID = {family.id: family for family in FAMILIES}
 
 
@@ -24,37 +23,29 @@ def on_the_axis(family, perturbation):
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.id)
-def test_values_are_those_of_the_conditions(family):
+def test_a_family_goes_from_what_networks_know_to_what_they_do_not(family):
     known = {condition.id: condition.perturbation for condition in CONDITIONS}
     assert family.values == tuple(on_the_axis(family, known[c]) for c in family.conditions)
     rising = sorted(set(family.values))
     assert list(family.values) in (rising, rising[::-1])
     assert not family.logarithmic or rising[0] > 0
-
-
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.id)
-def test_from_what_networks_know_to_what_they_do_not(family):
-    assert [name for name, _, _ in family.trained] == ["splat-net", "pc2pix"]
     assert family.unseen_by(family.values[0]) == ()
     assert family.unseen_by(family.values[-1]) == ("splat-net", "pc2pix")
 
 
 def test_the_suite_has_all_families():
-    assert families_of(SUITE.conditions) == FAMILIES
-    assert set(SUITE.conditions) == {c for family in FAMILIES for c in family.conditions}
-    assert len(SUITE.conditions) == len(set(SUITE.conditions))
-    metrics = {*SUITE.image_metrics, *SUITE.detail_metrics, *SUITE.set_metrics}
-    assert set(SUITE.crossings) <= metrics
+    suite = find("beyond-training", SUITES, "suite")
+    assert families_of(suite.conditions) == FAMILIES
+    assert sorted(suite.conditions) == sorted({c for f in FAMILIES for c in f.conditions})
+    metrics = {*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics}
+    assert set(suite.crossings) <= metrics
 
 
-def test_what_splat_net_was_shown():
+def test_what_networks_were_not_shown():
+    points, noise = BY_ID["points"], BY_ID["noise"]
     shown = {family.id: (low, high) for family in FAMILIES for _, low, high in family.trained[:1]}
     assert shown["points"] == (min(POINTS_SEEN), max(POINTS_SEEN))
     assert shown["noise"] == (0, MAX_NOISE)
-
-
-def test_unseen_by():
-    points, noise = BY_ID["points"], BY_ID["noise"]
     assert points.unseen_by(256) == ("splat-net",)
     assert points.unseen_by(255) == points.unseen_by(4096) == ("splat-net", "pc2pix")
     assert noise.unseen_by(0.11) == ("pc2pix",)
@@ -65,9 +56,6 @@ def test_families_of_some_conditions():
     points, noise = families_of(["noise-0.20", "512", "2048", "outliers-0.05", "512-random"])[:2]
     assert points.steps == ((2048, "2048"), (512, "512"))
     assert noise.steps == ((0.0, "2048"), (0.20, "noise-0.20"))
-    outliers = families_of(["outliers-0.10", "outliers-0.05"])
-    assert [family.steps for family in outliers] == [
-        ((0.05, "outliers-0.05"), (0.10, "outliers-0.10"))
-    ]
-    assert families_of(["2048", "512-random"]) == ()
-    assert families_of([]) == ()
+    (outliers,) = families_of(["outliers-0.10", "outliers-0.05"])
+    assert outliers.steps == ((0.05, "outliers-0.05"), (0.10, "outliers-0.10"))
+    assert families_of(["2048", "512-random"]) == families_of([]) == ()

@@ -16,23 +16,20 @@ class Entry:
 TABLE = (Entry("surface-apss"), Entry("splat"), Entry("blank"))
 
 
-def test_finds_by_id():
-    assert find("splat", TABLE, "method") is TABLE[1]
-
-
 @pytest.mark.parametrize(
-    ("wanted", "nearest"), [("splta", "splat"), ("surface", "surface-apss"), ("Blank", "blank")]
+    ("wanted", "hint"),
+    [
+        ("splta", "did you mean 'splat'? "),
+        ("surface", "did you mean 'surface-apss'? "),
+        ("Blank", "did you mean 'blank'? "),
+        ("", ""),
+        ("xyz", ""),
+    ],
 )
-def test_suggests_the_nearest(wanted, nearest):
+def test_an_unknown_id_is_refused_with_the_nearest_and_all(wanted, hint):
+    assert find("splat", TABLE, "method") is TABLE[1]
     with pytest.raises(BadInput) as error:
         find(wanted, TABLE, "method")
     assert str(error.value) == (
-        f"unknown method '{wanted}': did you mean '{nearest}'? there are surface-apss, splat, blank"
+        f"unknown method '{wanted}': {hint}there are surface-apss, splat, blank"
     )
-
-
-@pytest.mark.parametrize("wanted", ["", "xyz"])
-def test_suggests_nothing_far_away(wanted):
-    with pytest.raises(BadInput) as error:
-        find(wanted, TABLE, "suite")
-    assert str(error.value) == f"unknown suite '{wanted}': there are surface-apss, splat, blank"

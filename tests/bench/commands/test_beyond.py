@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 
 import pandas as pd
 import pytest
@@ -12,11 +11,12 @@ import bench.checking.golden
 import bench.running.protocol
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
+from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.protocol import Options
-from bench.tables.build import crossings, curves, make_outputs, read_scored, tables, write_outputs
+from bench.tables.build import make_outputs, read_scored, write_outputs
 
-from ..builders import write_run
+from ..builders import golden_values_of_nothing, write_run
 
 SUITE = next(suite for suite in SUITES if suite.id == "beyond-training")
 METHODS = ["surface-apss", "pc2pix", "splat", "true-mesh", "blank"]
@@ -32,10 +32,8 @@ def written(tmp_path_factory):
 
 def test_leads_follow_from_the_records(written):
     records = pd.read_parquet(written / "records.parquet")
-    made = write_outputs(read_scored(written))
-    assert made.crossings is not None
-    text = (written / "tables" / "crossings.csv").read_text()
-    rows = list(csv.DictReader(io.StringIO(text)))
+    with (written / "tables" / "crossings.csv").open() as file:
+        rows = list(csv.DictReader(file))
     # points 2048 and 512; noise 0, 0.05 and 0.20; missing 0 and 0.50; one pair, three metrics
     assert len(rows) == 3 * (2 + 3 + 2)
     means = records.groupby(["method", "condition"])[["ssim", "silhouette_iou"]].mean()
@@ -53,62 +51,31 @@ def test_leads_follow_from_the_records(written):
         *(("noise", "2048", "0"), ("noise", "noise-0.05", "0.05"), ("noise", "noise-0.20", "0.2")),
         *(("missing", "2048", "0"), ("missing", "missing-0.50", "0.5")),
     ]
-    assert (written / "tables" / "crossings.md").read_text() == made.crossings.to_markdown()
 
 
-def test_the_tables_again(written, command):
-    write_outputs(read_scored(written))
+def test_table_and_check_know_the_leads(written, command, monkeypatch):
+    golden = golden_values_of_nothing(read_manifest(written))
+    monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
+    assert bench.checking.golden.check(written).regressions == ()
     path = written / "tables" / "crossings.csv"
     before = path.read_bytes()
-    path.unlink()
+    path.write_bytes(before.replace(b"pc2pix", b"pc2pax", 1))
+    (message,) = bench.checking.golden.check(written).regressions
+    assert "crossings.csv: not what the records give" in message
     status, out, err = command("table", written)
     assert (status, err) == (0, "")
     assert path.read_bytes() == before
     assert (written / "tables" / "crossings.md").read_text() in out
 
 
-def test_check_sees_a_table_that_is_not_what_the_records_give(written, monkeypatch):
-    write_outputs(read_scored(written))
-    protocol = {"dataset": "procedural", "objects": 3, "views": 2, "seed": 0}
-    columns = [*protocol, "method", "condition", "class", "metric", "value"]
-    values = [*protocol.values(), "none", "none", "chair", "ssim", 0.5]
-    golden = pd.DataFrame([dict(zip(columns, values, strict=True))])
-    monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
-    assert bench.checking.golden.check(written).regressions == ()
-    path = written / "tables" / "crossings.csv"
-    kept = path.read_bytes()
-    path.write_bytes(kept.replace(b"pc2pix", b"pc2pax", 1))
-    (message,) = bench.checking.golden.check(written).regressions
-    path.write_bytes(kept)
-    assert "crossings.csv: not what the records give" in message
-
-
-def test_curves_are_of_all_methods(written):
-    made = curves(read_scored(written))
-    assert list(dict.fromkeys(c.method for c in made)) == METHODS
-    assert len(made) == 3 * 3 * len(METHODS)
-    distances = {
-        (row.method, row.condition): row.value
-        for table in tables(read_scored(written))
-        for row in table.rows
-        if row.metric == "fd-views"
-    }
-    for curve in made:
-        if curve.metric == "fd-views":
-            found = [of.value for of in curve.estimates]
-            assert found == [distances[curve.method, c] for c in curve.family.conditions]
-
-
-def test_titles_are_not_the_papers(written):
-    made = tables(read_scored(written))
-    assert [table.name for table in made] == ["table_ssim", "table_frechet", "table_detail"]
-    assert not any("Table " in table.title for table in made)
-    assert "thin parts" in made[2].title
-    assert not any("the paper's layout" in table.to_markdown() for table in made)
-
-
-def test_report(written):
-    page = read_page(make_outputs(read_scored(written)))
+def test_tables_and_report_have_titles_of_their_own(written):
+    outputs = make_outputs(read_scored(written))
+    assert [table.name for table in outputs.tables] == [
+        *("table_ssim", "table_frechet", "table_detail"),
+    ]
+    assert not any("Table " in table.title for table in outputs.tables)
+    assert not any("the paper's layout" in table.to_markdown() for table in outputs.tables)
+    page = read_page(outputs)
     assert page.curves_title == "Beyond training"
     assert [plot.title for plot in page.curves] == [
         f"{metric} against {family}, class chair"
@@ -116,49 +83,26 @@ def test_report(written):
         for metric in SUITE.crossings
     ]
     assert page.tables[0].title == "Beyond what the networks were trained on"
-    assert len(page.tables[0].tables) == 1 + 3
-    assert len(page.tables) == 4
+    assert [len(page.tables), len(page.tables[0].tables)] == [4, 1 + 3]
 
 
-@pytest.mark.slow
-def test_without_two_methods_to_compare_there_are_no_crossings(tmp_path):
-    directory = write_run(
-        tmp_path, suite=SUITE.id, methods=["splat", "blank"], conditions=CONDITIONS
+def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
+    few = write_run(
+        tmp_path / "a", suite=SUITE.id, methods=["splat", "blank"], conditions=CONDITIONS
     )
-    made = write_outputs(read_scored(directory))
+    (few / "features" / "fd-views.parquet").unlink()
+    made = write_outputs(read_scored(few))
     assert made.crossings is None
-    assert len(made.curves) == 3 * 3 * 2
-    assert not (directory / "tables" / "crossings.csv").exists()
-    assert len(read_page(make_outputs(read_scored(directory))).curves) == 9
+    assert not (few / "tables" / "crossings.csv").exists()
+    assert {c.metric for c in made.curves} == {"ssim", "silhouette-iou"}
+    assert len(made.curves) == 3 * 2 * 2
 
-
-@pytest.mark.slow
-def test_without_a_family_the_report_is_as_any_other(tmp_path):
-    directory = write_run(tmp_path, suite=SUITE.id, conditions=["2048", "density-3"])
-    run = read_scored(directory)
-    assert (curves(run), crossings(run)) == ((), None)
-    page = read_page(make_outputs(read_scored(directory)))
+    no_family = write_run(tmp_path / "b", suite=SUITE.id, conditions=["2048", "density-3"])
+    outputs = make_outputs(read_scored(no_family))
+    assert (outputs.curves, outputs.crossings) == ((), None)
+    page = read_page(outputs)
     assert page.curves_title == "Robustness"
     assert page.curves[0].title == "ssim against the conditions, class chair"
-
-
-@pytest.mark.slow
-def test_without_features_there_is_no_distance(tmp_path):
-    directory = write_run(tmp_path, suite=SUITE.id, methods=METHODS, conditions=CONDITIONS)
-    (directory / "features" / "fd-views.parquet").unlink()
-    made = curves(read_scored(directory))
-    assert list(dict.fromkeys(c.metric for c in made)) == [
-        "ssim",
-        "silhouette-iou",
-    ]
-
-
-@pytest.mark.slow
-def test_other_suites_have_none(tmp_path):
-    directory = write_run(tmp_path)
-    made = write_outputs(read_scored(directory))
-    assert (made.curves, made.crossings) == ((), None)
-    assert not (directory / "tables" / "crossings.csv").exists()
 
 
 @pytest.mark.slow

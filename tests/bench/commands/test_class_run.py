@@ -4,42 +4,32 @@ from __future__ import annotations
 
 import csv
 import math
+import shutil
 
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 import bench.catalogue.metrics
+import bench.checking.golden
 import bench.running.run
 import bench.tables.build
-from bench.checking.golden import _stale_tables
 from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file, view_features
 from bench.records.artifacts import read_artifact
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.protocol import Options
-from bench.tables.build import class_orderings, make_outputs, read_scored, tables
+from bench.tables.build import make_outputs, read_scored, tables
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
+from pc2pix import weights as weight_files
 
-pytestmark = pytest.mark.slow
+from ..builders import golden_values_of_nothing, write_run
 
 OBJECTS = {"chair": 3, "table": 2}
-
-
-def write_ply(path, mesh):
-    """ASCII, without colours."""
-    lines = [
-        *("ply", "format ascii 1.0", f"element vertex {len(mesh.vertices)}"),
-        *(f"property float {axis}" for axis in "xyz"),
-        *(f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"),
-        "end_header",
-        *(" ".join(map(str, vertex)) for vertex in mesh.vertices.tolist()),
-        *(" ".join(map(str, (3, *face))) for face in mesh.faces.tolist()),
-    ]
-    path.write_text("\n".join(lines) + "\n")
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +41,7 @@ def folder(tmp_path_factory):
         (root / name).mkdir()
         for i in range(count):
             mesh = chair.draw(generator("class run", number)).mesh()
-            write_ply(root / name / f"{i}.ply", mesh)
+            trimesh.Trimesh(mesh.vertices, mesh.faces).export(root / name / f"{i}.ply")
             number += 1
     return root
 
@@ -104,13 +94,11 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
     return done
 
 
-def test_the_classes_of_the_suite_that_the_folder_has(measured):
+@pytest.mark.slow
+def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
     objects = read_manifest(measured.directory)["objects"]
     assert objects == ["chair/0.ply", "chair/1.ply", "chair/2.ply", "table/0.ply", "table/1.ply"]
     assert (measured.done, measured.failed) == (20, 0)
-
-
-def test_its_files(measured):
     found = {
         p.name for folder in ("tables", "figures") for p in (measured.directory / folder).iterdir()
     }
@@ -119,51 +107,14 @@ def test_its_files(measured):
         *("table_ssim.csv", "table_ssim.md", "table_detail.csv", "table_detail.md"),
         *("classes.png", "table5.png"),
     }
-
-
-def test_its_report(measured, with_classifier):
-    page = read_page(make_outputs(read_scored(measured.directory)))
-    assert page.curves_title == "Class by class"
-    assert [group.title for group in page.tables] == [
-        "SSIM and its components against the true mesh (higher is better)",
-        "Table 5: classes, against pictures of the true meshes",
-        "Detail: the outline (higher is better)",
-        "Which of the paper's orderings hold",
-    ]
-    counts, leads = page.tables[-1].tables
-    assert counts.unfolded
-    assert leads.unfolded
-    assert [line.name for line in leads.lines] == ["chair", "table", "average"]
-    # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
-    assert [line.cells[1].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]
-    made = class_orderings(read_scored(measured.directory))
-    assert made is not None
-    ssim = [row.lead.value for row in made.rows if row.metric == "ssim"]
-    column = [name for name, _ in leads.columns].index("ssim")
-    assert [line.cells[column].value for line in leads.lines] == ssim
-    explained = dict(page.meanings)["Metrics"]
-    assert {"kid", "kd-views", "class-confidence"} < {metric for metric, _ in explained}
-    assert len(explained) == len(dict(explained))
-
-
-def test_table_5(measured):
     with (measured.directory / "tables" / "table5_classes.csv").open() as file:
         rows = {(r["metric"], r["class"], r["method"]): r for r in csv.DictReader(file)}
     assert rows["class-confidence", "chair", "true-mesh"]["n"] == "9"
     assert rows["ssim", "average", "true-mesh"]["value"] == "1.000000"
     assert float(rows["fd-views", "average", "true-mesh"]["value"]) < 1e-6
-    assert rows["fid", "chair", "surface-apss"]["paper"] == "94.000000"
-    assert rows["fid", "chair", "surface-apss"]["note"].startswith("skipped: weights")
-    assert rows["kid", "chair", "surface-apss"]["note"].startswith("skipped: weights")
-    values = [
-        float(rows["ssim", k, "surface-apss"]["value"]) for k in ("chair", "table", "average")
-    ]
-    assert values[2] == pytest.approx((values[0] + values[1]) / 2, abs=1e-6)  # 6 decimals
-    # two tables: no jackknife of a class, but one of the average
-    assert rows["fd-views", "table", "surface-apss"]["ci_low"] == ""
-    assert rows["fd-views", "average", "surface-apss"]["ci_high"] != ""
 
 
+@pytest.mark.slow
 def test_class_confidence_is_the_classifiers(measured, classifier, with_classifier):
     """From the pictures, through the network, against the value in the records."""
     _, network = classifier
@@ -189,6 +140,7 @@ def test_class_confidence_is_the_classifiers(measured, classifier, with_classifi
         assert nearest < 1e-5
 
 
+@pytest.mark.slow
 def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path):
     other = tmp_path / "other.safetensors"
     other.write_bytes(to_file(ViewsNetwork(classifier[1].labels)))
@@ -198,23 +150,66 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
     assert scored.skipped["class-confidence"] == (
         "skipped: the features are not of the bundled weights of fd-views; start the run again"
     )
-    (_, made, _) = tables(read_scored(measured.directory))
+    (_, made, _) = tables(scored)
     rows = [row for row in made.rows if row.metric == "class-confidence"]
     assert len(rows) == 12
     assert all(math.isnan(row.value) for row in rows)
 
 
-def test_the_tables_come_again_from_the_records(measured, with_classifier):
-    ordered = class_orderings(read_scored(measured.directory))
-    assert ordered is not None
-    assert all(row.method.startswith("pc2pix@") for row in ordered.rows)
-    assert (
-        _stale_tables(measured.directory, [*tables(read_scored(measured.directory)), ordered]) == []
+# --- without a run --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Random scores and features of three chairs and two tables."""
+    return write_run(
+        tmp_path_factory.mktemp("written"),
+        suite="thirteen-classes",
+        objects=["chair/a", "chair/b", "chair/c", "table/d", "table/e"],
+        methods=["surface-apss", "pc2pix", "true-mesh", "blank"],
+        conditions=["2048"],
     )
-    path = measured.directory / "tables" / "table5_orderings.csv"
+
+
+def test_averages_and_intervals_of_table_5(written):
+    with (written / "tables" / "table5_classes.csv").open() as file:
+        rows = {(r["metric"], r["class"], r["method"]): r for r in csv.DictReader(file)}
+    assert rows["fid", "chair", "surface-apss"]["paper"] == "94.000000"
+    of_ssim = [rows["ssim", k, "surface-apss"]["value"] for k in ("chair", "table", "average")]
+    chair, table, average = map(float, of_ssim)
+    assert average == pytest.approx((chair + table) / 2, abs=1e-6)  # 6 decimals
+    # two tables: no jackknife of a class, but one of the average
+    assert rows["fd-views", "table", "surface-apss"]["ci_low"] == ""
+    assert rows["fd-views", "average", "surface-apss"]["ci_high"] != ""
+
+
+def test_the_orderings_in_the_report(written):
+    outputs = make_outputs(read_scored(written))
+    page = read_page(outputs)
+    assert page.curves_title == "Class by class"
+    assert len(page.tables) == 4
+    counts, leads = page.tables[-1].tables
+    assert [counts.unfolded, leads.unfolded] == [True, True]
+    assert [line.name for line in leads.lines] == ["chair", "table", "average"]
+    # as published: 94.0 - 28.8, 127.2 - 39.7, 114.4 - 57.2
+    assert [line.cells[1].text for line in leads.lines] == ["+65.2", "+87.5", "+57.2"]
+    (made,) = (table for table in outputs.further if table.name == "table5_orderings")
+    ssim = [row.lead.value for row in made.rows if row.metric == "ssim"]
+    column = [name for name, _ in leads.columns].index("ssim")
+    assert [line.cells[column].value for line in leads.lines] == ssim
+    explained = [metric for metric, _ in dict(page.meanings)["Metrics"]]
+    assert {"kid", "kd-views", "class-confidence"} < set(explained)
+    assert len(explained) == len(set(explained))
+
+
+def test_check_compares_the_orderings_with_the_records(written, monkeypatch):
+    golden = golden_values_of_nothing(read_manifest(written))
+    monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
+    assert bench.checking.golden.check(written).regressions == ()
+    path = written / "tables" / "table5_orderings.csv"
     kept = path.read_bytes()
     path.write_bytes(kept.replace(b"chair", b"sofa!"))
-    (message,) = _stale_tables(measured.directory, [ordered])
+    (message,) = bench.checking.golden.check(written).regressions
     path.write_bytes(kept)
     assert "table5_orderings.csv: not what the records give" in message
 
@@ -230,33 +225,16 @@ def test_what_is_left_out_is_named(folder, capsys, tmp_path):
 
 
 @pytest.mark.usefixtures("planned_only")
-def test_nothing_of_the_suite(folder, tmp_path):
-    (tmp_path / "spoon").mkdir()
-    (tmp_path / "spoon" / "a.ply").write_bytes((folder / "spoon" / "0.ply").read_bytes())
-    request = Options(
-        "thirteen-classes", f"folder:{tmp_path}", methods=("splat",), out=tmp_path / "x"
-    )
-    with pytest.raises(BadInput, match=r"no class 'airplane' .*found spoon"):
-        run_suite(request)
-    flat = Options(
-        "thirteen-classes", f"folder:{tmp_path / 'spoon'}", methods=("splat",), out=tmp_path / "x"
-    )
-    with pytest.raises(
-        BadInput, match="thirteen-classes compares classes, and this dataset has none"
+def test_what_cannot_be_run_is_refused_before_it_begins(folder, tmp_path, monkeypatch):
+    spoons = tmp_path / "spoons"
+    shutil.copytree(folder / "spoon", spoons / "spoon")
+    monkeypatch.setattr(weight_files, "FOLDER", tmp_path)  # without weights
+    for dataset, method, message in (
+        (spoons, "splat", r"no class 'airplane' .*found spoon"),
+        (spoons / "spoon", "splat", "thirteen-classes compares classes, and this dataset has none"),
+        (folder, "pc2pix@all", r"weights: 'all' is neither|all.safetensors: the bundled"),
     ):
-        run_suite(flat)
-    assert not (tmp_path / "x").exists()
-
-
-@pytest.mark.usefixtures("planned_only")
-def test_one_network_for_all_that_is_not_there(monkeypatch, folder, tmp_path):
-    """Until its weights are bundled, and where they are lost, the run says so before it begins."""
-    from pc2pix import weights as weight_files
-
-    monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
-    request = Options(
-        "thirteen-classes", f"folder:{folder}", methods=("pc2pix@all",), out=tmp_path / "x"
-    )
-    with pytest.raises(BadInput, match=r"weights: 'all' is neither|all.safetensors: the bundled"):
-        run_suite(request)
-    assert not (tmp_path / "x").exists()
+        out = tmp_path / "x"
+        with pytest.raises(BadInput, match=message):
+            run_suite(Options("thirteen-classes", f"folder:{dataset}", methods=(method,), out=out))
+        assert not out.exists()

@@ -8,24 +8,14 @@ import subprocess
 from pathlib import Path
 
 import pytest
-import trimesh
 
 from bench.commands.data import inspect
 from data_prep.datasets import ProceduralObject
 
-from ...data_prep.dataset_trees import write_paper_tree
+from ...data_prep.dataset_trees import write_obj, write_paper_tree
 from ..conftest import BENCH
 
 CHAIR = "03001627"
-
-
-def write_meshes(folder: Path, count: int) -> None:
-    """Procedural chairs as files."""
-    folder.mkdir(parents=True)
-    for i in range(count):
-        mesh = ProceduralObject("chair", "test", i).load()
-        made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=mesh.face_colors)
-        (folder / f"test-{i:04d}.ply").write_bytes(made.export(file_type="ply"))
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +108,8 @@ def test_angles_in_the_other_sense(copied):
 
 
 def test_a_folder(tmp_path, command):
-    write_meshes(tmp_path / "my meshes" / "chair", 3)
+    for name in "abc":
+        write_obj(tmp_path / "my meshes" / "chair" / f"{name}.obj")
     (tmp_path / "my meshes" / "chair" / "bad.ply").write_text("nonsense")
     status, out, _ = command("data", "inspect", tmp_path / "my meshes", "--workers", "1")
     assert status == 1

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import bench.commands.score
-import bench.records.artifacts
 from bench.catalogue.plugins import ImageMetric, find_metric, metric_ids
-from bench.commands.score import checked_scores, score
+from bench.commands.score import checked_scores, score, scored
+from bench.records.artifacts import Item
+from bench.report.stored import open_sources
+from bench.tables.build import read_scored
+from bench.tables.quality import image_rows
 from data_prep.failures import BadInput
+
+from ..builders import install_stranger
 
 MODULE = """
 from bench.catalogue.plugins import ImageMetric
@@ -20,12 +27,11 @@ SPACED = ImageMetric("a/b", None, 1, True, "")
 NO_METRIC = "text"
 """
 ENTRIES = """
-[pc2pix_bench.metrics]
-good = strangers_metrics:GOOD
-other = strangers_metrics:OTHER
-a/b = strangers_metrics:SPACED
-no-metric = strangers_metrics:NO_METRIC
-missing = strangers_metrics:MISSING
+good = stranger:GOOD
+other = stranger:OTHER
+a/b = stranger:SPACED
+no-metric = stranger:NO_METRIC
+missing = stranger:MISSING
 """
 TWO = np.zeros((2, 128, 128, 3), np.uint8)
 
@@ -33,13 +39,9 @@ TWO = np.zeros((2, 128, 128, 3), np.uint8)
 @pytest.fixture
 def stranger(tmp_path, monkeypatch):
     """An installed package that announces metrics, some of which it does not have."""
-    (tmp_path / "strangers_metrics.py").write_text(MODULE)
-    info = tmp_path / "stranger-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(ENTRIES)
     metric_ids.cache_clear()
-    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "stranger", raising=False)
+    install_stranger(tmp_path, monkeypatch, "pc2pix_bench.metrics", MODULE, ENTRIES)
     yield
     metric_ids.cache_clear()
 
@@ -51,23 +53,20 @@ def made(function, id_="made", higher=True):
 # --- finding --------------------------------------------------------------------------------------
 
 
-def test_metrics_of_other_packages_are_found(stranger):
+def test_metrics_of_other_packages_are_found_and_listed_without_being_loaded(stranger, command):
     assert find_metric("good").version == 3
     assert metric_ids() == ("a/b", "good", "missing", "no-metric", "other")
+    status, out, _ = command("list")
+    assert status == 0
+    assert "  missing                   of another installed package; see 'bench score'" in out
 
 
 @pytest.mark.parametrize(
     ("metric", "problem"),
     [
-        (
-            "other",
-            "strangers_metrics:OTHER is not a bench.image_metric.ImageMetric with that id",
-        ),
-        (
-            "no-metric",
-            "strangers_metrics:NO_METRIC is not a bench.image_metric.ImageMetric with ",
-        ),
-        ("missing", "strangers_metrics:MISSING cannot be loaded (AttributeError: "),
+        ("other", "stranger:OTHER is not a bench.image_metric.ImageMetric with that id"),
+        ("no-metric", "stranger:NO_METRIC is not a bench.image_metric.ImageMetric with "),
+        ("missing", "stranger:MISSING cannot be loaded (AttributeError: "),
         ("a/b", "an id is kebab-case, it names files; rename it"),
     ],
 )
@@ -75,18 +74,15 @@ def test_what_a_package_announces_and_has_not_is_refused_by_name(stranger, metri
     with pytest.raises(BadInput) as error:
         find_metric(metric)
     assert str(error.value).startswith(f"metric '{metric}' of stranger: {problem}")
-
-
-def test_unknown_metrics(stranger):
     with pytest.raises(BadInput, match="unknown metric 'goods': did you mean 'good'"):
         find_metric("goods")
 
 
-def test_without_other_packages_there_is_none(command, copied):
+def test_without_other_packages_there_is_none(command, tmp_path):
     metric_ids.cache_clear()
     with pytest.raises(BadInput, match="unknown metric 'ssim': no installed package adds one"):
         find_metric("ssim")
-    status, out, err = command("score", copied)
+    status, out, err = command("score", tmp_path)
     assert (status, out) == (2, "")
     assert err == "bench: no installed package adds a metric; see docs/adding-a-metric.md\n"
 
@@ -110,11 +106,10 @@ def test_a_metric_that_gives_no_scores_is_named(function, message):
 
 
 def test_true_and_drawn_images_in_their_order():
-    message = checked_scores(
-        made(lambda truth, drawn: truth[:, 0, 0, 0] - 2.0 * drawn[:, 0, 0, 0]), TWO + 9, TWO + 2
-    )
-    assert message.dtype == np.float64
-    assert message.tolist() == [5, 5]
+    metric = made(lambda truth, drawn: truth[:, 0, 0, 0] - 2.0 * drawn[:, 0, 0, 0])
+    found = checked_scores(metric, TWO + 9, TWO + 2)
+    assert found.dtype == np.float64
+    assert found.tolist() == [5, 5]
 
 
 @pytest.fixture
@@ -134,64 +129,47 @@ def test_every_image_counts_where_it_belongs(copied, metrics):
     assert value["blank", "2048"] == 0
     assert value["true-mesh", "2048"] == value["true-mesh", "noise-0.10"] > 0
     assert value["splat", "noise-0.10"] > value["splat", "2048"] > 0
-    assert "made up (higher is better)" in table.title
+    assert table.title == "dark-share, version 7: made up (higher is better)"
     written = pd.read_csv(copied / "tables" / "metric_dark-share.csv")
     assert written["value"].tolist() == pytest.approx([row.value for row in table.rows], abs=1e-6)
     assert all(row.ci_low <= row.value <= row.ci_high for row in table.rows)
 
 
-def test_scores_stand_with_their_own_views(copied):
-    run = bench.commands.score.read_scored(copied)
-    sources = bench.commands.score.open_sources(copied, run.manifest, ())
+def test_scores_stand_with_their_own_views(finished):
+    run = read_scored(finished[0])
+    sources = open_sources(finished[0], run.manifest, ())
     light = made(lambda truth, drawn: drawn.mean(axis=(1, 2, 3)), "light")
-    values = bench.commands.score.scored(run.records, sources, light)
-    names = ["method", "condition", "class", "object"]
+    values = scored(run.records, sources, light)
     for record in values[values["method"] == "splat"].to_dict("records"):
-        images = sources.images(bench.records.artifacts.Item(*(record[name] for name in names)))
+        names = ("method", "condition", "class", "object")
+        images = sources.images(Item(*(record[name] for name in names)))
         assert images[0].mean() != images[1].mean()
         assert record["light"] == images[record["view"]].mean()
 
 
-def test_failed_images_are_scored_as_blank_ones(copied, metrics):
+def test_failed_images_are_scored_as_blank_ones(finished):
     """Every second picture of the ceiling fails: it scores 0 where blank scores 1."""
-    run = bench.commands.score.read_scored(copied)
-    records = run.records
-    failed = (records["method"] == "true-mesh") & (records["view"] == 1)
-    outcome, reason = (
-        records["outcome"].mask(failed, "failed"),
-        failed.map({True: "x: y", False: ""}),
+    run = read_scored(finished[0])
+    failed = (run.records["method"] == "true-mesh") & (run.records["view"] == 1)
+    broken = run.records.assign(
+        outcome=run.records["outcome"].mask(failed, "failed"),
+        reason=failed.map({True: "x: y", False: ""}),
     )
-    broken = records.assign(outcome=outcome, reason=reason)
-    sources = bench.commands.score.open_sources(copied, run.manifest, ())
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
-    values = bench.commands.score.scored(broken, sources, blank)
+    values = scored(broken, open_sources(finished[0], run.manifest, ()), blank)
     assert values.loc[failed, "is_blank"].isna().all()
     assert values.loc[~failed, "is_blank"].notna().all()
-    rows = bench.commands.score.image_rows(["is-blank"], values, run.suite, {})
+    rows = image_rows(["is-blank"], values, run.suite, {})
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
 
 
-def test_a_name_that_the_records_have_is_refused(copied, metrics):
+def test_a_taken_name_and_images_that_are_gone_are_refused(copied, metrics):
     metrics["silhouette-iou"] = made(lambda truth, drawn: None, "silhouette-iou")
     with pytest.raises(BadInput, match="metric 'silhouette-iou': the records have a column of"):
         score(copied, ["silhouette-iou"])
-
-
-def test_images_that_are_gone(copied, metrics):
     metrics["made"] = made(lambda truth, drawn: np.ones(len(drawn)))
     for path in (copied / "artifacts").rglob("*.npz"):
         path.unlink()
     with pytest.raises(BadInput, match="its pictures are not there any more; start the run again"):
         score(copied, ["made"])
-
-
-def test_what_is_no_run(tmp_path):
-    with pytest.raises(BadInput):
-        score(tmp_path, [])
-
-
-def test_list_does_not_load_them(stranger, command):
-    status, out, _ = command("list")
-    assert status == 0
-    assert "  missing                   of another installed package; see 'bench score'" in out

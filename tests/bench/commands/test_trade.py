@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -15,14 +14,11 @@ from bench.catalogue.parameters import find_setting
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
-from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import Options
-from bench.tables.build import read_scored, write_outputs
+from bench.tables.build import make_outputs, read_scored, write_outputs
 from data_prep.failures import BadInput
 
 from ..builders import write_run
-
-pytestmark = pytest.mark.slow
 
 SUITE = next(suite for suite in SUITES if suite.id == "speed-accuracy")
 
@@ -30,15 +26,11 @@ SUITE = next(suite for suite in SUITES if suite.id == "speed-accuracy")
 # --- the suite ------------------------------------------------------------------------------------
 
 
-def test_every_method_of_the_suite_is_known():
+def test_every_method_of_the_suite_is_known_and_values_of_a_parameter_rise():
+    """The figure joins them so."""
     assert len(set(SUITE.methods)) == len(SUITE.methods)
     assert [find_method(method).id for method in SUITE.methods] == list(SUITE.methods)
-    metrics = {*SUITE.image_metrics, *SUITE.detail_metrics, *SUITE.set_metrics}
-    assert set(SUITE.frontier) <= metrics
-
-
-def test_values_of_a_parameter_stand_in_their_order():
-    """The figure joins them so."""
+    assert set(SUITE.frontier) <= {*SUITE.image_metrics, *SUITE.detail_metrics, *SUITE.set_metrics}
     values: dict[str, list[float]] = {}
     for method in SUITE.methods:
         if (setting := find_setting(method)) is not None:
@@ -52,7 +44,7 @@ def test_values_of_a_parameter_stand_in_their_order():
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory, tiny_weights):
+def traded(tmp_path_factory, tiny_weights):
     """2 objects x 2 conditions x 4 methods, 2 views."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bench.running.protocol, "environment", dict)
@@ -68,31 +60,25 @@ def finished(tmp_path_factory, tiny_weights):
         )
 
 
-def test_one_worker_does_all(finished):
-    assert (finished.done, finished.failed) == (16, 0)
-    assert read_manifest(finished.directory)["workers"] == 1
-    assert ", nothing beside it; all 2 views of a cloud drawn in one call." in finished.outputs.cost
+@pytest.mark.slow
+def test_one_worker_does_all_and_leaves_tables_and_figures(traded):
+    assert (traded.done, traded.failed) == (16, 0)
+    assert read_manifest(traded.directory)["workers"] == 1
+    assert ", nothing beside it; all 2 views of a cloud drawn in one call." in traded.outputs.cost
+    tables = ("table_ssim", "table_frechet", "table_detail", "frontier", "points")
+    figures = ("frontier", *(f"frontier-{metric}" for metric in SUITE.frontier[1:]))
+    for folder, names, kinds in (
+        ("tables", tables, ("csv", "md")),
+        ("figures", figures, ("png", "svg")),
+    ):
+        found = {path.name for path in (traded.directory / folder).iterdir()}
+        assert found == {f"{name}.{kind}" for name in names for kind in kinds}
 
 
-def test_what_the_run_leaves_behind(finished):
-    for folder, expected in {
-        "tables": {
-            f"{name}.{kind}"
-            for name in ("table_ssim", "table_frechet", "table_detail", "frontier", "points")
-            for kind in ("csv", "md")
-        },
-        "figures": {
-            f"{name}.{kind}"
-            for name in ("frontier", *(f"frontier-{metric}" for metric in SUITE.frontier[1:]))
-            for kind in ("png", "svg")
-        },
-    }.items():
-        assert {path.name for path in (finished.directory / folder).iterdir()} == expected
-
-
-def test_places_follow_from_the_records(finished, tiny_weights):
-    records = pd.read_parquet(finished.directory / "records.parquet")
-    text = (finished.directory / "tables" / "frontier.csv").read_text()
+@pytest.mark.slow
+def test_places_follow_from_the_records(traded):
+    records = pd.read_parquet(traded.directory / "records.parquet")
+    text = (traded.directory / "tables" / "frontier.csv").read_text()
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 2 * 2 * len(SUITE.frontier) * 4  # views x conditions x metrics x methods
     for row in rows:
@@ -115,25 +101,33 @@ def test_places_follow_from_the_records(finished, tiny_weights):
     assert {row["verdict"] for row in cheapest.values()} == {"frontier"}
 
 
-def test_distances_are_those_of_the_table(finished):
-    (sets,) = (table for table in finished.outputs.tables if table.name == "table_frechet")
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """Random scores of this suite; every method takes 250 ms a cloud and 125 ms a view."""
+    return write_run(tmp_path_factory.mktemp("trade"), suite=SUITE.id)
+
+
+def test_distances_are_those_of_the_table(written):
+    outputs = make_outputs(read_scored(written))
+    (sets,) = (table for table in outputs.tables if table.name == "table_frechet")
     expected = {(row.method, row.condition): row.value for row in sets.rows}
-    frontier, _ = finished.outputs.trade
+    frontier, _ = outputs.trade
     found = {
         (p.method, p.condition): p.quality.value for p in frontier.rows if p.metric == "fd-views"
     }
-    assert found == expected
+    assert found.items() <= expected.items()
+    assert {"splat", "blank"} <= {method for method, _ in found}
 
 
-def test_the_tables_again(finished, command):
-    path = finished.directory / "tables" / "frontier.csv"
+def test_the_tables_again(written, command):
+    path = written / "tables" / "frontier.csv"
     before = path.read_bytes()
     path.unlink()
-    status, out, err = command("table", finished.directory)
+    status, out, err = command("table", written)
     assert (status, err) == (0, "")
     assert path.read_bytes() == before
     for name in ("frontier", "points"):
-        assert (finished.directory / "tables" / f"{name}.md").read_text() in out
+        assert (written / "tables" / f"{name}.md").read_text() in out
 
 
 def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, monkeypatch):
@@ -158,12 +152,6 @@ def test_metrics_without_features_have_no_places(tmp_path):
     assert trade is not None
     metrics = dict.fromkeys(place.metric for place in trade[0].rows)
     assert list(metrics) == ["ssim", "structure", "silhouette-iou"]
-
-
-def test_other_suites_have_no_frontier(tmp_path):
-    directory = write_run(tmp_path)
-    assert write_outputs(read_scored(directory)).trade is None
-    assert not (directory / "tables" / "frontier.csv").exists()
 
 
 @pytest.mark.parametrize("suite", ["stability", "latent"])
@@ -203,56 +191,32 @@ def test_recommend(tmp_path, command):
         assert line.endswith("], 500 ms [500, 500] a cloud, 250 ms a picture")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--budget-ms", "499"), "2048: no method within 499 ms; the cheapest: splat, ssim 0."),
-        (("--budget-ms", "10", "--views", "1"), ", 375 ms [375, 375] a cloud, 375 ms a picture"),
-        (("--min-ssim", "1"), "512: no method with an ssim of at least 1; the nearest: splat, ss"),
-    ],
-)
-def test_a_request_that_no_method_meets(tmp_path, command, arguments, message):
-    status, out, err = command("recommend", write_run(tmp_path), *arguments)
-    assert (status, err) == (1, "")
-    assert message in out
-    assert "true-mesh" not in out
+def test_recommend_in_full(written, command):
+    arguments = ("--budget-ms", "600", "--min-ssim", "0.01", "--condition", "512")
+    status, out, err = command("recommend", written, *arguments)
+    assert (status, err) == (0, "")
+    assert "it is not known what ran beside it" in out
+    kinds = [line.strip().partition(":")[0] for line in out.splitlines()[1:]]
+    assert kinds == ["512", "512", "surely that good, by the lower end of the interval", "regret"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "status", "message"),
     [
-        ((), "nothing to go by; give --budget-ms, --min-ssim, or both"),
-        (("--budget-ms", "0"), "--budget-ms 0: must be a number over 0"),
-        (("--budget-ms", "1", "--views", "0"), "--views 0: must be at least 1"),
+        (("--budget-ms", "10", "--views", "1"), 1, ", 375 ms [375, 375] a cloud, 375 ms a picture"),
+        (("--min-ssim", "1"), 1, "512: no method with an ssim of at least 1; the nearest: splat"),
+        ((), 2, "bench: nothing to go by; give --budget-ms, --min-ssim, or both\n"),
         (
             ("--budget-ms", "1", "--condition", "256"),
-            "--condition 256: not in this run; there are 2048, 512",
+            2,
+            "bench: --condition 256: not in this run; ",
         ),
     ],
 )
-def test_options_to_be_fixed(tmp_path, command, arguments, message):
-    assert command("recommend", write_run(tmp_path), *arguments) == (2, "", f"bench: {message}\n")
-
-
-def test_recommend_in_full(tmp_path, command):
-    directory = write_run(tmp_path, methods=["splat", "poisson", "blank"])
-    arguments = ("--budget-ms", "600", "--min-ssim", "0.01", "--condition", "512")
-    status, out, _ = command("recommend", directory, *arguments)
-    assert status == 0
-    assert "it is not known what ran beside it" in out
-    kinds = [line.strip().partition(":")[0] for line in out.splitlines()[1:]]
-    assert kinds == [
-        *("512", "512", "surely that good, by the lower end of the interval", "next", "regret"),
-    ]
-
-
-def test_recommend_where_no_run_is(tmp_path, command):
-    status, out, err = command("recommend", tmp_path, "--budget-ms", "1")
-    assert (status, out) == (2, "")
-    assert "no run here" in err
-
-
-def test_the_truth_is_no_method(finished):
-    for comparison in read_scored(finished.directory).compared(["ssim"]):
-        assert GROUND_TRUTH not in comparison.prepare_s
-        assert np.isfinite(list(comparison.prepare_s.values())).all()
+def test_a_request_that_no_method_meets_or_that_has_no_sense(
+    written, command, arguments, status, message
+):
+    found, out, err = command("recommend", written, *arguments)
+    assert found == status
+    assert message in (out if status == 1 else err)
+    assert "true-mesh" not in out

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -9,35 +7,30 @@ import pyarrow.parquet as pq
 import pytest
 from harness_objects import Tetrahedron
 
-from bench.records.parquet import JobRow, read_features, read_records, write_features, write_records
+from bench.records.parquet import (
+    JobRow,
+    read_features,
+    read_jobs,
+    read_records,
+    write_features,
+    write_jobs,
+    write_records,
+)
 from bench.records.record import COLUMNS, SCHEMA_VERSION, to_frame
 from data_prep.failures import BadInput
 
 from ..builders import make_failed, make_job, make_record, write_all, write_artifact
 
-CONTRACT = [
-    "suite",
-    "method",
-    "condition",
-    "class",
-    "object",
-    "view",
-    "outcome",
-    "reason",
-    "ssim",
-    "luminance",
-    "contrast",
-    "structure",
-    "prepare_s",
-    "draw_s",
-]
+SCHEMA_KEY = b"pc2pix_bench_schema"
 
 
-def test_contract_columns(tmp_path):
+# --- records --------------------------------------------------------------------------------------
+
+
+def test_contract_columns_and_schema(tmp_path):
     write_all(tmp_path, [make_record()])
-    frame = pd.read_parquet(tmp_path / "records.parquet")  # as other people's scripts read it
-    assert set(CONTRACT) <= set(frame.columns)
-    assert frame.iloc[0][CONTRACT].to_dict() == {
+    path = tmp_path / "records.parquet"
+    contract = {
         "suite": "chair-robustness",
         "method": "splat",
         "condition": "2048",
@@ -53,37 +46,33 @@ def test_contract_columns(tmp_path):
         "prepare_s": 0.25,
         "draw_s": 0.125,
     }
+    (row,) = pd.read_parquet(path).to_dict("records")  # as other people's scripts read it
+    assert contract.items() <= row.items()
+    assert pq.read_schema(path).metadata[SCHEMA_KEY] == str(SCHEMA_VERSION).encode()
 
 
-def test_failures_have_no_scores_and_are_not_dropped(tmp_path):
-    write_all(tmp_path, [make_failed(reason="apss: no faces"), make_record(obj="b")])
-    frame = read_records(tmp_path)
-    assert frame["outcome"].tolist() == ["failed", "ok"]
-    assert frame["reason"].tolist() == ["apss: no faces", ""]
-    assert frame["ssim"].dtype == np.float64
-    assert frame["ssim"].isna().tolist() == [True, False]
-    assert frame["prepare_s"].isna().tolist() == [True, False]
-
-
-def test_the_order_of_the_work_does_not_matter(tmp_path):
+@pytest.mark.parametrize("size", [1, 3, 1000])
+def test_what_is_written_some_at_a_time_is_read_in_one_order(tmp_path, monkeypatch, size):
+    """Whatever the order of the work."""
+    monkeypatch.setattr("bench.records.parquet._ROW_GROUP", size)
     records = [
-        make_record(method, condition, obj, view)
+        make_record(method, condition, obj, view, ssim=1 / 3)
         for method in ("splat", "blank")
         for condition in ("2048", "1024")
         for obj in ("b", "a")
         for view in (1, 0)
     ]
+    records.append(make_failed("splat", obj="c", reason="apss: no faces"))
     write_all(tmp_path, records)
-    one, two = read_records(tmp_path), to_frame(records[::-1])
-    pd.testing.assert_frame_equal(one, two)
-    first = one.iloc[0][["method", "condition", "object", "view"]].tolist()
+    found = read_records(tmp_path)
+    pd.testing.assert_frame_equal(found, to_frame(records[::-1]))
+    first = found.iloc[0][["method", "condition", "object", "view"]].tolist()
     assert first == ["blank", "1024", "a", 0]
-
-
-def test_what_is_written_is_what_is_read(tmp_path):
-    records = [make_record(ssim=1 / 3, notes="3 faces"), make_failed(obj="b")]
-    write_all(tmp_path, records)
-    pd.testing.assert_frame_equal(read_records(tmp_path), to_frame(records))
+    assert pq.ParquetFile(tmp_path / "records.parquet").num_row_groups == -(-17 // size)
+    failed = found.iloc[-1]  # it is not dropped, and has no scores
+    assert (failed["outcome"], failed["reason"]) == ("failed", "apss: no faces")
+    assert found["ssim"].dtype == np.float64
+    assert found["ssim"].isna().sum() == found["prepare_s"].isna().sum() == 1
     assert [path.name for path in tmp_path.iterdir()] == ["records.parquet"]
 
 
@@ -103,164 +92,26 @@ def test_damaged_records(tmp_path, harm):
     assert "\n" not in str(error.value)
 
 
-def test_newer_records_are_refused(tmp_path):
-    path = tmp_path / "records.parquet"
-    table = pa.table({name: [1.0] for name in COLUMNS})
-    for schema, refused in ((SCHEMA_VERSION + 1, True), (SCHEMA_VERSION, False)):
-        pq.write_table(
-            table.replace_schema_metadata({b"pc2pix_bench_schema": str(schema).encode()}), path
-        )
-        if refused:
-            with pytest.raises(BadInput, match=f"schema {schema} is newer than {SCHEMA_VERSION}"):
-                read_records(tmp_path)
-        else:
-            assert len(read_records(tmp_path)) == 1
+@pytest.mark.parametrize(
+    ("schema", "columns", "message"),
+    [
+        (SCHEMA_VERSION + 1, COLUMNS, rf"schema \d is newer than {SCHEMA_VERSION}; update"),
+        (1, ["ssim"], r"schema 1 is older than \d; start the run again"),
+        ("two", ["ssim"], "its schema is no number"),
+        (SCHEMA_VERSION, [n for n in COLUMNS if n != "view"], "no column view; start the run"),
+    ],
+)
+def test_records_of_another_schema_are_refused(tmp_path, schema, columns, message):
+    def write(version, names):
+        table = pa.table({name: [1.0] for name in names})
+        table = table.replace_schema_metadata({SCHEMA_KEY: str(version).encode()})
+        pq.write_table(table, tmp_path / "records.parquet")
 
-
-def test_records_without_a_column_are_refused(tmp_path):
-    table = pa.table({name: [1.0] for name in COLUMNS}).drop_columns(["condition"])
-    schema = {b"pc2pix_bench_schema": str(SCHEMA_VERSION).encode()}
-    pq.write_table(table.replace_schema_metadata(schema), tmp_path / "records.parquet")
-    with pytest.raises(BadInput, match=r"records.parquet: no column condition; start the run"):
+    write(SCHEMA_VERSION, COLUMNS)
+    assert len(read_records(tmp_path)) == 1
+    write(schema, columns)
+    with pytest.raises(BadInput, match=rf"records.parquet: {message}"):
         read_records(tmp_path)
-
-
-def test_a_schema_that_is_no_number_is_refused(tmp_path):
-    table = pa.table({"ssim": [1.0]}).replace_schema_metadata({b"pc2pix_bench_schema": b"two"})
-    pq.write_table(table, tmp_path / "records.parquet")
-    with pytest.raises(BadInput, match="its schema is no number"):
-        read_records(tmp_path)
-
-
-def test_older_records_are_refused(tmp_path):
-    path = tmp_path / "records.parquet"
-    table = pa.table({"ssim": [1.0]}).replace_schema_metadata({b"pc2pix_bench_schema": b"1"})
-    pq.write_table(table, path)
-    with pytest.raises(BadInput, match=r"schema 1 is older than \d; start the run again"):
-        read_records(tmp_path)
-
-
-def test_written_records_carry_the_schema(tmp_path):
-    write_all(tmp_path, [make_record()])
-    metadata = pq.read_schema(tmp_path / "records.parquet").metadata
-    assert metadata[b"pc2pix_bench_schema"] == str(SCHEMA_VERSION).encode()
-
-
-def test_features_go_and_come_back(tmp_path):
-    rng = np.random.default_rng(0)
-    jobs, expected = [], {}
-    for i in range(70):  # several row groups
-        job = make_job(tmp_path / "artifacts", method=f"m{i % 2}")
-        job = replace(job, artifact=job.artifact.with_name(f"{i}.npz"))
-        job = replace(job, object=replace(job.object, object_id=f"o{i:02d}"))
-        values = rng.random((2, 5), np.float32)
-        write_artifact(job, images=np.zeros(1), metric=values)
-        jobs.append(job)
-        expected |= {(job.method, job.object.object_id, v): values[v] for v in range(2)}
-    write_features(tmp_path, "metric", [job.made for job in jobs])
-    found = read_features(tmp_path, "metric")
-    for method in ("m0", "m1"):
-        images = found.images(method, "2048", "chair")
-        assert len(images) == 70
-        assert images == sorted(images)
-        values = found.of(method, "2048", "chair", images)
-        assert values.dtype == np.float32
-        assert np.array_equal(values, [expected[method, *image] for image in images])
-        backwards = found.of(method, "2048", "chair", images[::-1])
-        assert np.array_equal(backwards, values[::-1])
-    assert found.images("m0", "512", "chair") == []
-
-
-def feature_jobs(tmp_path, objects, methods=("m0", "m1"), conditions=("2048",)):
-    """Artifacts, object by object as a run makes them, and their features by job."""
-    rng = np.random.default_rng(0)
-    jobs, expected = [], {}
-    for i in range(objects):
-        for method in methods:
-            for condition in conditions:
-                job = make_job(tmp_path / "artifacts", Tetrahedron(f"o{i:03d}"), method, condition)
-                values = rng.random((2, 5), np.float32)
-                write_artifact(job, images=np.zeros(1), metric=values)
-                jobs.append(job)
-                expected |= {(job.item, v): values[v] for v in range(2)}
-    return jobs, expected
-
-
-def test_only_the_row_groups_that_are_asked_for_are_read(tmp_path, monkeypatch):
-    """40 objects of each method are three row groups; others are none of a question's business."""
-    jobs, expected = feature_jobs(tmp_path, 40)
-    write_features(tmp_path, "metric", [job.made for job in jobs])
-    read = []
-    original = pq.ParquetFile.read_row_group
-
-    def counted(self, group, columns, **named):
-        read.append((group, columns[3:]))
-        return original(self, group, columns, **named)
-
-    monkeypatch.setattr(pq.ParquetFile, "read_row_group", counted)
-    found = read_features(tmp_path, "metric")
-    assert read == []
-    images = found.images("m1", "2048", "chair")
-    assert read == [(group, ["object", "view"]) for group in (3, 4, 5)]
-    read.clear()
-    some = [p for p in images if "o016" <= p[0] < "o030"]
-    values = found.of("m1", "2048", "chair", some)
-    item = jobs[1].item
-    wanted = [expected[item._replace(object_id=obj), view] for obj, view in some]
-    assert np.array_equal(values, wanted)
-    assert read == [(4, ["object", "view", "features"])]
-    assert found.images("m2", "2048", "chair") == []
-    assert len(read) == 1
-
-
-def test_features_in_any_order_are_read(tmp_path):
-    """Files of earlier versions: object by object, cells mixed within a row group."""
-    conditions = ("2048", "512")
-    jobs, expected = feature_jobs(tmp_path, 10, conditions=conditions)
-    write_features(tmp_path, "metric", [job.made for job in jobs])
-    path = tmp_path / "features" / "metric.parquet"
-    table = pq.read_table(path)
-    order = np.random.default_rng(1).permutation(len(table))
-    pq.write_table(table.take(order), path, row_group_size=7)
-    found = read_features(tmp_path, "metric")
-    for job in jobs[:4]:
-        images = found.images(*job.item[:3])
-        assert images == [(f"o{i:03d}", view) for i in range(10) for view in range(2)]
-        wanted = [expected[job.item._replace(object_id=obj), view] for obj, view in images]
-        assert np.array_equal(found.of(*job.item[:3], images), wanted)
-
-
-def test_images_without_features_are_named(tmp_path):
-    jobs, _ = feature_jobs(tmp_path, 2)
-    write_features(tmp_path, "metric", [job.made for job in jobs])
-    found = read_features(tmp_path, "metric")
-    with pytest.raises(KeyError, match="o005"):
-        found.of("m0", "2048", "chair", [("o000", 0), ("o005", 1)])
-    with pytest.raises(KeyError):
-        found.of("m2", "2048", "chair", [("o000", 0)])
-    assert found.of("m0", "2048", "chair", []).shape == (0, 5)
-    twice = found.of("m0", "2048", "chair", [("o001", 0), ("o000", 0), ("o001", 0)])
-    assert np.array_equal(twice[0], twice[2])
-
-
-def test_features_without_a_column_are_refused(tmp_path):
-    jobs, _ = feature_jobs(tmp_path, 1)
-    write_features(tmp_path, "metric", [job.made for job in jobs])
-    path = tmp_path / "features" / "metric.parquet"
-    pq.write_table(pq.read_table(path).drop_columns(["view"]), path)
-    with pytest.raises(BadInput, match=r"metric.parquet: no column view; start the run again"):
-        read_features(tmp_path, "metric")
-
-
-@pytest.mark.parametrize("size", [1, 3, 1000])
-def test_records_are_written_some_at_a_time(tmp_path, monkeypatch, size):
-    monkeypatch.setattr("bench.records.parquet._ROW_GROUP", size)
-    records = [make_record(m, obj=obj, view=v) for obj in "ba" for m in "yx" for v in range(2)]
-    records.append(make_failed("x", obj="c"))
-    write_all(tmp_path, records)
-    pd.testing.assert_frame_equal(read_records(tmp_path), to_frame(records))
-    groups = pq.ParquetFile(tmp_path / "records.parquet").num_row_groups
-    assert groups == -(-9 // size)
 
 
 def test_interrupted_records_leave_the_old_ones(tmp_path):
@@ -278,35 +129,111 @@ def test_interrupted_records_leave_the_old_ones(tmp_path):
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [old]
 
 
-def test_features_of_no_jobs(tmp_path):
+def test_jobs_keep_their_order(tmp_path):
+    items = [make_job(tmp_path, method=method).item for method in ("splat", "blank")]
+    jobs = [JobRow("b", items[0], "0" * 64), JobRow("a", items[1], None)]
+    write_jobs(tmp_path, jobs)
+    assert read_jobs(tmp_path) == jobs
+
+
+# --- features -------------------------------------------------------------------------------------
+
+
+def features(tmp_path, objects, methods=("m0", "m1"), conditions=("2048",)):
+    """Jobs with their artifacts, object by object as a run makes them; values by item and view;
+    and the file of their features."""
+    rng = np.random.default_rng(0)
+    jobs, expected = [], {}
+    for i in range(objects):
+        for method in methods:
+            for condition in conditions:
+                job = make_job(tmp_path / "artifacts", Tetrahedron(f"o{i:03d}"), method, condition)
+                values = rng.random((2, 5), np.float32)
+                write_artifact(job, images=np.zeros(1), metric=values)
+                jobs.append(job)
+                expected |= {(job.item, v): values[v] for v in range(2)}
+    write_features(tmp_path, "metric", [job.made for job in jobs])
+    return jobs, expected, tmp_path / "features" / "metric.parquet"
+
+
+def wanted(expected, job, images):
+    return [expected[job.item._replace(object_id=obj), view] for obj, view in images]
+
+
+def test_only_the_row_groups_that_are_asked_for_are_read(tmp_path, monkeypatch):
+    """40 objects of each method are three row groups; others are none of a question's business."""
+    jobs, expected, _ = features(tmp_path, 40)
+    read = []
+    original = pq.ParquetFile.read_row_group
+
+    def counted(self, group, columns, **named):
+        read.append((group, columns[3:]))
+        return original(self, group, columns, **named)
+
+    monkeypatch.setattr(pq.ParquetFile, "read_row_group", counted)
+    found = read_features(tmp_path, "metric")
+    assert read == []
+    images = found.images("m1", "2048", "chair")
+    assert images == [(f"o{i:03d}", view) for i in range(40) for view in range(2)]
+    assert read == [(group, ["object", "view"]) for group in (3, 4, 5)]
+    read.clear()
+    some = [p for p in images if "o016" <= p[0] < "o030"][::-1]
+    values = found.of("m1", "2048", "chair", some)
+    assert values.dtype == np.float32
+    assert np.array_equal(values, wanted(expected, jobs[1], some))
+    assert read == [(4, ["object", "view", "features"])]
+    assert found.images("m2", "2048", "chair") == found.images("m0", "512", "chair") == []
+    assert len(read) == 1
+    backwards = found.of("m1", "2048", "chair", images[::-1])
+    assert np.array_equal(backwards, wanted(expected, jobs[1], images[::-1]))
+
+
+def test_features_in_any_order_are_read(tmp_path):
+    """Files of earlier versions: object by object, cells mixed within a row group."""
+    jobs, expected, path = features(tmp_path, 10, conditions=("2048", "512"))
+    table = pq.read_table(path)
+    order = np.random.default_rng(1).permutation(len(table))
+    pq.write_table(table.take(order), path, row_group_size=7)
+    found = read_features(tmp_path, "metric")
+    for job in jobs[:4]:
+        images = found.images(*job.item[:3])
+        assert images == [(f"o{i:03d}", view) for i in range(10) for view in range(2)]
+        assert np.array_equal(found.of(*job.item[:3], images), wanted(expected, job, images))
+
+
+def test_images_without_features_are_named(tmp_path):
+    features(tmp_path, 2)
+    found = read_features(tmp_path, "metric")
+    with pytest.raises(KeyError, match="o005"):
+        found.of("m0", "2048", "chair", [("o000", 0), ("o005", 1)])
+    with pytest.raises(KeyError):
+        found.of("m2", "2048", "chair", [("o000", 0)])
+    assert found.of("m0", "2048", "chair", []).shape == (0, 5)
+    twice = found.of("m0", "2048", "chair", [("o001", 0), ("o000", 0), ("o001", 0)])
+    assert np.array_equal(twice[0], twice[2])
+
+
+def test_features_that_cannot_be_used_are_refused(tmp_path):
+    _, _, path = features(tmp_path, 1)
+    pq.write_table(pq.read_table(path).drop_columns(["view"]), path)
+    with pytest.raises(BadInput, match=r"metric.parquet: no column view; start the run again"):
+        read_features(tmp_path, "metric")
+    path.write_bytes(b"PAR1")
+    with pytest.raises(BadInput, match=r"metric.parquet: not readable"):
+        read_features(tmp_path, "metric")
+
+
+def test_without_features_there_is_no_file(tmp_path):
     write_features(tmp_path, "metric", [])
     assert list(tmp_path.iterdir()) == []
+    assert read_features(tmp_path, "metric") is None
 
 
 def test_interrupted_features_leave_the_old_ones(tmp_path):
-    jobs = []
-    for i in range(17):  # one more than a row group
-        job = make_job(tmp_path / "artifacts")
-        job = replace(job, artifact=job.artifact.with_name(f"{i}.npz"))
-        write_artifact(job, images=np.zeros(1), metric=np.full((2, 5), i, np.float32))
-        jobs.append(job)
-    write_features(tmp_path, "metric", [job.made for job in jobs[:1]])
-    (path,) = (tmp_path / "features").iterdir()
+    jobs, _, path = features(tmp_path, 17, methods=("m0",))  # one more than a row group
     old = path.read_bytes()
     jobs[-1].artifact.unlink()
     with pytest.raises(FileNotFoundError):
         write_features(tmp_path, "metric", [job.made for job in jobs])
     assert path.read_bytes() == old
     assert list(path.parent.iterdir()) == [path]
-
-
-def test_features_that_were_not_taken(tmp_path):
-    assert read_features(tmp_path, "fid") is None
-
-
-def test_damaged_features(tmp_path):
-    path = tmp_path / "features" / "fid.parquet"
-    path.parent.mkdir()
-    path.write_bytes(b"PAR1")
-    with pytest.raises(BadInput, match="not readable"):
-        read_features(tmp_path, "fid")

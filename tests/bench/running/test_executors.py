@@ -28,7 +28,6 @@ import bench.running.isolation
 from bench.catalogue.suites import Limits
 from bench.running.executors import JobPool
 from bench.running.isolation import WORKER_ENVIRONMENT, feed
-from bench.running.work import do
 
 from ..builders import make_job, make_truth, write_artifact
 
@@ -99,24 +98,6 @@ def test_bad_jobs_cost_their_own_records_only(jobs_for):
             "failed" if any(record.reason for record in result.records) else "ok"
         }
         assert len(result.records) == 2
-
-
-def test_workers_give_what_this_process_gives(jobs_for):
-    (job,) = jobs_for(Tetrahedron())
-    (result,) = run_jobs([job], 1, AMPLE)
-    here = do(job)
-    assert result.artifact_sha256 == here.artifact_sha256
-    for there, record in zip(result.records, here.records, strict=True):
-        assert (there.ssim, there.structure) == (record.ssim, record.structure)
-
-
-@pytest.mark.slow
-def test_a_job_that_hangs_is_stopped_and_the_others_finish(jobs_for, tmp_path):
-    hanging = Hanging("1", pid_file=tmp_path / "pid")
-    jobs = jobs_for(hanging, Tetrahedron("2"), Tetrahedron("3"))
-    found = reasons(run_jobs(jobs, 1, Limits(4.0, 8.0)))
-    assert found == {"1": {"timeout: no result within 4 s"}, "2": {""}, "3": {""}}
-    assert not is_alive(int((tmp_path / "pid").read_text()))
 
 
 def test_closing_early_stops_all_workers(jobs_for, tmp_path):

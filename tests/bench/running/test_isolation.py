@@ -11,6 +11,7 @@ from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import bench.running.isolation
@@ -27,7 +28,10 @@ def square(x: int) -> int:
     return x * x
 
 
-def misbehave(how: str) -> str:
+def misbehave(task: tuple[str, Path]) -> str:
+    """With a folder where it leaves its process."""
+    how, folder = task
+    (folder / how).write_text(str(os.getpid()))
     if how == "segfault":
         os.kill(os.getpid(), signal.SIGSEGV)
     if how == "exit":
@@ -43,15 +47,12 @@ def misbehave(how: str) -> str:
     return how
 
 
-def test_tasks_come_with_their_results():
-    assert dict(run_tasks(range(6), square, 2, LIMITS)) == {x: x * x for x in range(6)}
-
-
 @pytest.mark.slow
-def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on():
+def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on(tmp_path):
     tasks = ["a", "segfault", "b", "hang", "exit", "hog", "c"]
     limits = Limits(time_s=10.0, memory_gib=0.75)
-    found = dict(run_tasks(tasks, misbehave, 2, limits))
+    done = run_tasks([(how, tmp_path) for how in tasks], misbehave, 2, limits)
+    found = {how: result for (how, _), result in done}
     assert found == {
         "a": "a",
         "b": "b",
@@ -62,6 +63,7 @@ def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on():
         "hog": Lost("memory", "the worker used more than 0.75 GiB"),
     }
     assert found["hang"].reason == "timeout: no result within 10 s"
+    assert not psutil.pid_exists(int((tmp_path / "hang").read_text()))
 
 
 @pytest.mark.parametrize("when", ["before a result", "after one"])
@@ -103,9 +105,9 @@ def test_a_pool_that_always_breaks_is_given_up(monkeypatch):
             list(pool.collect())
 
 
-def test_what_a_task_raises_is_raised():
+def test_what_a_task_raises_is_raised(tmp_path):
     with pytest.raises(KeyError, match="raise"):
-        list(run_tasks(["raise"], misbehave, 1, LIMITS))
+        list(run_tasks([("raise", tmp_path)], misbehave, 1, LIMITS))
 
 
 REPLACING = """
@@ -128,7 +130,8 @@ def test_workers_come_and_go_without_a_word(tmp_path):
     assert (done.stdout, done.stderr) == ("3\n", "")
 
 
-def test_tasks_are_taken_as_workers_get_free():
+def test_tasks_come_with_their_results_and_are_taken_as_workers_get_free():
+    assert dict(run_tasks(range(6), square, 2, LIMITS)) == {x: x * x for x in range(6)}
     taken = []
 
     def endless():

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from dataclasses import replace
 
 import pandas as pd
 import pytest
 
-import bench.running.protocol
 from bench.commands.publish import merge_shards, run_suite
 from bench.records.journal import open_journal, read_lines, read_manifest, write_manifest
 from bench.records.parquet import read_jobs, write_jobs
-from bench.running.protocol import Options, Shard
+from bench.running.protocol import Shard
 from bench.tables.build import read_scored, tables
 from data_prep.failures import BadInput
 
+from ..builders import finished_options
+
 COUNT = 2
-
-
-def options(tiny_weights, out, **changes):
-    """As the finished run."""
-    methods = ("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
-    return Options(
-        suite="chair-robustness", methods=methods, conditions=("2048", "noise-0.10"),
-        limit=3, views=2, workers=1, out=out, **changes,
-    )  # fmt: skip
 
 
 def as_shard(finished, tiny_weights, out, number, count=COUNT):
@@ -34,20 +25,16 @@ def as_shard(finished, tiny_weights, out, number, count=COUNT):
     for name in ("journal", "artifacts"):
         shutil.copytree(finished[0] / name, out / name)
     write_manifest(out, read_manifest(finished[0]) | {"shard": f"{number}/{count}"})
-    done = run_suite(options(tiny_weights, out, shard=Shard(number, count)))
+    done = run_suite(finished_options(tiny_weights, out, shard=Shard(number, count)))
     assert done.done == 0
     return out
 
 
 @pytest.fixture(scope="module")
-def made(finished, tiny_weights, tmp_path_factory):
+def made(finished, same_machine, tiny_weights, tmp_path_factory):
     """Both shards of the finished run."""
-    environment = read_manifest(finished[0])["environment"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.running.protocol, "environment", lambda: environment)
-        patch.setenv("XDG_CACHE_HOME", str(finished[0].parent))  # no weights for fid
-        folder = tmp_path_factory.mktemp("shards")
-        return [as_shard(finished, tiny_weights, folder / str(k), k) for k in (1, 2)]
+    folder = tmp_path_factory.mktemp("shards")
+    return [as_shard(finished, tiny_weights, folder / str(k), k) for k in (1, 2)]
 
 
 @pytest.fixture
@@ -72,6 +59,7 @@ def test_a_shard_has_its_objects_and_tables_of_them(made):
     assert set(values(made[1])["object"]) == {"test-0001"}
     assert all(row.n == 4 for row in tables(read_scored(made[0]))[0].rows)
     assert (made[1] / "report.html").is_file()
+    assert read_manifest(made[0])["shard"] == "1/2"
 
 
 def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
@@ -98,12 +86,9 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_merged_run_goes_on_like_any_other(finished, made, tmp_path, tiny_weights, monkeypatch):
-    environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.running.protocol, "environment", lambda: environment)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
+def test_a_merged_run_goes_on_like_any_other(made, tmp_path, tiny_weights):
     merge_shards(made, tmp_path / "whole")
-    again = run_suite(options(tiny_weights, tmp_path / "whole"))
+    again = run_suite(finished_options(tiny_weights, tmp_path / "whole"))
     assert (again.done, again.reused, again.failed) == (0, 24, 0)
 
 
@@ -124,16 +109,15 @@ def test_a_merge_that_was_stopped_goes_on(made, tmp_path):
     assert merge_shards(made, whole).copied == 0
 
 
-def test_a_missing_shard_is_named(shards, tmp_path):
-    with pytest.raises(BadInput, match=r"missing: shard 1/2; make it with --shard"):
-        merge_shards(shards[1:], tmp_path / "whole")
-    assert not (tmp_path / "whole").exists()
-
-
-def test_a_shard_that_is_there_twice_is_named(shards, tmp_path):
+def test_a_missing_shard_and_one_that_is_there_twice_are_named(shards, tmp_path, command):
+    whole = tmp_path / "whole"
+    status, _, err = command("merge", *shards[1:], "--out", whole)
+    assert status == 2
+    assert err == "bench: missing: shard 1/2; make it with --shard, and give it too\n"
     twice = shutil.copytree(shards[1], tmp_path / "again")
     with pytest.raises(BadInput, match=r"shard 2/2: is there twice, in .*shard-2 and .*again"):
-        merge_shards([*shards, twice], tmp_path / "whole")
+        merge_shards([*shards, twice], whole)
+    assert not whole.exists()
 
 
 @pytest.mark.parametrize(
@@ -206,9 +190,7 @@ def test_a_folder_with_another_run_is_left_alone(copied, shards):
         merge_shards(shards, copied)
 
 
-def test_more_shards_than_objects(finished, tiny_weights, tmp_path, monkeypatch):
-    environment = read_manifest(finished[0])["environment"]
-    monkeypatch.setattr(bench.running.protocol, "environment", lambda: environment)
+def test_more_shards_than_objects(finished, same_machine, tiny_weights, tmp_path):
     with pytest.raises(BadInput, match=r"--shard 4/4: there are only 3 objects; make fewer shards"):
         as_shard(finished, tiny_weights, tmp_path / "out", 4, 4)
 
@@ -219,9 +201,6 @@ def test_by_the_command_line(made, tmp_path, command):
     assert status == 0
     assert "Table 3: SSIM" in out
     assert "27 jobs of 2 shards, 27 copied now" in err
-    status, _, err = command("merge", made[0], "--out", tmp_path / "half")
-    assert status == 2
-    assert err == "bench: missing: shard 2/2; make it with --shard, and give it too\n"
 
 
 @pytest.mark.parametrize("suite", ["latent", "stability", "speed"])
@@ -229,7 +208,3 @@ def test_suites_without_shards_say_so(tmp_path, command, suite):
     status, _, err = command("run", "--suite", suite, "--shard", "1/2", "--out", tmp_path / "r")
     assert status == 2
     assert f"--shard: has no meaning for the suite {suite}" in err
-
-
-def test_the_manifest_of_a_shard_names_it(made):
-    assert json.loads((made[0] / "manifest.json").read_text())["shard"] == "1/2"

@@ -11,7 +11,7 @@ from harness_objects import Dying, Refusing, Tetrahedron
 
 import bench.running.pilot
 from bench.catalogue.metrics import JUDGE
-from bench.catalogue.suites import SUITES, Limits
+from bench.catalogue.suites import Limits
 from bench.judges import JUDGE_WEIGHTS
 from bench.records.record import GROUND_TRUTH
 from bench.running.isolation import Lost
@@ -23,29 +23,13 @@ from bench.running.pilot import (
     size_of,
     sizes_of,
 )
-from bench.running.protocol import Protocol
 from data_prep.failures import BadInput, MissingDependency
 
-from ..builders import make_job
-
-METHODS, CONDITIONS = ("splat", "blank"), ("2048", "512")
+from ..builders import make_job, make_protocol
 
 
-def make_protocol(objects, **changes) -> Protocol:
-    protocol = Protocol(
-        suite=SUITES[0],
-        dataset="folder:x",
-        methods=METHODS,
-        conditions=CONDITIONS,
-        objects=tuple(objects),
-        views=2,
-        seed=0,
-        device="cpu",
-        features=(),
-        feature_identity={},
-        environment={},
-    )
-    return replace(protocol, **changes)
+def protocol_of(*objects):
+    return make_protocol(objects=objects)
 
 
 # --- sizes ----------------------------------------------------------------------------------------
@@ -60,19 +44,16 @@ def test_size_of_a_filled_cube_a_plate_and_a_line():
     assert size_of(cube[(cube[:, 0] == 0.0) & (cube[:, 1] == 0.0)]) == CELLS
 
 
-def test_size_depends_on_neither_place_nor_scale():
+def test_size_depends_on_neither_place_nor_scale_and_is_there_at_the_extremes():
     cloud = np.random.default_rng(0).normal(size=(500, 3))
     assert size_of(4.0 * cloud + 64.0) == size_of(cloud) > 50
-
-
-def test_size_at_the_extremes():
     assert size_of(np.zeros((0, 3))) == 0
     assert size_of(np.ones((5, 3))) == 1
 
 
 def test_sizes_are_of_a_fixed_random_choice_in_order(monkeypatch):
     monkeypatch.setattr(bench.running.pilot, "CANDIDATES", 4)
-    protocol = make_protocol(Tetrahedron(str(n)) for n in range(9))
+    protocol = protocol_of(*(Tetrahedron(str(n)) for n in range(9)))
     found = sizes_of(protocol, 2)
     assert len(found) == 4
     assert list(found) == sorted(found)
@@ -81,7 +62,7 @@ def test_sizes_are_of_a_fixed_random_choice_in_order(monkeypatch):
 
 
 def test_objects_without_a_cloud_are_left_out_and_named(capsys):
-    found = sizes_of(make_protocol([Tetrahedron("a"), Refusing("b"), Dying("c")]), 1)
+    found = sizes_of(protocol_of(Tetrahedron("a"), Refusing("b"), Dying("c")), 1)
     assert list(found) == [("chair", "a")]
     assert "2 of 3 objects have no readable cloud; left out" in capsys.readouterr().err
 
@@ -91,23 +72,18 @@ def test_objects_without_a_cloud_are_left_out_and_named(capsys):
 
 @pytest.fixture(scope="module")
 def pilot():
-    return measure(make_protocol(Tetrahedron(str(n)) for n in range(5)), 3, 2)
+    return measure(protocol_of(*(Tetrahedron(str(n)) for n in range(5))), 3, 2)
 
 
 @pytest.mark.slow
-def test_every_method_and_condition_has_a_sample_of_every_object(pilot):
-    samples = pilot.samples
-    cells = [(GROUND_TRUTH, ""), *((m, c) for m in METHODS for c in CONDITIONS)]
+def test_every_method_and_condition_is_measured_on_every_chosen_object(pilot):
+    samples, objects = pilot.samples, {s.object_id for s in pilot.samples}
+    cells = [(GROUND_TRUTH, ""), *((m, c) for m in ("splat", "blank") for c in ("2048", "512"))]
     found = {(s.method, s.condition, s.object_id) for s in samples}
-    objects = {s.object_id for s in samples}
     assert found == {(*cell, name) for cell in cells for name in objects}
     assert len(samples) == len(found) == 5 * 3
     assert len(pilot.sizes) == 5
-
-
-@pytest.mark.slow
-def test_samples_say_what_an_item_takes(pilot):
-    for sample in pilot.samples:
+    for sample in samples:
         assert not sample.reason
         assert 0 < sample.seconds < 20
         assert 0 <= sample.method_s <= sample.seconds
@@ -118,7 +94,7 @@ def test_samples_say_what_an_item_takes(pilot):
 
 @pytest.mark.slow
 def test_first_items_of_processes_are_loading(pilot):
-    for method in (GROUND_TRUTH, *METHODS):
+    for method in (GROUND_TRUTH, "splat", "blank"):
         of_method = [s for s in pilot.samples if s.method == method]
         loading = [s.loading_s for s in of_method if s.loading_s is not None]
         assert 1 <= len(loading) <= 2  # there are two workers
@@ -173,4 +149,4 @@ def test_optional_features_are_measured_on_the_floor(tmp_path, monkeypatch):
 )
 def test_refused(objects, count, message):
     with pytest.raises(BadInput, match=message):
-        measure(make_protocol(objects), count, 1)
+        measure(protocol_of(*objects), count, 1)

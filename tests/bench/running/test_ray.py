@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import os
-import pickle
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from harness_objects import Hanging, Killed, Refusing, Tetrahedron
 
 from bench.records.journal import read_manifest
 
-from ..builders import make_truth
 from ..conftest import BENCH
 
 pytestmark = [pytest.mark.slow, pytest.mark.ray]
@@ -52,13 +48,15 @@ def end(process):
     return out, err
 
 
-def values(directory):
-    frame = pd.read_parquet(directory / "records.parquet")
-    return frame.drop(columns=["prepare_s", "draw_s"])
-
-
-def tables(directory):
-    return {path.name: path.read_bytes() for path in (directory / "tables").iterdir()}
+def assert_equal_runs(one, other):
+    """To the bit, but for times."""
+    tables, values = [], []
+    for directory in (one, other):
+        tables.append({path.name: path.read_bytes() for path in (directory / "tables").iterdir()})
+        frame = pd.read_parquet(directory / "records.parquet")
+        values.append(frame.drop(columns=["prepare_s", "draw_s"]))
+    assert tables[0] == tables[1]
+    pd.testing.assert_frame_equal(*values)
 
 
 def journal_keys(directory):
@@ -75,8 +73,7 @@ def test_two_nodes_make_the_tables_that_one_machine_makes(cluster, finished, arg
         cluster.add_node(num_cpus=1)
     _, err = end(start(arguments, tmp_path / "run", "--ray", cluster.address))
     assert "24 items done, 0 from before, 0 failed" in err
-    assert tables(tmp_path / "run") == tables(finished[0])
-    pd.testing.assert_frame_equal(values(tmp_path / "run"), values(finished[0]))
+    assert_equal_runs(tmp_path / "run", finished[0])
     message = read_manifest(tmp_path / "run")
     assert (message["workers"], message["cluster"]["nodes"]) == (2, 3)
     _, err = end(start(arguments, tmp_path / "run", "--workers", "1"))  # without the cluster
@@ -95,50 +92,7 @@ def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):
     end(process)
     keys = journal_keys(directory)
     assert len(keys) == len(set(keys)) == 27
-    assert tables(directory) == tables(finished[0])
-    pd.testing.assert_frame_equal(values(directory), values(finished[0]))
-
-
-FEED = """
-import os, pickle, sys
-from bench.running.isolation import feed
-from bench.running.isolation import Limits
-from bench.running.environment import environment
-from bench.running.ray import RayPool, connected
-from bench.running.ray import requirements
-from bench.running.protocol import Protocol
-from bench.catalogue.suites import SUITES
-from contextlib import closing
-if __name__ == "__main__":
-    with open(sys.argv[1], "rb") as file:
-        jobs = pickle.load(file)
-    protocol = Protocol(SUITES[0], "", (), (), (), 2, 0, "cpu", (), {}, environment())
-    with connected(sys.argv[2], 1) as cluster:
-        with closing(RayPool(cluster, Limits(5.0, 8.0), requirements(protocol))) as pool:
-            for result in feed(jobs, pool):
-                print(result.records[0].object, result.records[0].reason)
-"""
-
-
-def test_failures_are_results_and_are_not_tried_again(cluster, tmp_path):
-    cluster.add_node(num_cpus=1)
-    (tmp_path / "feed.py").write_text(FEED)
-    pid_file = tmp_path / "pid"
-    objects = Refusing("1"), Killed("2"), Hanging("3", pid_file=pid_file), Tetrahedron("4")
-    jobs = [make_truth(tmp_path, obj) for obj in objects]
-    (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
-    done = subprocess.run(
-        [sys.executable, tmp_path / "feed.py", tmp_path / "jobs", cluster.address],
-        capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert sorted(done.stdout.splitlines()) == [
-        "1 input: no such shape; draw one",
-        "2 crash: the worker died (SIGKILL)",
-        "3 timeout: no result within 5 s",
-        "4 ",
-    ]
-    assert [job.artifact.is_file() for job in jobs] == [False, False, False, True]
+    assert_equal_runs(directory, finished[0])
 
 
 def test_no_cluster_answers(arguments, tmp_path):

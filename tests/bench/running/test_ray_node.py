@@ -13,13 +13,12 @@ import pytest
 from harness_objects import Killed, Refusing, Tetrahedron
 
 import bench.running.ray
-from bench.catalogue.suites import SUITES, Limits
-from bench.running.protocol import Protocol
+from bench.catalogue.suites import Limits
 from bench.running.ray import Node, mismatch, requirements
 from bench.running.work import do
 from data_prep.failures import MissingDependency
 
-from ..builders import make_job, make_truth, write_artifact
+from ..builders import make_job, make_protocol, make_truth, write_artifact
 
 LIMITS = Limits(60.0, 8.0)
 
@@ -38,17 +37,12 @@ def driver(monkeypatch):
 def asked(tmp_path, driver):
     weights = tmp_path / "views.safetensors"
     weights.write_bytes(b"weights")
-    protocol = make_protocol(methods=("splat-net", "blank"), features=(("fd-views", str(weights)),))
-    return requirements(replace(protocol, environment=dict(driver)))
-
-
-def make_protocol(**changes):
-    values = {
-        "suite": SUITES[0], "dataset": "procedural", "methods": ("blank",), "conditions": ("2048",),
-        "objects": (), "views": 2, "seed": 0, "device": "cpu", "features": (),
-        "feature_identity": {}, "environment": {},
-    }  # fmt: skip
-    return Protocol(**(values | changes))
+    protocol = make_protocol(
+        methods=("splat-net", "blank"),
+        features=(("fd-views", str(weights)),),
+        environment=dict(driver),
+    )
+    return requirements(protocol)
 
 
 def node(asked):
@@ -57,8 +51,9 @@ def node(asked):
     return made, closing(made._pool)
 
 
-def test_a_machine_meets_its_own_requirements(asked):
+def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
     assert mismatch(asked) == ""
+    assert pickle.loads(pickle.dumps(asked)) == asked
 
 
 @pytest.mark.parametrize(
@@ -145,13 +140,7 @@ def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
 
 
 def test_relative_paths_start_where_the_run_was_started(asked, tmp_path):
-    _, closed = node(replace(asked, folder=str(tmp_path)))
-    with closed:
-        assert Path.cwd() == tmp_path
-    _, closed = node(replace(asked, folder=str(tmp_path / "none")))
-    with closed:
-        assert Path.cwd() == tmp_path
-
-
-def test_requirements_are_plain_values(asked):
-    assert pickle.loads(pickle.dumps(asked)) == asked
+    for folder in (tmp_path, tmp_path / "none"):
+        _, closed = node(replace(asked, folder=str(folder)))
+        with closed:
+            assert Path.cwd() == tmp_path
