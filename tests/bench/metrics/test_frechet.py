@@ -220,7 +220,9 @@ def test_what_is_left_without_each_block(count):
     """However many halves there are, and whatever the order of the rows."""
     x, groups = views_of_objects(0, 13, 4, d=5)
     member = np.random.default_rng(1).permutation(groups % count)
-    found = list(LeftOut(x, groups).without_each(member, count))
+    left_out = LeftOut(x, groups)
+    left_out.without_blocks(groups % count, count)  # what is kept of these is not of others
+    found = list(left_out.without_blocks(member, count))
     assert len(found) == count
     for block, left in enumerate(found):
         expected = centred(x[member != block])
