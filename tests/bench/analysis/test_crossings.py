@@ -125,23 +125,7 @@ def test_straight_curves_cross_where_they_do():
             assert made.ahead == ("splat-net",) * 3 + ("pc2pix",) * 2
 
 
-def test_on_a_logarithmic_axis_lines_are_straight_in_the_logarithm():
-    """2048 to 128 are four equal steps; curves meet between the second and the third."""
-    compared = along(
-        "points",
-        {
-            "splat-net": lambda n: 0.4 + 0.1 * math.log2(n / 128),
-            "surface-apss": lambda n: 0.65,
-        },
-    )
-    (made,) = paired_comparisons(compared, ["ssim"])
-    assert made.ahead == ("splat-net",) * 2 + ("surface-apss",) * 3
-    (crossover,) = made.crossings
-    assert crossover.after == 1
-    assert crossover.at == pytest.approx(128 * 2**2.5, rel=1e-9)
-
-
-def test_of_a_falling_axis_too_low_is_the_lower_end():
+def test_of_a_falling_axis_too_low_is_the_lower_end_and_lines_are_straight_in_the_logarithm():
     leads = [(0.3, 0.1, 0.5), (0.1, -0.1, 0.3), (-0.1, -0.3, 0.1), (-0.3, -0.5, -0.1)]
     (crossover,) = paired(leads, "points").crossings
     # 2048, 1024, 512, 256: the lower end passes through 0 halfway between the first two, the lead

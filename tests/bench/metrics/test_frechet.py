@@ -4,10 +4,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,9 +25,7 @@ from bench.metrics.frechet import (
     object_blocks,
 )
 
-REFERENCE = Path(
-    os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[4] / "shared" / "reference")
-)
+from .reference import reference_cases
 
 # Error budget. A singular value errs by a few eps = 2.2e-16 of the largest, and the sum of d of
 # them by d * eps of the trace at worst: 5e-13 for d = 2,048. The distance is a difference of
@@ -72,19 +67,7 @@ def draw_pair(kind, dim, n1, n2):
     return a, b
 
 
-def reference_cases():
-    path = REFERENCE / "fid_reference.json"
-    if not path.is_file():
-        skip = pytest.mark.skip(reason=f"no conformance vectors at {path}; set PC2PIX_REFERENCE")
-        return [pytest.param(None, marks=skip)]
-    cases = json.loads(path.read_text())["cases"]
-    return [
-        pytest.param(case, id=name, marks=pytest.mark.slow if case["dim"] > 1000 else [])
-        for name, case in cases.items()
-    ]
-
-
-@pytest.mark.parametrize("case", reference_cases())
+@pytest.mark.parametrize("case", reference_cases("fid_reference.json"))
 def test_conforms_to_reference(case):
     x, y = draw_pair(case["kind"], case["dim"], case["n1"], case["n2"])
     assert hashlib.sha256(x.tobytes()).hexdigest() == case["sha256_x1"]

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import subprocess
 import sys
@@ -21,12 +20,10 @@ from bench.metrics.inception import FidInception, inception_features, load_incep
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
 from data_prep.failures import BadInput
 
-REFERENCE = Path(
-    os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[4] / "shared" / "reference")
-)
+from .reference import MISSING, REFERENCE
+
 needs_reference = pytest.mark.skipif(
-    not (REFERENCE / "inception_reference.npz").is_file(),
-    reason=f"no conformance vectors in {REFERENCE}; set PC2PIX_REFERENCE",
+    not (REFERENCE / "inception_reference.npz").is_file(), reason=MISSING
 )
 
 # Error budget, relative to the largest value. float32 through some fifty layers: the reference's

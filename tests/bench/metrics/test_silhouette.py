@@ -56,20 +56,6 @@ def test_agrees_with_its_definition(level):
     np.testing.assert_allclose(silhouette_iou(truth, drawing), expected, rtol=1e-15)
 
 
-def test_beside_the_object_its_median_contrast_is_asked_for():
-    # 300 px of contrast 20 and 100 px of 75 or more: the median is 20, and 10 is drawn
-    truth = painted((40, 60, 30, 45), color=(235, 235, 235))
-    truth[:, 40:60, 45:50] = BROWN
-    beside = truth.copy()
-    beside[:, 80:90, 30:50] = 245
-    assert silhouette_iou(truth, beside).tolist() == [400 / 600]
-    beside[:, 80:90, 30:50] = 246
-    assert silhouette_iou(truth, beside).tolist() == [1.0]
-    # within it, of each pixel as much as half of its own
-    beside[:, 40:60, 45:50] = 245
-    assert silhouette_iou(truth, beside).tolist() == [300 / 400]
-
-
 def test_an_empty_part_asks_for_half_of_the_neutral_grey():
     nowhere = np.zeros((2, 128, 128), bool)
     levels = np.concatenate([blank(1) - 37, blank(1) - 38])
