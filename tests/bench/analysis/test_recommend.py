@@ -72,6 +72,8 @@ def test_choices_carry_their_numbers():
     assert poisson.behind.value == pytest.approx(0.15, abs=1e-15)
     assert tuple(poisson.behind[1:]) == mean_interval(difference)
     assert (advice.objects, best.n_ok, best.n) == (4, 8, 8)
+    just_enough = Request(20, best.cost_ms.value)
+    assert name_of(advise(comparison(FIELD), just_enough).best) == "pc2pix"
 
 
 def test_of_methods_that_print_equal_the_cheapest_is_named():
