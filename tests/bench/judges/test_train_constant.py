@@ -27,13 +27,13 @@ def test_one_image_is_best_drawn_as_it_is():
 
 
 @pytest.mark.slow
-def test_the_fit_beats_where_it_starts_and_white():
+def test_the_fit_beats_where_it_starts():
     truth = squares(40)
     found = fit(truth, 60, 0)
     assert found.shape == (128, 128, 3)
     assert found.dtype == np.uint8
-    for other in (np.round(truth.mean(axis=0)).astype(np.uint8), blank(1)[0]):
-        assert mean_ssim(truth, found) > mean_ssim(truth, other) + 0.01
+    mean = np.round(truth.mean(axis=0)).astype(np.uint8)
+    assert mean_ssim(truth, found) > mean_ssim(truth, mean) + 0.01
 
 
 def test_the_image_is_written_whole(tmp_path, monkeypatch):
