@@ -87,10 +87,14 @@ def test_tensors_that_do_not_fit(tmp_path, name):
         assert f"tensor {key} is missing" in missing
         assert f"{key} has shape [5, 2], expected [" in shape
         assert "tensor extra is unknown" in more
-        wild = changed(name, path, lambda tensors, _: tensors[key].fill_(torch.nan))
-        assert f"{key} is not finite" in wild
-        other = changed(name, path, lambda tensors, _: tensors.update({key: tensors[key].int()}))
-        assert f"{key} is of torch.int32, not" in other
+        for value in (torch.nan, -torch.inf):
+            wild = changed(name, path, lambda tensors, _, v=value: tensors[key][:1].fill_(v))
+            assert f"{key} is not finite; " in wild
+        for dtype in (torch.int32, torch.bfloat16):
+            other = changed(
+                name, path, lambda tensors, _, d=dtype: tensors.update({key: tensors[key].to(d)})
+            )
+            assert f"{key} is of {dtype}, not" in other
 
 
 @pytest.mark.parametrize("name", CHECKED)
@@ -136,10 +140,8 @@ INPUTS = ("windows", "normals", "density", "flattened", "far")  # within splat-n
         ("splat-net", "heads", ["silver"], "silver"),
         ("splat-net", "heads", [], "heads"),
         ("splat-net", "heads", [["colour"]], "unhashable"),
-        ("splat-net", "heads", None, "not iterable"),
         ("splat-net", "widths", [4, 6, 8, 10, 0], "each at least 1"),
         ("splat-net", "widths", [4, 6, 8, 10], "expected five numbers"),
-        ("splat-net", "widths", [4, 6, 8, 10, 12.0], "widths"),
         ("splat-net", "widths", [4, 6, 8, 10, True], "widths"),
         ("splat-net", "widths", [4, 6, 8, 10, 10**9], "widths"),
         ("splat-net", "widths", [4096] * 5, "is missing"),
@@ -147,7 +149,6 @@ INPUTS = ("windows", "normals", "density", "flattened", "far")  # within splat-n
         ("splat-net", "windows", [4, 7], "windows"),
         ("splat-net", "windows", [7, 3], "windows"),
         ("splat-net", "windows", [3, 3], "windows"),
-        ("splat-net", "windows", [-3, 7], "windows"),
         ("splat-net", "windows", [True, 7], "windows"),
         ("splat-net", "windows", [3, 65], "windows"),
         ("splat-net", "windows", "37", "windows"),

@@ -108,8 +108,11 @@ def anneal(out_dir, steps, cadence=CADENCE):
     return start(out_dir, config, Annealed(config))
 
 
-@pytest.mark.parametrize("length", [5, 6, 7, 8, 11, 12])
-@pytest.mark.parametrize("stopped", [None, 1, 2, 4, 5, 6, 7])
+@pytest.mark.parametrize(
+    ("length", "stopped"),
+    # on both sides of the last step that is the same in both lengths; to the end: None
+    [(5, 2), (5, 3), (7, 4), (7, 5), (7, None), (8, 6), (9, 5), (9, 6), (9, None), (12, 1)],
+)
 def test_a_run_of_another_length_is_one_of_that_length_from_the_beginning(
     tmp_path, monkeypatch, length, stopped
 ):
@@ -184,16 +187,10 @@ def test_another_run_is_not_continued(tmp_path, config, data, message):
     assert (tmp_path / checkpoint.FILE_NAME).read_bytes() == before
 
 
-def test_a_loss_that_is_no_number_stops_the_run(tmp_path):
-    trainer = Counter({4: math.nan})
-    with pytest.raises(TrainingDiverged, match=r"step 4: loss is nan; last good .*: step 2, "):
-        start(tmp_path, Config(steps=9), trainer)
-    assert checkpoint.load(tmp_path / checkpoint.FILE_NAME, "counter")[1] == 2
-
-
 @pytest.mark.parametrize(
     ("cadence", "stopped", "good"),
     [
+        (Cadence(log=1, sheet=100, checkpoint=3), 4, "last good checkpoint: step 3, "),
         (Cadence(log=3, sheet=100, checkpoint=100), 6, "no checkpoint yet"),
         (Cadence(log=100, sheet=100, checkpoint=5), 5, "no checkpoint yet"),
         (Cadence(log=100, sheet=100, checkpoint=3), 6, "last good checkpoint: step 3, "),
@@ -204,8 +201,9 @@ def test_losses_are_read_when_they_are_logged_or_a_checkpoint_is_written(
     tmp_path, cadence, stopped, good
 ):
     """The step that is named is the one that was wrong, and nothing after it is saved."""
-    trainer = Counter({4: math.inf})
-    with pytest.raises(TrainingDiverged, match=f"^step 4: loss is inf; {good}"):
+    value = math.inf if cadence.log > 1 else math.nan
+    trainer = Counter({4: value})
+    with pytest.raises(TrainingDiverged, match=f"^step 4: loss is {value}; {good}"):
         start(tmp_path, Config(steps=9, cadence=cadence), trainer)
     assert trainer.count == stopped
     path = tmp_path / checkpoint.FILE_NAME

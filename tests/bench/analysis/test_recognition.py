@@ -1,51 +1,22 @@
+"""Who is recognised: retrieval by the judge's codes, and the class. Errors of angles are cases of
+the suite `stability`."""
+
 from __future__ import annotations
+
+import json
+import math
 
 import numpy as np
 import pandas as pd
 import pytest
+from safetensors.numpy import save_file
 
-from bench.analysis.recognition import true_gallery
-from bench.judges import answers as control
+from bench.analysis.recognition import ClassHead, read_class_head, true_gallery
+from bench.judges.answers import found, why_no_retrieval
 from bench.records.record import GROUND_TRUTH
+from data_prep.failures import BadInput
 
 from ..builders import FeaturesAtHand
-
-
-def answers(azimuth_deg=0.0, elevation_deg=0.0, code=(), length=1.0):
-    """What a judge says who sees these."""
-    azimuth = np.radians(azimuth_deg)
-    head = [length * np.sin(azimuth), length * np.cos(azimuth), elevation_deg / 40]
-    return np.array([[*head, *code]], np.float32)
-
-
-@pytest.mark.parametrize("length", [1.0, 0.01, 3.0])
-@pytest.mark.parametrize(
-    ("judged", "true", "error"),
-    [
-        (10, 10, 0),
-        (170, -170, 20),
-        (-179, 179, 2),
-        (179, -179, 2),
-        (0, 180, 180),
-        (0, -180, 180),
-        (-90, 90, 180),
-        (30, 390, 0),
-        (45, -45, 90),
-    ],
-)
-def test_azimuth_errors_are_wrapped(judged, true, error, length):
-    found = control.azimuth_error_deg(answers(judged, length=length), np.array([float(true)]))
-    # sine and cosine in float32: 6e-8 rad, 3.4e-6 degrees
-    assert found[0] == pytest.approx(error, abs=1e-5)
-    assert 0 <= found[0] <= 180
-
-
-def test_elevation_errors():
-    found = control.elevation_error_deg(answers(elevation_deg=30.0), np.array([-10.0]))
-    assert found[0] == pytest.approx(40.0, abs=1e-5)
-
-
-# --- retrieval ------------------------------------------------------------------------------------
 
 TRUTH = {  # codes by object and view
     ("a", 0): (0.0, 0.0),
@@ -57,76 +28,98 @@ TRUTH = {  # codes by object and view
 }
 
 
-def truth_of(codes):
+def answers(codes):
+    """What a judge says who sees these, all from the front."""
+    return np.array([[0.0, 1.0, 0.0, *code] for code in codes], np.float32)
+
+
+def gallery_of(codes, class_name="chair"):
     rows = [(GROUND_TRUTH, "", "chair", *image) for image in codes]
-    values = np.concatenate([answers(code=code) for code in codes.values()])
     index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
-    return FeaturesAtHand(index, values)
+    return true_gallery(FeaturesAtHand(index, answers(codes.values())), class_name)
 
 
 def test_the_gallery_leaves_out_the_view():
-    among = true_gallery(truth_of(TRUTH), "chair")
+    among = gallery_of(TRUTH)
     assert among.objects == ("a", "b")
     np.testing.assert_array_equal(among.without(0), [[3, 0], [10, 3]])
     np.testing.assert_array_equal(among.without(1), [[2, 0], [10, 0]])
     np.testing.assert_array_equal(among.without(7), [[2, 0], [10, 2]])  # there is no such view
-    assert control.why_no_retrieval(among) == ""
+    assert why_no_retrieval(among) == ""
 
 
-def test_who_is_found():
-    among = true_gallery(truth_of(TRUTH), "chair")
-    # view 0 is between (3, 0) and (10, 3): the middle of their x is 6.5; view 1: 6
-    judged = {("a", 0): (6.3, 1.5), ("a", 1): (6.1, 0.0), ("b", 0): (6.7, 1.5), ("b", 2): (0, 0)}
-    values = np.concatenate([answers(code=code) for code in judged.values()])
-    assert control.found(among, values, list(judged)).tolist() == [1, 0, 1, 0]
-    backwards = control.found(among, values[::-1], list(judged)[::-1])
-    assert backwards.tolist() == [0, 1, 0, 1]
-
-
-def test_a_image_is_not_found_by_itself():
-    """The true picture of `a` from view 0 looks like `b` in all its views: it is taken for b."""
+def test_an_image_is_not_found_by_itself():
+    """The true image of `a` from view 0 looks like `b` in all its views: it is taken for b. Of
+    objects equally near the first by name is meant."""
     codes = {("a", 0): (10.0,), ("a", 1): (0.0,), ("b", 0): (10.4,), ("b", 1): (10.4,)}
-    among = true_gallery(truth_of(codes), "chair")
-    values = np.concatenate([answers(code=code) for code in codes.values()])
-    assert control.found(among, values, list(codes)).tolist() == [0, 1, 1, 1]
+    assert found(gallery_of(codes), answers(codes.values()), list(codes)).tolist() == [0, 1, 1, 1]
+    alike = dict.fromkeys(codes, (1.0,))
+    assert found(gallery_of(alike), answers(alike.values()), list(alike)).tolist() == [1, 1, 0, 0]
 
 
-def test_one_answer_for_all_finds_one_object_in_as_many():
-    rng = np.random.default_rng(0)
-    codes = {(obj, view): rng.random(3) for obj in "abcde" for view in range(4)}
-    among = true_gallery(truth_of(codes), "chair")
-    same = np.repeat(answers(code=(0.5, 0.5, 0.5)), len(codes), axis=0)
-    assert control.found(among, same, list(codes)).mean() == pytest.approx(1 / 5)
-
-
-def test_agrees_with_the_plainest_implementation():
+@pytest.mark.parametrize("at_once", [1, 2**16])
+def test_agrees_with_the_plainest_implementation(at_once, monkeypatch):
+    monkeypatch.setattr("bench.judges.answers.AT_ONCE", at_once)
     rng = np.random.default_rng(1)
     images = [(obj, view) for obj in "abcdef" for view in range(5)]
     codes = {p: rng.normal(ord(p[0]) / 2, 1, 4).astype(np.float32) for p in images}
     drawn = {p: codes[p] + rng.normal(0, 1, 4).astype(np.float32) for p in images}
+    asked = [images[i] for i in rng.permutation(len(images))]
     expected = []
-    for obj, view in images:
+    for obj, view in asked:
         means = {
             o: np.mean([codes[q].astype(float) for q in images if q[0] == o and q[1] != view], 0)
             for o in "abcdef"
         }
         near = min(means, key=lambda o: np.linalg.norm(drawn[obj, view].astype(float) - means[o]))
         expected.append(float(near == obj))
-    values = np.concatenate([answers(code=code) for code in drawn.values()])
-    found = control.found(true_gallery(truth_of(codes), "chair"), values, images)
-    assert found.tolist() == expected
+    assert found(gallery_of(codes), answers(drawn[p] for p in asked), asked).tolist() == expected
     assert 0.1 < np.mean(expected) < 0.9
 
 
 def test_where_nothing_can_be_found():
     one_object = {p: c for p, c in TRUTH.items() if p[0] == "a"}
     one_view = {p: c for p, c in TRUTH.items() if p[1] == 0}
-    reasons = [
-        control.why_no_retrieval(true_gallery(truth_of(codes), "chair"))
-        for codes in (one_object, one_view)
-    ]
-    assert reasons == [
+    assert [why_no_retrieval(gallery_of(codes)) for codes in (one_object, one_view)] == [
         "1 object: there is nothing to tell it from; run at least 2",
         "1 view an object: none is left to know it by; run at least 2",
     ]
-    assert control.why_no_retrieval(true_gallery(truth_of(TRUTH), "sofa")).startswith("0 obj")
+    assert why_no_retrieval(gallery_of(TRUTH, "sofa")).startswith("0 obj")
+
+
+# --- the class ------------------------------------------------------------------------------------
+
+HEAD = ClassHead(("car", "lamp", "sofa"), np.eye(3)[:, :2], np.array([0.0, 0.0, math.log(2)]))
+
+
+def test_confidence_worked_by_hand():
+    features = np.array([[0.0, 0.0], [math.log(4), 0.0], [1e6, 0.0], [0.0, 1e6]])
+    # odds 1 : 1 : 2, and 4 : 1 : 2; log 4 in float32 is known to 1e-7; large ones do not overflow
+    for name, expected in (
+        ("car", [1 / 4, 4 / 7, 1, 0]),
+        ("lamp", [1 / 4, 1 / 7, 0, 1]),
+        ("sofa", [2 / 4, 2 / 7, 0, 0]),
+    ):
+        confidence = HEAD.confidence(features.astype(np.float32), name)
+        np.testing.assert_allclose(confidence, expected, rtol=1e-6)
+    assert HEAD.confidence(np.empty((0, 2)), "car").shape == (0,)
+    with pytest.raises(KeyError, match="rifle"):
+        HEAD.confidence(np.empty((0, 2)), "rifle")
+
+
+def test_a_head_is_read_from_its_file(tmp_path):
+    path = tmp_path / "views.safetensors"
+    labels = {"classes": ["car", "lamp"], "families": [], "backs": []}
+    weight = np.array([[1.5, -2.0], [0.25, 4.0]], np.float32)
+    tensors = {"heads.class.weight": weight, "heads.class.bias": np.ones(2, np.float32)}
+    save_file(tensors, path, {"labels": json.dumps(labels)})
+    head = read_class_head(path)
+    assert head.classes == ("car", "lamp")
+    assert np.array_equal(head.weight, weight.astype(float))
+    assert head.bias.tolist() == [1.0, 1.0]
+    assert head.weight.dtype == head.bias.dtype == np.float64
+    save_file(tensors, path)
+    for refused in (path, tmp_path / "missing"):
+        with pytest.raises(BadInput) as error:
+            read_class_head(refused)
+        assert str(error.value).startswith(f"{refused}: not the weights of fd-views (")

@@ -3,11 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, Quality
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.analysis.recommend import Request, advise, at_condition
 from bench.commands.results import advice_lines, make_request
 from data_prep.failures import BadInput
+
+from .comparisons import comparison
+
+NAN = float("nan")
 
 # Milliseconds to prepare and to draw a view, and the score of each object.
 FIELD = {
@@ -22,26 +25,17 @@ FIELD = {
 }
 
 
-def comparison(field=FIELD, condition="2048", class_name="chair"):
-    count = len(field["blank"][2])
-
-    def quality(scores):
-        scores = np.array(scores, float)
-        return Quality("ssim", Estimate(float(scores.mean()), *mean_interval(scores)), scores)
-
-    return Comparison(
-        condition,
-        class_name,
-        tuple("abcdefgh"[:count]),
-        {name: np.full(count, prepare_ms / 1000) for name, (prepare_ms, _, _) in field.items()},
-        {name: np.full(count, draw_ms / 1000) for name, (_, draw_ms, _) in field.items()},
-        dict.fromkeys(field, (2 * count, 2 * count)),
-        {"ssim": {name: quality(scores) for name, (_, _, scores) in field.items()}},
-    )
+def name_of(choice):
+    return choice.method if choice else None
 
 
 def names(choices):
     return [choice.method for choice in choices]
+
+
+def in_words(request, *comparisons, in_full=False):
+    advice = [advise(one, request) for one in comparisons or [comparison(FIELD)]]
+    return advice_lines(advice, request, 20, in_full=in_full)
 
 
 @pytest.mark.parametrize(
@@ -60,25 +54,26 @@ def names(choices):
     ],
 )
 def test_the_best_within_a_budget(views, budget_ms, best, then):
-    advice = advise(comparison(), Request(views, budget_ms))
-    assert (advice.best.method if advice.best else None) == best
+    advice = advise(comparison(FIELD), Request(views, budget_ms))
+    assert name_of(advice.best) == best
     assert names(advice.next) == then
     assert advice.affordable == (best is not None) + len(then)
     assert advice.meets(Request(views, budget_ms)) == (best is not None)
 
 
 def test_choices_carry_their_numbers():
-    advice = advise(comparison(), Request(20, 250))
-    assert advice.best is not None
-    assert advice.best.cost_ms.value == pytest.approx(10 + 20 * 10, rel=1e-12)
-    assert advice.best.ssim.value == pytest.approx(0.75, abs=1e-15)
+    advice = advise(comparison(FIELD), Request(20, 250))
+    best, poisson = advice.best, advice.next[0]
     scores = np.array(FIELD["pc2pix"][2])
-    assert tuple(advice.best.ssim[1:]) == mean_interval(scores)
-    poisson = advice.next[0]
+    assert best.cost_ms.value == pytest.approx(10 + 20 * 10, rel=1e-12)
+    assert best.ssim.value == pytest.approx(0.75, abs=1e-15)
+    assert tuple(best.ssim[1:]) == mean_interval(scores)
     difference = scores - np.array(FIELD["poisson"][2])
     assert poisson.behind.value == pytest.approx(0.15, abs=1e-15)
     assert tuple(poisson.behind[1:]) == mean_interval(difference)
-    assert (advice.objects, advice.best.n_ok, advice.best.n) == (4, 8, 8)
+    assert (advice.objects, best.n_ok, best.n) == (4, 8, 8)
+    just_enough = Request(20, best.cost_ms.value)
+    assert name_of(advise(comparison(FIELD), just_enough).best) == "pc2pix"
 
 
 def test_of_methods_that_print_equal_the_cheapest_is_named():
@@ -87,31 +82,28 @@ def test_of_methods_that_print_equal_the_cheapest_is_named():
     advice = advise(comparison(FIELD | twins), Request(20))
     assert names(advice.next) == ["pc2pix@bf16", "poisson", "splat"]
     advice = advise(comparison(FIELD | twins), Request(20, 250))
-    assert advice.best is not None
-    assert advice.best.method == "pc2pix@bf16"
+    assert name_of(advice.best) == "pc2pix@bf16"
     assert names(advice.next) == ["poisson", "splat"]
     assert advice.affordable == 5
 
 
 def test_the_interval_of_costs_is_over_objects():
-    field = comparison()
-    prepare_s = dict(field.prepare_s) | {"splat": np.array([0.001, 0.002, 0.003, 0.1])}
-    spread = Comparison(**(vars(field) | {"prepare_s": prepare_s}))
-    advice = advise(spread, Request(20, 30))
-    assert advice.best is not None
+    spread = comparison(FIELD | {"splat": ((1, 2, 3, 100), 1, FIELD["splat"][2])})
+    best = advise(spread, Request(20, 30)).best
     costs = np.array([21.0, 22.0, 23.0, 120.0])
-    assert advice.best.cost_ms.value == pytest.approx(22.5, rel=1e-12)
+    assert best.cost_ms.value == pytest.approx(22.5, rel=1e-12)
     expected = median_interval(costs, np.arange(4))
-    assert tuple(advice.best.cost_ms[1:]) == pytest.approx(expected, rel=1e-12)
-    (line,) = advice_lines([advice], Request(20, 30), 20, in_full=False)
+    assert tuple(best.cost_ms[1:]) == pytest.approx(expected, rel=1e-12)
+    (line,) = in_words(Request(20, 30), spread)
     assert line.endswith("; the interval of its cost reaches beyond the budget")
+
+
+# --- regret ---------------------------------------------------------------------------------------
 
 
 def test_regret_against_an_oracle():
     """Affordable: splat, poisson, pc2pix; the best of each object: 0.9, 0.7, 0.7, 0.8."""
-    advice = advise(comparison(), Request(20, 250))
-    assert advice.best is not None
-    assert advice.best.method == "pc2pix"
+    advice = advise(comparison(FIELD), Request(20, 250))
     assert advice.regret.value == pytest.approx((0.1 + 0 + 0 + 0) / 4, abs=1e-15)
     assert tuple(advice.regret[1:]) == mean_interval(np.array([0.9 - 0.8, 0, 0, 0]))
     # Whatever object is left out, pc2pix is the best on the others.
@@ -130,23 +122,24 @@ def test_regret_of_a_choice_made_without_the_object():
         "blank": (0, 0, (0, 0, 0)),
     }
     advice = advise(comparison(field), Request(1, 10))
-    assert advice.best is not None
-    assert advice.best.method == "splat"  # means 0.7 and 0.7: of equals the cheaper
+    assert name_of(advice.best) == "splat"  # means 0.7 and 0.7: of equals the cheaper
     assert advice.regret.value == pytest.approx((0 + 0 + 0.3) / 3, abs=1e-15)
     assert advice.regret_blind.value == pytest.approx((0.3 + 0 + 0.3) / 3, abs=1e-15)
 
 
 def test_no_regret_with_one_method_and_none_blind_of_one_object():
-    alone = advise(comparison(), Request(20, 25))
+    alone = advise(comparison(FIELD), Request(20, 25))
     assert alone.regret == alone.regret_blind == (0, 0, 0)
     single = {name: (p, d, scores[:1]) for name, (p, d, scores) in FIELD.items()}
     advice = advise(comparison(single), Request(20, 250))
-    assert advice.best is not None
-    assert advice.best.method == "poisson"
+    assert name_of(advice.best) == "poisson"
     assert advice.regret.value == 0
     assert np.isnan(advice.regret_blind).all()
-    nothing = advise(comparison(), Request(20, 1))
+    nothing = advise(comparison(FIELD), Request(20, 1))
     assert np.isnan([*nothing.regret, *nothing.regret_blind]).all()
+
+
+# --- good enough ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -157,64 +150,49 @@ def test_no_regret_with_one_method_and_none_blind_of_one_object():
         (0.5, "splat", "splat"),
         (0.52, "splat", "pc2pix"),
         (0.58, "poisson", "pc2pix"),
-        (0.65, "pc2pix", "pc2pix"),
         (0.76, "surface-apss", None),
         (0.9, None, None),
     ],
 )
 def test_the_cheapest_that_is_good_enough(min_ssim, on_average, surely):
-    advice = advise(comparison(), Request(20, min_ssim=min_ssim))
-    assert (advice.on_average.method if advice.on_average else None) == on_average
-    assert (advice.surely.method if advice.surely else None) == surely
+    advice = advise(comparison(FIELD), Request(20, min_ssim=min_ssim))
+    assert (name_of(advice.on_average), name_of(advice.surely)) == (on_average, surely)
     assert advice.meets(Request(20, min_ssim=min_ssim)) == (on_average is not None)
 
 
 def test_both_limits_have_to_be_met_by_one_method():
     request = Request(20, budget_ms=130, min_ssim=0.7)
-    advice = advise(comparison(), request)
-    assert not advice.meets(request)
-    within, good = advice_lines([advice], request, 20, in_full=False)
+    assert not advise(comparison(FIELD), request).meets(request)
+    within, good = in_words(request)
     assert within.startswith("2048: best within 130 ms: poisson, ssim 0.600 [")
     assert good.startswith("2048: cheapest with an ssim of at least 0.7, surely: pc2pix, ssim 0.75")
     assert good.endswith("; over the budget")
     enough = Request(20, budget_ms=250, min_ssim=0.7)
-    assert advise(comparison(), enough).meets(enough)
+    assert advise(comparison(FIELD), enough).meets(enough)
 
 
 # --- texts ----------------------------------------------------------------------------------------
 
 
-def test_in_short():
-    request = Request(20, 250)
-    (line,) = advice_lines([advise(comparison(), request)], request, 20, in_full=False)
-    assert line == (
+def test_in_short_and_in_full():
+    assert in_words(Request(20, 250)) == [
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.700, 0.800], 210 ms [210, 210] a cloud, "
         "10.5 ms a picture"
-    )
-
-
-def test_in_full():
-    request = Request(20, 250, 0.7)
-    _, _, *rest = advice_lines([advise(comparison(), request)], request, 20, in_full=True)
-    assert [line.partition(":")[0] for line in rest] == [
-        "  surely that good, by the lower end of the interval",
-        "  next",
-        "  next",
-        "  regret",
     ]
-    assert rest[1].startswith("  next: poisson, ssim 0.600 [")
-    assert "; behind by 0.150 [" in rest[1]
+    _, _, sure, first, second, regret = in_words(Request(20, 250, 0.7), in_full=True)
+    assert sure.startswith("  surely that good, by the lower end of the interval: ")
+    assert first.startswith("  next: poisson, ssim 0.600 [")
+    assert "; behind by 0.150 [" in first
+    assert second.startswith("  next: splat, ")
     interval = "[0.000, 0.075]"  # of four values one of which is 0.1: see the test of regret
-    assert rest[-1] == (
+    assert regret == (
         f"  regret: 0.025 {interval} ssim against the best of 3 such methods for each of 4 "
         f"objects; 0.025 {interval} where the method is chosen by the other objects"
     )
 
 
 def test_what_cannot_be_met_names_the_nearest():
-    request = Request(20, 5, 0.9)
-    advice = advise(comparison(), request)
-    within, good, sure = advice_lines([advice], request, 20, in_full=True)
+    within, good, sure = in_words(Request(20, 5, 0.9), in_full=True)
     assert within.startswith("2048: no method within 5.0 ms; the cheapest: splat, ssim 0.550 [")
     assert ", 21.0 ms [" in within
     assert good.startswith(
@@ -224,23 +202,19 @@ def test_what_cannot_be_met_names_the_nearest():
 
 
 def test_without_any_candidate():
-    floors = {name: FIELD[name] for name in ("true-mesh", "constant", "blank")}
+    floors = comparison({name: FIELD[name] for name in ("true-mesh", "constant", "blank")})
     request = Request(20, 5, 0.9)
-    advice = advise(comparison(floors), request)
-    assert not advice.meets(request)
-    assert advice_lines([advice], request, 20, in_full=False) == [
+    assert not advise(floors, request).meets(request)
+    assert in_words(request, floors) == [
         "2048: no method within 5.0 ms",
         "2048: no method with an ssim of at least 0.9",
     ]
 
 
 def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
-    request = Request(1, 5)
-    odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, "2048", "a\nb")
+    odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, class_name="a\nb")
     plain = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
-    first, *lines = advice_lines(
-        [advise(c, request) for c in (odd, plain)], request, 20, in_full=False
-    )
+    first, *lines = in_words(Request(1, 5), odd, plain)
     assert first.startswith("Costs of 1 view are reckoned from the share of one")
     assert lines[0].startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
     assert lines[1].startswith("2048, chair: best")
@@ -265,7 +239,7 @@ def test_options_without_sense(arguments, message):
 
 
 def test_conditions():
-    both = [comparison(), comparison(condition="512")]
+    both = [comparison(FIELD), comparison(FIELD, condition="512")]
     assert at_condition(both, None) == both
     assert at_condition(both, "512") == both[1:]
     with pytest.raises(BadInput, match="--condition 511: not in this run; there are 2048, 512"):

@@ -2,13 +2,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import subprocess
 import sys
 import urllib.error
 import urllib.request
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 
@@ -17,18 +15,15 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-import bench.metrics.inception
 from bench.metrics import inception_weights
 from bench.metrics.inception import FidInception, inception_features, load_inception
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
 from data_prep.failures import BadInput
 
-REFERENCE = Path(
-    os.environ.get("PC2PIX_REFERENCE", Path(__file__).parents[4] / "shared" / "reference")
-)
+from .reference import MISSING, REFERENCE
+
 needs_reference = pytest.mark.skipif(
-    not (REFERENCE / "inception_reference.npz").is_file(),
-    reason=f"no conformance vectors in {REFERENCE}; set PC2PIX_REFERENCE",
+    not (REFERENCE / "inception_reference.npz").is_file(), reason=MISSING
 )
 
 # Error budget, relative to the largest value. float32 through some fifty layers: the reference's
@@ -106,121 +101,75 @@ def test_every_stage_conforms_in_float64(model, reference):
     double = FidInception().double()
     double.load_state_dict(model.state_dict())
     reduced = lambda x: F.max_pool2d(x, 3, stride=2)  # noqa: E731
-    double.get_submodule("Conv2d_2b_3x3").register_forward_hook(keep("f64", reduced))
-    double.get_submodule("Conv2d_4a_3x3").register_forward_hook(keep("f192", reduced))
-    double.get_submodule("Mixed_6e").register_forward_hook(keep("f768", lambda x: x))
-    features = double(torch.tensor(reference["images"]).permute(0, 3, 1, 2)).numpy()
+    double.Conv2d_2b_3x3.register_forward_hook(keep("f64", reduced))
+    double.Conv2d_4a_3x3.register_forward_hook(keep("f192", reduced))
+    double.Mixed_6e.register_forward_hook(keep("f768", lambda x: x))
+    features = double(torch.tensor(reference["images"][:1]).permute(0, 3, 1, 2)).numpy()
     assert features.dtype == np.float64
-    for name in ("f64", "f192", "f768"):
-        assert off(seen[name], reference[name]) < FLOAT64, name
-    assert off(features, reference["features_2048_f64"]) < FLOAT64
-    logits = features @ double.fc.weight.numpy().T
-    assert off(logits, reference["logits_unbiased_f64"]) < FLOAT64
-
-
-def half_pixel_centres(images, size):
-    return F.interpolate(images, (size, size), mode="bilinear", align_corners=False)
-
-
-def counts_the_padding(x, kind):
-    return F.avg_pool2d(x, 3, stride=1, padding=1) if kind == "average" else POOL(x, kind)
-
-
-def averages_in_the_last_block(x, kind):
-    return POOL(x, "average" if kind == "max" else kind)
-
-
-POOL = bench.metrics.inception._pool
-
-
-@needs_reference
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
-        ("_resize", half_pixel_centres),
-        ("_pool", counts_the_padding),
-        ("_pool", averages_in_the_last_block),
-    ],
-)
-def test_known_mistakes_would_be_caught(model, reference, monkeypatch, name, wrong):
-    # The ways in which the torchvision network differs from that of FID.
-    monkeypatch.setattr(bench.metrics.inception, name, wrong)
-    features = inception_features(model, reference["images"][:1])
-    assert off(features, reference["features_2048_f32"][:1]) > 100 * FLOAT32
+    seen["features_2048_f64"] = features
+    seen["logits_unbiased_f64"] = features @ double.fc.weight.numpy().T
+    for name, found in seen.items():
+        assert off(found, reference[name][:1]) < FLOAT64, name
 
 
 # --- closed form and independent implementation ---------------------------------------------------
 
 
-def test_resize_reads_at_multiples_of_the_ratio():
-    rows = torch.tensor([[0.0, 10.0], [20.0, 30.0]])[None, None]
-    # positions 0, 0.5, 1, 1.5, the last one beyond the edge: held
-    expected = [[0, 5, 10, 10], [10, 15, 20, 20], [20, 25, 30, 30], [20, 25, 30, 30]]
-    assert bench.metrics.inception._resize(rows, 4)[0, 0].tolist() == expected
-
-
-@pytest.mark.parametrize("size", [32, 128, 299, 640])
-def test_resize_agrees_with_interpolation_on_a_grid(size):
-    image = np.random.default_rng(0).random((size, size))
+@pytest.mark.parametrize("size", [2, 128, 299, 640])
+def test_resize_agrees_with_interpolation_on_a_grid(model, size):
+    """By TensorFlow 1: read at multiples of the ratio, the last pixel held beyond the edge."""
+    image = np.random.default_rng(0).integers(0, 256, (size, size), dtype=np.uint8)
     position = np.arange(299) * (size / 299)
     by_row = np.stack([np.interp(position, np.arange(size), row) for row in image])
     expected = np.stack([np.interp(position, np.arange(size), column) for column in by_row.T]).T
-    found = bench.metrics.inception._resize(torch.tensor(image)[None, None], 299)[0, 0].numpy()
-    # positions are float32 as in TensorFlow: off by up to 640 * 2^-24 = 4e-5 pixels, in two axes
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
+    seen = []
+    handle = model.Conv2d_1a_3x3.register_forward_pre_hook(lambda _, given: seen.append(given[0]))
+    inception_features(model, np.repeat(image[None, :, :, None], 3, axis=3))
+    handle.remove()
+    found = 128 + 128 * seen[0][0, 0].numpy()
+    # positions are float32 as in TensorFlow: off by up to 640 * 2^-24 = 4e-5 pixels, in two axes,
+    # of up to 255 levels a pixel
+    np.testing.assert_allclose(found, expected, rtol=0, atol=0.03)
 
 
 # --- invariants -----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def images():
-    return np.random.default_rng(0).integers(0, 256, (3, 128, 128, 3), dtype=np.uint8)
+def image():
+    image = np.random.default_rng(0).integers(0, 256, (1, 75, 90, 3), dtype=np.uint8)
+    image.flags.writeable = False
+    return image
 
 
-def test_image_does_not_depend_on_its_batch(model, images):
-    together = inception_features(model, images)
-    alone = inception_features(model, images, batch=1)
-    assert together.shape == (3, 2048)
-    assert off(alone, together) < FLOAT32  # other kernels, other order of summation
-    assert np.all(together >= 0)  # means of ReLUs
-
-
-def test_is_frozen(model, images):
-    before = inception_features(model, images[:1])
+def test_is_frozen_and_looks_at_each_image_alone(model, image):
+    before = inception_features(model, image)
+    assert np.all(before >= 0)  # means of ReLUs
     model.train()
-    assert not model.training
     assert not any(module.training for module in model.modules())
     assert not any(parameter.requires_grad for parameter in model.parameters())
-    np.testing.assert_array_equal(inception_features(model, images[:1]), before)
-
-
-def test_takes_read_only_images_of_any_size_and_none_at_all(model):
-    image = np.zeros((1, 75, 90, 3), np.uint8)
-    image.flags.writeable = False
-    assert inception_features(model, image).shape == (1, 2048)
+    both = np.concatenate([255 - image, image])
+    alone = inception_features(model, both, batch=1)
+    assert alone.shape == (2, 2048)
+    np.testing.assert_array_equal(alone[1:], before)
+    # other kernels, other order of summation
+    assert off(inception_features(model, both), alone) < FLOAT32
     assert inception_features(model, image[:0]).shape == (0, 2048)
 
 
 @pytest.mark.parametrize(
-    ("images", "named"),
-    [
-        (np.zeros((1, 64, 64, 3), np.float32), "float32 [1, 64, 64, 3]"),
-        (np.zeros((1, 3, 64, 64), np.uint8), "uint8 [1, 3, 64, 64]"),
-        (np.zeros((64, 64, 3), np.uint8), "uint8 [64, 64, 3]"),
-    ],
+    ("shape", "dtype"),
+    [((1, 64, 64, 3), np.float32), ((1, 3, 64, 64), np.uint8), ((64, 64, 3), np.uint8)],
 )
-def test_names_the_images_it_refuses(model, images, named):
-    with pytest.raises(ValueError, match=re.escape(named)):
+def test_names_the_images_it_refuses(model, shape, dtype):
+    images = np.zeros(shape, dtype)
+    with pytest.raises(ValueError, match=re.escape(f"{images.dtype} {list(shape)}")):
         inception_features(model, images)
-
-
-@pytest.mark.parametrize(
-    ("shape", "dtype"), [((1, 3, 64, 64), torch.float32), ((1, 64, 64, 3), torch.uint8)]
-)
-def test_network_names_what_it_refuses(model, shape, dtype):
-    with pytest.raises(ValueError, match=re.escape(f"{dtype} {list(shape)}")):
-        model(torch.zeros(shape, dtype=dtype))
+    given = torch.from_numpy(images)
+    if len(shape) == 4:
+        given = given.permute(0, 3, 1, 2) if dtype == np.float32 else given.permute(0, 2, 3, 1)
+    with pytest.raises(ValueError, match=re.escape(f"{given.dtype} {list(given.shape)}")):
+        model(given)
 
 
 # --- the weight file ------------------------------------------------------------------------------
@@ -242,36 +191,30 @@ def published(weights, monkeypatch, tmp_path):
     return tmp_path / "cache" / "pc2pix-bench" / inception_weights.WEIGHTS_NAME
 
 
-@contextmanager
-def response(data):
-    yield BytesIO(data)
-
-
-def serve(monkeypatch, data):
+def serve(monkeypatch, answer):
+    """What the network answers: bytes, or None where there is none."""
     requests = []
 
     def urlopen(url, timeout):
         requests.append((url, timeout))
-        return response(data)
+        if answer is None:
+            raise urllib.error.URLError("no route to host")
+        return BytesIO(answer)
 
     monkeypatch.setattr(urllib.request, "urlopen", urlopen)
     return requests
 
 
-def no_network(monkeypatch):
-    def urlopen(url, timeout):
-        raise urllib.error.URLError("no route to host")
-
-    monkeypatch.setattr(urllib.request, "urlopen", urlopen)
-
-
-def test_loads_a_given_file(model, weights, published, monkeypatch, tmp_path, images):
-    no_network(monkeypatch)
+def test_a_given_file_is_verified_and_loaded(model, weights, published, tmp_path, image):
     path = tmp_path / "weights.pth"
     path.write_bytes(weights)
-    features = inception_features(load_inception(path), images[:1])
-    assert off(features, inception_features(model, images[:1])) < FLOAT32  # another memory layout
+    assert find_weights(str(path)) == path
+    features = inception_features(load_inception(path), image)
+    assert off(features, inception_features(model, image)) < FLOAT32  # another memory layout
     assert not published.exists()
+    path.write_bytes(weights[:-1])
+    with pytest.raises(BadInput, match="sha256"):
+        find_weights(str(path))
 
 
 def test_refuses_another_file_before_unpickling_it(monkeypatch, tmp_path):
@@ -298,36 +241,19 @@ def test_fetches_once_then_reads_the_cache(weights, published, monkeypatch):
     assert find_weights("download") == published
     assert requests == [(inception_weights.WEIGHTS_URL, inception_weights.DOWNLOAD_TIMEOUT_S)]
     assert [path.name for path in published.parent.iterdir()] == [published.name]
-    no_network(monkeypatch)
+    serve(monkeypatch, None)
     assert find_weights("download") == published
     assert find_weights(None) == published
-    assert isinstance(load_inception(published), FidInception)
-
-
-def test_never_asks_the_network_unasked(published, monkeypatch):
-    monkeypatch.setattr(urllib.request, "urlopen", lambda *_, **__: pytest.fail("asked"))
-    with pytest.raises(WeightsUnavailable, match="--inception-weights download"):
-        find_weights(None)
-
-
-def test_a_given_file_is_verified_when_it_is_looked_for(weights, published, tmp_path):
-    path = tmp_path / "weights.pth"
-    path.write_bytes(weights)
-    assert find_weights(str(path)) == path
-    path.write_bytes(weights[:-1])
-    with pytest.raises(BadInput, match="sha256"):
-        find_weights(str(path))
-
-
-def test_fetches_a_damaged_cached_file_anew(weights, published, monkeypatch):
-    published.parent.mkdir(parents=True)
-    published.write_bytes(weights[:-1])
+    published.write_bytes(weights[:-1])  # a damaged one is fetched anew
     serve(monkeypatch, weights)
     assert find_weights("download").read_bytes() == weights
 
 
-def test_says_how_to_get_the_weights_without_a_network(published, monkeypatch):
-    no_network(monkeypatch)
+def test_says_how_to_get_the_weights_and_asks_the_network_on_request_only(published, monkeypatch):
+    requests = serve(monkeypatch, None)
+    with pytest.raises(WeightsUnavailable, match="--inception-weights download"):
+        find_weights(None)
+    assert requests == []
     with pytest.raises(WeightsUnavailable, match="no route to host") as caught:
         find_weights("download")
     assert inception_weights.WEIGHTS_URL in str(caught.value)

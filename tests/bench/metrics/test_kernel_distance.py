@@ -8,32 +8,8 @@ import pytest
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 
 
-def polynomial_mmd_of_torch_fidelity(x, y):
-    """As torch-fidelity 0.4 computes it (`metric_kid.py`: polynomial_mmd, mmd2 with unbiased),
-    for one subset of all samples; degree 3, gamma 1/d, coef0 1. clean-fid has the same in other
-    words."""
-
-    def kernel(a, b):
-        return (np.matmul(a, b.T) / a.shape[1] + 1.0) ** 3
-
-    k_xx, k_yy, k_xy = kernel(x, x), kernel(y, y), kernel(x, y)
-    m = k_xx.shape[0]
-    diag_x, diag_y = np.diagonal(k_xx), np.diagonal(k_yy)
-    kt_xx_sum = (k_xx.sum(axis=1) - diag_x).sum()
-    kt_yy_sum = (k_yy.sum(axis=1) - diag_y).sum()
-    return (kt_xx_sum + kt_yy_sum) / (m * (m - 1)) - 2 * k_xy.sum() / (m * m)
-
-
 def features(seed, n, d):
     return np.random.default_rng(seed).standard_normal((n, d)).astype(np.float32)
-
-
-@pytest.mark.parametrize(("n", "d"), [(2, 1), (7, 3), (40, 64), (30, 2048)])
-def test_agrees_with_torch_fidelity(n, d):
-    x, y = features(1, n, d).astype(float), 1.2 * features(2, n, d).astype(float) + 0.1
-    # sums of n^2 kernels of size 10, in another order
-    expected = polynomial_mmd_of_torch_fidelity(x, y)
-    assert kernel_distance(x, y) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
 def test_worked_by_hand():
@@ -43,25 +19,22 @@ def test_worked_by_hand():
     assert kernel_distance(x, y) == pytest.approx(1 + 27 - 2 * (1 + 1 + 8 + 27) / 4, abs=1e-12)
 
 
-def test_sets_of_different_sizes():
-    """The mean over pairs, spelled out."""
-    x, y = features(3, 4, 5).astype(float), features(4, 6, 5).astype(float)
+@pytest.mark.parametrize(("n", "m", "d"), [(2, 2, 1), (4, 6, 5), (30, 30, 2048)])
+def test_the_mean_over_pairs_spelled_out(n, m, d):
+    """Of sets of one size it is what torch-fidelity 0.4 computes (`metric_kid.py`: mmd2 with
+    unbiased) for one subset of all samples; degree 3, gamma 1/d, coef0 1."""
+    x, y = features(3, n, d).astype(float), 1.2 * features(4, m, d).astype(float) + 0.1
 
     def k(a, b):
-        return float(a @ b / 5 + 1) ** 3
+        return float(a @ b / d + 1) ** 3
 
     within_x = np.mean([k(a, b) for a, b in itertools.permutations(x, 2)])
     within_y = np.mean([k(a, b) for a, b in itertools.permutations(y, 2)])
     across = np.mean([k(a, b) for a in x for b in y])
-    assert kernel_distance(x, y) == pytest.approx(within_x + within_y - 2 * across, rel=1e-12)
-    assert kernel_distance(x, y) == pytest.approx(kernel_distance(y, x), rel=1e-12)
-
-
-def test_no_bias():
-    """Sets drawn alike are 0 apart in the mean, however small; here within 4 standard errors."""
-    found = [kernel_distance(features([5, i], 5, 8), features([6, i], 5, 8)) for i in range(2000)]
-    assert abs(np.mean(found)) < 4 * np.std(found) / np.sqrt(len(found))
-    assert min(found) < 0
+    # sums of n^2 kernels of size 10, in another order
+    expected = pytest.approx(within_x + within_y - 2 * across, rel=1e-9, abs=1e-12)
+    assert kernel_distance(x, y) == expected
+    assert kernel_distance(y, x) == expected
 
 
 def test_leaving_out_an_object_is_leaving_out_its_rows():
@@ -95,7 +68,7 @@ def test_what_it_refuses(x, said):
         kernel_distance(x, np.zeros((2, 3)))
 
 
-@pytest.mark.parametrize("rows", [1, 5, 12, 100])
+@pytest.mark.parametrize("rows", [1, 5, 12])
 def test_how_many_rows_are_taken_at_a_time_moves_rounding_only(rows, monkeypatch):
     x, y = features(11, 12, 6), features(12, 9, 6)
     objects_x, objects_y = np.array(list("aaabbbcccddd")), np.array(list("abcabcabc"))
