@@ -6,11 +6,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
+from report_parser import parse
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.crossings import ConditionCurve
 from bench.catalogue.families import FAMILIES
-from bench.report.families import beyond_figure, write_beyond_figures
+from bench.report.families import beyond_figure, family_curves, write_beyond_figures
 from bench.report.styles import looks
 
 from ..builders import make_job, make_truth, write_artifact
@@ -124,12 +125,7 @@ def test_bands_are_what_networks_were_shown():
         assert patch.get_facecolor()[:3] == pytest.approx(hue)
 
 
-def test_bands_of_networks_that_are_not_in_the_run_are_not_drawn():
-    axes = figure(every_curve(methods=("surface-apss", "pc2pix", "blank"))).axes
-    assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
-
-
-def test_each_is_named_once():
+def test_each_is_named_once_and_bands_of_other_networks_are_not_drawn():
     (legend,) = figure(every_curve()).legends
     names = [text.get_text() for text in legend.get_texts()]
     assert sorted(names) == sorted(
@@ -138,6 +134,8 @@ def test_each_is_named_once():
             *("splat-net was trained here", "pc2pix was trained here"),
         ]
     )
+    axes = figure(every_curve(methods=("surface-apss", "pc2pix", "blank"))).axes
+    assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
 
 
 def test_several_classes_have_rows_of_their_own():
@@ -146,6 +144,29 @@ def test_several_classes_have_rows_of_their_own():
     assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == [
         *("chair: ssim", "sofa: ssim"),
     ]
+
+
+def test_a_plot_of_the_page_for_each_family_and_metric():
+    families, methods = (FAMILIES[1], FAMILIES[3]), ("pc2pix", "surface-apss", "blank")
+    plots = family_curves(every_curve(families, methods), looks(methods))
+    assert [plot.title for plot in plots] == [
+        "ssim against noise, class chair",
+        "fd-views against noise, class chair",
+        "ssim against missing, class chair",
+        "fd-views against missing, class chair",
+    ]
+    svg = parse(plots[0].svg.inside)
+    texts = [[text.text for text in parse(plot.svg.inside).all("text")] for plot in plots]
+    assert {f"{v:g}" for v in families[0].values} <= set(texts[0]) & set(texts[1])
+    assert {f"{v:g}" for v in families[1].values} <= set(texts[2])
+    assert families[0].axis in texts[0]
+    series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
+    assert series == list(methods)
+    assert [title.text for title in svg.all("title")][:2] == [
+        "pc2pix, 2048, chair: 0.700 [0.680, 0.730]",
+        "pc2pix, noise-0.05, chair: 0.650 [0.630, 0.680]",
+    ]
+    assert "pc2pix: 2048 0.700, noise-0.05 0.650, noise-0.10 0.600, " in plots[0].description
 
 
 def test_steps_without_value_or_interval():
