@@ -14,7 +14,13 @@ from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.records.artifacts import Item
 from bench.records.job import Job
 from bench.records.journal import write_manifest
-from bench.records.parquet import JobRow, write_features, write_jobs, write_records
+from bench.records.parquet import (
+    JobRow,
+    read_records,
+    write_features,
+    write_jobs,
+    write_records,
+)
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.tables.build import scored_run, write_outputs
 from data_prep.conditions import CONDITIONS, Unchanged
@@ -114,6 +120,12 @@ def write_all(directory, records):
         by_item.setdefault(item, []).append(record)
     rows = [JobRow(str(i), item, None) for i, item in enumerate(by_item)]
     write_records(directory, rows, lambda row: by_item[row.item])
+
+
+def read_all(directory) -> list[Record]:
+    """The records of a run, to be altered and written again by `write_all`."""
+    frame = read_records(directory).rename(columns={"class": "class_name"})
+    return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
 
 
 def write_artifact(job: Job, seed=0, **arrays) -> str:

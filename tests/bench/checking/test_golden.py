@@ -284,7 +284,7 @@ def test_without_golden_values_or_a_run(tmp_path, results, command):
         assert command("check", path) == (2, "", f"bench: {message.format(path)}\n")
 
 
-@pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"]])
+@pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"], ["report"]])
 def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
     write_manifest(run, read_manifest(run) | {"finished": None})
     status, out, err = command(*arguments, run)
