@@ -107,13 +107,11 @@ def test_the_average():
 
 def test_distances_are_ahead_where_they_are_smaller():
     rng = np.random.default_rng(0)
+    cells = [(GROUND_TRUTH, ""), *((m, "2048") for m in ("surface-apss", "pc2pix@all", "blank"))]
     frame = pd.DataFrame(
         [
             {"method": m, "condition": c, "class": k, "object": obj, "view": v}
-            for m, c in (
-                (GROUND_TRUTH, ""),
-                *((m, "2048") for m in ("surface-apss", "pc2pix@all", "blank")),
-            )
+            for m, c in cells
             for k in LEADS
             for obj in OBJECTS
             for v in (0, 1)
@@ -122,29 +120,21 @@ def test_distances_are_ahead_where_they_are_smaller():
     values = rng.random((len(frame), 3), np.float32)
     values[frame["method"] == "surface-apss"] += 2.0
     made = table({"fd-views": MeasuredFeatures(FeaturesAtHand(frame, values))})
-    found = row(made, "car", "fd-views")
-    objects = np.repeat(OBJECTS, 2)
-    chosen = {
-        m: LeftOut(values[(frame["method"] == m) & (frame["class"] == "car")], objects)
-        for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
-    }
-    surface, network = (
-        left_out_distances(chosen[m], chosen[GROUND_TRUTH]) for m in ("surface-apss", "pc2pix@all")
-    )
-    assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
-    assert found.lead.value > 5  # 3 features that are off by 2 each: 12, less what chance gives
-    low, high = interval_of_left_out(found.lead.value, surface - network)
-    assert found.lead[1:] == pytest.approx((low, high), rel=1e-9)
+    every = []
+    for k in LEADS:
+        truth, surface, network = (
+            LeftOut(values[(frame["method"] == m) & (frame["class"] == k)], np.repeat(OBJECTS, 2))
+            for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
+        )
+        every.append(left_out_distances(network, truth) - left_out_distances(surface, truth))
+        found = row(made, k, "fd-views")
+        assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
+        assert found.lead.value > 5  # 3 features off by 2 each: 12, less what chance gives
+        interval = interval_of_left_out(found.lead.value, -every[-1])
+        assert found.lead[1:] == pytest.approx(interval, rel=1e-9)
     average = row(made, "average", "fd-views")
     value = np.mean([row(made, k, "fd-views").lead.value for k in LEADS])
     assert average.lead.value == pytest.approx(value, rel=1e-12)
-    every = []
-    for k in LEADS:
-        truth, sr, net = (
-            LeftOut(values[(frame["method"] == m) & (frame["class"] == k)], objects)
-            for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
-        )
-        every.append(left_out_distances(net, truth) - left_out_distances(sr, truth))
     assert average.lead[1:] == pytest.approx(jackknife_interval(value, every, fewest=2), rel=1e-9)
 
 
