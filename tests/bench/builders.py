@@ -8,6 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from harness_objects import Tetrahedron
 
 from bench.catalogue.metrics import IMAGE_METRICS, column
@@ -93,6 +94,19 @@ def make_job(directory: Path, obj=None, method="splat", condition="2048", **chan
 
 def make_truth(directory: Path, obj=None, **changes) -> Job:
     return make_job(directory, obj, GROUND_TRUTH, "", reference=None, **changes)
+
+
+def feature_index(methods, objects_of_class) -> pd.DataFrame:
+    """The images of the truth and of methods at 2048, of two views of all objects."""
+    cells = [(GROUND_TRUTH, ""), *((method, "2048") for method in methods)]
+    rows = [
+        (*cell, class_name, obj, view)
+        for cell in cells
+        for class_name, objects in objects_of_class.items()
+        for obj in objects
+        for view in (0, 1)
+    ]
+    return pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
 
 
 class FeaturesAtHand:

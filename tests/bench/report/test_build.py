@@ -127,7 +127,7 @@ def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
     assert (columns, papers) == (["2048", "512"], ["paper 0.7", "paper 0.63"])  # Table 3, SR
 
 
-def test_costs_are_the_records_times(document):
+def test_costs_are_the_records_times(of_random_values, document):
     ((columns, lines),) = [
         table for caption, table in number_tables(document).items() if "Milli" in caption
     ]
@@ -136,6 +136,14 @@ def test_costs_are_the_records_times(document):
     assert columns == ["2048", "512"]
     assert cell.attributes["data-value"] == "2375.000000"
     assert cell.one("span", class_="beside").text == "1750 + 312 × 2"
+    ssim = {
+        row.method: row.value
+        for row in of_random_values.tables[0].rows
+        if (row.metric, row.condition) == ("ssim", "2048")
+    }
+    better = max("splat", "surface-apss", key=lambda method: ssim[method])  # at the same cost
+    marks = {m: [one.text for one in cells[0].all(class_="mark")] for m, cells in lines.items()}
+    assert marks == dict.fromkeys(lines, []) | {better: ["frontier"]}
 
 
 def test_head_counts_images(document):

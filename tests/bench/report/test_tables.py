@@ -120,3 +120,5 @@ def test_what_was_skipped_is_folded_and_remarks_are_plain():
     assert group.tables[0].notes == ("skipped: weights",)
     assert [table.void for table in group.tables] == [True, False]
     assert group.remark == "fid of a_b"
+    whole = table_group(quality_table("t", "T", (skipped, there), 1), folded=False)
+    assert [table.unfolded for table in whole.tables] == [True, True]

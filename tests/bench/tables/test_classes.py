@@ -4,7 +4,6 @@ import math
 from dataclasses import asdict
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.analysis.distances import MeasuredFeatures
@@ -17,7 +16,7 @@ from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_dista
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.classes import class_table, network_of, remark, with_confidence
 
-from ..builders import FeaturesAtHand, make_failed, make_record
+from ..builders import FeaturesAtHand, feature_index, make_failed, make_record
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 METHODS = ("surface-apss", "pc2pix@all", "blank")
@@ -37,16 +36,10 @@ def images(class_name):
 
 def random_features():
     """Of 4 numbers, for the truth and all methods."""
-    rng = np.random.default_rng(0)
-    index = [
-        {"method": m, "condition": c, "class": k, "object": obj, "view": view}
-        for m, c in ((GROUND_TRUTH, ""), *((m, "2048") for m in METHODS))
-        for k in OBJECTS
-        for obj, view in images(k)
-    ]
-    frame = pd.DataFrame(index)
-    blank = (frame["method"] == "blank").to_numpy(np.float32)
-    return frame, rng.random((len(frame), 4), np.float32) + blank[:, None]
+    index = feature_index(METHODS, OBJECTS)
+    blank = (index["method"] == "blank").to_numpy(np.float32)
+    values = np.random.default_rng(0).random((len(index), 4), np.float32)
+    return index, values + blank[:, None]
 
 
 def chosen(index, method, class_name):

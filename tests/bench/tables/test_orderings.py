@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.analysis.comparison import Estimate
@@ -24,7 +23,7 @@ from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.orderings import Ordering, orderings, orderings_table, paper_lead
 from bench.tables.published import published
 
-from ..builders import FeaturesAtHand, make_record
+from ..builders import FeaturesAtHand, feature_index, make_record
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 PAPER = published("thirteen-classes")
@@ -106,18 +105,8 @@ def test_the_average():
 
 
 def test_distances_are_ahead_where_they_are_smaller():
-    rng = np.random.default_rng(0)
-    cells = [(GROUND_TRUTH, ""), *((m, "2048") for m in ("surface-apss", "pc2pix@all", "blank"))]
-    frame = pd.DataFrame(
-        [
-            {"method": m, "condition": c, "class": k, "object": obj, "view": v}
-            for m, c in cells
-            for k in LEADS
-            for obj in OBJECTS
-            for v in (0, 1)
-        ]
-    )
-    values = rng.random((len(frame), 3), np.float32)
+    frame = feature_index(("surface-apss", "pc2pix@all", "blank"), dict.fromkeys(LEADS, OBJECTS))
+    values = np.random.default_rng(0).random((len(frame), 3), np.float32)
     values[frame["method"] == "surface-apss"] += 2.0
     made = table({"fd-views": MeasuredFeatures(FeaturesAtHand(frame, values))})
     every = []
