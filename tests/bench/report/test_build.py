@@ -143,7 +143,7 @@ def test_costs_are_the_records_times(of_random_values, document):
     }
     better = max("splat", "surface-apss", key=lambda method: ssim[method])  # at the same cost
     marks = {m: [one.text for one in cells[0].all(class_="mark")] for m, cells in lines.items()}
-    assert marks == dict.fromkeys(lines, []) | {better: ["frontier"]}
+    assert marks == {method: [] for method in lines} | {better: ["frontier"]}
 
 
 def test_head_counts_images(document):
