@@ -252,12 +252,12 @@ def test_a_turntable_of_several_methods_goes_round(command, plugins, cloud, tmp_
 
 def test_a_turntable_has_36_frames_of_its_own_size(command, plugins, cloud, tmp_path):
     out = tmp_path / "turn.apng"
-    turn = ("--azimuth", "10", "-o", out)
+    turn = ("--azimuth", "-30", "-o", out)
     assert command("render", cloud, "--method", "fake-round", *turn)[:2] == (0, f"{out}\n")
     with Image.open(out) as film:
         assert (film.n_frames, film.size) == (36, (128, 128))
         film.seek(1)
-        assert np.asarray(film.convert("RGB"))[0, 0, 0] == (10 + 10) / 2 + 90
+        assert np.asarray(film.convert("RGB"))[0, 0, 0] == (-30 + 10) / 2 + 90
 
 
 def test_the_remedy_is_named_where_points_may_be_too_many(cloud):

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.text import Annotation
 
 from bench.analysis.comparison import NAN, Estimate
-from bench.report.pareto import covered, frontier_figure, write_frontier
+from bench.report.pareto import _obstacles, covered, frontier_figure, write_frontier
 from bench.report.styles import looks
 
 from ..tables.test_frontier import place
@@ -91,25 +91,17 @@ def test_distances_are_logarithmic_and_zero_has_no_place(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"frontier.png", "frontier.svg"}
 
 
-def test_labels_keep_off_intervals_down_to_zero():
-    """On a logarithmic axis such an interval ends a thousand decades below the edge."""
+def test_an_interval_down_to_zero_ends_at_the_edge():
+    """On a logarithmic axis its end lies a thousand decades below, and so did its obstacles."""
     wide = [replace(p, quality=p.quality._replace(low=0.0)) for p in places("fd-views")]
-    made = figure(wide, "fd-views", 20)
-    made.draw_without_rendering()
-    (axis,) = made.axes
-    boxes = label_boxes(axis)
-    x, top = axis.transData.transform(
-        [(p.cost_ms.value, p.quality.value) for p in wide if p.verdict != "reference"]
-    ).T
-    bars = np.stack([x - 0.5, np.full_like(x, axis.bbox.y0), x + 0.5, top], axis=1)
-    assert covered(bars, boxes).max() == 0
-    assert (boxes[:, 1] >= axis.bbox.y0).all()
-
-
-def label_boxes(axis):
-    """Of the labels in sight, (left, bottom, right, top) in pixels."""
-    labels = [t for t in axis.texts if isinstance(t, Annotation) and t.get_text()]
-    return np.array([label.get_window_extent().extents for label in labels])
+    (axis,) = figure(wide, "fd-views", 20).axes
+    (left, bottom), (right, top) = axis.bbox.get_points()
+    boxes = _obstacles(axis)
+    assert (boxes[:, 2] >= left).all()
+    assert (boxes[:, 0] <= right).all()
+    assert (boxes[:, 3] >= bottom).all()
+    assert (boxes[:, 1] <= top).all()
+    assert boxes[:, 1].min() < bottom + 3  # down to the edge
 
 
 def test_labels_tell_the_variants_and_cover_nothing():
@@ -120,7 +112,7 @@ def test_labels_tell_the_variants_and_cover_nothing():
     assert [label.get_text() for label in labels] == [
         *("surface-apss", "25", "300", "pc2pix", "bf16", "paper", "one-by-one", "splat"),
     ]
-    boxes = label_boxes(axis)
+    boxes = np.array([label.get_window_extent().extents for label in labels])
     own = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     np.testing.assert_allclose(covered(boxes, boxes), own, rtol=1e-9)
     points = axis.transData.transform(
