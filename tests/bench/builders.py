@@ -16,7 +16,13 @@ from bench.catalogue.suites import SUITES
 from bench.records.artifacts import Item
 from bench.records.job import Job
 from bench.records.journal import write_manifest
-from bench.records.parquet import JobRow, write_features, write_jobs, write_records
+from bench.records.parquet import (
+    JobRow,
+    read_records,
+    write_features,
+    write_jobs,
+    write_records,
+)
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.running.protocol import Options, Protocol
 from bench.tables.build import scored_run, write_outputs
@@ -124,6 +130,19 @@ def finished_options(tiny_weights, out, **changes) -> Options:
     return replace(options, **changes)
 
 
+def feature_index(methods, objects_of_class) -> pd.DataFrame:
+    """The images of the truth and of methods at 2048, of two views of all objects."""
+    cells = [(GROUND_TRUTH, ""), *((method, "2048") for method in methods)]
+    rows = [
+        (*cell, class_name, obj, view)
+        for cell in cells
+        for class_name, objects in objects_of_class.items()
+        for obj in objects
+        for view in (0, 1)
+    ]
+    return pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
+
+
 class FeaturesAtHand:
     """`bench.records.features.Features` without a file: of rows with values [n, d]."""
 
@@ -149,6 +168,12 @@ def write_all(directory, records):
         by_item.setdefault(item, []).append(record)
     rows = [JobRow(str(i), item, None) for i, item in enumerate(by_item)]
     write_records(directory, rows, lambda row: by_item[row.item])
+
+
+def read_all(directory) -> list[Record]:
+    """The records of a run, to be altered and written again by `write_all`."""
+    frame = read_records(directory).rename(columns={"class": "class_name"})
+    return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
 
 
 def write_artifact(job: Job, seed=0, **arrays) -> str:

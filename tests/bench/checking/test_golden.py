@@ -13,7 +13,7 @@ import bench.tables.published
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES
-from bench.checking.golden import bless, check
+from bench.checking.golden import Verdict, bless, check
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.journal import read_manifest, write_manifest
 from bench.tables.build import read_scored, write_outputs
@@ -60,26 +60,13 @@ def alter_records(run, column, change, method="splat", condition="512"):
     frame.to_parquet(path)
 
 
-def alter_golden(results, metric, change, method="splat", condition="512"):
-    path = results / "golden" / f"{SUITE}.csv"
-    frame = pd.read_csv(path, dtype={"condition": str})
-    chosen = (frame["method"] == method) & (frame["condition"] == condition)
-    chosen &= frame["metric"] == metric
-    assert chosen.sum() == 1
-    frame.loc[chosen, "value"] = change(frame.loc[chosen, "value"])
-    frame.to_csv(path, index=False)
-
-
 def test_a_run_agrees_with_itself(run, command):
-    verdict = check(run)
-    assert verdict.regressions == ()
-    assert verdict.compared == 3 * 2 * len(GOLDEN)  # methods x conditions x metrics
-    status, out, err = command("check", run)
-    assert (status, err) == (0, "")
-    assert out == f"{6 * len(GOLDEN)} golden values compared, 0 regressions\n"
+    count = 3 * 2 * len(GOLDEN)  # methods x conditions x metrics
+    assert check(run) == Verdict(count, (), ())
+    assert command("check", run) == (0, f"{count} golden values compared, 0 regressions\n", "")
 
 
-def test_golden_values_are_the_tables_with_tolerances(run, results):
+def test_golden_values_are_the_tables_with_tolerances(run):
     frame = golden(SUITE)
     assert list(frame.columns) == [
         *("dataset", "objects", "views", "seed"),
@@ -89,18 +76,22 @@ def test_golden_values_are_the_tables_with_tolerances(run, results):
     tables = pd.concat(pd.read_csv(run / "tables" / f"{name}.csv") for name in names)
     tables = tables[tables["metric"].isin(GOLDEN)]
     assert frame["value"].tolist() == tables["value"].tolist()
-    for row in frame.to_dict("records"):
-        assert (row["dataset"], row["objects"], row["views"], row["seed"]) == (
-            "procedural",
-            3,
-            2,
-            0,
-        )
-        rule = tolerance(row["method"], row["metric"])
-        # both columns have six decimals
-        expected = rule.absolute + rule.relative * row["value"]
-        assert row["tolerance"] == pytest.approx(expected, abs=6e-7)
-        assert row["reason"] == rule.reason
+    assert protocols(frame) == [["procedural", 3, 2, 0]]
+    has_the_tolerances_of_its_rules(frame)
+    ceiling = frame[(frame["method"] == "true-mesh") & ~frame["metric"].isin(CONTROL)]
+    assert ceiling["tolerance"].max() <= 1e-6
+
+
+def protocols(frame):
+    return frame[["dataset", "objects", "views", "seed"]].drop_duplicates().to_numpy().tolist()
+
+
+def has_the_tolerances_of_its_rules(frame):
+    rules = [tolerance(row["method"], row["metric"]) for row in frame.to_dict("records")]
+    allowed = [r.absolute + r.relative * abs(v) for r, v in zip(rules, frame["value"], strict=True)]
+    # value and tolerance are rounded to six digits, each by up to 5e-7
+    assert frame["tolerance"].to_numpy() == pytest.approx(allowed, abs=1.1e-6)
+    assert frame["reason"].tolist() == [rule.reason for rule in rules]
 
 
 def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run, results, monkeypatch):
@@ -116,38 +107,21 @@ def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run, resu
     assert found["tolerance"] == pytest.approx(rule.absolute + 2.0 * rule.relative, abs=6e-7)
 
 
-def test_the_ceiling_has_no_leeway(run):
-    frame = golden(SUITE).set_index("method").loc["true-mesh"]
-    frame = frame[~frame["metric"].isin(CONTROL)]
-    assert frame["tolerance"].max() <= 1e-6
-    distances = frame["metric"].isin(["fd-views", "fd-views-grey"])
-    assert set(frame.loc[distances, "value"]) == {0.0}
-    assert set(frame.loc[~distances, "value"]) == {1.0}
-
-
 def test_the_golden_values_of_this_project():
     """Every cell of the default run; the ceiling exact, the floor the same whatever the cloud."""
     suite = SUITES[0]
     frame = golden(suite.id)
-    protocol = frame[["dataset", "objects", "views", "seed"]].drop_duplicates()
-    assert protocol.to_numpy().tolist() == [["procedural", suite.endless_limit, suite.views, 0]]
-    metrics = GOLDEN
+    assert protocols(frame) == [["procedural", suite.endless_limit, suite.views, 0]]
     cells = frame[["method", "condition", "class", "metric"]].apply(tuple, axis=1)
     assert sorted(cells) == sorted(
         (method, condition, "chair", metric)
         for method in suite.methods
         for condition in suite.conditions
-        for metric in metrics
+        for metric in GOLDEN
         if (method, metric) != ("blank", "thin-precision")  # nothing is drawn
     )
-    for row in frame.to_dict("records"):
-        rule = tolerance(row["method"], row["metric"])
-        allowed = rule.absolute + rule.relative * row["value"]
-        # Value and tolerance are rounded to six digits, each by up to 5e-7.
-        rounded = 5e-7 * (1 + rule.relative) + 1e-9
-        assert row["tolerance"] == pytest.approx(allowed, abs=rounded)
-        assert row["reason"] == rule.reason
-    for metric in metrics:
+    has_the_tolerances_of_its_rules(frame)
+    for metric in GOLDEN:
         values = frame[frame["metric"] == metric].set_index("method")["value"]
         if metric not in CONTROL:
             assert set(values["true-mesh"]) == {0.0 if metric in DISTANCES else 1.0}
@@ -159,13 +133,13 @@ def test_the_golden_values_of_the_classes():
     """Every class and their average; true pictures exact but for what only a classifier says."""
     suite = find("thirteen-classes", SUITES, "suite")
     frame = golden(suite.id)
-    protocol = frame[["dataset", "objects", "views", "seed"]].drop_duplicates()
     objects = suite.endless_limit * len(suite.classes)
-    assert protocol.to_numpy().tolist() == [["procedural", objects, suite.views, 0]]
+    assert protocols(frame) == [["procedural", objects, suite.views, 0]]
     by_class = {"fd-views", "kd-views", "class-confidence"}
     plain = {"ssim", "luminance", "contrast", "structure", "silhouette-iou"}
     assert set(frame["metric"]) == by_class | plain
     cells = frame[["method", "class", "metric"]]
+    assert not cells.duplicated().any()
     for metric in ("ssim", "silhouette-iou", *by_class):
         found = cells[cells["metric"] == metric].drop(columns="metric").apply(tuple, axis=1)
         assert set(found) == {(m, c) for m in suite.methods for c in (*suite.classes, "average")}
@@ -173,19 +147,8 @@ def test_the_golden_values_of_the_classes():
     assert set(true.loc[true["metric"].isin(plain), "value"]) == {1.0}
     assert set(true.loc[true["metric"] == "fd-views", "value"]) == {0.0}
     assert true.loc[true["metric"] == "class-confidence", "value"].between(0.7, 1).all()
-    assert (frame["tolerance"] > 0).all()
-    assert not cells.duplicated().any()
-
-
-def test_a_tolerance_of_a_value_below_zero_is_positive():
-    """An unbiased kernel distance may fall below 0."""
-    frame = golden("thirteen-classes")
-    below = frame[frame["value"] < 0]
-    assert set(below["metric"]) == {"kd-views"}
-    rule = OF_CLASSES["kd-views"]
-    allowed = rule.absolute + rule.relative * below["value"].abs()
-    # six decimals each
-    assert (below["tolerance"] - allowed).abs().max() < 1.1e-6
+    has_the_tolerances_of_its_rules(frame)
+    assert set(frame.loc[frame["value"] < 0, "metric"]) == {"kd-views"}
 
 
 def test_every_default_metric_has_a_tolerance():
@@ -197,22 +160,28 @@ def test_every_default_metric_has_a_tolerance():
     assert tolerance("pc2pix", "ssim") == RENDERING["ssim"]
 
 
-@pytest.mark.parametrize("metric", GOLDEN)
-def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, metric):
-    rows = golden(SUITE)
-    row = rows[
-        (rows["method"] == "splat") & (rows["condition"] == "512") & (rows["metric"] == metric)
-    ].iloc[0]
-    alter_golden(results, metric, lambda value: value + 0.98 * row["tolerance"])
+@pytest.mark.parametrize(("metric", "sign"), [("ssim", 1), ("fd-views", -1)])
+def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, metric, sign):
+    path = results / "golden" / f"{SUITE}.csv"
+    frame = pd.read_csv(path, dtype={"condition": str})
+    cell = (frame["method"] == "splat") & (frame["condition"] == "512")
+    (place,) = frame.index[cell & (frame["metric"] == metric)]
+    value, tolerance, reason = frame.loc[place, ["value", "tolerance", "reason"]]
+
+    def move_golden(tolerances):
+        frame.loc[place, "value"] = value + sign * tolerances * tolerance
+        frame.to_csv(path, index=False)
+
+    move_golden(0.98)
     assert check(run).regressions == ()
-    alter_golden(results, metric, lambda value: value + 0.04 * row["tolerance"])
+    move_golden(1.02)
     status, out, err = command("check", run)
     assert (status, err) == (1, "")
     verdict, total = out.splitlines()
-    moved = row["value"] + 1.02 * row["tolerance"]
-    assert verdict.startswith(f"REGRESSION {metric} of splat at 512: {row['value']:.6f}, golden ")
+    assert verdict.startswith(f"REGRESSION {metric} of splat at 512: {value:.6f}, golden ")
+    moved = value + sign * 1.02 * tolerance
     assert float(verdict.split("golden ")[1].split()[0]) == pytest.approx(moved, abs=2e-6)
-    assert verdict.endswith(f"+- {row['tolerance']:.6f} ({row['reason']})")
+    assert verdict.endswith(f"+- {tolerance:.6f} ({reason})")
     assert total == f"{6 * len(GOLDEN)} golden values compared, 1 regressions"
 
 
@@ -227,35 +196,35 @@ def test_an_altered_record_is_a_regression(run, command):
     assert len(check(run).regressions) == 1
 
 
-def test_a_metric_that_has_become_nan_is_a_regression(run):
-    alter_records(run, "structure", lambda values: float("nan"))
-    write_outputs(read_scored(run))
-    (line,) = check(run).regressions
-    assert line.startswith("structure of splat at 512: nothing, golden 0.")
-
-
-def test_images_that_have_gone_missing_are_a_regression(run):
-    alter_records(run, "outcome", lambda values: "failed")
-    write_outputs(read_scored(run))
-    assert [line.split(",")[0] for line in check(run).regressions] == [
-        f"{metric} of splat at 512: nothing" for metric in (*SSIM, *DETAIL, *CONTROL)
-    ]
-
-
-def test_a_cell_that_is_not_there_is_a_regression(run, results):
+@pytest.mark.parametrize(
+    ("harm", "metrics"),
+    [
+        ({"structure": float("nan")}, ["structure"]),
+        ({"outcome": "failed"}, (*SSIM, *DETAIL, *CONTROL)),
+        (None, (*SSIM, *DISTANCES, *DETAIL, *CONTROL)),  # no such records
+    ],
+)
+def test_a_value_that_is_gone_is_a_regression(run, harm, metrics):
     path = run / "records.parquet"
     frame = pd.read_parquet(path)
-    frame[~((frame["method"] == "splat") & (frame["condition"] == "512"))].to_parquet(path)
+    of_cell = (frame["method"] == "splat") & (frame["condition"] == "512")
+    if harm:
+        frame.loc[of_cell, [*harm]] = [*harm.values()]
+    else:
+        frame = frame[~of_cell]
+    frame.to_parquet(path)
     write_outputs(read_scored(run))
     lines = check(run).regressions
     assert [line.split(",")[0] for line in lines] == [
-        f"{metric} of splat at 512: nothing" for metric in (*SSIM, *DISTANCES, *DETAIL, *CONTROL)
+        f"{metric} of splat at 512: nothing" for metric in metrics
     ]
+    assert all(", golden " in line for line in lines)
 
 
-@pytest.mark.parametrize("name", ["table3_ssim.csv", "table4_fid.md"])
-@pytest.mark.parametrize("harm", ["altered", "missing"])
-def test_table_files_have_to_say_what_the_records_say(run, command, name, harm):
+@pytest.mark.parametrize(
+    ("harm", "name"), [("altered", "table3_ssim.csv"), ("missing", "table4_fid.md")]
+)
+def test_table_files_have_to_say_what_the_records_say(run, command, harm, name):
     path = run / "tables" / name
     if harm == "missing":
         path.unlink()
@@ -296,27 +265,22 @@ def test_another_protocol_cannot_be_compared(tmp_path, run, command, change, mes
     )
 
 
-def test_no_golden_values(tmp_path, results, command):
+def test_without_golden_values_or_a_run(tmp_path, results, command):
     directory = write_run(tmp_path / "run")
-    status, out, err = command("check", directory)
-    assert (status, out) == (2, "")
-    assert err == (
-        f"bench: {results}/golden/{SUITE}.csv: no golden values for '{SUITE}'; "
-        "run from a checkout that has them\n"
-    )
-
-
-@pytest.mark.parametrize("name", ["nowhere", "results", "file"])
-def test_a_wrong_path(tmp_path, run, command, name):
     (tmp_path / "file").touch()
-    status, out, err = command("check", tmp_path / name)
-    assert (status, out) == (2, "")
-    assert err == (
-        f"bench: {tmp_path / name}: no run here (manifest.json is missing); give a run's folder\n"
+    none = (
+        f"{results}/golden/{SUITE}.csv: no golden values for '{SUITE}'; "
+        "run from a checkout that has them"
     )
+    no_run = "{}: no run here (manifest.json is missing); give a run's folder"
+    for path, message in [
+        (directory, none),
+        *((tmp_path / name, no_run) for name in ("nowhere", "results", "file")),
+    ]:
+        assert command("check", path) == (2, "", f"bench: {message.format(path)}\n")
 
 
-@pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"]])
+@pytest.mark.parametrize("arguments", [["check"], ["check", "--bless"], ["table"], ["report"]])
 def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
     write_manifest(run, read_manifest(run) | {"finished": None})
     status, out, err = command(*arguments, run)
@@ -324,19 +288,12 @@ def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
     assert err == f"bench: {run}: the run is not finished; start it again with its command\n"
 
 
-def test_bless_says_where(tmp_path, results, command):
-    directory = write_run(tmp_path / "run")
-    status, out, err = command("check", "--bless", directory)
-    assert (status, err) == (0, "")
-    assert out == f"golden values written to {results}/golden/{SUITE}.csv\n"
-    assert command("check", directory)[0] == 0
-
-
-def test_bless_replaces_what_was_golden(tmp_path, run):
+def test_bless_says_where_and_replaces_what_was_golden(tmp_path, run, results, command):
     other = write_run(tmp_path / "other", seed=5)
     with pytest.raises(BadInput, match="seed 5"):
         check(other)
-    bless(other)
+    said = f"golden values written to {results}/golden/{SUITE}.csv\n"
+    assert command("check", "--bless", other) == (0, said, "")
     assert check(other).regressions == ()
     with pytest.raises(BadInput, match="seed 0"):
         check(run)

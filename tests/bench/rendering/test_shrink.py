@@ -2,17 +2,16 @@ from __future__ import annotations
 
 import re
 import shlex
-import time
 
 import numpy as np
 import plugin_methods
 import pytest
 
-import bench.rendering.cloud
 import bench.rendering.shrink
-from bench.catalogue.suites import STABILITY, SUITES, Limits
+from bench.catalogue.suites import STABILITY, SUITES
 from bench.records.journal import write_manifest
 from bench.rendering.shrink import fails_alike, find_item, shrink
+from bench.running.isolation import TaskPool
 from bench.running.work import cloud_of
 from bench.suites.stability.cases import CASES
 from data_prep.cloud_files import load_points
@@ -22,10 +21,6 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 
 from ..builders import make_failed, make_manifest, make_record, write_all
-
-pytestmark = pytest.mark.slow
-
-LIMITS = Limits(time_s=60.0, memory_gib=4.0)
 
 
 @pytest.fixture
@@ -56,9 +51,9 @@ def failed_case(directory, method, reason, case):
     return f"{directory}:{method}/{case}"
 
 
-def shrunk(record, budget_s=600.0, workers=1, out=None):
+def shrunk(record, budget_s=600.0, workers=1):
     """What becomes of it; what holds of all that is found is checked."""
-    found = shrink(record, budget_s, workers, out)
+    found = shrink(record, budget_s, workers, None)
     assert found.points.dtype == np.float32
     assert np.array_equal(load_points(found.path), found.points, equal_nan=True)
     whole = cloud_of(find_item(record).job).points
@@ -156,7 +151,7 @@ def test_records_that_are_not_there_list_those_that_are(command, tmp_path):
     assert command("shrink", f"{fine}")[2].endswith("; nothing has failed in this run\n")
 
 
-def test_what_cannot_be_shrunk(command, plugins, tmp_path):
+def test_what_cannot_be_shrunk(command, tmp_path):
     def refused(record, *arguments):
         status, out, err = command("shrink", record, *arguments)
         assert (status, out) == (2, "")
@@ -177,13 +172,12 @@ def test_what_cannot_be_shrunk(command, plugins, tmp_path):
     assert refused(case) == "splat/5-points: there is no such case any more; run the suite again"
     unfinished = failed_item(tmp_path / "unfinished", "splat", "x: y", finished=None)
     assert "the run is not finished" in refused(unfinished)
-    licence = failed_item(tmp_path / "licence", "fake-no-licence", "x: y")
-    assert refused(licence) == "no licence; buy one"
     assert refused(gone, "--budget-s", "0") == "--budget-s 0: must be more than 0"
     assert refused(gone, "--workers", "0") == "--workers 0: must be at least 1"
     assert not list(tmp_path.rglob("minimal.ply"))
 
 
+@pytest.mark.slow
 def test_an_object_that_is_at_fault_itself(command, tmp_path):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.off").write_text("OFF\n")
@@ -199,11 +193,21 @@ def test_an_object_that_is_at_fault_itself(command, tmp_path):
 # --- clouds ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_two_points_that_are_needed_are_found(plugins, tmp_path, workers):
+@pytest.mark.slow
+def test_two_points_that_are_needed_are_found_by_any_number_of_workers(
+    plugins, tmp_path, monkeypatch
+):
+    pools = []
+
+    def counted(*arguments):
+        pools.append(TaskPool(*arguments))
+        return pools[-1]
+
+    monkeypatch.setattr(bench.rendering.shrink, "TaskPool", counted)
     reason = "weigh: 7 points left and 8 right"
     record = failed_item(tmp_path / "run", "fake-left-and-right", reason)
-    found = shrunk(record, workers=workers)
+    found = shrunk(record)
+    assert len(pools) == 1  # all trials share their workers
     assert found.before == 512
     assert sorted(found.points[:, 0] > 0) == [False, True]
     assert (np.abs(found.points[:, 0]) > 0.2).all()
@@ -222,15 +226,10 @@ def test_two_points_that_are_needed_are_found(plugins, tmp_path, workers):
         f"--azimuth {first.azimuth_deg!r} --elevation {first.elevation_deg!r} -o out.png",
         "reproduced",
     ]
+    assert np.array_equal(shrunk(record, workers=3).points, found.points)
 
 
-def test_the_number_of_workers_does_not_matter(plugins, tmp_path):
-    reason = "weigh: 7 points left and 8 right"
-    record = failed_item(tmp_path / "run", "fake-left-and-right", reason)
-    one, two = (shrunk(record, workers=workers).points for workers in (1, 2))
-    assert np.array_equal(one, two)
-
-
+@pytest.mark.slow
 def test_the_command_that_is_printed_fails_in_the_same_way(command, plugins, tmp_path):
     reason = "weigh: 7 points left and 8 right"
     record = failed_item(tmp_path / "run", "fake-left-and-right", reason, device="cpu")
@@ -249,24 +248,7 @@ def test_the_command_that_is_printed_fails_in_the_same_way(command, plugins, tmp
     )
 
 
-def test_crashes(plugins, tmp_path):
-    reason = "crash: the worker died (SIGSEGV)"
-    found = shrunk(failed_case(tmp_path / "run", "fake-crash-where-high", reason, "16-points"))
-    assert found.before == 16
-    assert found.points[:, 1] > 0.3
-    assert found.reason == found.reproduced == reason
-
-
-def test_the_view_that_fails_is_chosen(plugins, tmp_path):
-    reason = "draw: 2 of 4 pictures are blank"
-    record = failed_case(tmp_path / "run", "fake-blank-from-the-left", reason, "16-points")
-    found = shrunk(record)
-    assert found.drawing.views == (View(-60.0, -10.0),)
-    assert "--azimuth -60.0 --elevation -10.0 " in found.command
-    assert len(found.points) == 5
-    assert found.reproduced == "draw: 1 of 1 pictures are blank"
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "reason", "left"),
     [
@@ -289,34 +271,40 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
     ]
 
 
-def test_clouds_that_fail_without_a_point(plugins, tmp_path):
-    reason = "draw: 9 pixel values are not finite"
-    found = shrunk(failed_case(tmp_path / "run", "fake-nan", reason, "plain"))
-    assert (found.before, len(found.points)) == (2048, 0)
-    assert found.trials == 2
-    assert found.reproduced == "draw: 384 pixel values are not finite"
-
-
-def test_a_cloud_that_has_no_points_to_lose_is_written_too(plugins, tmp_path):
-    reason = "ValueError: 12 of 34 parts are missing"
-    found = shrunk(failed_case(tmp_path / "run", "fake-exception", reason, "0-points"))
-    assert (found.before, len(found.points), found.minimal) == (0, 0, True)
-    assert found.reproduced == reason
-
-
-def test_points_that_are_not_finite_are_kept_bit_for_bit(tmp_path):
-    reason = "input: 1 of 2048 points are not finite"
-    found = shrunk(failed_case(tmp_path / "run", "splat", reason, "outlier-nan"))
-    (point,) = found.points
-    assert np.isnan(point[0])
-    whole = cloud_of(find_item(f"{tmp_path}/run:splat/outlier-nan").job).points
-    assert point.tobytes() == whole[0].tobytes()
-    assert found.reproduced == "input: 1 of 1 points are not finite"
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "case", "before", "left", "reason", "reproduced"),
+    [
+        ("fake-crash-where-high", "16-points", 16, 1, *["crash: the worker died (SIGSEGV)"] * 2),
+        (
+            *("fake-blank-from-the-left", "16-points", 16, 5),
+            *("draw: 2 of 4 pictures are blank", "draw: 1 of 1 pictures are blank"),
+        ),
+        (
+            *("splat", "outlier-nan", 2048, 1),
+            *("input: 1 of 2048 points are not finite", "input: 1 of 1 points are not finite"),
+        ),
+        (
+            *("fake-nan", "plain", 2048, 0),
+            *("draw: 9 pixel values are not finite", "draw: 384 pixel values are not finite"),
+        ),
+        ("fake-exception", "0-points", 0, 0, *["ValueError: 12 of 34 parts are missing"] * 2),
+    ],
+)
+def test_what_is_left_of_a_cloud(plugins, tmp_path, method, case, before, left, reason, reproduced):
+    record = failed_case(tmp_path / "run", method, reason, case)
+    found = shrunk(record)
+    assert (found.before, len(found.points), found.minimal) == (before, left, True)
+    assert found.reason == found.reproduced == reproduced
+    assert left > 0 or found.trials <= 2
+    fails_first = View(-60.0, -10.0) if "left" in method else find_item(record).job.views[0]
+    assert found.drawing.views == (fails_first,)
 
 
 # --- ends -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "now"),
     [
@@ -333,6 +321,7 @@ def test_failures_that_are_there_no_more(command, plugins, tmp_path, method, now
     assert not (tmp_path / "run" / "shrunk").exists()
 
 
+@pytest.mark.slow
 def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(bench.rendering.shrink, "PLAIN_EVERY_S", 1.0)
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "plain")
@@ -348,28 +337,17 @@ def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys, monkeyp
     assert all(re.fullmatch(message, line) for line in lines)
 
 
-def test_a_budget_that_does_not_even_show_the_failure(plugins, tmp_path):
+@pytest.mark.slow
+def test_ends_before_the_failure_was_seen_again(command, plugins, tmp_path):
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "16-points")
     with pytest.raises(BadInput, match="over before the failure was seen again; give more"):
         shrink(record, 0.01, 1, None)
+    licence = failed_item(tmp_path / "licence", "fake-no-licence", "x: y")
+    assert command("shrink", licence, "--workers", "1") == (2, "", "bench: no licence; buy one\n")
+    assert not list(tmp_path.rglob("minimal.ply"))
 
 
-def test_all_trials_share_their_workers(plugins, tmp_path):
-    """A failure is the same in the same process only: with new ones it would not be found again."""
-    record = failed_case(tmp_path / "run", "fake-process-number", "", "16-points")
-    item = find_item(record)
-    points = cloud_of(item.job).points
-    drawing = bench.rendering.cloud.Drawing(item.job.method, item.job.views)
-    with bench.rendering.shrink._Search(item, len(points), 1, time.monotonic(), 600.0) as search:
-        reasons = []
-        for _ in range(3):
-            trial = bench.rendering.shrink._Trial(np.arange(16), points, drawing)
-            assert search.first_failing([trial]) is None
-            reasons.append(search.last)
-    assert len(set(reasons)) == 1
-    assert re.fullmatch(r"process-\d+: here", reasons[0])
-
-
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written_is_reported_before_the_work(command, plugins, tmp_path):
     reason = "ValueError: 12 of 34 parts are missing"
     record = failed_case(tmp_path / "run", "fake-exception", reason, "plain")

@@ -1,16 +1,18 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from PIL import Image
+from report_parser import parse
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.crossings import ConditionCurve
 from bench.catalogue.families import FAMILIES
-from bench.report.families import beyond_figure, write_beyond_figures
+from bench.report.families import beyond_figure, family_curves, write_beyond_figures
 from bench.report.styles import looks
 
 from ..builders import make_job, make_truth, write_artifact
@@ -25,21 +27,12 @@ def value(method, metric, step):
 
 
 def every_curve(families=FAMILIES, methods=METHODS, metrics=METRICS, class_name="chair"):
-    return [
-        ConditionCurve(
-            class_name,
-            family,
-            metric,
-            method,
-            tuple(
-                Estimate(v, v - 0.02, v + 0.03)
-                for v in (value(method, metric, i) for i in range(len(family.steps)))
-            ),
-        )
-        for family in families
-        for metric in metrics
-        for method in methods
-    ]
+    made = []
+    for family, metric, method in product(families, metrics, methods):
+        values = [value(method, metric, i) for i in range(len(family.steps))]
+        estimates = tuple(Estimate(v, v - 0.02, v + 0.03) for v in values)
+        made.append(ConditionCurve(class_name, family, metric, method, estimates))
+    return made
 
 
 def figure(curves):
@@ -84,17 +77,16 @@ def test_a_column_for_each_family_and_a_row_for_each_metric():
 
 
 def test_lines_are_the_values_and_their_intervals():
-    axes = np.array(figure(every_curve()).axes).reshape(2, 5)
-    for axis_row, metric in zip(axes, METRICS, strict=True):
-        for axis, family in zip(axis_row, FAMILIES, strict=True):
-            places = [math.log2(v) if family.logarithmic else v for v in family.values]
-            for method in ("surface-apss", "splat-net", "pc2pix", "constant", "blank"):
-                x, y = curve(axis, method).get_xydata().T
-                assert x.tolist() == places
-                expected = [value(method, metric, i) for i in range(len(places))]
-                assert y.tolist() == pytest.approx(expected)
-            assert not any(line.get_label() == "true-mesh" for line in axis.lines)
-    low, high = intervals(axes[0, 0], "pc2pix")[1]
+    axes = figure(every_curve()).axes
+    for axis, (metric, family) in zip(axes, product(METRICS, FAMILIES), strict=True):
+        places = [math.log2(v) if family.logarithmic else v for v in family.values]
+        for method in ("surface-apss", "splat-net", "pc2pix", "constant", "blank"):
+            x, y = curve(axis, method).get_xydata().T
+            assert x.tolist() == places
+            expected = [value(method, metric, i) for i in range(len(places))]
+            assert y.tolist() == pytest.approx(expected)
+        assert not any(line.get_label() == "true-mesh" for line in axis.lines)
+    low, high = intervals(axes[0], "pc2pix")[1]
     middle = value("pc2pix", "ssim", 1)
     assert (low, high) == pytest.approx((middle - 0.02, middle + 0.03))
 
@@ -124,12 +116,7 @@ def test_bands_are_what_networks_were_shown():
         assert patch.get_facecolor()[:3] == pytest.approx(hue)
 
 
-def test_bands_of_networks_that_are_not_in_the_run_are_not_drawn():
-    axes = figure(every_curve(methods=("surface-apss", "pc2pix", "blank"))).axes
-    assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
-
-
-def test_each_is_named_once():
+def test_each_is_named_once_and_bands_of_other_networks_are_not_drawn():
     (legend,) = figure(every_curve()).legends
     names = [text.get_text() for text in legend.get_texts()]
     assert sorted(names) == sorted(
@@ -138,6 +125,8 @@ def test_each_is_named_once():
             *("splat-net was trained here", "pc2pix was trained here"),
         ]
     )
+    axes = figure(every_curve(methods=("surface-apss", "pc2pix", "blank"))).axes
+    assert all(set(bands(axis)) == {"pc2pix was trained here"} for axis in axes)
 
 
 def test_several_classes_have_rows_of_their_own():
@@ -146,6 +135,29 @@ def test_several_classes_have_rows_of_their_own():
     assert [axis.get_ylabel().splitlines()[0] for axis in axes[:, 0]] == [
         *("chair: ssim", "sofa: ssim"),
     ]
+
+
+def test_a_plot_of_the_page_for_each_family_and_metric():
+    families, methods = (FAMILIES[1], FAMILIES[3]), ("pc2pix", "surface-apss", "blank")
+    plots = family_curves(every_curve(families, methods), looks(methods))
+    assert [plot.title for plot in plots] == [
+        "ssim against noise, class chair",
+        "fd-views against noise, class chair",
+        "ssim against missing, class chair",
+        "fd-views against missing, class chair",
+    ]
+    svg = parse(plots[0].svg.inside)
+    texts = [[text.text for text in parse(plot.svg.inside).all("text")] for plot in plots]
+    assert {f"{v:g}" for v in families[0].values} <= set(texts[0]) & set(texts[1])
+    assert {f"{v:g}" for v in families[1].values} <= set(texts[2])
+    assert families[0].axis in texts[0]
+    series = [g.attributes["data-method"] for g in svg.all("g", class_="series")]
+    assert series == list(methods)
+    assert [title.text for title in svg.all("title")][:2] == [
+        "pc2pix, 2048, chair: 0.700 [0.680, 0.730]",
+        "pc2pix, noise-0.05, chair: 0.650 [0.630, 0.680]",
+    ]
+    assert "pc2pix: 2048 0.700, noise-0.05 0.650, noise-0.10 0.600, " in plots[0].description
 
 
 def test_steps_without_value_or_interval():

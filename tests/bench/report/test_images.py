@@ -35,11 +35,8 @@ def test_extremes_are_of_different_objects():
     ]
 
 
-def test_one_image_is_not_both():
+def test_one_image_is_not_both_and_equal_scores_are_ordered_by_name():
     assert picked(frame({("a", 0): 0.4})) == [("worst", "a", 0, 0.4)]
-
-
-def test_equal_scores_are_ordered_by_name():
     equal = {(obj, view): 0.5 for obj in "dcba" for view in (1, 0)}
     assert [case[1:3] for case in picked(frame(equal))[:2]] == [("a", 0), ("b", 0)]
 

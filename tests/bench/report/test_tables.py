@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from bench.report.build import table_group
 from bench.tables.classes import table_of_classes
@@ -85,6 +86,7 @@ def test_several_classes_are_lines_and_methods_columns():
         for condition in ("2048", "512")
         for method in ("splat", "poisson")
     ]
+    rows[0] = replace(rows[0], n_ok=2, note="2 x crash")
     first, second = tables_of(*rows)
     assert first.caption == "ssim, at 2048 (higher is better)"
     assert [name for name, _ in first.columns] == ["splat", "poisson"]
@@ -92,8 +94,14 @@ def test_several_classes_are_lines_and_methods_columns():
         (name, name) for name in ("chair", "lamp", "average")
     ]
     assert [cell.text for cell in first.lines[1].cells] == ["0.250", "0.250"]
+    assert first.notes == ("splat at chair: 2 x crash",)
     assert (first.unfolded, second.unfolded) == (True, False)
     assert second.tags.condition == "512"
+    made = quality_table("t", "T", [r for r in rows if r.condition == "2048"], decimals=3)
+    lines = made.to_markdown().splitlines()
+    start = lines.index("## ssim")  # not in the paper's layout, and no class in the heading
+    assert lines[start + 2] == "| class | splat | poisson |"
+    assert not any("paper's layout" in line for line in lines)
 
 
 def test_metrics_of_table_5_have_their_own_digits():
@@ -110,4 +118,7 @@ def test_what_was_skipped_is_folded_and_remarks_are_plain():
     cell = group.tables[0].lines[0].cells[0]
     assert (cell.text, cell.value, cell.paper) == ("skipped", None, "94")
     assert group.tables[0].notes == ("skipped: weights",)
+    assert [table.void for table in group.tables] == [True, False]
     assert group.remark == "fid of a_b"
+    whole = table_group(quality_table("t", "T", (skipped, there), 1), folded=False)
+    assert [table.unfolded for table in whole.tables] == [True, True]

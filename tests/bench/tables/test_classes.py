@@ -1,12 +1,9 @@
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import asdict
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.analysis.distances import MeasuredFeatures
@@ -14,13 +11,12 @@ from bench.analysis.intervals import interval_of_means
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.metrics import frechet_distance
 from bench.metrics.frechet import LeftOut, jackknife_interval, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.classes import class_table, network_of, remark, with_confidence
 
-from ..builders import FeaturesAtHand, make_failed, make_record
+from ..builders import FeaturesAtHand, feature_index, make_failed, make_record
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 METHODS = ("surface-apss", "pc2pix@all", "blank")
@@ -38,39 +34,37 @@ def images(class_name):
     return [(obj, view) for obj in OBJECTS[class_name] for view in (0, 1)]
 
 
-def random_features(seed=0):
+def random_features():
     """Of 4 numbers, for the truth and all methods."""
-    rng = np.random.default_rng(seed)
-    index = [
-        {"method": m, "condition": c, "class": k, "object": obj, "view": view}
-        for m, c in ((GROUND_TRUTH, ""), *((m, "2048") for m in METHODS))
-        for k in OBJECTS
-        for obj, view in images(k)
-    ]
-    frame = pd.DataFrame(index)
-    return frame, rng.random((len(frame), 4), np.float32) + (frame["method"] == "blank").to_numpy(
-        np.float32
-    )[:, None]
+    index = feature_index(METHODS, OBJECTS)
+    blank = (index["method"] == "blank").to_numpy(np.float32)
+    values = np.random.default_rng(0).random((len(index), 4), np.float32)
+    return index, values + blank[:, None]
 
 
-def records(**changes):
+def chosen(index, method, class_name):
+    """Which rows are of these."""
+    return ((index["method"] == method) & (index["class"] == class_name)).to_numpy()
+
+
+def records():
     rng = np.random.default_rng(1)
     return [
-        make_record(m, obj=obj, view=view, class_name=k, ssim=rng.random(), **changes)
+        make_record(m, obj=obj, view=view, class_name=k, ssim=rng.random())
         for m in METHODS
         for k in OBJECTS
         for obj, view in images(k)
     ]
 
 
-def table(of=None, skipped=SKIPPED, features=None, suite=SUITE):
+def table(of=None, skipped=SKIPPED, features=None):
     features = features or FeaturesAtHand(*random_features())
     frame = with_confidence(to_frame(of or records()), features, HEAD)
-    return class_table(frame, {"fd-views": MeasuredFeatures(features)}, skipped, suite, PUBLISHED)
+    return class_table(frame, {"fd-views": MeasuredFeatures(features)}, skipped, SUITE, PUBLISHED)
 
 
-def cell(made, **chosen):
-    (row,) = [row for row in made.rows if chosen.items() <= asdict(row).items()]
+def cell(made, **at):
+    (row,) = [row for row in made.rows if at.items() <= asdict(row).items()]
     return row
 
 
@@ -82,73 +76,51 @@ def test_the_rows_that_there_are():
     assert len(made.rows) == 7 * 3 * 3
     first = [row.class_name for row in made.rows if row.metric == "ssim"]
     assert first[-3:] == ["average"] * 3
+    papers = {
+        (row.class_name, row.metric, row.condition, row.method): row.paper
+        for row in made.rows
+        if math.isfinite(row.paper)
+    }
+    assert papers == PUBLISHED
 
 
-def test_csv_is_tidy():
-    rows = list(csv.DictReader(io.StringIO(table().to_csv())))
-    header = "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper"
-    assert ",".join(rows[0]).startswith(f"{header},")
-    assert rows[0]["suite"] == "thirteen-classes"
-    paper = [(r["class"], r["method"], r["paper"]) for r in rows if r["paper"]]
-    assert sorted(paper) == [
-        ("average", "pc2pix@all", "57.200000"),
-        ("lamp", "pc2pix@all", "112.100000"),
-        ("lamp", "surface-apss", "51.600000"),
-    ]
-
-
-def test_distances_of_a_class():
+def test_kernel_distances_of_a_class():
     index, values = random_features()
-    made = table()
     truth, drawn = (
-        values[(index["method"] == m) & (index["class"] == "car")].astype(float)
-        for m in (GROUND_TRUTH, "pc2pix@all")
+        values[chosen(index, m, "car")].astype(float) for m in (GROUND_TRUTH, "pc2pix@all")
     )
     objects = np.array([obj for obj, _ in images("car")])
-    row = cell(made, method="pc2pix@all", class_name="car", metric="fd-views")
-    # the same numbers in another order of operations
-    assert row.value == pytest.approx(frechet_distance(drawn, truth), rel=1e-9)
-    row = cell(made, method="pc2pix@all", class_name="car", metric="kd-views")
+    row = cell(table(), method="pc2pix@all", class_name="car", metric="kd-views")
     value = kernel_distance(drawn, truth)
     left_out = left_out_kernel_distances(drawn, truth, objects, objects)
+    # the same numbers in another order of operations
     assert row.value == row.failures_as_blank == pytest.approx(value, rel=1e-9)
-    assert (row.ci_low, row.ci_high) == pytest.approx(
-        jackknife_interval(value, [left_out]), rel=1e-9
-    )
+    interval = jackknife_interval(value, [left_out])
+    assert (row.ci_low, row.ci_high) == pytest.approx(interval, rel=1e-9)
 
 
-def test_confidence():
-    """Softmax of the first two features: 1 / (1 + exp(other - own))."""
-    index, values = random_features()
-    made = table()
-    chosen = (index["method"] == "surface-apss") & (index["class"] == "car")
-    lamp, car = values[chosen][:, :2].astype(float).T
-    expected = 1 / (1 + np.exp(lamp - car))
-    row = cell(made, method="surface-apss", class_name="car", metric="class-confidence")
-    assert row.value == pytest.approx(expected.mean(), rel=1e-12)
-    assert row.ci_low < row.value < row.ci_high
-
-
-def test_confidence_keeps_to_its_records():
-    """Each record has the confidence of its own picture, in whatever order they are."""
+def test_confidence_is_that_of_each_records_own_image():
+    """Softmax of the first two features, 1 / (1 + exp(other - own)), in whatever order they are."""
     index, values = random_features()
     features = FeaturesAtHand(index, values)
     frame = to_frame(records()).sample(frac=1, random_state=0)
-    frame = with_confidence(frame, features, HEAD)
-    for _, record in frame.sample(10, random_state=1).iterrows():
-        (value,) = features.of(
-            record["method"], "2048", record["class"], [(record["object"], record["view"])]
-        )
-        expected = HEAD.confidence(value[None], record["class"])[0]
-        assert record["class_confidence"] == pytest.approx(expected, rel=1e-12)
+    found = with_confidence(frame, features, HEAD)
+    for _, record in found.iterrows():
+        image = record["object"], record["view"]
+        (value,) = features.of(record["method"], "2048", record["class"], [image])
+        lamp, car = value[:2].astype(float)
+        own, other = (lamp, car) if record["class"] == "lamp" else (car, lamp)
+        assert record["class_confidence"] == pytest.approx(1 / (1 + np.exp(other - own)), rel=1e-12)
+    of = (found["method"] == "surface-apss") & (found["class"] == "car")
+    row = cell(table(), method="surface-apss", class_name="car", metric="class-confidence")
+    assert row.value == pytest.approx(found.loc[of, "class_confidence"].mean(), rel=1e-12)
+    assert row.ci_low < row.value < row.ci_high
 
 
 def test_failed_images_have_no_confidence_and_count_as_blank():
     index, values = random_features()
-    drawn = ~(
-        (index["method"] == "pc2pix@all") & (index["class"] == "lamp") & (index["object"] == "b")
-    )
-    features = FeaturesAtHand(index[drawn].reset_index(drop=True), values[drawn.to_numpy()])
+    drawn = ~(chosen(index, "pc2pix@all", "lamp") & (index["object"] == "b").to_numpy())
+    features = FeaturesAtHand(index[drawn].reset_index(drop=True), values[drawn])
     of = [
         make_failed(r.method, obj="b", view=r.view, class_name="lamp")
         if (r.method, r.class_name, r.object) == ("pc2pix@all", "lamp", "b")
@@ -159,17 +131,16 @@ def test_failed_images_have_no_confidence_and_count_as_blank():
     at = {"method": "pc2pix@all", "class_name": "lamp"}
     row = cell(made, metric="class-confidence", **at)
     assert (row.n_ok, row.n) == (4, 6)
-    blank = cell(made, metric="class-confidence", method="blank", class_name="lamp")
+    assert math.isfinite(row.failures_as_blank)
     assert row.failures_as_blank != pytest.approx(row.value, rel=1e-3)
-    assert math.isfinite(blank.value)
     row = cell(made, metric="kd-views", **at)
-    chosen = (index["class"] == "lamp").to_numpy()
-    truth = values[chosen & (index["method"] == GROUND_TRUTH).to_numpy()]
-    own = values[chosen & (index["method"] == "pc2pix@all").to_numpy()].copy()
-    own[2:4] = values[chosen & (index["method"] == "blank").to_numpy()][2:4]
-    assert row.failures_as_blank == pytest.approx(kernel_distance(own, truth), rel=1e-9)
+    truth, own, blank = (
+        values[chosen(index, m, "lamp")] for m in (GROUND_TRUTH, "pc2pix@all", "blank")
+    )
     kept = [0, 1, 4, 5]
     assert row.value == pytest.approx(kernel_distance(own[kept], truth[kept]), rel=1e-9)
+    own[2:4] = blank[2:4]
+    assert row.failures_as_blank == pytest.approx(kernel_distance(own, truth), rel=1e-9)
     assert row.note == "2 x timeout: 3 s"
 
 
@@ -182,36 +153,27 @@ def test_the_average_is_over_classes(metric):
     assert (average.n_ok, average.n) == (14, 14)
 
 
-def test_the_interval_of_an_average_of_means():
+def test_the_intervals_of_averages():
     of = records()
     made = table(of)
+    at = {"method": "surface-apss", "class_name": "average"}
+    frame = to_frame(of).query("method == 'surface-apss'")
     per_object = [
-        np.array(
-            [
-                np.mean([r.ssim for r in of if (r.method, r.class_name, r.object) == (m, k, obj)])
-                for obj in OBJECTS[k]
-            ]
-        )
-        for m in ("surface-apss",)
+        frame[frame["class"] == k].groupby("object")["ssim"].mean().to_numpy()
         for k in ("car", "lamp")  # as records are sorted
     ]
-    row = cell(made, method="surface-apss", metric="ssim", class_name="average")
+    row = cell(made, metric="ssim", **at)
     assert (row.ci_low, row.ci_high) == pytest.approx(interval_of_means(per_object), rel=1e-12)
 
-
-def test_the_interval_of_an_average_of_distances():
     index, values = random_features()
     left_out = []
     for k in ("car", "lamp"):
+        objects = np.array([obj for obj, _ in images(k)])
         truth, drawn = (
-            LeftOut(
-                values[(index["method"] == m) & (index["class"] == k)],
-                np.array([obj for obj, _ in images(k)]),
-            )
-            for m in (GROUND_TRUTH, "surface-apss")
+            LeftOut(values[chosen(index, m, k)], objects) for m in (GROUND_TRUTH, "surface-apss")
         )
         left_out.append(left_out_distances(drawn, truth))
-    row = cell(table(), method="surface-apss", metric="fd-views", class_name="average")
+    row = cell(made, metric="fd-views", **at)
     low, high = jackknife_interval(row.value, left_out, fewest=2)
     assert (row.ci_low, row.ci_high) == pytest.approx((max(low, 0.0), high), rel=1e-9)
 
@@ -219,10 +181,9 @@ def test_the_interval_of_an_average_of_distances():
 def test_a_frechet_distance_is_never_below_0_a_kernel_distance_may_be():
     """As true but for one object, on which everything hangs: the interval is wide."""
     index, values = random_features()
-    of = {m: (index["method"] == m).to_numpy() for m in (GROUND_TRUTH, "surface-apss")}
-    values[of["surface-apss"]] = values[of[GROUND_TRUTH]]
-    one = of["surface-apss"] & ((index["class"] == "car") & (index["object"] == "a")).to_numpy()
-    values[one] += 3.0
+    for k in OBJECTS:
+        values[chosen(index, "surface-apss", k)] = values[chosen(index, GROUND_TRUTH, k)]
+    values[chosen(index, "surface-apss", "car") & (index["object"] == "a").to_numpy()] += 3.0
     made = table(features=FeaturesAtHand(index, values))
     for class_name in ("car", "average"):
         at = {"method": "surface-apss", "class_name": class_name}
@@ -233,12 +194,9 @@ def test_a_frechet_distance_is_never_below_0_a_kernel_distance_may_be():
 def test_an_average_without_a_class():
     """One picture has no distance; the average says that it is without."""
     index, values = random_features()
-    gone = (
-        (index["method"] == "surface-apss")
-        & (index["class"] == "lamp")
-        & (index["object"] + index["view"].astype(str) != "a0")
-    )
-    features = FeaturesAtHand(index[~gone].reset_index(drop=True), values[~gone.to_numpy()])
+    image = index["object"] + index["view"].astype(str)
+    kept = ~chosen(index, "surface-apss", "lamp") | (image == "a0").to_numpy()
+    features = FeaturesAtHand(index[kept].reset_index(drop=True), values[kept])
     of = [
         make_failed(r.method, obj=r.object, view=r.view, class_name="lamp")
         if (r.method, r.class_name) == ("surface-apss", "lamp") and (r.object, r.view) != ("a", 0)
@@ -274,28 +232,20 @@ def test_the_papers_layout():
     header = "|  | car SR | car PC2PIX | lamp SR | lamp PC2PIX | average SR | average PC2PIX |"
     assert lines.count(header) == 1
     assert any(line.startswith("| ssim | 0.") for line in lines)
-    assert "## class-confidence" in lines
     section = lines[lines.index("## fd-views") + 2 :][:5]
     assert section[0] == "| class | blank | pc2pix@all | surface-apss |"
     assert [line.split(" | ")[0] for line in section[2:]] == ["| car", "| lamp", "| average"]
 
 
 def test_seven_classes_side_by_side():
-    frame = to_frame(
-        [
-            make_record(m, obj=obj, class_name=k)
-            for m in METHODS
-            for k in SUITE.classes
-            for obj in "ab"
-        ]
-    )
-    made = class_table(
-        frame,
-        {},
-        SKIPPED | {"fd-views": "skipped: x", "class-confidence": "skipped: x"},
-        SUITE,
-        {},
-    )
+    of = [
+        make_record(m, obj=obj, class_name=k)
+        for m in METHODS
+        for k in SUITE.classes
+        for obj in "ab"
+    ]
+    skipped = SKIPPED | dict.fromkeys(("fd-views", "class-confidence"), "skipped: x")
+    made = class_table(to_frame(of), {}, skipped, SUITE, {})
     headers = [line for line in made.to_markdown().splitlines() if line.startswith("|  | ")]
     assert [line.count(" SR |") for line in headers] == [7, 7]
     assert headers[1].endswith("| average SR | average PC2PIX |")

@@ -57,20 +57,6 @@ def test_csv_is_tidy():
         *("0.060000", "0.033333", "0.080000"),
     )
     assert third["crossing"] == ""
-
-
-def test_csv_says_what_nobody_was_shown():
-    five = [0.1] * 5
-    assert [row["unseen_by"] for row in rows(paired(five, "noise"))] == [
-        *("", "", ""),
-        *("splat-net pc2pix", "splat-net pc2pix"),
-    ]
-    assert [row["unseen_by"] for row in rows(paired(five, "points"))] == [
-        *("", "", "", "splat-net", "splat-net pc2pix"),
-    ]
-
-
-def test_csv_without_numbers():
     (row, _) = rows(paired([(NAN, NAN, NAN), 0.1]))
     assert [row[name] for name in ("lead", "ci_low", "ci_high", "ahead")] == [
         "",
@@ -78,6 +64,17 @@ def test_csv_without_numbers():
         "",
         "no value",
     ]
+
+
+@pytest.mark.parametrize(
+    ("family", "unseen_by"),
+    [
+        ("noise", ["", "", "", "splat-net pc2pix", "splat-net pc2pix"]),
+        ("points", ["", "", "", "splat-net", "splat-net pc2pix"]),
+    ],
+)
+def test_csv_says_what_nobody_was_shown(family, unseen_by):
+    assert [row["unseen_by"] for row in rows(paired([0.1] * 5, family))] == unseen_by
 
 
 def test_from_end_to_end():
@@ -109,42 +106,54 @@ def test_what_training_has_shown():
     assert message["missing"] == "splat-net 0 only, pc2pix 0 only"
 
 
-def test_markdown():
-    other = replace(SURE, metric="fd-views")
-    lines = crossings_table("s", (paired(LEADS), other)).to_markdown().splitlines()
-    start = lines.index("## From end to end")
-    assert lines[start + 2 : start + 5] == [
-        "| family | from | to | first | second | ssim | fd-views |",
-        "|---|---|---|---|---|---|---|",
-        r"| noise | 2048 | noise-0.10 | splat-net | pc2pix | splat-net, then pc2pix; crosses at "
-        r"0.06 \[0.0333, 0.08\] | splat-net; none within |",
+def test_grids():
+    never = paired([(NAN, NAN, NAN), 0.1, (0.3, 0.2, 0.4)])
+    ends, noise, missing = crossings_table(
+        "s", (paired(LEADS), never, paired(LEADS, "missing"))
+    ).grids()
+    assert (ends.caption, noise.caption, missing.caption) == (
+        "from end to end, chair",
+        "lead along noise: standard deviation, in radii of the unit sphere, chair",
+        "lead along missing on one side: share of the points, chair",
+    )
+    assert [name for name, _ in noise.columns] == ["first", "second", "0", "0.05", "0.1"]
+    conditions = ["", "", "2048", "noise-0.05", "noise-0.10"]
+    assert [tags.condition for _, tags in noise.columns] == conditions
+    first, second = noise.lines
+    assert [first.name, *(c.text for c in first.cells[:2])] == ["ssim", "splat-net", "pc2pix"]
+    assert [(c.text, c.beside, c.mark, c.gap) for c in first.cells[2:]] == [
+        ("+0.100", "+0.050 to +0.150", "ahead", ""),
+        ("+0.025", "-0.025 to +0.075", "", ""),
+        ("-0.100", "-0.150 to -0.050", "", "behind"),
     ]
-    start = lines.index("## noise: standard deviation, in radii of the unit sphere")
-    assert lines[start + 2 : start + 8] == [
-        "In training: splat-net 0 to 0.12, pc2pix 0 to 0.1.",
-        "",
-        "| metric | first | second | 0 | 0.05 | 0.1 |",
-        "|---|---|---|---|---|---|",
-        "| ssim | splat-net | pc2pix | **+0.100 [+0.050, +0.150]** | +0.025 [-0.025, +0.075] | "
-        "*-0.100 [-0.150, -0.050]* |",
-        "| fd-views | splat-net | pc2pix | **+0.1 [+0.1, +0.1]** | **+0.2 [+0.1, +0.2]** | "
-        "**+0.3 [+0.2, +0.3]** |",
+    assert [c.value for c in first.cells[2:]] == [0.1, 0.025, -0.1]
+    assert [(c.text, c.beside, c.mark, c.value) for c in second.cells[2:]] == [
+        ("-", "", "", None),
+        ("+0.100", "", "", 0.1),
+        ("+0.300", "+0.200 to +0.400", "ahead", 0.3),
+    ]
+    assert noise.remark == "In training: splat-net 0 to 0.12, pc2pix 0 to 0.1."
+    assert [name for name, _ in ends.columns] == ["from", "to", "first", "second", "ssim"]
+    assert [[c.text for c in line.cells] for line in ends.lines] == [
+        ["2048", "noise-0.10", "splat-net", "pc2pix", "no value, then splat-net; none within"],
+        ["2048", "missing-0.50", "splat-net", "pc2pix", end_to_end_text(paired(LEADS, "missing"))],
     ]
 
 
 def test_markdown_of_several_classes_tells_them_apart():
-    made = (paired(LEADS), replace(SURE, class_name="a|b"))
-    text = crossings_table("s", made).to_markdown()
-    titles = [line for line in text.splitlines() if line.startswith("## ")]
+    made = (paired(LEADS), replace(SURE, class_name="a|b", metric="fd-views"))
+    lines = crossings_table("s", made).to_markdown().splitlines()
     axis = "## noise: standard deviation, in radii of the unit sphere"
-    assert titles == [
+    assert [line for line in lines if line.startswith("## ")] == [
         *("## From end to end, chair", f"{axis}, chair"),
         *(r"## From end to end, a\|b", rf"{axis}, a\|b"),
     ]
-    assert text.count("splat-net, then pc2pix") == 1
-
-
-def test_markdown_without_a_value():
-    text = crossings_table("s", (paired([(NAN, NAN, NAN), 0.1]),)).to_markdown()
-    assert "| ssim | splat-net | pc2pix | - | +0.100 |" in text
-    assert "no value, then undecided; none within" in text
+    assert sum("splat-net, then pc2pix" in line for line in lines) == 1
+    assert (
+        "| ssim | splat-net | pc2pix | **+0.100 [+0.050, +0.150]** | +0.025 [-0.025, +0.075] | "
+        "*-0.100 [-0.150, -0.050]* |"
+    ) in lines
+    assert (
+        "| fd-views | splat-net | pc2pix | **+0.1 [+0.1, +0.1]** | **+0.2 [+0.1, +0.2]** | "
+        "**+0.3 [+0.2, +0.3]** |"
+    ) in lines

@@ -3,9 +3,9 @@ from __future__ import annotations
 import csv
 import io
 import math
+from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from bench.analysis.comparison import Estimate
@@ -20,10 +20,10 @@ from bench.metrics.frechet import (
     left_out_distances,
 )
 from bench.records.record import GROUND_TRUTH, to_frame
-from bench.tables.orderings import Ordering, orderings, paper_lead
+from bench.tables.orderings import Ordering, orderings, orderings_table, paper_lead
 from bench.tables.published import published
 
-from ..builders import FeaturesAtHand, make_record
+from ..builders import FeaturesAtHand, feature_index, make_record
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 PAPER = published("thirteen-classes")
@@ -70,11 +70,7 @@ def test_a_lead_is_paired_over_objects():
     assert found.surface == pytest.approx(0.5 + 0.15 + 0.005, abs=1e-12)
     assert found.network == pytest.approx(found.surface + 0.105, abs=1e-12)
     assert found.objects == 4
-
-
-def test_verdicts():
-    made = table()
-    assert row(made, "car").verdict == "reproduced"  # the paper: pc2pix, by 163.1
+    assert found.verdict == "reproduced"  # the paper: pc2pix, by 163.1
     assert row(made, "lamp").verdict == "opposite"  # the paper: SR, by 60.5
     assert row(made, "vessel").verdict == "undecided"
 
@@ -109,45 +105,25 @@ def test_the_average():
 
 
 def test_distances_are_ahead_where_they_are_smaller():
-    rng = np.random.default_rng(0)
-    frame = pd.DataFrame(
-        [
-            {"method": m, "condition": c, "class": k, "object": obj, "view": v}
-            for m, c in (
-                (GROUND_TRUTH, ""),
-                *((m, "2048") for m in ("surface-apss", "pc2pix@all", "blank")),
-            )
-            for k in LEADS
-            for obj in OBJECTS
-            for v in (0, 1)
-        ]
-    )
-    values = rng.random((len(frame), 3), np.float32)
+    frame = feature_index(("surface-apss", "pc2pix@all", "blank"), dict.fromkeys(LEADS, OBJECTS))
+    values = np.random.default_rng(0).random((len(frame), 3), np.float32)
     values[frame["method"] == "surface-apss"] += 2.0
     made = table({"fd-views": MeasuredFeatures(FeaturesAtHand(frame, values))})
-    found = row(made, "car", "fd-views")
-    objects = np.repeat(OBJECTS, 2)
-    chosen = {
-        m: LeftOut(values[(frame["method"] == m) & (frame["class"] == "car")], objects)
-        for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
-    }
-    surface, network = (
-        left_out_distances(chosen[m], chosen[GROUND_TRUTH]) for m in ("surface-apss", "pc2pix@all")
-    )
-    assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
-    assert found.lead.value > 5  # 3 features that are off by 2 each: 12, less what chance gives
-    low, high = interval_of_left_out(found.lead.value, surface - network)
-    assert found.lead[1:] == pytest.approx((low, high), rel=1e-9)
+    every = []
+    for k in LEADS:
+        truth, surface, network = (
+            LeftOut(values[(frame["method"] == m) & (frame["class"] == k)], np.repeat(OBJECTS, 2))
+            for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
+        )
+        every.append(left_out_distances(network, truth) - left_out_distances(surface, truth))
+        found = row(made, k, "fd-views")
+        assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
+        assert found.lead.value > 5  # 3 features off by 2 each: 12, less what chance gives
+        interval = interval_of_left_out(found.lead.value, -every[-1])
+        assert found.lead[1:] == pytest.approx(interval, rel=1e-9)
     average = row(made, "average", "fd-views")
     value = np.mean([row(made, k, "fd-views").lead.value for k in LEADS])
     assert average.lead.value == pytest.approx(value, rel=1e-12)
-    every = []
-    for k in LEADS:
-        truth, sr, net = (
-            LeftOut(values[(frame["method"] == m) & (frame["class"] == k)], objects)
-            for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
-        )
-        every.append(left_out_distances(net, truth) - left_out_distances(sr, truth))
     assert average.lead[1:] == pytest.approx(jackknife_interval(value, every, fewest=2), rel=1e-9)
 
 
@@ -162,7 +138,7 @@ def test_the_paper():
     assert math.isnan(paper_lead(PAPER, "spoon"))
 
 
-def test_csv_and_markdown():
+def test_csv():
     made = table()
     assert made.name == "table5_orderings"
     rows = list(csv.DictReader(io.StringIO(made.to_csv())))
@@ -171,15 +147,66 @@ def test_csv_and_markdown():
         (k, m) for k in (*LEADS, "average") for m in ("ssim", "silhouette-iou")
     }
     car = next(r for r in rows if (r["class"], r["metric"]) == ("car", "ssim"))
-    assert (car["lead"], car["paper_lead"], car["verdict"]) == (
-        "0.105000",
-        "163.100000",
-        "reproduced",
+    names = ("suite", "method", "lead", "paper_lead", "verdict", "objects")
+    assert [car[name] for name in names] == [
+        *("thirteen-classes", "pc2pix@all", "0.105000", "163.100000", "reproduced", "4"),
+    ]
+
+
+def ordering(class_name, metric, lead, paper, condition="2048"):
+    return Ordering(
+        condition, class_name, metric, 0.5, 0.6, Estimate(*lead), paper, 4, "pc2pix@all"
     )
-    text = made.to_markdown()
-    assert "| ssim | 1 | 1 | 1 | 0 | 1 | undecided |" in text
-    assert "| lamp | 4 | -60.5 | +0.035 [" in text
-    assert "*opposite*" in text
+
+
+NAN = math.nan
+ROWS = (
+    ordering("car", "ssim", (0.1, 0.05, 0.15), 163.1),
+    ordering("lamp", "ssim", (0.1, 0.05, 0.15), -60.5),
+    ordering("vessel", "ssim", (0.02, -0.05, 0.09), 24.4),
+    ordering("average", "ssim", (0.07, 0.01, 0.13), 57.2),
+    ordering("car", "fd-views", (20.0, 10.0, 30.0), 163.1),
+    ordering("lamp", "fd-views", (NAN, NAN, NAN), -60.5),
+    ordering("vessel", "fd-views", (-3.25, NAN, NAN), 24.4),
+    ordering("average", "fd-views", (8.4, 1.0, 15.0), 57.2),
+)
+
+
+def test_verdicts_stand_beside_the_leads():
+    made = orderings_table("s", "pc2pix@all", ROWS)
+    counts, leads = made.grids()
+    assert [name for name, _ in leads.columns] == ["objects", "paper (FID)", "ssim", "fd-views"]
+    cells = {line.name: line.cells for line in leads.lines}
+    assert list(cells) == ["car", "lamp", "vessel", "average"]
+    assert [[cell.text for cell in of] for of in cells.values()] == [
+        ["4", "+163.1", "+0.100", "+20.0"],
+        ["4", "-60.5", "+0.100", "-"],
+        ["4", "+24.4", "+0.020", "-3.2"],
+        ["4", "+57.2", "+0.070", "+8.4"],
+    ]
+    assert [of[3].value for of in cells.values()] == [20.0, None, -3.25, 8.4]
+    assert (cells["car"][2].beside, cells["vessel"][3].beside) == ("+0.050 to +0.150", "")
+    assert [(of[2].mark, of[2].gap) for of in cells.values()] == [
+        ("reproduced", ""), ("", "opposite"), ("", ""), ("reproduced", ""),
+    ]  # fmt: skip
+    found = {line.name: [cell.text for cell in line.cells] for line in counts.lines}
+    assert [name for name, _ in counts.columns][:2] == ["reproduced", "opposite"]
+    assert {name: texts[:2] for name, texts in found.items()} == {
+        "ssim": ["1", "1"],
+        "fd-views": ["1", "0"],
+    }
+    assert "pc2pix@all is than surface-apss" in made.remark
+    assert "| ssim | 1 | 1 | 1 | 0 | 2 | reproduced |" in made.to_markdown()
+    assert "| lamp | 4 | -60.5 | +0.100 [+0.050, +0.150] *opposite* |" in made.to_markdown()
+
+
+def test_filters_by_class_and_condition():
+    noisy = tuple(replace(row, condition="noise-0.10") for row in ROWS)
+    grids = orderings_table("s", "pc2pix@all", ROWS + noisy).grids()
+    assert [grid.tags.condition for grid in grids] == ["2048"] * 2 + ["noise-0.10"] * 2
+    tags = {line.name: line.tags.class_name for line in grids[1].lines}
+    # the average is of all classes: no choice of one hides it
+    assert tags == {"car": "car", "lamp": "lamp", "vessel": "vessel", "average": ""}
 
 
 @pytest.mark.parametrize("gone", ["surface-apss", "pc2pix@all"])
