@@ -405,12 +405,16 @@ def ply(vertices: Any, faces: Any = None) -> io.BytesIO:
     return io.BytesIO(("\n".join(lines) + "\n").encode())
 
 
+def load(file: io.BytesIO, **options: Any) -> Any:
+    import trimesh
+
+    return trimesh.load(file, file_type="ply", **options)
+
+
 @defect(r"^4 of 6 vertices", "data_prep.mesh_files.load_mesh")
 def trimesh_merges_vertices() -> str:
     """Loading merges equal vertices by default (`process`), and changes the surface."""
-    import trimesh
-
-    loaded = trimesh.load(ply(SQUARE, ((0, 1, 2), (3, 4, 5))), file_type="ply")
+    loaded = load(ply(SQUARE, ((0, 1, 2), (3, 4, 5))))
     return f"{len(loaded.vertices)} of {len(SQUARE)} vertices"
 
 
@@ -427,11 +431,10 @@ def trimesh_loads_points_as_an_empty_mesh() -> str:
 def trimesh_reads_part_of_a_cloud() -> str:
     """A PLY in text that is cut short loads as if it were whole; faces of 3 and 4 corners in a
     binary one are refused."""
-    import trimesh
     from plyfile import PlyData, PlyElement
 
     cut = io.BytesIO(ply(SQUARE[:3]).getvalue().replace(b"vertex 3", b"vertex 9"))
-    cut_short = trimesh.load(cut, file_type="ply")
+    cut_short = load(cut)
     corners = np.array([tuple(map(float, c)) for c in SQUARE], [(axis, "f4") for axis in "xyz"])
     faces = np.array([([0, 1, 2],), ([0, 1, 2, 5],)], [("vertex_indices", object)])
     mixed = io.BytesIO()
@@ -440,7 +443,7 @@ def trimesh_reads_part_of_a_cloud() -> str:
     )
     mixed.seek(0)
     try:
-        trimesh.load(mixed, file_type="ply")
+        load(mixed)
         other = "reads both"
     except ValueError:
         other = "refused"
@@ -450,36 +453,31 @@ def trimesh_reads_part_of_a_cloud() -> str:
 @defect(r"\[0, 1, 99\] of 3$", "data_prep.scene.Mesh")
 def trimesh_keeps_an_index_out_of_range() -> str:
     """A face may name a vertex that is not there."""
-    import trimesh
-
-    loaded = trimesh.load(ply(SQUARE[:3], ((0, 1, 99),)), file_type="ply", process=False)
+    loaded = load(ply(SQUARE[:3], ((0, 1, 99),)), process=False)
     return f"a face with the vertices {loaded.faces[0].tolist()} of {len(loaded.vertices)}"
 
 
 @defect(r"^bounds \[nan", "data_prep.normalise.normalise")
 def trimesh_keeps_a_nan_vertex() -> str:
     """NaN loads as a coordinate, and nothing is reported."""
-    import trimesh
-
-    file = ply((("nan", 0, 0), *SQUARE[1:3]), ((0, 1, 2),))
-    loaded = trimesh.load(file, file_type="ply", process=False)
+    loaded = load(ply((("nan", 0, 0), *SQUARE[1:3]), ((0, 1, 2),)), process=False)
     return f"bounds {loaded.bounds[0].tolist()}"
 
 
 # --- numpy, scipy, pandas, torch ------------------------------------------------------------------
 
 
-def warned(warnings_seen: list[warnings.WarningMessage]) -> str:
-    return f"a {warnings_seen[0].category.__name__}" if warnings_seen else "no warning"
+def cast_nan(cast: Callable[[float], Any]) -> str:
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        pixel = int(cast(np.nan))
+    return f"pixel {pixel}, {f'a {seen[0].category.__name__}' if seen else 'no warning'}"
 
 
 @defect(r"^pixel \d+, a RuntimeWarning$", "bench.running.work._checked")
 def numpy_makes_a_pixel_of_nan() -> str:
     """NaN cast to uint8 is some number, with no more than a warning."""
-    with warnings.catch_warnings(record=True) as seen:
-        warnings.simplefilter("always")
-        pixel = np.array([np.nan]).astype(np.uint8)[0]
-    return f"pixel {pixel}, {warned(seen)}"
+    return cast_nan(lambda nan: np.array([nan]).astype(np.uint8)[0])
 
 
 @defect(r"^variance inf", "bench.metrics.frechet._checked")
@@ -545,10 +543,7 @@ def torch_makes_a_pixel_of_nan() -> str:
     """NaN cast to uint8 is some number, and nothing is reported."""
     import torch
 
-    with warnings.catch_warnings(record=True) as seen:
-        warnings.simplefilter("always")
-        pixel = int(torch.tensor([float("nan")]).to(torch.uint8)[0])
-    return f"pixel {pixel}, {warned(seen)}"
+    return cast_nan(lambda nan: torch.tensor([nan]).to(torch.uint8)[0])
 
 
 @defect(r"^raises ValueError: .*negative", "bench.judges.views.view_features")
