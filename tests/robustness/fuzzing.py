@@ -85,11 +85,17 @@ def mesh_obj() -> Files:
     return {"a.obj": text.encode(), "a.mtl": material, "paint.png": image()}
 
 
-def image() -> bytes:
-    """A small PNG."""
+def image(mode: str = "RGB", size: tuple[int, int] = (4, 4)) -> bytes:
+    """A PNG of one colour."""
     file = io.BytesIO()
-    Image.new("RGB", (4, 4), (9, 99, 200)).save(file, "PNG")
+    Image.new(mode, size, (9, 99, 200) if mode == "RGB" else 0).save(file, "PNG")
     return file.getvalue()
+
+
+@functools.cache
+def image_bomb() -> bytes:
+    """Few bytes, many pixels."""
+    return image("1", (20_000, 10_000))
 
 
 def mesh_off() -> bytes:
@@ -324,13 +330,11 @@ THICKET = [{"mesh": 0, "children": [i + 1, i + 1]} for i in range(40)] + [{"mesh
 def _tricky_obj(rng: random.Random, root: str) -> Files:
     files = mesh_obj()
     outside = rng.choice(OUTSIDE).format(root=root).encode()
-    bomb = io.BytesIO()  # few bytes, many pixels
-    Image.new("1", (20_000, 10_000)).save(bomb, "PNG")
     tricks = (
         {"a.obj": files["a.obj"].replace(b"a.mtl", outside)},
         {"a.mtl": files["a.mtl"].replace(b"paint.png", outside)},
         {"paint.png": postscript(f"{root}/{CANARY}-postscript")},
-        {"paint.png": bomb.getvalue()},
+        {"paint.png": image_bomb()},
         {"a.obj": files["a.obj"] + b"f " + b"1 " * 30_000 + b"\n"},
     )
     return files | rng.choice(tricks)

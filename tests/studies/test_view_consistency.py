@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bench.catalogue.lookup import find
 from bench.records.job import Job
-from bench.rendering.cloud import Drawing, Failed
+from bench.rendering.cloud import Failed
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN
 from bench.running.work import cloud_of, rng_of
 from data_prep.conditions import CONDITIONS
@@ -73,10 +74,7 @@ def test_the_open_sides_of_a_rectangle():
     assert np.array_equal(left, box(40, 60, 30, 31))
     assert np.array_equal(right, box(40, 60, 39, 40))
     assert boundary(box(40, 60, 30, 40)[None]).sum() == 2 * (20 + 10) - 4
-
-
-def test_beyond_the_frame_is_outside():
-    everything = np.ones((1, SIZE, SIZE), bool)
+    everything = np.ones((1, SIZE, SIZE), bool)  # beyond the frame is outside
     assert (open_sides(everything).sum(axis=(1, 2, 3)) == SIZE).all()
     assert boundary(everything).sum() == 4 * SIZE - 4
 
@@ -210,16 +208,11 @@ def test_statistics_of_a_tally_are_those_of_its_values():
     assert tally.counts.sum() == 997
 
 
-def test_two_objects_worked_by_hand():
-    # Of the resamples a quarter holds each object twice, the others one of each.
+def test_intervals_worked_by_hand():
+    """Of the resamples of two objects a quarter holds each twice, the others one of each."""
     found = estimates([Tally.of(np.zeros(30)), Tally.of(np.full(10, 4.0))])
-    value, low, high = (dict(zip(STATISTICS, numbers, strict=True)) for numbers in found)
-    assert value == {"p50": 0.0, "p95": 4.0, "p99": 4.0, "within-2px": 0.75}
-    assert low == {"p50": 0.0, "p95": 0.0, "p99": 0.0, "within-2px": 0.0}
-    assert high == {"p50": 4.0, "p95": 4.0, "p99": 4.0, "within-2px": 1.0}
-
-
-def test_infinite_values_have_a_place_in_an_interval():
+    assert STATISTICS == ("p50", "p95", "p99", "within-2px")
+    assert found.tolist() == [[0.0, 4.0, 4.0, 0.75], [0.0, 0.0, 0.0, 0.0], [4.0, 4.0, 4.0, 1.0]]
     found = estimates([Tally.of(np.zeros(5)), Tally.of(np.full(5, np.inf))])
     assert found[:, STATISTICS.index("p95")].tolist() == [np.inf, 0.0, np.inf]
 
@@ -227,22 +220,20 @@ def test_infinite_values_have_a_place_in_an_interval():
 # --- what is written ------------------------------------------------------------------------------
 
 
-def measured(value):
-    return {"distance": Tally.of(np.full(8, value)), "flicker": Tally.of(np.zeros(8))}
-
-
-RESULTS = [measured(1.0), Failed("timeout: no result"), measured(3.0)]
-
-
 def test_failed_objects_are_counted_and_named():
-    rows = rows_of("splat", "512", RESULTS)
+    first, last = (
+        {"distance": Tally.of(np.full(8, value)), "flicker": Tally.of(np.zeros(8))}
+        for value in (1.0, 3.0)
+    )
+    results = [first, Failed("timeout: no result"), last]
+    rows = rows_of("splat", "512", results)
     assert {(r.n_ok, r.n) for r in rows} == {(2, 3)}
     assert [(r.measure, r.statistic) for r in rows] == [
         (m, s) for m in ("distance", "flicker") for s in STATISTICS
     ]
     assert [r.value for r in rows] == [1.0, 3.0, 3.0, 0.5, 0.0, 0.0, 0.0, 1.0]
     assert rows_of("splat", "512", [Failed("draw: none")]) == []
-    message = failures({("splat", "512"): RESULTS})
+    message = failures({("splat", "512"): results})
     assert message == "- splat, 512, test-0001: timeout: no result\n"
 
 
@@ -283,15 +274,13 @@ def test_clouds_and_random_numbers_are_those_of_a_run(condition, few_views, monk
     draw(Task("splat", condition, 3))
     cloud, drawing = given
     chair = ProceduralObject("chair", "test", 3)
-    (found,) = (c for c in CONDITIONS if c.id == condition)
+    perturbation = find(condition, CONDITIONS, "condition").perturbation
     job = Job(
-        key="", suite="", method="splat", condition=condition, perturbation=found.perturbation,
+        key="", suite="", method="splat", condition=condition, perturbation=perturbation,
         object=chair, views=few_views, seed=0, device="cpu", features=(), artifact=Path(),
         reference=None,
     )  # fmt: skip
     assert np.array_equal(cloud.points, cloud_of(job).points)
-    assert isinstance(drawing, Drawing)
-    assert drawing.rng is not None
     assert drawing.rng.random() == rng_of(job).random()
     assert (drawing.method, drawing.views) == ("splat", few_views)
 
@@ -301,24 +290,20 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["view_consistency", *arguments])
     view_consistency.main()
     message = capsys.readouterr().out
-    lines = message.splitlines()
     ceiling = "| true-mesh | 512 | 0.00 | 0.00 | 0.00 | 100.0% | 1/1 |"
-    assert [line for line in lines if "true-mesh" in line] == [ceiling] * 2
-    assert sum(line.startswith("| splat | 512 |") for line in lines) == 2
+    assert [line for line in message.splitlines() if "true-mesh" in line] == [ceiling] * 2
+    assert message.count("\n| splat | 512 |") == 2
     names = {path.name: path for path in (tmp_path / "out").iterdir()}
-    assert sorted(names) == [
-        "strip-512.png",
-        "turntable-512.gif",
-        "view-consistency.csv",
-        "view-consistency.md",
-    ]
+    assert names.keys() == {
+        *("strip-512.png", "turntable-512.gif", "view-consistency.csv", "view-consistency.md"),
+    }
     assert names["view-consistency.md"].read_text() == message
     table = names["view-consistency.csv"].read_text().splitlines()
     assert len(table) == 1 + 2 * 2 * len(STATISTICS)
     wide, high = 2 * 128 + MARGIN, 2 * 128 + LABEL_HEIGHT + MARGIN
     with Image.open(names["turntable-512.gif"]) as film:
         assert film.size == (MARGIN + 3 * wide, MARGIN + high)
-        assert film.n_frames == 12  # type: ignore[attr-defined]
+        assert film.n_frames == 12
     with Image.open(names["strip-512.png"]) as image:
         strip = np.asarray(image)
     assert strip.shape == (MARGIN + 3 * high, MARGIN + 6 * wide, 3)
