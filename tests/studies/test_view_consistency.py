@@ -89,27 +89,34 @@ def test_offsets_by_definition():
     assert (offsets(np.zeros((1, 4, 4), bool)) == -np.inf).all()
 
 
-# --- distance and flicker in closed form ----------------------------------------------------------
+# --- distance and flicker -------------------------------------------------------------------------
 
 
-def test_identical_silhouettes():
-    masks = blobs(1)
-    apart, changed = distances(masks, masks), flicker(masks, masks)
-    assert len(apart) == 2 * boundary(masks).sum()
-    assert len(changed) == 2 * open_sides(masks).sum()
-    assert (apart == 0).all()
-    assert (changed == 0).all()
-
-
-def test_a_silhouette_dilated_by_a_disc():
-    true, seen = box(40, 80, 30, 60)[None], dilated(box(40, 80, 30, 60), 3)[None]
-    for own, other in ((true, seen), (seen, true)):  # too fat, too thin
-        found = distances(own, other)
-        # The boundary of the disc on the grid: (3, 0), (2, 1), (2, 2) and what is symmetrical.
-        assert set(np.round(found, 3)) == {3.0, 2.828, 2.236}
-        assert np.percentile(found, 50) == np.percentile(found, 95) == 3
-    assert (offsets(seen)[boundary(true)] > 2.2).all()
-    assert (offsets(true)[boundary(seen)] < -2.2).all()
+def test_distance_and_flicker_by_definition():
+    """Where several places are as near, flicker may compare with any of them."""
+    true, seen = blobs(1), blobs(2)
+    apart, changes = [], []
+    for own, other in ((true, seen), (seen, true)):
+        offset = offsets(other)
+        for mine, theirs in zip(boundary(own), boundary(other), strict=True):
+            around = np.argwhere(theirs)
+            apart += [np.sqrt(((around - at) ** 2).sum(axis=1).min()) for at in np.argwhere(mine)]
+        for side in open_sides(own):
+            for view, here in enumerate(side):
+                after = (view + 1) % len(own)  # the turn closes
+                there = np.argwhere(side[after])
+                for at in np.argwhere(here):
+                    squared = ((there - at) ** 2).sum(axis=1)
+                    nearest = tuple(there[squared == squared.min()].T)
+                    changes.append(np.abs(offset[view][tuple(at)] - offset[after][nearest]))
+    # square roots of the same whole numbers by two libraries: a rounding error
+    np.testing.assert_allclose(distances(true, seen), apart, rtol=0, atol=1e-12)
+    found = flicker(true, seen)
+    assert len(found) == len(changes)
+    assert all(np.abs(among - one).min() < 1e-12 for one, among in zip(found, changes, strict=True))
+    assert max(len(among) for among in changes) > 1
+    assert (distances(true, true) == 0).all()
+    assert (flicker(true, true) == 0).all()
 
 
 def test_a_silhouette_that_is_too_fat_everywhere_does_not_flicker():
@@ -126,30 +133,6 @@ def test_a_silhouette_that_is_too_fat_everywhere_does_not_flicker():
     assert (flicker(*still) == 0).all()
 
 
-@pytest.mark.parametrize("shift", [1, 3, 5])
-def test_a_shifted_silhouette(shift):
-    true, seen = box(20, 110, 40, 55)[None], box(20, 110, 40 + shift, 55 + shift)[None]
-    found = distances(true, seen)
-    assert found.max() == shift
-    assert np.percentile(found, 50) == np.percentile(found, 95) == shift
-    assert (flicker(true, seen) == 0).all()  # the only view follows on itself
-
-
-def test_a_moving_edge_is_compared_with_one_that_is_open_to_the_same_side():
-    # A bar moves by its own width a view, so that the nearest boundary is that of its other side;
-    # drawn one pixel to the right its left edge is 1 px inside, its right edge 1 px outside.
-    views, height, width = 5, 100, 6
-    bars = [box(10, 10 + height, 10 + width * i, 10 + width * (i + 1)) for i in range(views)]
-    true = np.stack(bars)
-    seen = np.roll(true, 1, axis=2)
-    assert offsets(seen)[0, 60, 10] == -1
-    assert offsets(seen)[0, 60, 15] == 1
-    sideways = 2 * 2 * height * views  # left and right, of both silhouettes
-    found = flicker(true, seen)
-    assert len(found) - np.count_nonzero(found) >= sideways
-    assert found.max() <= 1  # its ends, where an edge and a corner are compared
-
-
 SLAT = box(40, 60, 70, 72)
 
 
@@ -164,16 +147,6 @@ def test_a_slat_that_one_view_leaves_out():
     assert sorted(found[found > 0]) == sorted((left + right + ends) * 2)
     apart = distances(true, seen)
     assert sorted(apart[apart > 0]) == sorted([11.0] * 20 + [12.0] * 20)
-
-
-def test_a_speck_that_pops_up_in_one_view():
-    true = np.stack([box(40, 60, 50, 60)] * 6)
-    seen = true.copy()
-    seen[5, 50, 68] = True  # 9 px from column 59
-    found = flicker(true, seen)
-    assert list(found[found > 0]) == [9.0] * 4  # its four sides, as it goes: the turn closes
-    apart = distances(true, seen)
-    assert list(apart[apart > 0]) == [9.0]
 
 
 def test_where_nothing_is_drawn():

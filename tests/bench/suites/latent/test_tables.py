@@ -42,6 +42,7 @@ def test_csv_and_markdown():
         made([1.0, 2.0, 6.0])
         + made([0.5, 0.5], what="noise")
         + made([NAN, 0.25], what="noise", metric="other")
+        + made([NAN], kind="arms", metric="other")
     )
     explained = {"step": "of a path", "other": "of another"}, {"code": "of two", "noise": "of none"}
     table = latent_table("name", "Title", "Remark.", *explained, means("latent", values))
@@ -51,13 +52,18 @@ def test_csv_and_markdown():
         *(("metric", "step"), ("value", "3"), ("ci_low", "1"), ("ci_high", "6")),
         *(("n_ok", "3"), ("n", "3")),
     ]
-    assert [(row["value"], row["ci_low"]) for row in rows[1:]] == [("0.5", "0.5"), ("0.25", "")]
+    assert [(row["value"], row["ci_low"]) for row in rows[1:4]] == [
+        ("0.5", "0.5"),
+        ("0.25", ""),
+        ("", ""),
+    ]
     text = table.to_markdown()
     assert text.startswith("# Title\n\nRemark.\n")
     assert "* **code**: of two\n* **noise**: of none\n" in text
     assert "## pc2pix (n = 3)\n\n|  | code | noise |\n|---|---|---|\n" in text
     assert "| step | 3 [1, 6] | 0.5 [0.5, 0.5] |\n" in text
-    assert "| other |  | 0.25 1/2 |\n" in text
+    assert "| other | - 0/1 | 0.25 1/2 |\n" in text
+    assert "## pc2pix, arms only (n = 1)\n" in text
     assert "* step: of a path\n* other: of another\n" in text
 
 
