@@ -13,7 +13,7 @@ import bench.running.environment
 import bench.suites.speed.run
 from bench.catalogue.suites import SPEED, Limits
 from bench.records.journal import read_manifest
-from bench.running.isolation import run_tasks, thread_counts
+from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.protocol import Options
 from bench.suites.speed.measure import Unit, lost
 from bench.suites.speed.run import run
@@ -237,8 +237,11 @@ def threads_here(name):
 def test_a_worker_gets_as_many_threads_as_it_is_given():
     names = [*thread_counts(3)]
     assert {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "LP_NUM_THREADS"} <= set(names)
-    found = dict(run_tasks(names, threads_here, 1, Limits(60.0, 4.0), thread_counts(3)))
+    limits = Limits(60.0, 4.0)
+    found = dict(run_tasks(names, threads_here, 1, limits, thread_counts(3)))
     assert found == dict.fromkeys(names, ("3", os.environ.get("GLIBC_TUNABLES")))
+    usual = dict(run_tasks(names[:1], threads_here, 1, limits))
+    assert usual == {names[0]: ("1", WORKER_ENVIRONMENT["GLIBC_TUNABLES"])}
 
 
 def test_each_measurement_has_the_threads_and_limits_of_its_unit(monkeypatch):
