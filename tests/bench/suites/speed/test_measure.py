@@ -213,26 +213,22 @@ def test_a_single_view_is_drawn_alone_only():
 # --- failures -------------------------------------------------------------------------------------
 
 
-def test_a_cloud_that_fails_is_left_out_and_the_others_go_on():
-    world, samples, failures = take(bad=2)
-    assert failures == [Failure("cloud 2", "prepare: no faces")]
-    assert [c for c in drawn(world) if c[:2] == ("prepare", 2)] == [("prepare", 2)]
-    assert len([s for s in samples if s.cloud == "cloud 1"]) == 2 + 2 * 4
-    assert [s for s in samples if s.cloud == "cloud 2"] == []
-
-
-def test_a_first_cloud_that_fails_leaves_no_cold_times():
-    _, samples, failures = take(bad=1)
-    assert failures == [Failure("cloud 1", "prepare: no faces")]
-    assert [(s.stage, s.cloud) for s in samples if s.round == 0] == [("load", "")]
-    assert {s.cloud for s in samples if s.round} == {"cloud 2"}
-
-
-def test_a_method_that_exits_has_failed():
-    _, samples, failures = take(replace(SMALL, warm_ups=0), bad=2, stage="draw")
-    assert failures == [Failure("cloud 2", "SystemExit: enough")]
-    of_bad = [(s.round, s.stage, s.views) for s in samples if s.cloud == "cloud 2"]
-    assert of_bad == [(1, "prepare", 0), (1, "draw", 1), (1, "draw", 1)]  # what it gave is kept
+@pytest.mark.parametrize(
+    ("bad", "stage", "warm_ups", "reason", "kept"),
+    [
+        (1, "prepare", 1, "prepare: no faces", []),
+        (2, "prepare", 1, "prepare: no faces", []),
+        (2, "draw", 0, "SystemExit: enough", [("prepare", 0), ("draw", 1), ("draw", 1)]),
+    ],
+)
+def test_a_cloud_that_fails_is_left_out_and_the_others_go_on(bad, stage, warm_ups, reason, kept):
+    world, samples, failures = take(replace(SMALL, warm_ups=warm_ups), bad=bad, stage=stage)
+    assert failures == [Failure(f"cloud {bad}", reason)]
+    assert [c for c in drawn(world) if c[:2] == ("prepare", bad)] == [("prepare", bad)]
+    of = {n: [s for s in samples if s.cloud == f"cloud {n}"] for n in (1, 2)}
+    assert [(s.round, s.stage, s.views) for s in of[bad]] == [(1, *call) for call in kept]
+    # two rounds of the other; only the first cloud has cold times
+    assert [s.round for s in of[3 - bad]] == [0, 0] * (bad == 2) + [1] * 4 + [2] * 4
 
 
 def test_what_draws_nothing_is_not_timed():
