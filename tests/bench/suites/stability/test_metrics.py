@@ -128,21 +128,16 @@ def without_first_row(a, b):
     return ssim_per_image(a[:, 1:], b[:, 1:])
 
 
-ON_WHITE = [(f"one-level-{where}-on-white", "ssim") for where in ("corner", "middle")]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "found"),
-    [
-        (in_float32, [*ON_WHITE, ("noise-of-11x11", "structure")]),
-        (without_first_row, [*ON_WHITE, ("noise-of-11x11", "structure")]),
-    ],
-)
-def test_a_wrong_ssim_is_found_out(monkeypatch, wrong, found):
+@pytest.mark.parametrize("wrong", [in_float32, without_first_row])
+def test_a_wrong_ssim_is_found_out(monkeypatch, wrong):
     cases = tuple(c for c in CASES if c.id.endswith(("-on-white", "-of-11x11")))
     monkeypatch.setattr(stability_metrics, "CASES", cases)
     monkeypatch.setattr(stability_metrics, "ssim_per_image", wrong)
-    assert unexpected(metric_outcomes()) >= set(found)
+    assert unexpected(metric_outcomes()) >= {
+        ("one-level-corner-on-white", "ssim"),
+        ("one-level-middle-on-white", "ssim"),
+        ("noise-of-11x11", "structure"),
+    }
 
 
 @pytest.mark.parametrize(
