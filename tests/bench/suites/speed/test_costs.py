@@ -60,11 +60,15 @@ def test_always_and_never(batch):
     assert break_even(*same_draw) == BreakEven("always", ())
 
 
-def test_a_tie_at_one_view_is_decided_by_what_follows():
-    """3 + 2 V and 1 + 4 V: both 5."""
+def test_a_tie_is_decided_by_what_follows():
+    """3 + 2 V against 1 + 4 V: both 5 at one view; against the third also both 23 at ten."""
     first, second = Cost(3.0, 2.0, 20.0, 10), Cost(1.0, 4.0, 40.0, 10)
-    assert break_even(first, second) == BreakEven("always", ())
-    assert break_even(second, first) == BreakEven("never", ())
+    third = Cost(1.0, 4.0, 22.0, 10)
+    assert first.total(1) == second.total(1) == third.total(1) == 5
+    assert first.total(10) == third.total(10) == 23
+    for other in (second, third):
+        assert break_even(first, other) == BreakEven("always", ())
+        assert break_even(other, first) == BreakEven("never", ())
 
 
 def test_different_batches_are_not_compared():
