@@ -237,13 +237,13 @@ def test_a_circle_and_a_thicket_of_nodes(root: Path) -> None:
 
 
 def test_too_many_faces_by_instances(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_files, "MOST_FACES", 39)
+    monkeypatch.setattr(mesh_files, "MOST_FACES", 36)
     few, many = (
         tree(nodes=[{"mesh": 0}] * count, scenes=[{"nodes": list(range(count))}])
         for count in (9, 10)
     )
     check("mesh-glb", few, root, "read")
-    assert "more than 39 faces; give a coarser mesh" in check("mesh-glb", many, root, "refused")
+    assert "more than 36 faces; give a coarser mesh" in check("mesh-glb", many, root, "refused")
 
 
 @pytest.mark.parametrize("name", ["mesh-obj", "cloud-ply", "weights", "inception", "view-txt"])
