@@ -26,13 +26,22 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
 
+from bench.metrics import inception_weights
+from bench.suites.speed.measure import peak_mib
+from data_prep.cloud_files import load_points
+from data_prep.dataset_paper import read_split, read_views
 from data_prep.failures import BadInput
+from data_prep.mesh_files import load_mesh
+from data_prep.normalise import normalise_points
+from learning.weights import objective_of
+from pc2pix.weights import find_weights, load_weights
 
 CANARY = "canary"  # begins the name of whatever an executed file would leave behind
 SECRET = "secret"  # a file beside the cases' folders, which no case may read
@@ -46,6 +55,11 @@ Files = dict[str, bytes]  # the file to read is the first
 # --- valid files ----------------------------------------------------------------------------------
 
 
+def table(rows: Any, separator: str = " ", before: str = "") -> str:
+    """Rows of numbers as lines."""
+    return "".join(f"{before}{separator.join(map(str, row))}\n" for row in rows)
+
+
 def mesh_ply(binary: bool) -> bytes:
     """A tetrahedron with colours of its faces."""
     kind = "binary_little_endian" if binary else "ascii"
@@ -54,36 +68,39 @@ def mesh_ply(binary: bool) -> bytes:
         "property float x\nproperty float y\nproperty float z\nelement face 4\n"
         "property list uchar int vertex_indices\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
-    ).encode()
+    )
+    faces = [(3, *face, 9, 99, 200) for face in FACES]
     if binary:
-        faces = b"".join(struct.pack("<B3i3B", 3, *f, 9, 99, 200) for f in FACES)
-        return head + CORNERS.tobytes() + faces
-    rows = [" ".join(map(str, c)) for c in CORNERS.tolist()]
-    rows += [f"3 {a} {b} {c} 9 99 200" for a, b, c in FACES]
-    return head + "\n".join(rows).encode() + b"\n"
+        rows = b"".join(struct.pack("<B3i3B", *face) for face in faces)
+        return head.encode() + CORNERS.tobytes() + rows
+    return (head + table(CORNERS.tolist()) + table(faces)).encode()
 
 
 def mesh_obj() -> Files:
     """A tetrahedron with a material, a texture and groups."""
-    lines = ["mtllib a.mtl", "o thing", *(f"v {x} {y} {z}" for x, y, z in CORNERS.tolist())]
-    lines += ["vt 0 0", "vt 1 0", "vt 0 1", "vn 0 0 1", "usemtl paint", "g one"]
-    lines += [f"f {a + 1}/1/1 {b + 1}/2/1 {c + 1}/3/1" for a, b, c in FACES]
+    text = "mtllib a.mtl\no thing\n" + table(CORNERS.tolist(), before="v ")
+    text += "vt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nusemtl paint\ng one\n"
+    text += table(([f"{i + 1}/{k}/1" for k, i in enumerate(f, 1)] for f in FACES), before="f ")
     material = b"newmtl paint\nKd 1 0.5 0\nmap_Kd paint.png\n"
-    return {"a.obj": "\n".join(lines).encode(), "a.mtl": material, "paint.png": image()}
+    return {"a.obj": text.encode(), "a.mtl": material, "paint.png": image()}
 
 
-def image() -> bytes:
-    """A small PNG."""
+def image(mode: str = "RGB", size: tuple[int, int] = (4, 4)) -> bytes:
+    """A PNG of one colour."""
     file = io.BytesIO()
-    Image.new("RGB", (4, 4), (9, 99, 200)).save(file, "PNG")
+    Image.new(mode, size, (9, 99, 200) if mode == "RGB" else 0).save(file, "PNG")
     return file.getvalue()
+
+
+@functools.cache
+def image_bomb() -> bytes:
+    """Few bytes, many pixels."""
+    return image("1", (20_000, 10_000))
 
 
 def mesh_off() -> bytes:
     """A tetrahedron."""
-    rows = [" ".join(map(str, c)) for c in CORNERS.tolist()]
-    rows += [f"3 {a} {b} {c}" for a, b, c in FACES]
-    return ("OFF\n4 4 6\n" + "\n".join(rows) + "\n").encode()
+    return f"OFF\n4 4 6\n{table(CORNERS.tolist())}{table(FACES, before='3 ')}".encode()
 
 
 def mesh_stl(binary: bool) -> bytes:
@@ -94,9 +111,8 @@ def mesh_stl(binary: bool) -> bytes:
         return bytes(80) + struct.pack("<I", len(FACES)) + b"".join(facets)
     text = "solid a\n"
     for facet in corners:
-        text += "facet normal 0 0 1\nouter loop\n"
-        text += "".join(f"vertex {x} {y} {z}\n" for x, y, z in facet)
-        text += "endloop\nendfacet\n"
+        vertices = table(facet, before="vertex ")
+        text += f"facet normal 0 0 1\nouter loop\n{vertices}endloop\nendfacet\n"
     return (text + "endsolid a\n").encode()
 
 
@@ -117,13 +133,8 @@ def gltf_tree(blob: bytes, **buffer: object) -> dict[str, Any]:
             {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
         ],
         "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": points},
-            {"buffer": 0, "byteOffset": points, "byteLength": indices},
-            {
-                "buffer": 0,
-                "byteOffset": points + indices,
-                "byteLength": len(blob) - points - indices,
-            },
+            {"buffer": 0, "byteOffset": start, "byteLength": end - start}
+            for start, end in pairwise((0, points, points + indices, len(blob)))
         ],
         "buffers": [{"byteLength": len(blob), **buffer}],
     }
@@ -164,8 +175,7 @@ def cloud_ply(binary: bool) -> bytes:
 
 def cloud_text(separator: str) -> bytes:
     """Eight points."""
-    rows = (np.arange(24.0).reshape(8, 3) / 8).tolist()
-    return "".join(separator.join(map(str, row)) + "\n" for row in rows).encode()
+    return table((np.arange(24.0).reshape(8, 3) / 8).tolist(), separator).encode()
 
 
 def npy(array: np.ndarray) -> bytes:
@@ -175,32 +185,11 @@ def npy(array: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-@functools.cache
 def weights() -> bytes:
     """Untrained weights of pc2pix, a sixteenth of the paper's width."""
-    import torch
+    from tests.learning.weight_files import whole  # loads torch
 
-    from learning import checkpoint
-    from pc2pix.model import Generator, ModelConfig, build_encoder
-    from pc2pix.weights import ENCODER_NAMES, FORMAT
-
-    model = {"width": 0.0625, "latent_dim": 4, "encoder": "pointnet"}
-    torch.manual_seed(0)
-    config = ModelConfig(**model)
-    tensors = {"code_mean": torch.zeros(4), "code_std": torch.ones(4)}
-    for name, part in (("encoder", build_encoder(config)), ("generator", Generator(config))):
-        state = {k: v for k, v in part.state_dict().items() if "num_batches" not in k}
-        tensors |= {f"{name}.{k}": v.half() if v.dim() > 1 else v for k, v in state.items()}
-    header = {
-        "format": FORMAT,
-        "encoder": ENCODER_NAMES["pointnet"],
-        "model": json.dumps(model),
-        "training": json.dumps({"objective": "none", "steps": 0}),
-    }
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "w.safetensors"
-        checkpoint.write_atomically(path, tensors, header)
-        return path.read_bytes()
+    return whole("pc2pix")
 
 
 def safetensors(header: object, body: bytes = b"", length: int | None = None) -> bytes:
@@ -280,14 +269,10 @@ def _truncate(rng: random.Random, data: bytes) -> bytes:
     return data[: rng.randrange(len(data) + 1)]
 
 
-def _double_a_block(rng: random.Random, data: bytes) -> bytes:
-    start, end = _block(rng, data)
-    return data[:end] + data[start:end] * rng.choice((1, 1, 2, 50)) + data[end:]
-
-
-def _drop_a_block(rng: random.Random, data: bytes) -> bytes:
-    start, end = _block(rng, data)
-    return data[:start] + data[end:]
+def _repeat_a_block(rng: random.Random, data: bytes) -> bytes:
+    start = rng.randrange(len(data) + 1)
+    end = min(len(data), start + rng.choice((1, 4, 16, 64, 1000)))
+    return data[:start] + data[start:end] * rng.choice((0, 0, 2, 2, 3, 50)) + data[end:]
 
 
 def _insert_noise(rng: random.Random, data: bytes) -> bytes:
@@ -320,13 +305,8 @@ def _insert_a_monster(rng: random.Random, data: bytes) -> bytes:
     return data[:at] + rng.choice((*monsters, b"\0" * 40_000, b"(" * 20_000)) + data[at:]
 
 
-def _block(rng: random.Random, data: bytes) -> tuple[int, int]:
-    start = rng.randrange(len(data) + 1)
-    return start, min(len(data), start + rng.choice((1, 4, 16, 64, 1000)))
-
-
 _MUTATIONS = (
-    _flip_bits, _flip_bits, _truncate, _double_a_block, _drop_a_block, _insert_noise,
+    _flip_bits, _flip_bits, _truncate, _repeat_a_block, _repeat_a_block, _insert_noise,
     _put_an_integer, _put_an_integer, _replace_a_token, _replace_a_token, _insert_a_monster,
 )  # fmt: skip
 
@@ -342,45 +322,40 @@ OUTSIDE = (
 # "pipe", "link" and "folder" are put beside each case: a FIFO, a link to the secret, a folder.
 
 
+CIRCLE = [{"mesh": 0, "children": [1]}, {"mesh": 0, "children": [0, 1]}]
+THICKET = [{"mesh": 0, "children": [i + 1, i + 1]} for i in range(40)] + [{"mesh": 0}]
+# 2**40 ways to its last node
+
+
 def _tricky_obj(rng: random.Random, root: str) -> Files:
     files = mesh_obj()
-    outside = rng.choice(OUTSIDE).format(root=root)
-    trick = rng.randrange(5)
-    if trick == 0:
-        files["a.obj"] = files["a.obj"].replace(b"a.mtl", outside.encode())
-    elif trick == 1:
-        files["a.mtl"] = files["a.mtl"].replace(b"paint.png", outside.encode())
-    elif trick == 2:
-        files["paint.png"] = postscript(f"{root}/{CANARY}-postscript")
-    elif trick == 3:  # a bomb: few bytes, many pixels
-        file = io.BytesIO()
-        Image.new("1", (20_000, 10_000)).save(file, "PNG")
-        files["paint.png"] = file.getvalue()
-    else:
-        files["a.obj"] += b"f " + b"1 " * 30_000 + b"\n"
-    return files
+    outside = rng.choice(OUTSIDE).format(root=root).encode()
+    tricks = (
+        {"a.obj": files["a.obj"].replace(b"a.mtl", outside)},
+        {"a.mtl": files["a.mtl"].replace(b"paint.png", outside)},
+        {"paint.png": postscript(f"{root}/{CANARY}-postscript")},
+        {"paint.png": image_bomb()},
+        {"a.obj": files["a.obj"] + b"f " + b"1 " * 30_000 + b"\n"},
+    )
+    return files | rng.choice(tricks)
 
 
 def _tricky_ply(rng: random.Random, root: str) -> Files:
-    data = mesh_ply(rng.random() < 0.5)
-    trick = rng.randrange(4)
     count = str(rng.choice((0, 1, 5, 10**6, 10**9, 10**15, 10**30, -1))).encode()
-    if trick == 0:
-        data = data.replace(b"vertex 4", b"vertex " + count)
-    elif trick == 1:
-        data = data.replace(b"face 4", b"face " + count)
-    elif trick == 2:
-        data = data.replace(b"paint.png", rng.choice(OUTSIDE).format(root=root).encode())
-    else:
-        data = data.replace(b"list uchar int", rng.choice((b"list int int", b"list char double")))
+    tricks = (
+        (b"vertex 4", b"vertex " + count),
+        (b"face 4", b"face " + count),
+        (b"paint.png", rng.choice(OUTSIDE).format(root=root).encode()),
+        (b"list uchar int", rng.choice((b"list int int", b"list char double"))),
+    )
+    data = mesh_ply(rng.random() < 0.5).replace(*rng.choice(tricks))
     return {"a.ply": data, "paint.png": image()}
 
 
 def _tricky_off(rng: random.Random, root: str) -> Files:
     count = str(rng.choice((10**6, 10**9, 10**15, 10**19, -1, 0)))
-    return {
-        "a.off": mesh_off().replace(b"4 4 6", rng.choice((f"{count} 4 6", f"4 {count} 6")).encode())
-    }
+    counts = rng.choice((f"{count} 4 6", f"4 {count} 6")).encode()
+    return {"a.off": mesh_off().replace(b"4 4 6", counts)}
 
 
 def _tricky_stl(rng: random.Random, root: str) -> Files:
@@ -394,35 +369,28 @@ def _tricky_tree(rng: random.Random, root: str) -> dict[str, Any]:
     tree = gltf_tree(blob)
     outside = rng.choice(OUTSIDE).format(root=root)
     huge = rng.choice((10**6, 10**9, 10**12, 2**63, 10**30, -1, 1.5, "4", None))
-    trick = rng.randrange(12)
-    if trick == 0:
-        tree["images"] = [{"uri": outside}]
-    elif trick == 1:
-        tree["buffers"] = [{"byteLength": len(blob), "uri": outside}]
-    elif trick == 2:
-        tree["accessors"][rng.randrange(2)]["count"] = huge
-    elif trick == 3:  # filled with zeros, as the standard says
-        tree["accessors"][0] = {"componentType": 5126, "count": huge, "type": "VEC3"}
-    elif trick == 4:
-        tree["bufferViews"] *= rng.choice((10, 1000))
-    elif trick == 5:
-        tree["bufferViews"][rng.randrange(3)][rng.choice(("byteLength", "byteOffset"))] = huge
-    elif trick == 6:
-        tree["bufferViews"][0]["byteStride"] = rng.choice((0, 1, 12, -12, 2**40))
-    elif trick == 7:  # a circle
-        tree["nodes"] = [{"mesh": 0, "children": [1]}, {"mesh": 0, "children": [0, 1]}]
-    elif trick == 8:  # 2**40 ways to the last node
-        tree["nodes"] = [{"mesh": 0, "children": [i + 1, i + 1]} for i in range(40)] + [{"mesh": 0}]
-    elif trick == 9:
-        tree["nodes"] = [{"mesh": 0}] * 300
-        tree["scenes"] = [{"nodes": list(range(300))}]
-    elif trick == 10:
-        tree["images"] = [
-            {"uri": "data:,base64," + base64.b64encode(postscript(f"{root}/{CANARY}-ps")).decode()}
-        ]
-    else:
-        tree["nodes"] = [{"mesh": 0, "matrix": [rng.choice((0, 1e308, 1e999, "x"))] * 16}]
-    return tree
+    ps = base64.b64encode(postscript(f"{root}/{CANARY}-ps")).decode()
+    accessors, views = tree["accessors"], tree["bufferViews"]
+    zeros = {"componentType": 5126, "count": huge, "type": "VEC3"}  # as the standard says
+    stride = {"byteStride": rng.choice((0, 1, 12, -12, 2**40))}
+    key = rng.choice(("byteLength", "byteOffset"))
+    tricks: tuple[dict[str, Any], ...] = (
+        {"images": [{"uri": outside}]},
+        {"images": [{"uri": "data:,base64," + ps}]},
+        {"buffers": [{"byteLength": len(blob), "uri": outside}]},
+        {"accessors": [accessors[0], accessors[1] | {"count": huge}]},
+        {"accessors": [accessors[0] | {"count": huge}, accessors[1]]},
+        {"accessors": [zeros, accessors[1]]},
+        {"bufferViews": views * rng.choice((10, 1000))},
+        {"bufferViews": [views[0] | {key: huge}, views[1] | {key: huge}, views[2]]},
+        {"bufferViews": [views[0], views[1], views[2] | {key: huge}]},
+        {"bufferViews": [views[0] | stride, views[1], views[2]]},
+        {"nodes": CIRCLE},
+        {"nodes": THICKET},
+        {"nodes": [{"mesh": 0}] * 300, "scenes": [{"nodes": list(range(300))}]},
+        {"nodes": [{"mesh": 0, "matrix": [rng.choice((0, 1e308, 1e999, "x"))] * 16}]},
+    )
+    return tree | rng.choice(tricks)
 
 
 def _tricky_glb(rng: random.Random, root: str) -> Files:
@@ -452,32 +420,23 @@ def _tricky_cloud_ply(rng: random.Random, root: str) -> Files:
 
 def _tricky_npy(rng: random.Random, root: str) -> Files:
     canary = f"{root}/{CANARY}-npy"
-    header = "{'descr': %s, 'fortran_order': %s, 'shape': %s, }"
-    kind = rng.choice(
-        ("'<f8'", "'O'", "'|O'", "[('a', 'O')]", "'<U9'", "'V24'", "('<f8', (3,))", "'x'")
+    kinds = ("'<f8'", "'O'", "'|O'", "[('a', 'O')]", "'<U9'", "'V24'", "('<f8', (3,))", "'x'")
+    shapes = ("(8, 3)", "(10000000000, 3)", "(-1, 3)", "(8, 3, 0)", "8", "(2**62, 3)", "()")
+    order = rng.choice(("True", "False", "2"))
+    text = f"{{'descr': {rng.choice(kinds)}, 'fortran_order': {order}, 'shape': "
+    text += f"{rng.choice(shapes)}, }}"
+    tricks = (
+        npy(np.array([[Executed(canary)] * 3] * 2, object)),
+        pickle.dumps(Executed(canary)),
+        torch_file(canary),
+        b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode() + bytes(192),
     )
-    shape = rng.choice(
-        ("(8, 3)", "(10000000000, 3)", "(-1, 3)", "(8, 3, 0)", "8", "(2**62, 3)", "()")
-    )
-    text = (header % (kind, rng.choice(("True", "False", "2")), shape)).encode()
-    made = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(192)
-    return {
-        "a.npy": rng.choice(
-            (
-                npy(np.array([[Executed(canary)] * 3] * 2, object)),
-                pickle.dumps(Executed(canary)),
-                torch_file(canary),
-                made,
-            )
-        )
-    }
+    return {"a.npy": rng.choice(tricks)}
 
 
 def _tricky_text(rng: random.Random, root: str) -> Files:
-    rows = rng.choice(
-        (b"nan inf -inf\n", b"1e308 1e309 5e-324\n", b"1 2\n", b"\xff\xfe1 2 3\n", b"\n")
-    )
-    return {"a.xyz": rows * rng.choice((1, 50_000))}
+    rows = (b"nan inf -inf\n", b"1e308 1e309 5e-324\n", b"1 2\n", b"\xff\xfe1 2 3\n", b"\n")
+    return {"a.xyz": rng.choice(rows) * rng.choice((1, 50_000))}
 
 
 def _tricky_weights(rng: random.Random, root: str) -> Files:
@@ -491,28 +450,25 @@ def _tricky_weights(rng: random.Random, root: str) -> Files:
         "training": rng.choice(("{}", "[]", "3", '{"objective": ' + "[" * 20_000)),
     }  # fmt: skip
     twice = b'{"a":' + json.dumps(entry).encode() + b',"a":' + json.dumps(entry).encode() + b"}"
-    data = rng.choice(
-        (
-            torch_file(canary),
-            pickle.dumps(Executed(canary)),
-            safetensors({}, length=rng.choice(INTEGERS)),
-            safetensors({"a": entry, "b": entry}, bytes(8)),
-            safetensors({"a": entry, "b": {**entry, "data_offsets": [4, 12]}}, bytes(12)),
-            safetensors({"a": {**entry, "data_offsets": [0, rng.choice(INTEGERS)]}}, bytes(8)),
-            safetensors({"a": {**entry, "shape": [2**32, 2**32, 2**32]}}, bytes(8)),
-            safetensors(
-                {"a": {**entry, "dtype": rng.choice(("BOOL", "F8_E4M3", "C64", "X"))}}, bytes(8)
-            ),
-            safetensors(twice, bytes(8)),
-            safetensors(b"[" * 50_000),
-            safetensors(b'{"__metadata__":' + b'{"a":' * 50_000),
-            safetensors({"__metadata__": rng.choice((3, [], {"training": 3}, {"training": "["}))}),
-            safetensors({"__metadata__": lone}),
-            safetensors(rng.choice((b"null", b"3", b"[]", b"{}", b'""', b"\xff"))),
-            _with_changed_header(rng),
-        )
+    beyond = entry | {"data_offsets": [0, rng.choice(INTEGERS)]}
+    strange = entry | {"dtype": rng.choice(("BOOL", "F8_E4M3", "C64", "X"))}
+    tricks = (
+        torch_file(canary),
+        pickle.dumps(Executed(canary)),
+        safetensors({}, length=rng.choice(INTEGERS)),
+        safetensors({"a": entry, "b": entry}, bytes(8)),
+        safetensors({"a": entry, "b": entry | {"data_offsets": [4, 12]}}, bytes(12)),
+        *(safetensors({"a": wrong}, bytes(8)) for wrong in (beyond, strange)),
+        safetensors({"a": entry | {"shape": [2**32, 2**32, 2**32]}}, bytes(8)),
+        safetensors(twice, bytes(8)),
+        safetensors(b"[" * 50_000),
+        safetensors(b'{"__metadata__":' + b'{"a":' * 50_000),
+        safetensors({"__metadata__": rng.choice((3, [], {"training": 3}, {"training": "["}))}),
+        safetensors({"__metadata__": lone}),
+        safetensors(rng.choice((b"null", b"3", b"[]", b"{}", b'""', b"\xff"))),
+        _with_changed_header(rng),
     )
-    return {"w.safetensors": data}
+    return {"w.safetensors": rng.choice(tricks)}
 
 
 def _with_changed_header(rng: random.Random) -> bytes:
@@ -522,13 +478,11 @@ def _with_changed_header(rng: random.Random) -> bytes:
     header = json.loads(data[8 : 8 + length])
     name = rng.choice([*header, *header["__metadata__"]])
     if name in header["__metadata__"]:
-        header["__metadata__"][name] = rng.choice(
-            ("", "{}", "[]", "x\n\x1b[2J", "null", "9" * 5000)
-        )
+        texts = ("", "{}", "[]", "x\n\x1b[2J", "null", "9" * 5000)
+        header["__metadata__"][name] = rng.choice(texts)
     elif name != "__metadata__":
-        changes = {"dtype": "BF16", "shape": [1], "data_offsets": [0, 2]}
-        key = rng.choice(list(changes))
-        header[name][key] = changes[key]
+        changes = (("dtype", "BF16"), ("shape", [1]), ("data_offsets", [0, 2]))
+        header[name] |= dict([rng.choice(changes)])
     return safetensors(header, data[8 + length :])
 
 
@@ -552,23 +506,11 @@ def _tricky_split(rng: random.Random, root: str) -> Files:
 # --- formats --------------------------------------------------------------------------------------
 
 
-def _read_mesh(path: Path) -> None:
-    from data_prep.mesh_files import load_mesh
-
-    load_mesh(path)
-
-
 def _read_cloud(path: Path) -> None:
-    from data_prep.cloud_files import load_points
-    from data_prep.normalise import normalise_points
-
     normalise_points(load_points(path))
 
 
 def _read_weights(path: Path) -> None:
-    from learning.weights import objective_of
-    from pc2pix.weights import find_weights, load_weights
-
     find_weights(path)
     try:
         objective_of(path)
@@ -577,21 +519,7 @@ def _read_weights(path: Path) -> None:
 
 
 def _read_inception(path: Path) -> None:
-    from bench.metrics.inception_weights import find_weights
-
-    find_weights(str(path))
-
-
-def _read_views(path: Path) -> None:
-    from data_prep.dataset_paper import read_views
-
-    read_views(path)
-
-
-def _read_split(path: Path) -> None:
-    from data_prep.dataset_paper import read_split
-
-    read_split(path)
+    inception_weights.find_weights(str(path))
 
 
 @dataclass(frozen=True)
@@ -606,47 +534,48 @@ class Format:
 
     valid: Callable[[], tuple[Files, ...]]
     trick: Callable[[random.Random, str], Files]
-    read: Callable[[Path], None]
-    in_worker: bool
+    read: Callable[[Path], object]
+    in_worker: bool = False
+
+
+def _valid_ply() -> tuple[Files, ...]:
+    return tuple({"a.ply": mesh_ply(binary), "paint.png": image()} for binary in (False, True))
+
+
+def _valid_glb() -> tuple[Files, ...]:
+    return ({"a.glb": glb(gltf_tree(gltf_blob()), gltf_blob())},)
+
+
+def _valid_npy() -> tuple[Files, ...]:
+    return tuple({"a.npy": npy(np.arange(24, dtype=t).reshape(8, 3))} for t in ("<f4", ">i8"))
+
+
+def _valid_stl() -> tuple[Files, ...]:
+    return {"a.stl": mesh_stl(False)}, {"a.stl": mesh_stl(True)}
 
 
 FORMATS: Mapping[str, Format] = {
-    "mesh-ply": Format(
-        lambda: tuple({"a.ply": mesh_ply(b), "paint.png": image()} for b in (False, True)),
-        _tricky_ply, _read_mesh, True,
-    ),
-    "mesh-obj": Format(lambda: (mesh_obj(),), _tricky_obj, _read_mesh, True),
-    "mesh-off": Format(lambda: ({"a.off": mesh_off()},), _tricky_off, _read_mesh, True),
-    "mesh-stl": Format(
-        lambda: tuple({"a.stl": mesh_stl(b)} for b in (False, True)), _tricky_stl, _read_mesh, True
-    ),
-    "mesh-glb": Format(
-        lambda: ({"a.glb": glb(gltf_tree(gltf_blob()), gltf_blob())},),
-        _tricky_glb, _read_mesh, True,
-    ),
-    "mesh-gltf": Format(
-        lambda: (mesh_gltf(True), mesh_gltf(False)), _tricky_gltf, _read_mesh, True
-    ),
+    "mesh-ply": Format(_valid_ply, _tricky_ply, load_mesh, True),
+    "mesh-obj": Format(lambda: (mesh_obj(),), _tricky_obj, load_mesh, True),
+    "mesh-off": Format(lambda: ({"a.off": mesh_off()},), _tricky_off, load_mesh, True),
+    "mesh-stl": Format(_valid_stl, _tricky_stl, load_mesh, True),
+    "mesh-glb": Format(_valid_glb, _tricky_glb, load_mesh, True),
+    "mesh-gltf": Format(lambda: (mesh_gltf(True), mesh_gltf(False)), _tricky_gltf, load_mesh, True),
     "cloud-ply": Format(
-        lambda: tuple({"a.ply": cloud_ply(b)} for b in (False, True)),
+        lambda: ({"a.ply": cloud_ply(False)}, {"a.ply": cloud_ply(True)}),
         _tricky_cloud_ply, _read_cloud, True,
     ),
-    "cloud-npy": Format(
-        lambda: tuple({"a.npy": npy(np.arange(24, dtype=t).reshape(8, 3))} for t in ("<f4", ">i8")),
-        _tricky_npy, _read_cloud, True,
-    ),
+    "cloud-npy": Format(_valid_npy, _tricky_npy, _read_cloud, True),
     "cloud-text": Format(
         lambda: ({"a.xyz": cloud_text(" ")}, {"a.csv": cloud_text(",")}),
         _tricky_text, _read_cloud, True,
     ),
-    "weights": Format(
-        lambda: ({"w.safetensors": weights()},), _tricky_weights, _read_weights, False
-    ),
+    "weights": Format(lambda: ({"w.safetensors": weights()},), _tricky_weights, _read_weights),
     "inception": Format(
-        lambda: ({"w.pth": torch_file("nowhere")},), _tricky_inception, _read_inception, False
+        lambda: ({"w.pth": torch_file("nowhere")},), _tricky_inception, _read_inception
     ),
-    "view-txt": Format(lambda: ({"view.txt": VIEWS},), _tricky_views, _read_views, False),
-    "split-json": Format(lambda: ({"a_exp.json": SPLIT},), _tricky_split, _read_split, False),
+    "view-txt": Format(lambda: ({"view.txt": VIEWS},), _tricky_views, read_views),
+    "split-json": Format(lambda: ({"a_exp.json": SPLIT},), _tricky_split, read_split),
 }  # fmt: skip
 TRICKS = 0.25  # share of cases that are tricks
 
@@ -672,7 +601,7 @@ def case_rng(seed: int, name: str, number: int) -> random.Random:
 
 @contextmanager
 def playground() -> Iterator[Path]:
-    """A folder for cases, with a secret in it; the user's cache is elsewhere meanwhile."""
+    """A folder for cases, with a secret in it."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
         root = Path(name)
         (root / SECRET).write_bytes(cloud_text(" "))
@@ -768,7 +697,7 @@ class Reading:
     outcome   "defect": anything raised but BadInput
     detail    the message, or where the defect was raised
     events    what no reader may do, see `FORBIDDEN`; and files read outside the case's folder
-    peak_mib  the most resident memory of the process while it read
+    peak_mib  the most resident memory of the process while it read; 0 where Linux does not say
     """
 
     outcome: Literal["read", "refused", "defect"]
@@ -796,7 +725,7 @@ def read(task: Task) -> Reading:
     finally:
         _watch.folder = None
     seconds = time.perf_counter() - start
-    return Reading(outcome, detail, seconds, _peak_mib(), tuple(_watch.events))
+    return Reading(outcome, detail, seconds, peak_mib() or 0.0, tuple(_watch.events))
 
 
 @functools.cache
@@ -815,15 +744,5 @@ def _warm_up(name: str) -> None:
 def _reset_peak() -> None:
     try:
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:  # not Linux: the peak is that of the whole process
+    except OSError:  # not Linux, where there is no peak either
         return
-
-
-def _peak_mib() -> float:
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
-    except OSError:
-        import resource
-
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

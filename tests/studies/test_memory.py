@@ -14,13 +14,9 @@ from studies.memory import (
     own_peak,
 )
 
-pytestmark = [pytest.mark.slow, pytest.mark.memory]
 
-
-def peak(what: str = "drawn", images: int = 1000, end: float = 300.0) -> Peak:
-    return Peak(what, images // 40, images, 12.5, 200.0, end)
-
-
+@pytest.mark.slow
+@pytest.mark.memory
 def test_memory_that_was_taken_is_in_the_peak() -> None:
     before = own_peak()
     taken = np.ones(int((before + 64) * 2**20) // 8)  # 8 bytes each: more than ever was
@@ -29,7 +25,8 @@ def test_memory_that_was_taken_is_in_the_peak() -> None:
 
 
 def test_growth_is_from_the_fewest_images_to_the_most() -> None:
-    peaks = [peak(images=20_000, end=330.0), peak(), peak(images=5000, end=900.0)]
+    measured = ((20_000, 330.0), (1000, 300.0), (5000, 900.0))
+    peaks = [Peak("drawn", images // 40, images, 12.5, 200.0, end) for images, end in measured]
     assert growth(peaks) == pytest.approx(0.1)
 
 

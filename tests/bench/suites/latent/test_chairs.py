@@ -32,21 +32,17 @@ def test_chairs_are_those_of_the_dataset(chairs):
     assert np.array_equal(chair.load().face_colors, known.load().face_colors)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_pairs_differ_in_family_and_share_no_chair(chairs, seed):
     pairs = choose_pairs(chairs[: 2 * LATENT.pairs], rng(seed))
     assert len(pairs) == LATENT.pairs >= 50
     assert all(pair.start.spec.family != pair.end.spec.family for pair in pairs)
     used = [chair.id for pair in pairs for chair in (pair.start, pair.end)]
     assert sorted(used) == [f"test-{i:04d}" for i in range(2 * LATENT.pairs)]
-
-
-def test_pairs_follow_the_seed(chairs):
-    once, again, other = (choose_pairs(chairs[:20], rng(seed)) for seed in (3, 3, 4))
-    assert once == again
-    assert once != other
-    shown = choose_pairs(chairs[: 2 * LATENT.pairs], rng())[: LATENT.shown]
-    assert len({frozenset((p.start.spec.family, p.end.spec.family)) for p in shown}) > 2
+    families = {frozenset((p.start.spec.family, p.end.spec.family)) for p in pairs[: LATENT.shown]}
+    assert len(families) > 2
+    assert pairs == choose_pairs(chairs[: 2 * LATENT.pairs], rng(seed))
+    assert pairs != choose_pairs(chairs[: 2 * LATENT.pairs], rng(seed + 1))
 
 
 def test_an_odd_number_cannot_be_paired(chairs):
@@ -68,6 +64,7 @@ def test_triples_have_an_answer(chairs):
             assert known[before.id] == before.spec
             assert change.fits(before.spec)
             assert after.spec == change.apply(before.spec) != before.spec
+            assert not change.fits(after.spec)  # it has what the change gives
             assert after.id == f"{before.id}+{triple.change}"
 
 
@@ -89,15 +86,6 @@ def test_a_change_alters_these_fields_and_the_mesh(chairs, change, fields):
         # whole and normalised, as every chair
         assert np.linalg.norm(meshes[1].vertices, axis=1).max() == pytest.approx(1, abs=1e-6)
     assert {t.change for t in triples} == {c.id for c in CHANGES}
-
-
-def test_arms_are_where_arms_were_not(chairs):
-    arms = CHANGES[0]
-    fitting = [chair.spec for chair in chairs if arms.fits(chair.spec)]
-    assert fitting
-    assert not any(spec.arms for spec in fitting)
-    assert all(arms.apply(spec).arms for spec in fitting)
-    assert not any(arms.fits(arms.apply(spec)) for spec in fitting)
 
 
 def test_too_few_chairs(chairs):

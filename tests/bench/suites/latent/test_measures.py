@@ -27,39 +27,24 @@ def flat(*levels):
     return np.stack([np.full((128, 128, 3), level, np.uint8) for level in levels])
 
 
-def test_equal_steps_are_even():
+def test_unevenness_is_the_largest_step_over_the_mean():
     steps = image_steps(flat(0, 51, 102, 153))
     np.testing.assert_allclose(steps, [0.2, 0.2, 0.2], rtol=1e-15)
     assert unevenness(steps) == pytest.approx(1, rel=1e-15)
-
-
-def test_one_double_step():
     # steps 1, 1, 2: the largest over the mean of 4/3
     assert unevenness(image_steps(flat(10, 20, 30, 50))) == pytest.approx(1.5, rel=1e-12)
-
-
-def test_all_the_way_in_one_jump():
-    assert unevenness(image_steps(flat(7, 7, 7, 200, 200))) == pytest.approx(4)
-
-
-def test_a_path_that_does_not_move_has_no_evenness():
+    assert unevenness(image_steps(flat(7, 7, 7, 200, 200))) == pytest.approx(4)  # one jump
     assert math.isnan(unevenness(image_steps(flat(9, 9, 9))))
 
 
-def test_chamfer_of_shifted_points():
+def test_chamfer():
     cloud = np.array([[[0, 0, 0], [1, 0, 0]]], np.float32)
     shifted = cloud + np.float32([0, 0.25, 0])
-    # 1/16 there and 1/16 back
-    assert chamfer_distances(cloud, shifted).tolist() == [0.125]
+    assert chamfer_distances(cloud, shifted).tolist() == [0.125]  # 1/16 there and 1/16 back
     assert chamfer_distances(cloud, cloud).tolist() == [0]
-
-
-def test_chamfer_against_all_distances():
     a, b = np.random.default_rng(0).normal(size=(2, 3, 50, 3)).astype(np.float32)
-    expected = []
-    for p, q in zip(a, b, strict=True):
-        squared = cdist(p, q, "sqeuclidean")
-        expected.append(squared.min(0).mean() + squared.min(1).mean())
+    squared = [cdist(p, q, "sqeuclidean") for p, q in zip(a, b, strict=True)]
+    expected = [d.min(0).mean() + d.min(1).mean() for d in squared]
     # sums of 50 float32 numbers
     np.testing.assert_allclose(chamfer_distances(a, b), expected, rtol=1e-5)
 

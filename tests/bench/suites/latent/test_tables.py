@@ -5,7 +5,6 @@ import io
 import math
 
 import numpy as np
-import pytest
 
 from bench.analysis.intervals import mean_interval
 from bench.suites.latent.tables import ALL, Value, latent_table, means, values_table
@@ -21,22 +20,15 @@ def made(numbers, what="code", kind=ALL, metric="step"):
 
 
 def test_means_and_intervals():
-    (row,) = means("latent", made([1.0, 2.0, 6.0]))
+    """Missing values are counted; a kind has rows of its own after those of all."""
+    (row,) = means("latent", made([1.0, 2.0, NAN, 6.0]))
     assert (row.suite, row.method, row.what, row.kind) == ("latent", "pc2pix", "code", ALL)
     assert row.value == 3
     assert (row.ci_low, row.ci_high) == mean_interval(np.array([1.0, 2.0, 6.0]))
-    assert (row.n_ok, row.n) == (3, 3)
-
-
-def test_values_that_are_missing_are_counted():
-    (row,) = means("latent", made([1.0, NAN, 2.0]))
-    assert (row.value, row.n_ok, row.n) == (1.5, 2, 3)
+    assert (row.n_ok, row.n) == (3, 4)
     (row,) = means("latent", made([NAN, NAN]))
     assert math.isnan(row.value)
     assert (row.n_ok, row.n) == (0, 2)
-
-
-def test_kinds_have_rows_of_their_own_after_all():
     rows = means("latent", made([1.0, 3.0], kind="arms") + made([8.0], kind="slats"))
     assert [(row.kind, row.value, row.n) for row in rows] == [
         (ALL, 4, 3),
@@ -45,48 +37,33 @@ def test_kinds_have_rows_of_their_own_after_all():
     ]
 
 
-@pytest.fixture
-def table():
+def test_csv_and_markdown():
     values = (
         made([1.0, 2.0, 6.0])
         + made([0.5, 0.5], what="noise")
         + made([NAN, 0.25], what="noise", metric="other")
+        + made([NAN], kind="arms", metric="other")
     )
-    return latent_table(
-        "name",
-        "Title",
-        "Remark.",
-        {"step": "of a path", "other": "of another"},
-        {"code": "of two chairs", "noise": "of none"},
-        means("latent", values),
-    )
-
-
-def test_csv_is_tidy(table):
+    explained = {"step": "of a path", "other": "of another"}, {"code": "of two", "noise": "of none"}
+    table = latent_table("name", "Title", "Remark.", *explained, means("latent", values))
     rows = list(csv.DictReader(io.StringIO(table.to_csv())))
-    assert rows[0] == {
-        "suite": "latent",
-        "method": "pc2pix",
-        "what": "code",
-        "kind": "all",
-        "metric": "step",
-        "value": "3",
-        "ci_low": "1",
-        "ci_high": "6",
-        "n_ok": "3",
-        "n": "3",
-    }
-    assert [row["value"] for row in rows] == ["3", "0.5", "0.25"]
-    assert rows[2]["ci_low"] == ""
-
-
-def test_markdown(table):
+    assert list(rows[0].items()) == [
+        *(("suite", "latent"), ("method", "pc2pix"), ("what", "code"), ("kind", "all")),
+        *(("metric", "step"), ("value", "3"), ("ci_low", "1"), ("ci_high", "6")),
+        *(("n_ok", "3"), ("n", "3")),
+    ]
+    assert [(row["value"], row["ci_low"]) for row in rows[1:4]] == [
+        ("0.5", "0.5"),
+        ("0.25", ""),
+        ("", ""),
+    ]
     text = table.to_markdown()
     assert text.startswith("# Title\n\nRemark.\n")
-    assert "* **code**: of two chairs\n* **noise**: of none\n" in text
+    assert "* **code**: of two\n* **noise**: of none\n" in text
     assert "## pc2pix (n = 3)\n\n|  | code | noise |\n|---|---|---|\n" in text
     assert "| step | 3 [1, 6] | 0.5 [0.5, 0.5] |\n" in text
-    assert "| other |  | 0.25 1/2 |\n" in text
+    assert "| other | - 0/1 | 0.25 1/2 |\n" in text
+    assert "## pc2pix, arms only (n = 1)\n" in text
     assert "* step: of a path\n* other: of another\n" in text
 
 

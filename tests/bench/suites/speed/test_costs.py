@@ -13,22 +13,16 @@ RECONSTRUCTION = Cost(prepare=1000.0, draw_one=60.0, draw_batch=1000.0, batch=20
 NETWORK = Cost(prepare=10.0, draw_one=110.0, draw_batch=1200.0, batch=20)
 
 
-def test_one_view_and_whole_batches_are_as_measured():
+def test_calls_are_as_measured_and_grow_evenly_between():
     assert NETWORK.total(1) == 10 + 110
     assert NETWORK.total(20) == 10 + 1200
     assert NETWORK.total(60) == 10 + 3 * 1200
     assert NETWORK.per_image(40) == (10 + 2 * 1200) / 40
-
-
-def test_between_them_a_call_grows_evenly():
     cost = Cost(prepare=5.0, draw_one=10.0, draw_batch=48.0, batch=20)  # 10, 12, 14, ... 48
     assert [cost.total(v) for v in (2, 3, 19)] == pytest.approx([17, 19, 51])
     assert cost.per_image(2) == pytest.approx(8.5)
-
-
-def test_a_batch_of_one_is_a_call_a_view():
-    cost = Cost(prepare=5.0, draw_one=2.0, draw_batch=2.0, batch=1)
-    assert [cost.total(v) for v in (1, 2, 10)] == [7, 9, 25]
+    single = Cost(prepare=5.0, draw_one=2.0, draw_batch=2.0, batch=1)
+    assert [single.total(v) for v in (1, 2, 10)] == [7, 9, 25]
 
 
 def test_reconstruct_once_draw_many_against_a_network_per_view():
@@ -39,8 +33,7 @@ def test_reconstruct_once_draw_many_against_a_network_per_view():
 
 def test_break_even_within_the_first_batch():
     """11 + 2 V against 3 + 4 V up to the batch of 10: equal at 4; beyond, the order stays."""
-    slow_start = Cost(prepare=11.0, draw_one=2.0, draw_batch=20.0, batch=10)
-    quick_start = Cost(prepare=3.0, draw_one=4.0, draw_batch=40.0, batch=10)
+    slow_start, quick_start = Cost(11.0, 2.0, 20.0, 10), Cost(3.0, 4.0, 40.0, 10)
     assert break_even(slow_start, quick_start) == BreakEven("from", (pytest.approx(4),))
     assert break_even(quick_start, slow_start) == BreakEven("up to", (pytest.approx(4),))
 
@@ -62,18 +55,20 @@ def test_always_and_never(batch):
     assert break_even(cheap, costly) == BreakEven("always", ())
     assert break_even(costly, cheap) == BreakEven("never", ())
     assert break_even(cheap, cheap) == BreakEven("never", ())
+    # the same draw leaves the preparation to decide
+    same_draw = Cost(1.0, 3.0, 60.0, 20), Cost(2.0, 3.0, 60.0, 20)
+    assert break_even(*same_draw) == BreakEven("always", ())
 
 
-def test_the_same_draw_leaves_the_preparation_to_decide():
-    assert break_even(Cost(1.0, 3.0, 60.0, 20), Cost(2.0, 3.0, 60.0, 20)).cheaper == "always"
-
-
-def test_a_tie_at_one_view_is_decided_by_what_follows():
-    # 3 + 2 V and 1 + 4 V
+def test_a_tie_is_decided_by_what_follows():
+    """3 + 2 V against 1 + 4 V: both 5 at one view; against the third also both 23 at ten."""
     first, second = Cost(3.0, 2.0, 20.0, 10), Cost(1.0, 4.0, 40.0, 10)
-    assert first.total(1) == second.total(1) == 5
-    assert break_even(first, second) == BreakEven("always", ())
-    assert break_even(second, first) == BreakEven("never", ())
+    third = Cost(1.0, 4.0, 22.0, 10)
+    assert first.total(1) == second.total(1) == third.total(1) == 5
+    assert first.total(10) == third.total(10) == 23
+    for other in (second, third):
+        assert break_even(first, other) == BreakEven("always", ())
+        assert break_even(other, first) == BreakEven("never", ())
 
 
 def test_different_batches_are_not_compared():

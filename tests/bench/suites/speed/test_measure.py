@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
+import bench.suites.speed.run
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import SPEED, SUITES
 from bench.running.environment import code_sha256
@@ -21,14 +23,14 @@ from bench.suites.speed.measure import (
     Subject,
     Unit,
     finish_gpu,
+    lost,
     measure,
     subjects_of,
     take_samples,
 )
-from bench.suites.speed.run import speed_units
+from bench.suites.speed.run import TIMED, speed_units
 from bench.suites.speed.samples import (
     Failure,
-    Measurement,
     Sample,
     measurement_path,
     read_measurement,
@@ -41,6 +43,7 @@ from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
 from ...harness_objects import Refusing, Tetrahedron
 
+SIZE = (IMAGE_SIZE, IMAGE_SIZE)
 LOAD_S, PREPARE_S, CALL_S, VIEW_S, FINISH_S = 100.0, 10.0, 1.0, 0.25, 0.125  # exact in binary
 SMALL = replace(
     SPEED, clouds=2, views=3, singles=2, warm_ups=1, least_rounds=2, most_rounds=2, seconds=0.0
@@ -89,8 +92,7 @@ class Fake:
         self.world.log.append(("draw", state, tuple(views)))
         if state == self.bad and self.stage == "draw" and len(views) > 1:
             raise SystemExit("enough")
-        noise = rng.random((len(views), IMAGE_SIZE, IMAGE_SIZE, 3))
-        return noise.astype(np.float32)
+        return rng.random((len(views), *SIZE, 3), np.float32)
 
 
 FAKE = Method("fake", load=lambda device: None, identity=str, version=1, source="")
@@ -128,7 +130,9 @@ def drawn(world):
 
 
 def test_one_call_after_the_other():
-    world, _, failures = take()
+    """A cold call, one warm-up that does not count, two rounds; the device is idle at each start,
+    and what it still does counts."""
+    world, samples, failures = take()
     cold = [("load",), ("prepare", 1), ("draw", 1, (10,))]
     warm_up = [
         *(("prepare", 1), ("draw", 1, (10, 11, 12))),
@@ -140,10 +144,12 @@ def test_one_call_after_the_other():
     ]
     assert drawn(world) == cold + warm_up + 2 * one_round
     assert failures == []
+    numbers = {(c[1], c[3]) for c in world.calls if c[0] == "prepare"}
+    assert numbers == {(n, np.random.default_rng(n).random()) for n in (1, 2)}
+    assert [entry if entry == "finish" else entry[0] for entry in world.log[:6]] == [
+        *("finish", "load", "finish", "finish", "prepare", "finish"),
+    ]
 
-
-def test_times_are_of_the_calls_and_of_what_the_device_still_does():
-    _, samples, _ = take()
     single, batch = CALL_S + VIEW_S + FINISH_S, CALL_S + 3 * VIEW_S + FINISH_S
 
     def sample(cloud, number, stage, views, wall_s):
@@ -161,14 +167,6 @@ def test_times_are_of_the_calls_and_of_what_the_device_still_does():
         sample("cloud 1", 0, "prepare", 0, PREPARE_S + FINISH_S),
         sample("cloud 1", 0, "draw", 1, single),
         *(s for number in (1, 2) for cloud in ("cloud 1", "cloud 2") for s in warm(cloud, number)),
-    ]
-
-
-def test_the_device_is_idle_when_a_call_starts():
-    world, _, _ = take()
-    timed = world.log[:6]
-    assert [entry if entry == "finish" else entry[0] for entry in timed] == [
-        *("finish", "load", "finish", "finish", "prepare", "finish"),
     ]
 
 
@@ -196,12 +194,6 @@ def test_rounds_until_there_are_enough(least, most, seconds, rounds):
     assert {s.round for s in samples} == set(range(rounds + 1))
 
 
-def test_the_same_random_numbers_each_time():
-    world, _, _ = take()
-    numbers = {(c[1], c[3]) for c in world.calls if c[0] == "prepare"}
-    assert numbers == {(n, np.random.default_rng(n).random()) for n in (1, 2)}
-
-
 @pytest.mark.parametrize("sees_mesh", [True, False])
 def test_only_the_ceiling_sees_the_mesh(sees_mesh):
     world, _, _ = take(method=replace(FAKE, sees_mesh=sees_mesh))
@@ -221,69 +213,63 @@ def test_a_single_view_is_drawn_alone_only():
 # --- failures -------------------------------------------------------------------------------------
 
 
-def test_a_cloud_that_fails_is_left_out_and_the_others_go_on():
-    world, samples, failures = take(bad=2)
-    assert failures == [Failure("cloud 2", "prepare: no faces")]
-    assert [c for c in drawn(world) if c[:2] == ("prepare", 2)] == [("prepare", 2)]
-    assert len([s for s in samples if s.cloud == "cloud 1"]) == 2 + 2 * 4
-    assert [s for s in samples if s.cloud == "cloud 2"] == []
-
-
-def test_a_first_cloud_that_fails_leaves_no_cold_times():
-    _, samples, failures = take(bad=1)
-    assert failures == [Failure("cloud 1", "prepare: no faces")]
-    assert [(s.stage, s.cloud) for s in samples if s.round == 0] == [("load", "")]
-    assert {s.cloud for s in samples if s.round} == {"cloud 2"}
-
-
-def test_a_method_that_exits_has_failed():
-    _, samples, failures = take(replace(SMALL, warm_ups=0), bad=2, stage="draw")
-    assert failures == [Failure("cloud 2", "SystemExit: enough")]
-    of_bad = [(s.round, s.stage, s.views) for s in samples if s.cloud == "cloud 2"]
-    assert of_bad == [(1, "prepare", 0), (1, "draw", 1), (1, "draw", 1)]  # what it gave is kept
+@pytest.mark.parametrize(
+    ("bad", "stage", "warm_ups", "reason", "kept"),
+    [
+        (1, "prepare", 1, "prepare: no faces", []),
+        (2, "prepare", 1, "prepare: no faces", []),
+        (2, "draw", 0, "SystemExit: enough", [("prepare", 0), ("draw", 1), ("draw", 1)]),
+    ],
+)
+def test_a_cloud_that_fails_is_left_out_and_the_others_go_on(bad, stage, warm_ups, reason, kept):
+    world, samples, failures = take(replace(SMALL, warm_ups=warm_ups), bad=bad, stage=stage)
+    assert failures == [Failure(f"cloud {bad}", reason)]
+    assert [c for c in drawn(world) if c[:2] == ("prepare", bad)] == [("prepare", bad)]
+    of = {n: [s for s in samples if s.cloud == f"cloud {n}"] for n in (1, 2)}
+    assert [(s.round, s.stage, s.views) for s in of[bad]] == [(1, *call) for call in kept]
+    # two rounds of the other; only the first cloud has cold times
+    assert [s.round for s in of[3 - bad]] == [0, 0] * (bad == 2) + [1] * 4 + [2] * 4
 
 
 def test_what_draws_nothing_is_not_timed():
     world = World()
-    blank = Fake(world)
-    blank.draw = lambda state, views, rng: np.ones(
-        (len(views), IMAGE_SIZE, IMAGE_SIZE, 3), np.float32
-    )
-    samples, failures = take_samples(FAKE, lambda: blank, [subject(1)], SMALL, world.clock)
+    nothing = Fake(world)
+    nothing.draw = lambda state, views, rng: np.ones((len(views), *SIZE, 3), np.float32)
+    samples, failures = take_samples(FAKE, lambda: nothing, [subject(1)], SMALL, world.clock)
     assert failures == [Failure("cloud 1", "draw: 3 of 3 pictures are blank")]
     assert {s.round for s in samples} == {0}
 
 
-def load_fails(error):
-    def load():
+def raising(error):
+    def call(*_):
         raise error
 
-    return take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
+    return call
 
 
 def test_a_method_that_cannot_be_loaded_fails_everywhere():
-    assert load_fails(AttributeError("no such thing\nat all")) == (
+    load = raising(AttributeError("no such thing\nat all"))
+    assert take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock) == (
         [],
         [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)],
     )
 
 
-@pytest.mark.parametrize("error", [BadInput("no weights"), MissingDependency("no OpenGL")])
-def test_what_the_user_has_to_fix_is_raised(error):
-    with pytest.raises(type(error)):
-        load_fails(error)
-
-
-def test_a_missing_library_ends_the_run():
+@pytest.mark.parametrize(
+    ("stage", "error"),
+    [
+        ("load", BadInput("no weights")),
+        ("load", MissingDependency("no OpenGL")),
+        ("prepare", MissingDependency("no OpenGL")),
+    ],
+)
+def test_what_the_user_has_to_fix_is_raised(stage, error):
     world = World()
     fake = Fake(world)
-
-    def prepare(cloud, rng):
-        raise MissingDependency("no OpenGL")
-
-    fake.prepare = prepare
-    with pytest.raises(MissingDependency):
-        take_samples(FAKE, lambda: fake, [subject(1)], SMALL, world.clock)
+    fake.prepare = raising(error)
+    load = raising(error) if stage == "load" else lambda: fake
+    with pytest.raises(type(error)):
+        take_samples(FAKE, load, [subject(1)], SMALL, world.clock)
 
 
 # --- units ----------------------------------------------------------------------------------------
@@ -336,49 +322,41 @@ def test_whatever_times_depend_on_is_in_the_key(changes):
 
 
 def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
-    from bench.suites.speed import run as speed_plan
-
-    before = code_sha256(speed_plan.TIMED)
-    assert before == code_sha256(speed_plan.TIMED, Path(speed_plan.__file__).parents[3])
-    for name in speed_plan.TIMED:
-        path = tmp_path / name if name.endswith(".py") else tmp_path / name / "sub" / "a.py"
+    assert code_sha256(TIMED) == code_sha256(TIMED, Path(bench.__file__).parents[1])
+    files = [tmp_path / (name if name.endswith(".py") else f"{name}/sub/a.py") for name in TIMED]
+    for path in files:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("1\n")
-    seen = {code_sha256(speed_plan.TIMED, tmp_path)}
-    for path in sorted(tmp_path.rglob("*.py")):
+    seen = {code_sha256(TIMED, tmp_path)}
+    for path in files:
         path.write_text("2\n")
-        seen.add(code_sha256(speed_plan.TIMED, tmp_path))
+        seen.add(code_sha256(TIMED, tmp_path))
+    assert len(seen) == 1 + len(TIMED)
     (tmp_path / "baselines" / "notes.md").write_text("no code")
-    assert code_sha256(speed_plan.TIMED, tmp_path) in seen
-    assert len(seen) == 1 + len(speed_plan.TIMED)
+    assert code_sha256(TIMED, tmp_path) in seen
     old = {u.key for u in units()}
-    monkeypatch.setattr(speed_plan, "code_sha256", lambda names: "other")
+    monkeypatch.setattr(bench.suites.speed.run, "code_sha256", lambda names: "other")
     assert old.isdisjoint(u.key for u in units())
 
 
 def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path):
-    objects = (ProceduralObject("chair", "test", 0), ProceduralObject("chair", "test", 1))
+    same = {
+        "methods": ("splat",),
+        "conditions": ("noise-0.10",),
+        "objects": tuple(ProceduralObject("chair", "test", number) for number in (0, 1)),
+        "views": 4,
+        "seed": 3,
+        "device": "cpu",
+    }
     protocol = Protocol(
         suite=SUITES[0],
         dataset="procedural",
-        methods=("splat",),
-        conditions=("noise-0.10",),
-        objects=objects,
-        views=4,
-        seed=3,
-        device="cpu",
         features=(),
         feature_identity={},
         environment={},
+        **same,
     )
-    (unit,) = units(
-        methods=("splat",),
-        conditions=("noise-0.10",),
-        objects=objects,
-        threads=(1,),
-        views=4,
-        seed=3,
-    )
+    (unit,) = units(threads=(1,), **same)
     subjects, failures = subjects_of(unit)
     assert failures == []
     for job, found in zip(plan(protocol, tmp_path).items, subjects, strict=True):
@@ -433,32 +411,21 @@ def test_peak_memory_is_that_of_the_process():
     assert abs(after - during) < 1.0
 
 
-def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch):
-    import torch
-
+@pytest.mark.parametrize("used", [False, True])
+def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch, used):
     waited = []
     monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(True))
-    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: False)
+    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: used)
     finish_gpu()
-    assert waited == []
-    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: True)
-    finish_gpu()
-    assert waited == [True]
+    assert waited == [True] * used
 
 
 # --- files ----------------------------------------------------------------------------------------
 
-MEASUREMENT = Measurement(
-    key="k",
-    method="blank",
-    condition="2048",
-    threads=1,
-    views=20,
-    clouds=2,
-    device="cpu",
+MEASUREMENT = replace(
+    lost(Unit("k", SMALL, "blank", "2048", Unchanged(), (), 1, 20, 0, "cpu"), ""),
     samples=(Sample("chair/a", 1, "draw", 20, 0.125, 0.25), Sample("", 0, "load", 0, 1.0, 1.0)),
     failures=(Failure("chair/ä", "draw: no\nfaces"),),
-    idle_mib=None,
     peak_mib=12.5,
     elsewhere_cores=0.1,
 )

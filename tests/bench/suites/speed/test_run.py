@@ -17,7 +17,7 @@ from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.protocol import Options
 from bench.suites.speed.measure import Unit, lost
 from bench.suites.speed.run import run
-from bench.suites.speed.samples import Sample, read_measurement
+from bench.suites.speed.samples import Sample
 from bench.tables.build import read_scored, tables
 from data_prep.conditions import Unchanged
 from data_prep.failures import BadInput
@@ -35,6 +35,7 @@ SMALL = replace(
     most_rounds=2,
     seconds=0.0,
 )
+UNIT = Unit("k", SMALL, "blank", "2048", Unchanged(), (Tetrahedron(),), 1, 3, 0, "cpu")
 FILES = [
     *("amortised.csv", "amortised.md", "break_even.csv"),
     *("speed.csv", "speed.md", "speed_samples.csv"),
@@ -110,14 +111,9 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
         tables(read_scored(out))
 
 
-def test_one_after_the_other(tmp_path, taken):
+def test_times_taken_while_something_else_ran_are_counted(tmp_path, taken):
     finished = run(stated(tmp_path / "run", conditions=("2048", "512")), SMALL)
-    assert taken == [
-        (method, condition, threads)
-        for method in ("splat", "blank")
-        for condition in ("2048", "512")
-        for threads in (1, 2)
-    ]
+    assert [unit[1:] for unit in taken] == [("2048", 1), ("2048", 2), ("512", 1), ("512", 2)] * 2
     counted = "8 measurements taken, 0 from before, 0 with failures, 4 while something else ran; "
     assert finished.summary.startswith(counted)
 
@@ -129,15 +125,17 @@ def test_one_core_is_measured_once(tmp_path, taken, monkeypatch):
 
 
 def test_the_command_line_tells_what_was_done(tmp_path, taken, command):
-    arguments = ("run", "--suite", "speed", "--methods", "blank", "--limit", "1", "--device", "cpu")
-    status, out, err = command(*arguments, "--out", tmp_path / "run")
+    chosen = ("--methods", "blank,blank", "--limit", "1", "--views", "5", "--device", "cpu")
+    status, out, err = command("run", "--suite", "speed", *chosen, "--out", tmp_path / "run")
     assert status == 0
     assert out.startswith("# Speed: what a picture costs\n")
     assert "# What a picture costs, by the number of views of a cloud\n" in out
     message = "2 measurements taken, 0 from before, 0 with failures, 2 while something else ran; "
     assert message in err
     assert err.endswith(f"\nresults in {tmp_path / 'run'}\n")
-    assert read_manifest(tmp_path / "run")["objects"] == ["chair/test-0000"]
+    assert taken == [("blank", "2048", 1), ("blank", "2048", 2)]
+    manifest = read_manifest(tmp_path / "run")
+    assert (manifest["views"], manifest["objects"]) == (5, ["chair/test-0000"])
 
 
 # --- going on -------------------------------------------------------------------------------------
@@ -173,39 +171,37 @@ def test_a_run_that_was_stopped_goes_on(tmp_path, taken, monkeypatch):
             raise KeyboardInterrupt
         return measure_alone(unit)
 
-    monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        run(stated(out), SMALL)
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.suites.speed.run, "_measure_alone", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            run(stated(out), SMALL)
     assert read_manifest(out)["finished"] is None
-    monkeypatch.setattr(bench.suites.speed.run, "_measure_alone", measure_alone)
-    finished = run(stated(out), SMALL)
-    assert finished.summary.startswith("2 measurements taken, 2 from before, ")
-    assert taken == [("splat", "2048", 1), ("splat", "2048", 2), ("blank", "2048", 1),
-                     ("blank", "2048", 2)]  # fmt: skip
+    assert run(stated(out), SMALL).summary.startswith("2 measurements taken, 2 from before, ")
+    assert taken == [(method, "2048", count) for method in ("splat", "blank") for count in (1, 2)]
 
 
-def test_another_machine_or_version_is_measured_again(tmp_path, taken, monkeypatch):
-    out = tmp_path / "run"
-    run(stated(out), SMALL)
-    monkeypatch.setattr(bench.running.environment, "_cpu", lambda: "another")
-    assert ", 0 from before, " in run(stated(out), SMALL).summary
-    monkeypatch.setattr(bench.running.environment, "versions", lambda: {"torch": "0"})
-    assert ", 0 from before, " in run(stated(out), SMALL).summary
-    monkeypatch.setattr(bench.suites.speed.run, "environment", lambda: {"gl": "other"})
-    assert ", 0 from before, " in run(stated(out), SMALL).summary
+@pytest.mark.parametrize(
+    ("place", "name", "value"),
+    [
+        (bench.running.environment, "_cpu", lambda: "another"),
+        (bench.running.environment, "versions", lambda: {"torch": "0"}),
+        (bench.suites.speed.run, "environment", lambda: {"gl": "other"}),
+    ],
+    ids=["machine", "versions", "drivers"],
+)
+def test_other_circumstances_are_measured_again(tmp_path, taken, monkeypatch, place, name, value):
+    run(stated(tmp_path / "run"), SMALL)
+    monkeypatch.setattr(place, name, value)
+    assert ", 0 from before, " in run(stated(tmp_path / "run"), SMALL).summary
 
 
 def test_fresh_starts_over(tmp_path, taken):
     out = tmp_path / "run"
     run(stated(out), SMALL)
+    with pytest.raises(BadInput, match="holds a run of views 3, not 5"):
+        run(stated(out, views=5), SMALL)
     assert run(stated(out, fresh=True), SMALL).summary.startswith("4 measurements taken, ")
     assert len(list((tmp_path / "run.old-1" / "measurements").iterdir())) == 4
-
-
-def test_a_folder_holds_one_number_of_views(tmp_path, taken):
-    run(stated(tmp_path / "run"), SMALL)
-    with pytest.raises(BadInput, match="holds a run of views 3, not 5"):
-        run(stated(tmp_path / "run", views=5), SMALL)
 
 
 # --- options --------------------------------------------------------------------------------------
@@ -231,14 +227,6 @@ def test_options_without_a_meaning_are_refused(tmp_path, taken, option, value, m
     assert taken == []
 
 
-def test_methods_views_and_clouds_can_be_chosen(tmp_path, taken):
-    options = stated(tmp_path / "run", methods=("blank", "blank"), views=5, limit=1)
-    run(options, SMALL)
-    assert taken == [("blank", "2048", 1), ("blank", "2048", 2)]
-    manifest = read_manifest(tmp_path / "run")
-    assert (manifest["views"], manifest["objects"]) == (5, ["chair/test-0000"])
-
-
 # --- workers --------------------------------------------------------------------------------------
 
 
@@ -256,25 +244,20 @@ def test_a_worker_gets_as_many_threads_as_it_is_given():
     assert usual == {names[0]: ("1", WORKER_ENVIRONMENT["GLIBC_TUNABLES"])}
 
 
-def test_each_measurement_has_the_threads_of_its_unit(monkeypatch):
+def test_each_measurement_has_the_threads_and_limits_of_its_unit(monkeypatch):
     asked = []
 
     def run_tasks(tasks, work, workers, limits, environment):
-        asked.append((work.__name__, workers, limits, environment))
+        asked.append((workers, limits, environment))
         yield from ((task, lost(task, "timeout: no result")) for task in tasks)
 
     monkeypatch.setattr(bench.suites.speed.run, "run_tasks", run_tasks)
-    unit = Unit("k", SMALL, "blank", "2048", Unchanged(), (Tetrahedron(),), 4, 3, 0, "cpu")
-    bench.suites.speed.run._measure_alone(unit)
-    assert asked == [("measure", 1, SMALL.limits, thread_counts(4))]
+    bench.suites.speed.run._measure_alone(replace(UNIT, threads=4))
+    assert asked == [(1, SMALL.limits, thread_counts(4))]
 
 
-def test_a_process_that_dies_is_a_failure_with_a_reason(tmp_path):
-    objects = (Dying("a"), Tetrahedron("b"))
-    unit = Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu")
+def test_a_process_that_dies_is_a_failure_with_a_reason():
+    unit = replace(UNIT, objects=(Dying("a"), Tetrahedron("b")))
     found = bench.suites.speed.run._measure_alone(unit)
     assert found == lost(unit, "crash: the worker died (exit code 7)")
-    assert [(f.cloud, f.reason[:5]) for f in found.failures] == [
-        *(("chair/a", "crash"), ("chair/b", "crash")),
-    ]
-    assert read_measurement(tmp_path, "k") is None
+    assert [f.cloud for f in found.failures] == ["chair/a", "chair/b"]

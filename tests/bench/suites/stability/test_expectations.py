@@ -15,7 +15,6 @@ from bench.suites.stability.expectations import (
     Fails,
     Observation,
     Unstated,
-    _verdict,
     expectation,
     outcome,
 )
@@ -30,10 +29,7 @@ def changed(mean, most=0):
     return replace(IMAGES, mean_change=mean, most_change=most)
 
 
-# --- the cases ------------------------------------------------------------------------------------
-
-
-def test_ids_are_unique_and_likes_exist():
+def test_cases_are_about_others_that_are_there():
     assert len(BY_ID) == len(CASES)
     for case in CASES:
         if case.like is not None:
@@ -48,9 +44,7 @@ def test_what_has_to_be_there():
     wanted |= {f"outlier-{v}" for v in ("1e3", "1e6", "1e30", "nan", "inf", "-inf")}
     wanted |= {f"scale-{v}" for v in ("1e3", "1e-3", "1e9", "1e-9", "1e30", "1e-30")}
     wanted |= {"shift-1e3", "shift-1e6", "float16", "float64", "int", "non-contiguous"}
-    wanted |= {"rows-twice", "shuffled", "noise-0", "noise-10", "turned"}
-    wanted |= {"elevation+90", "elevation-90", "azimuth+180", "azimuth-180", "azimuth+720"}
-    wanted |= {"batch-doubled", "batch-split"}
+    wanted |= {"rows-twice", "shuffled", "noise-0", "noise-10", "turned", "batch-split"}
     assert wanted <= BY_ID.keys()
 
 
@@ -65,19 +59,11 @@ def test_views_that_should_agree_are_the_same_direction():
     assert View(30.0, -90.0) in BY_ID["elevation-90"].views
 
 
-# --- what is stated -------------------------------------------------------------------------------
-
-
-def test_all_methods_of_the_project_are_stated():
-    assert STATED.keys() == {method.id for method in METHODS}
-
-
 def test_statements_are_about_cases_that_exist():
+    assert STATED.keys() == {method.id for method in METHODS}
     for stated in STATED.values():
-        assert stated.keys() <= BY_ID.keys()
         for case, expected in stated.items():
-            if isinstance(expected, Agrees | Changes):
-                assert BY_ID[case].like is not None
+            assert BY_ID[case].like or not isinstance(expected, Agrees | Changes)
 
 
 @pytest.mark.parametrize(
@@ -87,7 +73,6 @@ def test_statements_are_about_cases_that_exist():
         ("splat", "shuffled", Agrees(0.01, 1)),
         ("splat", "millimetres", Agrees(1.0)),
         ("splat", "0-points", Fails("input: no points")),
-        ("true-mesh", "turned", Agrees(0.01, 1)),
         ("other", "plain", Unstated()),
         ("other", "shuffled", Unstated()),
     ],
@@ -130,8 +115,11 @@ def test_what_is_expected_where_nothing_special_is_stated(method, case, expected
         ),
     ],
 )
-def test_verdicts(expected, seen, kind):
-    assert _verdict(expected, seen) == kind
+def test_verdicts(expected, seen, kind, monkeypatch):
+    monkeypatch.setitem(STATED, "splat", {"plain": expected})
+    if isinstance(expected, Unstated):
+        monkeypatch.delitem(STATED, "splat")
+    assert outcome(seen).kind == kind
 
 
 def test_outcomes_say_what_was_expected_and_what_came():

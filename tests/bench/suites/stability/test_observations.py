@@ -38,32 +38,33 @@ def test_images(plain):
     assert (seen.prepare_s, seen.draw_s) == (0.25, 0.125)
 
 
+def beside_plain(plain, other, images):
+    """What is seen of a job with these pictures, where the plain one is there."""
+    job, result, _ = plain
+    results = {job.key: result, other.key: done(other, images)}
+    return observe([job, other], results.__getitem__)[1]
+
+
 def test_a_change_is_seen_in_both_directions(tmp_path, plain):
-    job, result, images = plain
-    other = job_of(tmp_path, "shuffled")
-    changed = images.copy()
+    changed = plain[2].copy()
     changed[0, 0, 0] = 0, 12, 10  # 10 darker, 2 lighter, equal
-    seen = observe([job, other], {job.key: result, other.key: done(other, changed)}.__getitem__)[1]
-    assert seen.mean_change == pytest.approx(12 / images.size, rel=1e-12)
+    seen = beside_plain(plain, job_of(tmp_path, "shuffled"), changed)
+    assert seen.mean_change == pytest.approx(12 / changed.size, rel=1e-12)
     assert seen.most_change == 10
 
 
 def test_more_views_than_the_other_case_go_through_it_again(tmp_path, plain):
-    job, result, images = plain
     other = job_of(tmp_path, "batch-doubled", views=2 * VIEWS)
-    twice = np.concatenate([images, images])
-    seen = observe([job, other], {job.key: result, other.key: done(other, twice)}.__getitem__)[1]
+    twice = np.concatenate([plain[2], plain[2]])
+    seen = beside_plain(plain, other, twice)
     assert (seen.mean_change, seen.most_change) == (0.0, 0)
     twice[7, 0, 0, 0] += 1
-    seen = observe([job, other], {job.key: result, other.key: done(other, twice)}.__getitem__)[1]
-    assert seen.most_change == 1
+    assert beside_plain(plain, other, twice).most_change == 1
 
 
 def test_other_methods_are_no_measure(tmp_path, plain):
-    job, result, images = plain
     other = job_of(tmp_path, "shuffled", method="pc2pix")
-    seen = observe([job, other], {job.key: result, other.key: done(other, images)}.__getitem__)[1]
-    assert seen.mean_change is None
+    assert beside_plain(plain, other, plain[2]).mean_change is None
 
 
 def test_no_images(tmp_path, plain):
