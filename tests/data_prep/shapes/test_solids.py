@@ -73,8 +73,7 @@ def test_closed_and_outward(part: Part) -> None:
     assert judged.volume > 0
     assert signed_volume(part.vertices, part.faces) == pytest.approx(judged.volume, rel=EXACT)
     assert judged.area_faces.min() > 0
-    assert part.vertices.dtype == np.float64
-    assert part.faces.dtype == np.int32
+    assert (part.vertices.dtype, part.faces.dtype) == (np.float64, np.int32)
 
 
 def test_box() -> None:
@@ -85,7 +84,7 @@ def test_box() -> None:
     np.testing.assert_allclose(part.vertices.max(axis=0), [2, 3.5, 5.5])
 
 
-@pytest.mark.parametrize("sides", [3, 4, 7, 20])
+@pytest.mark.parametrize("sides", [3, 20])
 def test_prism(sides: int) -> None:
     outline = polygon(sides, 0.4)
     base, edge = polygon_area(sides, 0.4), polygon_edge(sides, 0.4)
@@ -138,14 +137,11 @@ def test_mitred_sweep_keeps_its_section() -> None:
     assert solid(SOLIDS["tube-bent"]).volume == pytest.approx(expected, rel=EXACT)
 
 
-def test_hoop() -> None:
+def test_hoop_and_rim() -> None:
     # Sixteen mitred segments: the mitre planes hold the given section, so the section across a
     # segment is cos(pi/16) of it, and a segment is a chord 2 R sin(pi/16) long.
     expected = polygon_area(6, 0.05) * 0.5 * 16 * math.sin(2 * math.pi / 16)
     assert solid(SOLIDS["hoop"]).volume == pytest.approx(expected, rel=EXACT)
-
-
-def test_rim() -> None:
     part = rim(rectangle(2, 1), 0.3, 0.5, 0.1, GREY)
     assert solid(part).volume == pytest.approx(0.2 * (2 - 1.8 * 0.8), rel=EXACT)
 
@@ -171,7 +167,7 @@ def test_curved_panel_follows_its_heights() -> None:
     assert right[1] in (0.1, 1.0)
 
 
-@pytest.mark.parametrize("steps", [1, 3, 50])
+@pytest.mark.parametrize("steps", [1, 3])
 def test_rounded_corners(steps: int) -> None:
     # A parabola cuts r^2 / 6 off a right angle; n chords of equal parameter cut r^2 / (3 n^2) more.
     outline = rounded(rectangle(2, 1), 0.2, steps=steps)
