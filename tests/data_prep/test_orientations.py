@@ -69,9 +69,13 @@ def test_the_original_turns_clouds_and_cameras_alike() -> None:
 
 
 def test_the_message() -> None:
-    assert OURS.message == "+Y up, front -Z: taken as it is"
-    assert SHAPENET_V1.message == "+Y up, front +X: (x, y, z) becomes (z, y, -x)"
-    assert PAPER.message == "+Z up, front +X: (x, y, z) becomes (-y, z, -x)"
+    assert [orientation.message for orientation in ALL] == [
+        "+Y up, front -Z: taken as it is",
+        "+Y up, front +X: (x, y, z) becomes (z, y, -x)",
+        "+Y up, front -Z: taken as it is",
+        "+Z up, front -Y: (x, y, z) becomes (-x, z, y)",
+        "+Z up, front +X: (x, y, z) becomes (-y, z, -x)",
+    ]
 
 
 # --- axes that a user gives -----------------------------------------------------------------------
