@@ -161,21 +161,6 @@ def test_noise_is_added_to_each_point() -> None:
     np.testing.assert_allclose(moved, points.astype(np.float64) + zero, rtol=0, atol=2.0**-24)
 
 
-@pytest.mark.parametrize("level", ["0.05", "0.10"])
-def test_the_codes_noise_is_twice_the_papers(level: str) -> None:
-    cloud = PointCloud(np.zeros((2048, 3)))
-    paper, code = (apply(f"noise-{level}{end}", cloud).points for end in ("", "-code"))
-    np.testing.assert_array_equal(code, 2 * paper)  # the same draws; doubling is exact
-
-
-def test_noise_on_nothing_and_on_nonsense() -> None:
-    assert apply("noise-0.10", PointCloud(np.zeros((0, 3)))).points.shape == (0, 3)
-    noisy = apply("noise-0.10", PointCloud([[np.nan, np.inf, 0.0]])).points[0]
-    assert np.isnan(noisy[0])
-    assert noisy[1] == np.inf
-    assert np.isfinite(noisy[2])
-
-
 # --- outliers -------------------------------------------------------------------------------------
 
 

@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from data_prep.datasets import Dataset, MeshFile, ProceduralObject, layout_of, open_dataset
+from data_prep.datasets import (
+    Dataset,
+    MeshFile,
+    PlacedMesh,
+    ProceduralObject,
+    layout_of,
+    open_dataset,
+)
 from data_prep.failures import BadInput
 from data_prep.mesh_files import LOADER_VERSION
+from data_prep.orientations import PAPER
 from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES
 
@@ -258,6 +266,7 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
     for obj in (
         ProceduralObject("chair", "validation", 3),
         *open_dataset(f"folder:{tmp_path}").finite,
+        PlacedMesh("chair", "a", tmp_path / "a.ply", tmp_path, PAPER),
     ):
         twin = pickle.loads(pickle.dumps(obj))
         assert twin == obj

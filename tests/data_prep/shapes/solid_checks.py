@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import trimesh
-from numpy.typing import ArrayLike
 
 from data_prep.shapes.solids import Part
 
@@ -84,11 +83,6 @@ def radius(parts: Sequence[Part]) -> float:
 def volume(part: Part) -> float:
     """By trimesh, an independent judge; negative where the part is inside out."""
     return float(trimesh.Trimesh(part.vertices, part.faces, process=False).volume)
-
-
-def holds(part: Part, point: ArrayLike) -> bool:
-    """Whether a point [3] lies inside."""
-    return bool(winding(np.asarray(point, dtype=np.float64)[None], part)[0] > 0.5)
 
 
 def winding(points: np.ndarray, part: Part) -> np.ndarray:

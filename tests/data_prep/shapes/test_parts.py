@@ -13,13 +13,9 @@ import pytest
 from data_prep.shapes.fronts import dial, frame, panel
 from data_prep.shapes.furniture import back_cushion, beam, cushion, legs, run
 from data_prep.shapes.hulls import AEROFOIL, blade, disc, mirrored, pair, spindle
-from data_prep.shapes.lamp.parts import bar_height, open_shade
-from data_prep.shapes.loudspeaker.drivers import draw_drivers
-from data_prep.shapes.loudspeaker.living_room import baffle
 from data_prep.shapes.solids import Part, box, rectangle
 from data_prep.shapes.telephone.parts import key_color
-from data_prep.shapes.vessel.lines import Lines
-from tests.data_prep.shapes.solid_checks import box_of, holds, volume
+from tests.data_prep.shapes.solid_checks import box_of, volume
 
 GREY = (120, 121, 122)
 # A few hundred float64 operations on numbers of order 1: see test_solids.
@@ -169,62 +165,7 @@ def test_a_mirror_image_faces_outwards() -> None:
     assert [p.vertices[0, 0] for p in pair(part)] == [part.vertices[0, 0], -part.vertices[0, 0]]
 
 
-def test_the_lines_of_a_hull() -> None:
-    ship = Lines(half_beam=0.1, draft=0.05, freeboard=0.08, sheer=(0.03, 0.01), stern=0.8)
-    low, high = box_of([ship.between(ship.keel, ship.deck, GREY)])
-    assert low == pytest.approx((-high[0], -0.05, -0.5), abs=EXACT)
-    assert high[1:] == pytest.approx((0.08 + 0.03, 0.5), abs=EXACT)
-    # A stem has some width (0.002 at most on each side); nothing else is added to the beam.
-    assert 0.1 <= high[0] <= 0.1 + 0.002 + EXACT
-    assert ship.half_width_at(0.5) == pytest.approx(0.08, abs=EXACT)
-    assert ship.deck_at(-0.5) == pytest.approx(0.11, abs=EXACT)
-    curved = Lines(0.1, 0.05, 0.08, rocker=0.6)
-    assert curved.keel[[0, -1]] == pytest.approx([-0.05 * 0.4] * 2, abs=EXACT)
-
-
-@pytest.mark.parametrize("fullness", [0.2, 0.5])
-def test_a_well_has_a_floor_and_walls(fullness: float) -> None:
-    lines = Lines(0.18, 0.06, 0.09, entry=0.5, fullness=fullness, rake=0.0)
-    boat = lines.open_boat(0.09, 0.022, GREY)
-    half = lines.half_width_at(0.1)
-    assert not holds(boat, (0.0, 0.08, 0.1))
-    assert holds(boat, (0.0, -0.02, 0.1))
-    assert holds(boat, (half - 0.008, 0.085, 0.1))
-    assert holds(boat, (0.0, lines.deck_at(0.49) - 0.02, 0.49))  # decked at the stern
-    for depth in (0.02, 0.05, 0.08):  # the wall leans with the hull's side
-        outside, y = lines.half_width_at(0.1, depth), lines.deck_at(0.1) - depth
-        inside = [holds(boat, (outside + x, y, 0.1)) for x in (-0.040, -0.012, 0.005)]
-        assert inside == [False, True, False]
-
-
 # --- what has to hold for any numbers that are drawn ----------------------------------------------
-
-
-@pytest.mark.parametrize("sides", [4, 16])
-def test_an_open_shade_is_a_prism_less_its_inside(sides: int) -> None:
-    walls, bar = open_shade((0.2, 0.2), (1.0, 1.5), GREY, sides=sides, waist=1.0)
-    inside = 0.2 - 0.045 * 0.2
-    expected = polygon_area(sides) * (0.2**2 - inside**2) * 0.5
-    assert volume(walls) == pytest.approx(expected, abs=EXACT)
-    # The bar ends half-way through the wall, at the height that it is said to have.
-    assert inside < np.linalg.norm(bar.vertices[:, ::2], axis=1).max() < 0.2
-    assert np.mean(box_of([bar])[0:2], axis=0)[1] == pytest.approx(bar_height((1.0, 1.5)))
-
-
-@pytest.mark.parametrize("height", [0.22, 1.10])
-@pytest.mark.parametrize("woofers", [1, 4])
-def test_drivers_fit_the_baffle_and_not_each_other(height: float, woofers: int) -> None:
-    drivers = draw_drivers(np.random.default_rng(woofers), (30, 31, 32), woofers)
-    plate, *parts = baffle(drivers, (0.2, height, 0.25), 0.05, grille=False)
-    spans = {}  # by the middle: of each driver the first part is its ring or plate
-    for part in parts:
-        low, high = (corner[1] for corner in box_of([part]))
-        spans.setdefault(round((low + high) / 2, 9), (low, high))
-    assert len(spans) == 1 + woofers + drivers.port
-    edges = [plate.vertices[:, 1].min(), *np.sort(np.ravel(list(spans.values())))]
-    edges.append(plate.vertices[:, 1].max())
-    assert (np.diff(edges) > -1e-9).all()
-    assert sorted(spans.values()) == list(zip(edges[1:-1:2], edges[2:-1:2], strict=True))
 
 
 def test_keys_differ_in_colour_from_the_body() -> None:

@@ -111,22 +111,6 @@ def test_frustum(sides: int) -> None:
         assert solid(part).area == pytest.approx(expected_area, rel=EXACT)
 
 
-def test_slab_bevel() -> None:
-    # 2 x 1 x 0.6 with 0.1 off every level edge: a box 0.4 high between two prismatoids 0.1 high,
-    # whose sections are 2 x 1, 1.9 x 0.9 and 1.8 x 0.8 (Simpson's rule is exact for them).
-    part = slab(rectangle(1, 1), (0, 0, 0), (2, 0.6, 1), GREY, bevel=0.1)
-    expected = 2 * 0.4 + 2 * 0.1 / 6 * (2 + 4 * 1.9 * 0.9 + 1.8 * 0.8)
-    assert solid(part).volume == pytest.approx(expected, rel=EXACT)
-    np.testing.assert_allclose(part.vertices.max(axis=0), [1, 0.3, 0.5])
-
-
-def test_straight_tube() -> None:
-    section, girth = polygon_area(8, 0.1), 8 * polygon_edge(8, 0.1)
-    judged = solid(tube([(1, 0, 0), (3, 1, -2)], 0.1, GREY))  # length 3
-    assert judged.volume == pytest.approx(3 * section, rel=EXACT)
-    assert judged.area == pytest.approx(3 * girth + 2 * section, rel=EXACT)
-
-
 def test_mitred_sweep_keeps_its_section() -> None:
     # Mitres cut wedges off one segment that its neighbour gets back, so volume = area x length.
     length = np.linalg.norm(np.diff(np.array(BENT), axis=0), axis=1).sum()
@@ -157,14 +141,6 @@ def test_curved_panel(half_angle: float) -> None:
     # The middle of the arc is at the origin, and the panel bends forwards from there.
     assert part.vertices[:, 2].max() == pytest.approx(thickness / 2)
     assert part.vertices[:, 2].min() < 0
-
-
-def test_curved_panel_follows_its_heights() -> None:
-    low, high = np.linspace(0, 0.1, 11), np.linspace(0.5, 1.0, 11)
-    vertices = curved_panel(0.4, 1.0, 0.05, low, high, GREY).vertices
-    left, right = vertices[vertices[:, 0].argmin()], vertices[vertices[:, 0].argmax()]
-    assert left[1] in (0.0, 0.5)
-    assert right[1] in (0.1, 1.0)
 
 
 @pytest.mark.parametrize("steps", [1, 3])
