@@ -118,6 +118,7 @@ LIST = "element face 1\nproperty list uchar int v\n"
 BROKEN = {
     "empty.ply": (b"", "no PLY header"),
     "endless.ply": (b"ply\n" + b"comment x\n" * 9000 + b"end_header\n", "no PLY header"),
+    "no-format.ply": (b"ply\nelement vertex 0\nend_header\n", "no format"),
     "format.ply": (ply("ascii", XYZ, b"", 0).replace(b"1.0", b"2.0"), "'format ascii 2.0'"),
     "no-vertex.ply": (b"ply\nformat ascii 1.0\nelement face 0\nend_header\n", "but 'face'"),
     "flat.ply": (ply("ascii", "float x,float y", b"1 2\n", 1), "0 properties z"),
@@ -143,6 +144,9 @@ BROKEN = {
     "empty.npy": (b"", "not a readable NPY"),
     "magic.npy": (b"\x93NUMPY\x07\x07" + bytes(90), "not a readable NPY"),
     "four.npy": (npy(np.zeros((5, 4))), r"float64' of shape '\(5, 4\)'; save real numbers"),
+    "line.npy": (npy(np.zeros(3)), r"of shape '\(3,\)'"),
+    "complex.npy": (npy(np.zeros((5, 3), complex)), "'complex128'"),
+    "truth.npy": (npy(np.zeros((5, 3), bool)), "'bool'"),
     "objects.npy": (npy(np.array([[{}, 1, 2]], object)), "'object'"),
     "cut.npy": (npy(POINTS)[:-1], "claims 4 points, 96 bytes, and 95 follow"),
     "more.npy": (npy(POINTS) + b"x", "claims 4 points, 96 bytes, and 97 follow"),

@@ -190,11 +190,6 @@ def test_vertex_colours_are_averaged_over_a_face(tmp_path: Path) -> None:
     assert np.abs(np.array(colors(mesh)) - expected).max() < 1  # a mean is cut or rounded
 
 
-def test_vertex_colours_of_an_obj(tmp_path: Path) -> None:
-    text = "".join(f"v {x} {y} {z} 1 0 0.2\n" for x, y, z in VERTICES) + "f 1 2 3\nf 1 3 4\n"
-    assert colors(load(tmp_path, "a.obj", text)) == [[255, 0, 51]] * 2
-
-
 @pytest.mark.parametrize(("name", "content"), [("a.ply", ply()), ("a.glb", glb())])
 def test_neutral_grey_without_colours(tmp_path: Path, name: str, content: str | bytes) -> None:
     assert colors(load(tmp_path, name, content)) == [GREY] * 4

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.shapes.chances import chance, pick
 from data_prep.shapes.shape_class import shape_class
 from data_prep.shapes.solids import box
 
@@ -34,13 +34,6 @@ def test_a_chance_is_the_share_of_numbers_below_it() -> None:
     assert [chance(Fixed(number), 0.25) for number in (0.0, 0.249, 0.25)] == [True, True, False]
     assert not chance(Fixed(0.0), 0.0)
     assert chance(Fixed(LAST), 1.0)
-
-
-def test_uniform_numbers_fill_their_range() -> None:
-    rng = np.random.default_rng(0)
-    numbers = [uniform(rng, (-1.0, 3.0)) for _ in range(100)]
-    assert -1.0 <= min(numbers) < -0.8
-    assert 2.8 < max(numbers) <= 3.0
 
 
 def test_a_class_draws_its_family_by_weight_and_then_builds_it() -> None:

@@ -10,9 +10,9 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.shapes.fronts import dial, frame, panel
-from data_prep.shapes.furniture import back_cushion, beam, cushion, legs, run
-from data_prep.shapes.hulls import AEROFOIL, blade, disc, mirrored, pair, spindle
+from data_prep.shapes.fronts import dial, panel
+from data_prep.shapes.furniture import beam, cushion, run
+from data_prep.shapes.hulls import AEROFOIL, blade, disc, mirrored, pair
 from data_prep.shapes.solids import Part, box, rectangle
 from data_prep.shapes.telephone.parts import key_color
 from tests.data_prep.shapes.solid_checks import box_of, volume
@@ -52,12 +52,6 @@ def test_panel_is_a_box_with_width_height_and_thickness_along_x_y_and_z() -> Non
     assert volume(part) == pytest.approx(0.4 * 0.06 + 2 * frustum, rel=EXACT)
 
 
-def test_frame_has_an_opening() -> None:
-    part = frame((0, 1, 0), (0.8, 0.5, 0.1), 0.05, GREY)
-    assert volume(part) == pytest.approx((0.8 * 0.5 - 0.7 * 0.4) * 0.1, rel=EXACT)
-    has_box(part, (-0.4, 0.75, -0.05), (0.4, 1.25, 0.05))
-
-
 def test_dial_grows_towards_the_front() -> None:
     part = dial((1, 2, 3), [(0.4, -0.1), (0.2, 0.3)], GREY, sides=12)
     depth = part.vertices[:, 2]
@@ -82,23 +76,6 @@ def test_a_run_is_its_section_times_its_length(axis: int) -> None:
     has_box(bar, tuple(low), tuple(high))
 
 
-def test_a_bevel_takes_frusta_off_the_ends_of_a_run() -> None:
-    bar = run(rectangle(0.4, 0.6), (0.0, 2.0), GREY, bevel=0.1)
-    end = prismatoid(0.1, 0.4 * 0.6, 0.3 * 0.5, 0.2 * 0.4)
-    assert volume(bar) == pytest.approx(0.4 * 0.6 * 1.8 + 2 * end, abs=EXACT)
-
-
-def test_legs_stand_at_four_corners_and_splay() -> None:
-    square = rectangle(0.1, 0.1)
-    four = legs(1.0, 0.5, 0.8, 0.5 * square, square, GREY, out=0.2, centre=(3.0, 4.0))
-    feet = {tuple(leg.vertices[leg.vertices[:, 1] == 0].mean(axis=0).round(9)) for leg in four}
-    heads = {tuple(leg.vertices[leg.vertices[:, 1] == 0.8].mean(axis=0).round(9)) for leg in four}
-    assert feet == {(x, 0.0, z) for x in (1.8, 4.2) for z in (3.3, 4.7)}
-    assert heads == {(x, 0.8, z) for x in (2.0, 4.0) for z in (3.5, 4.5)}
-    frustum = 0.8 / 3 * (0.05**2 + 0.05 * 0.1 + 0.1**2)  # a shear keeps the volume
-    assert [volume(leg) for leg in four] == pytest.approx([frustum] * 4, abs=EXACT)
-
-
 def test_a_beam_has_level_width_and_upright_height() -> None:
     bar = beam((0, 0, 0), (3, 1, 4), 0.2, 0.1, GREY)
     assert volume(bar) == pytest.approx(0.2 * 0.1 * 5.0, abs=EXACT)  # 5: its length seen from above
@@ -120,21 +97,7 @@ def test_a_cushion_fills_its_size_but_for_edges_and_corners() -> None:
     assert volume(part) == pytest.approx(2 * ends + (0.2 - 2 * soft) * area(0), abs=EXACT)
 
 
-def test_a_back_cushion_leans_to_the_rear_about_its_foot() -> None:
-    part = back_cushion((1, 2, 3), (0.5, 0.4, 0.1), GREY, soft=0.03, tilt_rad=0.3)
-    up = np.array([0.0, math.cos(0.3), math.sin(0.3)])
-    assert np.mean(box_of([part]), axis=0) == pytest.approx((1, 2, 3) + 0.2 * up, abs=EXACT)
-    assert np.ptp(part.vertices @ up) == pytest.approx(0.4, abs=EXACT)
-    assert np.ptp(part.vertices[:, 0]) == pytest.approx(0.5, abs=EXACT)
-
-
 # --- vehicles -------------------------------------------------------------------------------------
-
-
-def test_a_spindle_of_one_section_is_an_elliptical_prism() -> None:
-    part = spindle([(-1, 0.3, 0.2, 0.5), (2, 0.3, 0.2, 0.5)], GREY, x=4.0, sides=10)
-    assert volume(part) == pytest.approx(polygon_area(10) * 0.2 * 0.5 * 3, abs=EXACT)
-    assert part.vertices.mean(axis=0) == pytest.approx((4.0, 0.3, 0.5), abs=EXACT)
 
 
 def test_a_blade_of_one_chord_is_an_aerofoil_times_its_span() -> None:

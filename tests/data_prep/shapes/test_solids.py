@@ -153,13 +153,6 @@ def test_rounded_corners(steps: int) -> None:
     assert len(outline) == 4 * (steps + 1)
 
 
-def test_fillet_keeps_the_ends_and_straight_paths() -> None:
-    path = fillet(BENT, 0.2, steps=4)
-    assert len(path) == 2 + 3 * 5
-    np.testing.assert_array_equal(path[[0, -1]], np.array(BENT, dtype=float)[[0, -1]])
-    np.testing.assert_array_equal(fillet(BENT[:2], 0.2), BENT[:2])
-
-
 def test_moved_leans_backwards_then_shifts() -> None:
     part = moved(box((0, 0, 0), (1, 2, 3), GREY), (0, 0, 10), tilt_rad=math.pi / 2)
     np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [1, 3, 2])
