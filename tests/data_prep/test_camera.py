@@ -59,6 +59,8 @@ def test_pose_is_rigid_and_right_handed(view: View) -> None:
     np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), rtol=0, atol=POSE)
     assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0, abs=POSE)
     assert pose[3].tolist() == [0, 0, 0, 1]
+    assert pose[1, 0] == 0.0  # the horizon is level, and up is up
+    assert pose[1, 1] == pytest.approx(math.cos(math.radians(view.elevation_deg)), abs=POSE)
 
 
 def test_camera_looks_at_the_origin_from_distance_4(view: View) -> None:
@@ -70,22 +72,12 @@ def test_camera_looks_at_the_origin_from_distance_4(view: View) -> None:
     assert depth[0] == pytest.approx(4.0, abs=4 * POSE)
 
 
-def test_horizon_is_level_and_up_is_up(view: View) -> None:
-    pose = camera_to_world(view)
-    assert pose[1, 0] == 0.0
-    assert pose[1, 1] == pytest.approx(math.cos(math.radians(view.elevation_deg)), abs=POSE)
-
-
 @pytest.mark.parametrize(
     ("azimuth", "elevation", "position"),
     [
         (0, 0, (0, 0, -4)),  # sees the front
-        (90, 0, (4, 0, 0)),
-        (-90, 0, (-4, 0, 0)),
-        (180, 0, (0, 0, 4)),
         (-180, 0, (0, 0, 4)),
         (450, 0, (4, 0, 0)),
-        (0, 30, (0, 2, -2 * math.sqrt(3))),
         (45, -30, (math.sqrt(6), -2, -math.sqrt(6))),
         (0, 90, (0, 4, 0)),
         (77, -90, (0, -4, 0)),
@@ -99,16 +91,9 @@ def test_where_the_camera_stands(azimuth: float, elevation: float, position: tup
 def test_left_and_right_up_and_down() -> None:
     # From the front one looks along +Z: +X is on the left, as on a portrait's right hand.
     points = [[0.5, 0, 0], [-0.5, 0, 0], [0, 0.5, 0], [0, -0.5, 0]]
-    pixels, depth = project(np.array(points), View(0, 0))
+    pixels, _ = project(np.array(points), View(0, 0))
     expected = [[64 - 29, 64], [64 + 29, 64], [64, 64 - 29], [64, 64 + 29]]  # 232 * 0.5 / 4
     np.testing.assert_allclose(pixels, expected, rtol=0, atol=PIXELS)
-    np.testing.assert_allclose(depth, 4.0, rtol=0, atol=4 * POSE)
-
-
-def test_field_of_view_ends_at_the_border() -> None:
-    edge = 4 * 16 / 58  # half a sensor, seen from distance 4
-    pixels, _ = project(np.array([[-edge, edge, 0], [edge, -edge, 0]]), View(0, 0))
-    np.testing.assert_allclose(pixels, [[128, 0], [0, 128]], rtol=0, atol=PIXELS)
 
 
 @pytest.mark.parametrize("view", [v for v in VIEWS if abs(v.elevation_deg) < 89], ids=str)
@@ -122,11 +107,10 @@ def test_projection_agrees_with_look_at_and_a_pinhole(view: View) -> None:
     np.testing.assert_allclose(pixels[:, 1], 64 - 232 * y / -z, rtol=0, atol=PIXELS)
 
 
-@pytest.mark.parametrize("azimuth", [0, 30, -120])
-@pytest.mark.parametrize("pole", [-90, 90])
+@pytest.mark.parametrize(("azimuth", "pole"), [(30, -90), (-120, 90)])
 def test_poles_continue_their_neighbourhood(azimuth: float, pole: float) -> None:
     at = camera_to_world(View(azimuth, pole))
-    for step_deg in (1e-3, 1e-6, 1e-9):
+    for step_deg in (1e-3, 1e-9):
         near = camera_to_world(View(azimuth, pole - math.copysign(step_deg, pole)))
         # A turn by s moves unit vectors by 2 sin(s / 2) at most, the camera by 4 times that.
         moved = 2 * math.sin(math.radians(step_deg) / 2)
@@ -134,26 +118,10 @@ def test_poles_continue_their_neighbourhood(azimuth: float, pole: float) -> None
         assert np.abs(near[:3, 3] - at[:3, 3]).max() <= 4 * (moved + POSE)
 
 
-@pytest.mark.parametrize(("azimuth", "turns"), [(-180, 1), (12.5, -3), (90, 1000)])
-def test_azimuth_is_periodic(azimuth: float, turns: int) -> None:
+def test_azimuth_is_periodic() -> None:
     # The angle is reduced before it becomes radians: a thousand turns cost no digits.
-    once, again = (camera_to_world(View(azimuth + 360 * k, 20)) for k in (0, turns))
+    once, again = (camera_to_world(View(12.5 + 360 * k, 20)) for k in (0, -1000))
     np.testing.assert_allclose(again, once, rtol=0, atol=4 * POSE)
-
-
-def test_the_unit_sphere_just_fits() -> None:
-    rng = np.random.default_rng(6)
-    points = rng.normal(size=(200_000, 3))
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    pixels, depth = project(points, View(31, -17))
-    radius = np.hypot(*(pixels - 64).T).max()
-    # Silhouette of a sphere of radius 1 from distance 4: sin = 1/4, so tan = 1 / sqrt(15).
-    silhouette = 232 / math.sqrt(15)
-    assert silhouette - 0.01 < radius <= silhouette + PIXELS
-    # Of 200,000 points some lie within 1e-4 of the tangent circle and of both poles of the axis.
-    assert 0.9 * 64 < silhouette < 64
-    assert 3 < depth.min() < 3.01
-    assert 4.99 < depth.max() < 5
 
 
 def test_a_point_behind_the_camera_has_a_negative_depth() -> None:
@@ -161,10 +129,9 @@ def test_a_point_behind_the_camera_has_a_negative_depth() -> None:
     np.testing.assert_allclose(depth, [-1, 0, 1], rtol=0, atol=4 * POSE)
 
 
-def test_shapes_and_types() -> None:
+def test_no_points_and_points_that_are_none() -> None:
     pixels, depth = project(np.zeros((0, 3), np.float32), View(0, 0))
     assert (pixels.shape, depth.shape) == ((0, 2), (0,))
     pixels, depth = project(np.full((2, 3), np.nan, np.float32), View(0, 0))
     assert pixels.dtype == depth.dtype == np.float64
-    assert np.isnan(pixels).all()
-    assert np.isnan(depth).all()
+    assert np.isnan([*pixels.T, depth]).all()

@@ -73,7 +73,7 @@ def test_the_same_points_from_every_format(tmp_path: Path, name: str) -> None:
     np.testing.assert_array_equal(points, POINTS)
 
 
-@pytest.mark.parametrize("kind", ["f2", "f4", "i1", "u1", "i2", "i4", "u8", "i8"])
+@pytest.mark.parametrize("kind", ["f2", "u1", "i8"])
 def test_other_types_of_numbers(tmp_path: Path, kind: str) -> None:
     values = np.arange(12).reshape(4, 3)
     np.testing.assert_array_equal(load(tmp_path, "a.npy", npy(values.astype(kind))), values)
@@ -100,27 +100,15 @@ def test_what_plyfile_writes(tmp_path: Path, text: bool, order: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.npy", "a.xyz"])
-def test_values_that_are_not_finite_are_kept(tmp_path: Path, name: str) -> None:
+def test_nothing_and_what_is_not_finite_are_kept(tmp_path: Path, name: str) -> None:
     wild = np.array([[np.nan, np.inf, -np.inf], [1e308, -0.0, 5e-324]])
-    content = {
-        "a.ply": ply("ascii", XYZ, rows(wild), 2),
-        "a.npy": npy(wild),
-        "a.xyz": rows(wild),
-    }
-    np.testing.assert_array_equal(load(tmp_path, name, content[name]), wild)
-
-
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("a.ply", ply("ascii", XYZ, b"", 0)),
-        ("b.ply", ply("binary_little_endian", XYZ, b"", 0)),
-        ("a.npy", npy(np.zeros((0, 3)))),
-        ("a.xyz", b"# nothing\n"),
-    ],
-)
-def test_no_points_is_a_cloud_too(tmp_path: Path, name: str, content: bytes) -> None:
-    assert load(tmp_path, name, content).shape == (0, 3)
+    for points in (wild, wild[:0]):
+        content = {
+            "a.ply": ply("ascii", XYZ, rows(points), len(points)),
+            "a.npy": npy(points),
+            "a.xyz": b"# nothing\n" + rows(points),
+        }
+        np.testing.assert_array_equal(load(tmp_path, name, content[name]), points)
 
 
 # --- what cannot be used --------------------------------------------------------------------------
@@ -129,7 +117,6 @@ LITTLE = "binary_little_endian"
 LIST = "element face 1\nproperty list uchar int v\n"
 BROKEN = {
     "empty.ply": (b"", "no PLY header"),
-    "text.ply": (b"hello\n" * 9, "no PLY header"),
     "endless.ply": (b"ply\n" + b"comment x\n" * 9000 + b"end_header\n", "no PLY header"),
     "no-format.ply": (b"ply\nelement vertex 0\nend_header\n", "no format"),
     "format.ply": (ply("ascii", XYZ, b"", 0).replace(b"1.0", b"2.0"), "'format ascii 2.0'"),
@@ -142,7 +129,6 @@ BROKEN = {
     "cut.ply": (ply(LITTLE, XYZ, bytes(95), 4), "4 vertices of 24 bytes .* and 95 bytes"),
     "cut-ascii.ply": (ply("ascii", XYZ, rows(), 5), "5 vertices in the header, 4 in the file"),
     "huge.ply": (ply(LITTLE, XYZ, bytes(96), 10**12 - 1), "999999999999 vertices"),
-    "huge-ascii.ply": (ply("ascii", XYZ, rows(), 10**12 - 1), "999999999999 vertices"),
     "huger.ply": (ply("ascii", XYZ, rows(), 10**19), "'element vertex 1000.*write the file again"),
     "negative.ply": (ply("ascii", XYZ, rows(), -1), "'element vertex -1'"),
     "huge-before.ply": (
@@ -160,9 +146,8 @@ BROKEN = {
     "four.npy": (npy(np.zeros((5, 4))), r"float64' of shape '\(5, 4\)'; save real numbers"),
     "line.npy": (npy(np.zeros(3)), r"of shape '\(3,\)'"),
     "complex.npy": (npy(np.zeros((5, 3), complex)), "'complex128'"),
-    "objects.npy": (npy(np.array([[{}, 1, 2]], object)), "'object'"),
-    "table.npy": (npy(np.zeros((5, 3), [("x", "f4")])), "an array of"),
     "truth.npy": (npy(np.zeros((5, 3), bool)), "'bool'"),
+    "objects.npy": (npy(np.array([[{}, 1, 2]], object)), "'object'"),
     "cut.npy": (npy(POINTS)[:-1], "claims 4 points, 96 bytes, and 95 follow"),
     "more.npy": (npy(POINTS) + b"x", "claims 4 points, 96 bytes, and 97 follow"),
     "huge.npy": (npy(POINTS).replace(b"(4, 3), }", b"(9999999999999999999999, 3), }"), "claims"),
@@ -173,12 +158,9 @@ BROKEN = {
     "gap.csv": (b"1,,2,3\n", "line 1: '' is not a number"),
     "python.xyz": (b"1_0 2 3\n", "'1_0' is not a number"),
     "semicolons.csv": (b"1;2;3\n", "line 1 has 1 columns"),
-    "decimal-commas.csv": (b"1,5 2,5 3,5\n", "'5 2' is not a number"),
     "wide.xyz": ("1 2 3\n".encode("utf-16"), "is not a number"),
-    "zeros.xyz": (bytes(9), "is not a number|columns"),
     "long.xyz": (b"1 2 3\n1 2 " + b"3" * 70000, "line 2 is longer than 65536 bytes"),
     "cloud.obj": (b"v 1 2 3\n", r"use one of \.ply, \.npy, \.xyz, \.txt, \.csv"),
-    "cloud.npz": (b"PK", "no point cloud by its name"),
     "cloud": (b"1 2 3\n", "no point cloud by its name"),
 }
 
@@ -196,14 +178,14 @@ def test_one_line_names_the_file_and_the_problem(tmp_path: Path, name: str) -> N
     assert len(message) < len(str(tmp_path)) + 250
 
 
-@pytest.mark.parametrize("name", ["little.ply", "big.ply", "dos.ply", "a.npy", "columns.npy"])
+@pytest.mark.parametrize("name", ["little.ply", "dos.ply", "a.npy"])
 def test_a_cut_binary_file_is_refused(tmp_path: Path, name: str) -> None:
     for length in range(0, len(WHOLE[name]), 7):
         with pytest.raises(BadInput):
             load(tmp_path, name, WHOLE[name][:length])
 
 
-@pytest.mark.parametrize("name", ["ascii.ply", "blank-lines.ply", "a.xyz", "a.csv"])
+@pytest.mark.parametrize("name", ["ascii.ply", "a.csv"])
 def test_a_cut_text_file_loses_nothing_but_its_end(tmp_path: Path, name: str) -> None:
     for length in range(0, len(WHOLE[name]), 7):
         with suppress(BadInput):
@@ -213,7 +195,7 @@ def test_a_cut_text_file_loses_nothing_but_its_end(tmp_path: Path, name: str) ->
             np.testing.assert_array_equal(points[:done], POINTS[:done])
 
 
-@pytest.mark.parametrize("name", ["huge.ply", "huge-ascii.ply", "huge.npy", "huge-before.ply"])
+@pytest.mark.parametrize("name", ["huge.ply", "huge.npy", "huge-before.ply"])
 def test_a_header_costs_no_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
@@ -246,18 +228,13 @@ def test_large_texts_are_refused_sooner(
 
 
 def test_missing_files_folders_and_pipes(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"gone\.ply: no such file$"):
-        load_points(tmp_path / "gone.ply")
-    (tmp_path / "folder.ply").mkdir()
+    """Every kind is read by way of `untrusted`, whose tests have the other cases."""
     os.mkfifo(tmp_path / "pipe.ply")
     (tmp_path / "device.npy").symlink_to("/dev/zero")
-    (tmp_path / "loop.csv").symlink_to("loop.csv")
     for name, problem in (
-        ("folder.ply", "cannot be read .Is a directory"),
+        ("gone.ply", r"gone\.ply: no such file$"),
         ("pipe.ply", "no regular file"),
         ("device.npy", "no regular file"),
-        ("loop.csv", "cannot be read"),
-        ("n" * 300 + ".xyz", "cannot be read"),
         ("\0.xyz", "cannot be read"),
     ):
         with pytest.raises(BadInput, match=problem):
@@ -304,14 +281,13 @@ def test_only_float32_of_three_columns(tmp_path: Path, points: np.ndarray) -> No
 def test_a_failed_write_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "a.ply"
-    path.write_bytes(b"old")
+    """How: test_whole_files. Here: that it is written so, and what the message says."""
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
+    (tmp_path / "a.ply").write_bytes(b"old")
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(CannotWrite, match=r"a\.ply: cannot be written \(No space left"):
-        save_ply(POINTS.astype("f4"), path)
-    assert path.read_bytes() == b"old"
-    assert [p.name for p in tmp_path.iterdir()] == ["a.ply"]
+        save_ply(POINTS.astype("f4"), tmp_path / "a.ply")
+    assert [p.read_bytes() for p in tmp_path.iterdir()] == [b"old"]

@@ -78,6 +78,7 @@ def test_every_condition(condition: Condition) -> None:
     assert one.points.tobytes() == same.points.tobytes()
     draws = not isinstance(condition.perturbation, Unchanged | Stride)
     assert (one.points.tobytes() != other.points.tobytes()) == draws
+    assert (one is cloud) == isinstance(condition.perturbation, Unchanged)
     number = condition.id.partition("-")[0]
     counts = {"missing-0.25": 1536, "missing-0.50": 1024, "density-3": 1024, "density-10": 1024}
     assert len(one) == (int(number) if number.isdigit() else counts.get(condition.id, 2048))
@@ -95,11 +96,6 @@ def test_odd_clouds(condition: Condition, points: list[list[float]]) -> None:
         assert (made == np.float32([0.1, 0.2, 0.3])).all()
 
 
-def test_unchanged() -> None:
-    cloud = cloud_of()
-    assert apply("2048", cloud) is cloud
-
-
 # --- fewer points ---------------------------------------------------------------------------------
 
 
@@ -108,17 +104,12 @@ def test_stride_takes_exactly_these_rows(condition: str, step: int) -> None:
     assert rows(apply(condition, cloud_of())) == list(range(0, 2048, step))
 
 
-@pytest.mark.parametrize("count", [0, 1, 3, 4, 5, 2047])
-def test_stride_rounds_up(count: int) -> None:
-    kept = Stride(4).apply(cloud_of(count), np.random.default_rng(0))
-    assert len(kept) == math.ceil(count / 4)
-
-
-def test_stride_uses_no_chance() -> None:
+@pytest.mark.parametrize("count", [0, 1, 4, 5])
+def test_stride_rounds_up_and_uses_no_chance(count: int) -> None:
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    Stride(2).apply(cloud_of(), rng)
-    Unchanged().apply(cloud_of(), rng)
+    kept = Stride(4).apply(Unchanged().apply(cloud_of(count), rng), rng)
+    assert len(kept) == math.ceil(count / 4)
     assert rng.bit_generator.state == before
 
 
@@ -139,31 +130,18 @@ def test_smaller_clouds_stay_whole() -> None:
     assert len(apply("1024-random", cloud_of(1025))) == 1024
 
 
-def test_every_row_is_kept_as_often_as_any_other() -> None:
-    total, kept, draws = 16, 4, 4000
-    rng = np.random.default_rng(3)
-    counts = np.zeros(total)
-    for _ in range(draws):
-        counts[rows(RandomSubset(kept).apply(cloud_of(total), rng))] += 1
-    # Drawing without replacement: each indicator has variance p (1 - p), and their sum is fixed,
-    # which leaves N - 1 directions of variance p (1 - p) N / (N - 1).
-    p = kept / total
-    variance = draws * p * (1 - p) * total / (total - 1)
-    statistic = ((counts - draws * p) ** 2).sum() / variance
-    assert stats.chi2.ppf(RARE, total - 1) < statistic < stats.chi2.isf(RARE, total - 1)
+def test_any_row_may_be_kept() -> None:
+    made = [rows(apply("1024-random", cloud_of(1025), seed)) for seed in (0, 1, 2)]
+    (one,), (other,), (third,) = (set(range(1025)) - set(kept) for kept in made)
+    assert one != other != third
 
 
 # --- noise ----------------------------------------------------------------------------------------
 
-NOISE = [
-    (c.id, c.perturbation.sigma) for c in CONDITIONS if isinstance(c.perturbation, GaussianNoise)
-]
 
-
-@pytest.mark.parametrize(("condition", "sigma"), NOISE[:1])
-def test_noise_is_normal_with_the_stated_deviation(condition: str, sigma: float) -> None:
-    cloud = PointCloud(np.zeros((20_000, 3)), source=MESH)
-    noise = apply(condition, cloud).points.astype(np.float64)
+def test_noise_is_normal_with_the_stated_deviation() -> None:
+    sigma = 0.05
+    noise = apply("noise-0.05", PointCloud(np.zeros((20_000, 3)))).points.astype(np.float64)
     count = noise.size
     # Standard errors: of a mean sigma / sqrt(n), of a standard deviation sigma / sqrt(2 n), of a
     # correlation 1 / sqrt(rows).
@@ -183,21 +161,6 @@ def test_noise_is_added_to_each_point() -> None:
     np.testing.assert_allclose(moved, points.astype(np.float64) + zero, rtol=0, atol=2.0**-24)
 
 
-@pytest.mark.parametrize("level", ["0.05", "0.10"])
-def test_the_codes_noise_is_twice_the_papers(level: str) -> None:
-    cloud = PointCloud(np.zeros((2048, 3)))
-    paper, code = (apply(f"noise-{level}{end}", cloud).points for end in ("", "-code"))
-    np.testing.assert_array_equal(code, 2 * paper)  # the same draws; doubling is exact
-
-
-def test_noise_on_nothing_and_on_nonsense() -> None:
-    assert apply("noise-0.10", PointCloud(np.zeros((0, 3)))).points.shape == (0, 3)
-    noisy = apply("noise-0.10", PointCloud([[np.nan, np.inf, 0.0]])).points[0]
-    assert np.isnan(noisy[0])
-    assert noisy[1] == np.inf
-    assert np.isfinite(noisy[2])
-
-
 # --- outliers -------------------------------------------------------------------------------------
 
 
@@ -210,6 +173,8 @@ def test_outliers_take_the_place_of_so_many_points(condition: str, count: int) -
     before, after = cloud.points, apply(condition, cloud).points
     strayed = (before != after).any(axis=1)
     assert strayed.sum() == count
+    assert strayed[:1024].any()
+    assert strayed[1024:].any()
     assert np.linalg.norm(after[strayed], axis=1).max() <= 1
     assert rows(PointCloud(after[~strayed])) == np.flatnonzero(~strayed).tolist()
 
@@ -224,18 +189,6 @@ def test_outliers_are_uniform_in_the_ball() -> None:
         height = made[:, axis] / radius
         assert stats.kstest(height, stats.uniform(-1, 2).cdf).pvalue > RARE
         assert abs(np.corrcoef(radius, height)[0, 1]) < SIGMAS / math.sqrt(20_000)
-
-
-def test_any_row_may_stray() -> None:
-    """Each of 40 rows with probability 1/4, whatever its place."""
-    counts, draws, rng = np.zeros(40), 2000, np.random.default_rng(5)
-    cloud = cloud_of(40)
-    for _ in range(draws):
-        counts += (Outliers(0.25).apply(cloud, rng).points != cloud.points).any(axis=1)
-    assert counts.sum() == 10 * draws
-    # As in the test of the subsets: N - 1 directions of variance p (1 - p) N / (N - 1).
-    statistic = ((counts - draws / 4) ** 2).sum() / (draws * 3 / 16 * 40 / 39)
-    assert stats.chi2.ppf(RARE, 39) < statistic < stats.chi2.isf(RARE, 39)
 
 
 # --- missing parts --------------------------------------------------------------------------------
@@ -282,8 +235,7 @@ class Upright:
         return next(self.starts)
 
 
-@pytest.mark.parametrize("ratio", [3.0, 10.0])
-@pytest.mark.parametrize("power", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize(("ratio", "power"), [(3.0, 0.3), (10.0, 1.0), (10.0, 3.0)])
 def test_every_row_stays_with_exactly_its_chance(ratio: float, power: float) -> None:
     """Heights u^power: more points at one end, at none, at the other; more is where it is dense."""
     y = np.random.default_rng(9).random(400) ** power
@@ -306,22 +258,6 @@ def test_every_row_stays_with_exactly_its_chance(ratio: float, power: float) -> 
     # A row stays for the starts of an arc of the circle 0..1 that is as long as its chance, and so
     # many equal steps hold one more or one less of them.
     assert np.abs(counts - starts * chance).max() <= 1
-
-
-def test_density_along_any_axis() -> None:
-    """What is left is denser towards a direction, another one for each cloud."""
-    whole = ball(2048)
-    leaning = np.empty((300, 3))
-    for seed in range(300):
-        leaning[seed] = apply("density-10", whole, seed).points.mean(axis=0, dtype=np.float64)
-    length = np.linalg.norm(leaning, axis=1)
-    # Of a ball along its diameter, weights 1 + 9 t with t = (1 + x) / 2 and E x^2 = 1/5:
-    # E[x (5.5 + 4.5 x)] / 5.5 = 0.9 / 5.5 = 0.1636. One of 1,024 points, half of all there are, has
-    # a mean with components of deviation at most sqrt(1/5 / 1024) = 0.014.
-    assert np.abs(length - 0.1636).max() < 4 * 0.014
-    directions = leaning / length[:, None]
-    for axis in range(3):
-        assert stats.kstest(directions[:, axis], stats.uniform(-1, 2).cdf).pvalue > RARE
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
+import io
 import json
-import math
 import pickle
 from pathlib import Path
 
@@ -72,13 +72,6 @@ def test_where_clouds_and_cameras_stand(tmp_path: Path) -> None:
     (renders(tmp_path) / "view.txt").write_text("\n".join(lines))
     found = [(v.azimuth_deg, v.elevation_deg) for v in obj.views(6, RNG)]
     assert found == [(0, 10), (-90, 0), (90, 0), (10, -5), (90, 3), (-180, 40)]
-    # A camera at azimuth a of theirs, and what is there of ours: the same point.
-    theirs = math.cos(0.5), math.sin(0.5), 0.0
-    points[:] = np.float32(0.5) * np.array(theirs, np.float32)
-    save_ply(points, clouds(tmp_path) / "a.ply")
-    x, _, z = obj.cloud(RNG).points[0]
-    # Rounded to float32 twice.
-    assert math.atan2(x, -z) == pytest.approx(-0.5, abs=2 * 2.0**-24)
 
 
 def test_transparent_pixels_are_white(tmp_path: Path) -> None:
@@ -100,8 +93,7 @@ def test_other_modes(tmp_path: Path, mode: str) -> None:
     path = tmp_path / "a.png"
     Image.new("RGB", (128, 128), (102, 102, 102)).convert(mode).save(path)
     image, found = read_image(path)
-    assert found == mode
-    assert np.unique(image).tolist() == [102]  # which the palette of P has
+    assert (found, np.unique(image).tolist()) == (mode, [102])  # which the palette of P has
 
 
 @pytest.mark.parametrize(
@@ -110,8 +102,8 @@ def test_other_modes(tmp_path: Path, mode: str) -> None:
         (lambda p: Image.new("RGBA", (224, 224)).save(p, "PNG"), "224 x 224 pixels of mode RGBA"),
         (lambda p: Image.new("I;16", (128, 128)).save(p, "PNG"), "128 x 128 pixels of mode I;16"),
         (lambda p: Image.new("RGB", (128, 128)).save(p, "JPEG"), "not a readable PNG"),
-        (lambda p: p.write_bytes(b""), "not a readable PNG"),
         (lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 99), "not a readable PNG"),
+        (lambda p: p.write_bytes(png(IMAGES[0])[:9000]), "not a readable PNG"),
         (lambda p: None, "no such file"),
     ],
 )
@@ -122,19 +114,17 @@ def test_images_that_cannot_be_used(tmp_path: Path, make, problem: str) -> None:
         read_image(path)
 
 
-def test_a_image_cut_short(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    Image.fromarray(IMAGES[0]).save(path)
-    path.write_bytes(path.read_bytes()[:9000])
-    with pytest.raises(BadInput, match="not a readable PNG"):
-        read_image(path)
+def png(image: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "PNG")
+    return file.getvalue()
 
 
 # --- splits ---------------------------------------------------------------------------------------
 
 
 def test_splits_and_classes(tmp_path: Path) -> None:
-    tree(tmp_path, "b", "a", train=("c",))
+    tree(tmp_path, "b", "stühle 椅子", train=("c",))
     split = {
         CHAIR: {"name": "chair", "train": [], "test": ["a"]},  # another: the class's own counts
         "03211117": {"name": "display,video display", "train": ["d"], "test": ["e"]},
@@ -143,7 +133,10 @@ def test_splits_and_classes(tmp_path: Path) -> None:
     (tmp_path / "all_exp.json").write_text(json.dumps(split))
     dataset = open_dataset(f"paper:{tmp_path}")
     assert dataset.classes == ("ashcan", "chair", "display")
-    assert [o.object_id for o in dataset.objects("chair", None, 0)] == ["b", "a"]
+    beyond_ascii = dataset.objects("chair", None, 0)[1]
+    assert beyond_ascii.object_id == "stühle 椅子"
+    assert beyond_ascii.cloud(RNG).points.tobytes() == CLOUD.points.tobytes()
+    assert np.array_equal(beyond_ascii.truth(VIEWS), IMAGES)
     assert [o.object_id for o in dataset.objects("chair", None, 0, "train")] == ["c"]
     (missing,) = dataset.objects("display", None, 0)
     assert dataset.irregular == (
@@ -176,18 +169,7 @@ def test_files_without_a_split(tmp_path: Path) -> None:
         open_dataset(f"paper:{tmp_path}")
 
 
-def test_ids_beyond_ascii(tmp_path: Path) -> None:
-    obj = tree(tmp_path, "stühle 椅子")
-    assert obj.cloud(RNG).points.tobytes() == CLOUD.points.tobytes()
-    assert np.array_equal(obj.truth(VIEWS), IMAGES)
-
-
 # --- what may be wrong with an object -------------------------------------------------------------
-
-
-def test_more_views_than_images(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"--views 21: .* 20 pictures; give at most --views 20"):
-        tree(tmp_path, "a").views(21, RNG)
 
 
 def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
@@ -201,33 +183,18 @@ def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        (None, "no such file"),
         ("", "no views"),
         ("1 2\n" * 19, "19 lines, and 20 images are wanted; fetch it again"),
-        ("1 2\n" * 19 + "1 x\n", "line 20: 'x' is not a number"),
         ("1 2\n" * 20, "has changed since the run began"),
     ],
 )
-def test_cameras_that_cannot_be_used(tmp_path: Path, content: str | None, problem: str) -> None:
+def test_cameras_that_cannot_be_used(tmp_path: Path, content: str, problem: str) -> None:
     obj = tree(tmp_path, "a")
-    path = renders(tmp_path) / "view.txt"
-    if content is None:
-        path.unlink()
-    else:
-        path.write_text(content)
+    (renders(tmp_path) / "view.txt").write_text(content)
     views = obj.views(20, RNG) if "changed" not in problem else VIEWS
     assert len(views) == 20  # stand-ins: the run goes on, and this object fails with the reason
     with pytest.raises(BadInput, match=problem):
         obj.truth(views)
-
-
-def test_21_lines_and_carriage_returns(tmp_path: Path) -> None:
-    obj = tree(tmp_path, "a")
-    path = renders(tmp_path) / "view.txt"
-    lines = path.read_text().splitlines()
-    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join([*lines, "0 0 0 2"]).encode())
-    assert obj.views(20, RNG) == VIEWS
-    assert np.array_equal(obj.truth(VIEWS), IMAGES)
 
 
 @pytest.mark.parametrize(
@@ -235,7 +202,6 @@ def test_21_lines_and_carriage_returns(tmp_path: Path) -> None:
     [
         (CLOUD.points[:2047], "2047 points, expected 2048"),
         (np.full((2048, 3), np.nan, np.float32), "points that are not finite"),
-        (np.zeros((0, 3), np.float32), "0 points, expected 2048"),
     ],
 )
 def test_clouds_that_cannot_be_used(tmp_path: Path, points: np.ndarray, problem: str) -> None:
@@ -255,9 +221,12 @@ def test_fewer_points_are_drawn_at_random_and_more_are_not_there(tmp_path: Path)
     assert len(obj.cloud(RNG, 4096)) == 2048
 
 
-def test_there_is_no_mesh(tmp_path: Path) -> None:
+def test_there_is_no_mesh_and_no_21st_image(tmp_path: Path) -> None:
+    obj = tree(tmp_path, "a")
     with pytest.raises(BadInput, match="has no mesh"):
-        tree(tmp_path, "a").load()
+        obj.load()
+    with pytest.raises(BadInput, match=r"--views 21: .* 20 pictures; give at most --views 20"):
+        obj.views(21, RNG)
 
 
 def test_the_fingerprint_is_that_of_all_files(tmp_path: Path) -> None:
@@ -288,6 +257,7 @@ def chair(root: Path) -> PaperObject:
     return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
 
 
+@pytest.mark.opengl
 def test_clouds_agree_with_their_images(tmp_path: Path) -> None:
     obj = chair(tmp_path)
     assert list(oddities(obj)) == []
@@ -298,7 +268,8 @@ def test_clouds_agree_with_their_images(tmp_path: Path) -> None:
     assert shares[1:].max() < 0.9
 
 
-@pytest.mark.parametrize(("sense", "turn"), READINGS[1::3])
+@pytest.mark.opengl
+@pytest.mark.parametrize(("sense", "turn"), READINGS[1::5])
 def test_other_angles_are_recognised(tmp_path: Path, sense: int, turn: int) -> None:
     obj = chair(tmp_path)
     path = renders(tmp_path) / "view.txt"

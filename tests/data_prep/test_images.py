@@ -12,15 +12,10 @@ LEVELS = np.arange(256, dtype=np.uint8)
 def test_all_levels_there_and_back() -> None:
     there = to_float(LEVELS)
     assert there.dtype == np.float32
-    assert (there[0], there[255]) == (0.0, 1.0)
-    assert (np.diff(there) > 0).all()
+    np.testing.assert_array_equal(there, (np.arange(256) / 255).astype(np.float32))  # the nearest
     back = to_uint8(there)
     assert back.dtype == np.uint8
     np.testing.assert_array_equal(back, LEVELS)
-
-
-def test_levels_are_the_nearest_float32_to_k_over_255() -> None:
-    np.testing.assert_array_equal(to_float(LEVELS), (np.arange(256) / 255).astype(np.float32))
 
 
 def test_halves_are_rounded_up() -> None:
@@ -46,18 +41,11 @@ def test_values_outside_are_clipped() -> None:
     assert to_uint8(values).tolist() == [0, 0, 0, 255, 255, 255]
 
 
-def test_shapes_are_kept() -> None:
-    images = np.random.default_rng(1).integers(0, 256, (2, 3, 5, 3), dtype=np.uint8)
-    assert to_float(images).shape == images.shape
-    np.testing.assert_array_equal(to_uint8(to_float(images)), images)
-
-
 def test_blank_is_white() -> None:
     images = blank(3)
     assert images.shape == (3, 128, 128, 3)
     assert images.dtype == np.uint8
     assert (images == 255).all()
-    assert (to_float(images) == 1.0).all()
     assert blank(0).shape == (0, 128, 128, 3)
     images[0] = 0
-    assert (blank(1) == 255).all()
+    assert (blank(1) == 255).all()  # each caller has its own

@@ -124,17 +124,13 @@ def test_a_box_in_every_format(tmp_path: Path, suffix: str) -> None:
     assert colors(mesh) == [[200, 100, 50] if colored else GREY] * 12
 
 
-def test_vertices_are_not_merged(tmp_path: Path) -> None:
+def test_vertices_are_not_merged_and_faces_are_kept(tmp_path: Path) -> None:
     # Two triangles that touch along an edge, each with corners of its own.
     vertices = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (9, 9, 9)]
-    mesh = load(tmp_path, "split.ply", ply(vertices, [(0, 1, 2), (3, 4, 5)]))
+    faces = [(0, 1, 2), (3, 4, 5), (0, 1, 2), (1, 1, 2)]  # one twice, one without area
+    mesh = load(tmp_path, "SPLIT.PLY", ply(vertices, faces))
     assert len(mesh.vertices) == 7  # the unused one stays too
-    assert mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
-
-
-def test_degenerate_and_double_faces_are_kept(tmp_path: Path) -> None:
-    faces = [*FACES, FACES[0], (1, 1, 2)]
-    assert load(tmp_path, "a.ply", ply(faces=faces)).faces.tolist() == [list(f) for f in faces]
+    assert mesh.faces.tolist() == [list(face) for face in faces]
 
 
 def test_quads_become_triangles(tmp_path: Path) -> None:
@@ -151,10 +147,6 @@ def test_quads_become_triangles(tmp_path: Path) -> None:
         assert len(corners) == 2
         # Two triangles of equal area: a square of side 1 over a radius of sqrt(0.5) has area 2.
         assert area == pytest.approx(2 * np.sqrt(2), abs=1e-6), name
-
-
-def test_upper_case_suffix(tmp_path: Path) -> None:
-    assert len(load(tmp_path, "A.PLY", ply()).faces) == 4
 
 
 def test_several_parts_become_one(tmp_path: Path) -> None:
@@ -180,14 +172,6 @@ def test_several_parts_become_one(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.vertices.max(axis=0), expected, rtol=0, atol=ROUNDING)
 
 
-def test_transforms_of_nodes_are_applied(tmp_path: Path) -> None:
-    plain = load(tmp_path, "a.glb", glb())
-    scaled = load(tmp_path, "b.glb", glb(nodes=[{"mesh": 0, "scale": [2, 4, 8]}]))
-    assert np.ptp(plain.vertices, axis=0).tolist() == pytest.approx([2 / 3**0.5] * 3, abs=ROUNDING)
-    extent = np.ptp(scaled.vertices, axis=0)
-    assert (extent / extent[0]).tolist() == pytest.approx([1, 2, 4], abs=10 * ROUNDING)
-
-
 # --- colours --------------------------------------------------------------------------------------
 
 
@@ -204,11 +188,6 @@ def test_vertex_colours_are_averaged_over_a_face(tmp_path: Path) -> None:
     mesh = load(tmp_path, "a.ply", ply(vertices, vertex_extra=channels("uchar")))
     expected = [np.mean([shades[i] for i in face], axis=0) for face in FACES]
     assert np.abs(np.array(colors(mesh)) - expected).max() < 1  # a mean is cut or rounded
-
-
-def test_vertex_colours_of_an_obj(tmp_path: Path) -> None:
-    text = "".join(f"v {x} {y} {z} 1 0 0.2\n" for x, y, z in VERTICES) + "f 1 2 3\nf 1 3 4\n"
-    assert colors(load(tmp_path, "a.obj", text)) == [[255, 0, 51]] * 2
 
 
 @pytest.mark.parametrize(("name", "content"), [("a.ply", ply()), ("a.glb", glb())])
@@ -253,19 +232,6 @@ def test_textures_become_face_colours(tmp_path: Path, material: str, expected: l
     assert np.ptp(mesh.vertices, axis=0).min() > 0.5  # the shape is unharmed
 
 
-def test_parts_of_an_obj_keep_their_materials(tmp_path: Path) -> None:
-    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
-    mesh = load(
-        tmp_path,
-        "a.obj",
-        "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
-        "usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\nf 1 2 4\n",
-    )
-    assert sorted(colors(mesh)) == [[0, 0, 255], [0, 0, 255], [255, 0, 0]]
-    (red,) = triangles(mesh)[(mesh.face_colors == (255, 0, 0)).all(axis=1)]
-    assert np.ptp(red[:, 2]) == 0  # the one in the plane z = 0
-
-
 def test_material_of_a_glb(tmp_path: Path) -> None:
     materials = [{"pbrMetallicRoughness": {"baseColorFactor": [0, 1, 0, 0.5]}}]
     primitive = {"attributes": {"POSITION": 0}, "indices": 1, "material": 0}
@@ -286,38 +252,20 @@ NAN, INF, HUGE = ((value, 0, 0) for value in ("nan", "inf", "1e300"))
 STL = "solid a\nfacet normal 0 0 1\nouter loop\n{}endloop\nendfacet\nendsolid a\n"
 BROKEN = {
     "text.ply": ("hello world\n" * 5, "not a readable mesh"),
-    "text.obj": ("hello world\n" * 5, "no faces"),
-    "text.off": ("hello world\n" * 5, "not a readable mesh"),
     "text.stl": ("hello world\n" * 5, "no faces"),
-    "text.glb": ("hello world\n" * 5, "not a readable mesh"),
-    "text.gltf": ("hello world\n" * 5, "not a readable mesh"),
     "empty.ply": ("", "not a readable mesh"),
-    "empty.obj": ("", "no faces"),
-    "empty.glb": ("", "not a readable mesh"),
-    "header.ply": ("ply\n", "not a readable mesh"),
-    "bytes.ply": (bytes(range(256)) * 9, "not a readable mesh"),
     "bytes.stl": (bytes(range(256)) * 9, "no faces"),
-    "cut-0.3.ply": (truncated(".ply", 0.3), "not a readable mesh"),
-    "cut-0.5.ply": (truncated(".ply", 0.5), "not a readable mesh"),
     "cut-0.99.ply": (truncated(".ply", 0.99), "not a readable mesh"),
     "cut-0.5.stl": (truncated(".stl", 0.5), "no faces"),
-    "cut-0.5.glb": (truncated(".glb", 0.5), "not a readable mesh"),
     "cut-0.99.glb": (truncated(".glb", 0.99), "not a readable mesh"),
     "cut-0.5.off": (truncated(".off", 0.5), "not a readable mesh"),
     "points.ply": (trimesh.PointCloud(np.eye(3)).export(file_type="ply"), "no faces"),
-    "points.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no faces"),
     "lines.obj": ("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 2 3\n", "no faces"),
     "zero-faces.ply": (ply(faces=[]), "no faces; a bare point cloud cannot be scored"),
     "nan.ply": (ply([NAN, *VERTICES[1:]]), "1 non-finite vertices of 4"),
-    "nan-unused.ply": (ply([*VERTICES, NAN]), "1 non-finite vertices of 5"),
-    "nan.obj": ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 non-finite"),
     "nan.off": ("OFF\n3 1 0\nnan 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "1 non-finite"),
-    "nan.stl": (STL.format("vertex nan 0 0\nvertex 1 0 0\nvertex 0 1 0\n"), "1 non-finite"),
     "nan.glb": (glb([(np.nan, 0, 0), *VERTICES[1:]]), "1 non-finite"),
-    "inf.ply": (ply([INF, *VERTICES[1:]]), "1 non-finite vertices of 4"),
     "huge.ply": (ply([HUGE, *VERTICES[1:]]), "1 non-finite"),
-    "huge.obj": ("v 1e300 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "1 non-finite"),
-    "huge.off": ("OFF\n3 1 0\n1e300 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "1 non-finite"),
     "huge.stl": (STL.format("vertex 1e300 0 0\nvertex 1 0 0\nvertex 0 1 0\n"), "1 non-finite"),
     "range.ply": (ply(faces=[*FACES, (0, 1, 9)]), r"outside 0\.\.3"),
     "negative.ply": (ply(faces=[*FACES, (0, 1, -1)]), r"outside 0\.\.3"),
@@ -332,9 +280,7 @@ BROKEN = {
         json.dumps({"asset": {"version": "2.0"}, "buffers": [{"byteLength": 9, "uri": "x.bin"}]}),
         "not a readable mesh",
     ),
-    "points.xyz": ("0 0 0\n1 0 0\n", "no mesh by its name"),
     "mesh.txt": ("0 0 0\n1 0 0\n", "no mesh by its name"),
-    "mesh.zip": (b"PK", "no mesh by its name"),
     "mesh": ("", r"no mesh by its name; use one of \.ply, \.obj, \.off, \.stl, \.glb, \.gltf"),
 }
 
@@ -370,12 +316,8 @@ def test_whatever_a_parser_raises_becomes_one_line(
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    path = tmp_path / "gone.ply"
     with pytest.raises(BadInput, match=r"gone\.ply: no such file$"):
-        load_mesh(path)
-    path.mkdir()
-    with pytest.raises(BadInput, match=r"gone\.ply: cannot be read \(Is a directory\)$"):
-        load_mesh(path)
+        load_mesh(tmp_path / "gone.ply")
 
 
 def test_the_largest_float32_are_no_problem(tmp_path: Path) -> None:

@@ -23,26 +23,11 @@ def triangle(vertices: object, faces: object = ((0, 1, 2),)) -> Mesh:
     )
 
 
-def extent(mesh: Mesh) -> tuple[np.ndarray, float]:
-    used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
-    return (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(used, axis=1).max())
-
-
 def test_closed_form() -> None:
     # Box 6 x 8 x 0 centred at (4, 6, 1): the corner (3, 4, 0) lies at radius 5.
     mesh = normalise(triangle([[1, 2, 1], [7, 2, 1], [1, 10, 1]]))
     expected = [[-0.6, -0.8, 0.0], [0.6, -0.8, 0.0], [-0.6, 0.8, 0.0]]
     np.testing.assert_allclose(mesh.vertices, expected, rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.parametrize("scale", [1e-30, 1e-6, 1.0, 1e6, 1e30])
-def test_any_scale_lands_on_the_unit_sphere(scale: float) -> None:
-    rng = np.random.default_rng(3)
-    vertices = (rng.normal(size=(30, 3)) + 2.0) * scale
-    mesh = normalise(triangle(vertices, np.arange(30).reshape(-1, 3)))
-    centre, radius = extent(mesh)
-    assert np.abs(centre).max() <= ROUNDING
-    assert abs(radius - 1.0) <= ROUNDING
 
 
 def test_far_from_the_origin_is_centred_in_float64() -> None:
@@ -54,38 +39,28 @@ def test_far_from_the_origin_is_centred_in_float64() -> None:
     np.testing.assert_allclose(mesh.vertices, expected, rtol=0, atol=ROUNDING)
 
 
-def test_unused_vertices_do_not_count() -> None:
+def test_unused_vertices_do_not_count_and_faces_and_colours_stay() -> None:
     vertices = [[1, 2, 1], [7, 2, 1], [1, 10, 1]]
-    alone = normalise(triangle(vertices))
-    crowded = normalise(triangle([*vertices, [1000, 0, 0]]))
-    np.testing.assert_array_equal(crowded.vertices[:3], alone.vertices)
+    alone, mesh = triangle(vertices), triangle([*vertices, [1000, 0, 0]])
+    crowded = normalise(mesh)
+    np.testing.assert_array_equal(crowded.vertices[:3], normalise(alone).vertices)
+    np.testing.assert_array_equal(crowded.faces, mesh.faces)
+    np.testing.assert_array_equal(crowded.face_colors, mesh.face_colors)
 
 
-def test_idempotent_and_leaves_the_rest_alone() -> None:
-    mesh = triangle([[1, 2, 3], [7, 2, 1], [1, 10, 1]])
-    once = normalise(mesh)
-    np.testing.assert_array_equal(once.faces, mesh.faces)
-    np.testing.assert_array_equal(once.face_colors, mesh.face_colors)
-    np.testing.assert_allclose(normalise(once).vertices, once.vertices, rtol=0, atol=2 * ROUNDING)
-
-
-def test_no_faces() -> None:
-    with pytest.raises(BadInput, match="no faces"):
-        normalise(triangle(np.zeros((3, 3)), np.zeros((0, 3))))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_non_finite_vertices_are_counted_and_located(value: float) -> None:
-    vertices = np.arange(15.0).reshape(5, 3)
-    vertices[2, 1] = vertices[4, 0] = value
-    with pytest.raises(BadInput, match=r"2 non-finite vertices of 5 .*vertex 2"):
-        normalise(triangle(vertices))
-
-
-def test_no_extent() -> None:
-    vertices = [[1, 2, 3], [1, 2, 3], [1, 2, 3], [9, 9, 9]]  # the last is not used
-    with pytest.raises(BadInput, match="all 3 vertices"):
-        normalise(triangle(vertices, [[0, 1, 2]]))
+@pytest.mark.parametrize(
+    ("vertices", "faces", "problem"),
+    [
+        (np.zeros((3, 3)), np.zeros((0, 3)), "no faces"),
+        ([(0, 0, 0), (1, 0, 0), (np.nan, 0, 0), (0, 0, 0), (0, np.inf, 0)], [(0, 1, 3)],
+         "2 non-finite vertices of 5 .*vertex 2"),
+        ([(0, -np.inf, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)], "1 non-finite vertices of 3"),
+        ([(1, 2, 3)] * 3 + [(9, 9, 9)], [(0, 1, 2)], "all 3 vertices"),  # the last is not used
+    ],
+)  # fmt: skip
+def test_meshes_that_cannot_be_used(vertices: object, faces: object, problem: str) -> None:
+    with pytest.raises(BadInput, match=problem):
+        normalise(triangle(vertices, faces))
 
 
 # --- clouds ---------------------------------------------------------------------------------------
@@ -103,12 +78,7 @@ def test_closed_form_of_a_cloud() -> None:
     assert made.source is None
 
 
-def test_two_points_lie_opposite() -> None:
-    made = normalise_points(np.array([[0, 0, 0], [2, 0, 0]], np.uint8))
-    assert made.points.tolist() == [[-1, 0, 0], [1, 0, 0]]
-
-
-@pytest.mark.parametrize("kind", ["f2", "f4", ">f8", "longdouble", "i2", "u4", "i8"])
+@pytest.mark.parametrize("kind", ["f2", ">f8", "longdouble", "i2", "u8"])
 def test_any_real_dtype(kind: str) -> None:
     values = np.array([[1, 2, 1], [7, 2, 1], [1, 10, 1]])
     given = values.astype(kind)
@@ -119,7 +89,7 @@ def test_any_real_dtype(kind: str) -> None:
     np.testing.assert_array_equal(given, before)
 
 
-@pytest.mark.parametrize("exponent", [-1020, -500, -100, -1, 1, 100, 500, 1020])
+@pytest.mark.parametrize("exponent", [-1020, -1, 1, 1020])
 def test_powers_of_two_change_nothing(exponent: int) -> None:
     # Scaling by a power of two rounds nothing, so every bit has to be the same. Few bits in the
     # values, so that none is lost where they become subnormal (2**-1020 times 2**-10 is one).
@@ -130,17 +100,7 @@ def test_powers_of_two_change_nothing(exponent: int) -> None:
     )
 
 
-@pytest.mark.parametrize("scale", [1e-300, 1e-30, 1e-3, 3.0, 1e30, 1e300, 3e307])
-def test_scale_does_not_matter(scale: float) -> None:
-    # The product rounds each coordinate by 2**-53 of itself, far below the rounding to float32:
-    # two results differ by one unit in the last place of 1 at most, 2**-24 below 1.
-    points = cloud()
-    expected = normalise_points(points).points
-    found = normalise_points(points * scale).points
-    np.testing.assert_allclose(found, expected, rtol=0, atol=2.0**-23)
-
-
-@pytest.mark.parametrize("shift", [1.0, 1e3, 1e6, -1e6, 1e9])
+@pytest.mark.parametrize("shift", [1.0, -1e6, 1e9])
 def test_a_shift_does_not_matter(shift: float) -> None:
     # Near `shift` float64 has a spacing of at most 2**-52 * |shift|, and each coordinate is moved
     # by up to half of that. So are centre and radius (each by at most sqrt(3) of it in space; the
@@ -181,20 +141,17 @@ def test_a_normalised_cloud_stays_as_it_is() -> None:
     np.testing.assert_allclose(again.points, made.points, rtol=0, atol=2 * ROUNDING)
 
 
-def test_no_points() -> None:
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_points_and_points_that_are_not_finite(value: float) -> None:
     with pytest.raises(BadInput, match=r"the cloud has no points \(0\)"):
         normalise_points(np.zeros((0, 3)))
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_non_finite_points_are_counted_and_located(value: float) -> None:
     points = cloud(9)
     points[2, 1] = points[4] = value
     with pytest.raises(BadInput, match=r"2 non-finite points of 9 .*point 2\); remove them"):
         normalise_points(points)
 
 
-@pytest.mark.parametrize(("count", "place"), [(1, 0.0), (4, 0.1), (3, 5e-324), (2, 1e308)])
+@pytest.mark.parametrize(("count", "place"), [(1, 0.0), (3, 5e-324), (2, 1e308)])
 def test_equal_points(count: int, place: float) -> None:
     with pytest.raises(
         BadInput, match=rf"^all {count} points are equal, at \[{re.escape(str(place))}, "

@@ -3,7 +3,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.orientations import MODELNET, OURS, PAPER, SHAPENET_V1, SHAPENET_V2, Orientation
+from data_prep.failures import BadInput
+from data_prep.orientations import (
+    AXES,
+    MODELNET,
+    OURS,
+    PAPER,
+    SHAPENET_V1,
+    SHAPENET_V2,
+    Orientation,
+    upright,
+)
 
 from .dataset_trees import from_ours
 
@@ -12,35 +22,17 @@ UNIT = {
     for sign in "+-"
     for axis in "XYZ"
 }
-BY_HAND = {
-    OURS: ((0, 1, 2), (1, 1, 1)),
-    SHAPENET_V1: ((2, 1, 0), (1, 1, -1)),
-    SHAPENET_V2: ((0, 1, 2), (1, 1, 1)),
-    MODELNET: ((0, 2, 1), (-1, 1, 1)),
-    PAPER: ((1, 2, 0), (-1, 1, -1)),
-}
-ALL = list(BY_HAND)
+ALL = [OURS, SHAPENET_V1, SHAPENET_V2, MODELNET, PAPER]
 
 
 @pytest.mark.parametrize("orientation", ALL)
-def test_up_and_front_arrive_where_they_belong(orientation: Orientation) -> None:
+def test_up_and_front_arrive_by_a_rotation_that_is_exact(orientation: Orientation) -> None:
     assert orientation.to_ours(UNIT[orientation.up]).tolist() == UNIT["+Y"].tolist()
     assert orientation.to_ours(UNIT[orientation.front]).tolist() == UNIT["-Z"].tolist()
-
-
-@pytest.mark.parametrize("orientation", ALL)
-def test_a_rotation_and_no_mirror(orientation: Orientation) -> None:
-    matrix = orientation.to_ours(np.eye(3)).T
-    assert np.array_equal(matrix @ matrix.T, np.eye(3))
-    assert np.linalg.det(matrix) == 1.0
-
-
-@pytest.mark.parametrize("orientation", ALL)
-def test_there_and_back_is_exact(orientation: Orientation) -> None:
+    assert np.linalg.det(orientation.to_ours(np.eye(3))) == 1.0  # no mirror
     points = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
     back = from_ours(orientation, orientation.to_ours(points))
-    assert back.tobytes() == points.tobytes()
-    assert back.dtype == np.float32
+    assert (back.tobytes(), back.dtype) == (points.tobytes(), np.float32)
 
 
 def test_version_1_becomes_version_2_as_others_turn_it() -> None:
@@ -50,7 +42,6 @@ def test_version_1_becomes_version_2_as_others_turn_it() -> None:
     v2_to_srn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
     expected = v2_to_srn.T @ v1_to_srn
     assert np.array_equal(SHAPENET_V1.to_ours(np.eye(3)).T, expected)
-    assert SHAPENET_V1.to_ours(np.array([1.0, 2.0, 3.0])).tolist() == [3.0, 2.0, -1.0]
 
 
 def test_the_papers_clouds_are_version_1_in_blender() -> None:
@@ -78,6 +69,75 @@ def test_the_original_turns_clouds_and_cameras_alike() -> None:
 
 
 def test_the_message() -> None:
-    assert OURS.message == "+Y up, front -Z: taken as it is"
-    assert SHAPENET_V1.message == "+Y up, front +X: (x, y, z) becomes (z, y, -x)"
-    assert PAPER.message == "+Z up, front +X: (x, y, z) becomes (-y, z, -x)"
+    assert [orientation.message for orientation in ALL] == [
+        "+Y up, front -Z: taken as it is",
+        "+Y up, front +X: (x, y, z) becomes (z, y, -x)",
+        "+Y up, front -Z: taken as it is",
+        "+Z up, front -Y: (x, y, z) becomes (-x, z, y)",
+        "+Z up, front +X: (x, y, z) becomes (-y, z, -x)",
+    ]
+
+
+# --- axes that a user gives -----------------------------------------------------------------------
+
+PAIRS = [(up, front) for up in AXES for front in AXES if up[-1] != front[-1]]
+
+
+def unit(axis: str) -> np.ndarray:
+    return UNIT[("" if axis[0] == "-" else "+") + axis.upper()]
+
+
+def test_our_own_axes_change_no_bit():
+    points = np.array([[np.nan, -np.inf, -0.0], [1e-310, 2.0, 3.0]])
+    assert upright(points).tobytes() == points.tobytes()
+    assert upright(points, "y", "-z").tobytes() == points.tobytes()
+
+
+def test_z_up_as_scans_have_it():
+    """East x, north y, up z: one who looks north sees the front, with east on the right.
+
+    At azimuth 0 our camera stands on -Z and sees -X on its right.
+    """
+    east, north, top = upright(np.eye(3), "z")
+    assert east.tolist() == [-1, 0, 0]
+    assert north.tolist() == [0, 0, 1]
+    assert top.tolist() == [0, 1, 0]
+
+
+def test_every_pair_of_axes_is_a_turn():
+    turns = {axes: upright(np.eye(3), *axes) for axes in PAIRS}
+    for (up, front), turned in turns.items():
+        assert np.linalg.det(turned) == 1  # no mirror
+        assert (turned @ turned.T == np.eye(3)).all()
+        assert (unit(up) @ turned).tolist() == [0, 1, 0]
+        assert (unit(front) @ turned).tolist() == [0, 0, -1]
+    assert len({turned.tobytes() for turned in turns.values()}) == 24
+
+
+@pytest.mark.parametrize(
+    ("up", "front"),
+    [("y", "-z"), ("-y", "-z"), ("x", "-z"), ("-x", "-z"), ("z", "-y"), ("-z", "-y")],
+)
+def test_the_front_where_it_is_not_given(up, front):
+    points = np.arange(6.0).reshape(2, 3)
+    assert (upright(points, up) == upright(points, up, front)).all()
+
+
+def test_values_that_are_not_finite_stay_where_they_are():
+    assert upright(np.empty((0, 3)), "z").shape == (0, 3)
+    points = np.array([[np.inf, 2.0, np.nan]])
+    assert np.array_equal(upright(points, "z"), [[-np.inf, np.nan, 2.0]], equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("axes", "message"),
+    [
+        (("w",), "up 'w': no axis; give one of x, -x, y, -y, z, -z"),
+        (("y", "+z"), "front '+z': no axis; give one of x, -x, y, -y, z, -z"),
+        (("z", "-z"), "front '-z': along up, which is 'z'; give one of x, -x, y, -y"),
+    ],
+)
+def test_axes_that_are_none(axes, message):
+    with pytest.raises(BadInput) as error:
+        upright(np.empty((0, 3)), *axes)
+    assert str(error.value) == message

@@ -24,7 +24,6 @@ def views(tmp_path: Path, content: str | bytes) -> tuple[View, ...]:
 @pytest.mark.parametrize(
     "content",
     [
-        "-180 40\n12.5 -39.75\n",
         "-180 40\n12.5 -39.75",
         "-180.0 4e1 0 2\n12.5 -39.75 0.5 2\n",  # further numbers, as `[:, 0:2]` of the original
         "  -180\t40  \r\n+12.5   -39.75\r\n\r\n\n",
@@ -39,20 +38,15 @@ def test_a_line_is_a_view(tmp_path: Path, content: str | bytes) -> None:
     ("content", "problem"),
     [
         ("", "no views"),
-        ("\n\n", "no views"),
         ("1 2\n\n3 4\n", "line 2 has 0 numbers"),
-        ("1 2\n3\n", "line 2 has 1 numbers"),
         ("1 " * 17, "line 1 has 17 numbers"),
-        ("1 2\n3 x\n", "line 2: 'x' is not a number"),
-        ("1 2 x\n", "line 1: 'x' is not a number"),
+        ("1 2\n3\n", "line 2 has 1 numbers"),
+        ("1 2\n3 4 x\n", "line 2: 'x' is not a number"),
         ("1_0 2\n", "'1_0' is not a number"),
         ("１ 2\n", "is not a number"),
-        ("1,2\n", "line 1 has 1 numbers"),
-        ("nan 2\n", "line 1: azimuth_deg must be finite, got nan"),
         ("1e999 2\n", "azimuth_deg must be finite, got inf"),
         ("1 91\n", r"line 1: elevation_deg must lie in -90\.\.90, got 91"),
         ("1 nan\n", "elevation_deg must lie"),
-        ("1 2\0\n", "is not a number"),
         (b"1 2\n\xff\xfe\n", "not UTF-8 at byte 4"),
         ("1 2\n" * 20000, "80000 bytes, and at most 65536 are read"),
     ],
@@ -87,32 +81,15 @@ def test_classes_of_a_split(tmp_path: Path) -> None:
     }
 
 
-LEADING_OUT = [
-    "..",
-    ".",
-    "",
-    "../x",
-    "/etc/passwd",
-    "a/b",
-    "a\\b",
-    "C:\\x",
-    "a\0b",
-    "a\nb",
-    "\x1b[",
-]
-LEADING_OUT += [3, None, ["x"], {}, True]
-LEADING_OUT += ["\x1b[", "\u202ex", "\u200b", "\ud800", "x" * 201, "\x7f", "\x85"]
+LEADING_OUT = ["..", ".", "", "../x", "/etc/passwd", "a\\b", "a\0b", "a\nb", "\x1b["]
+LEADING_OUT += ["\u202ex", "\ud800", "x" * 201]
 
 
 @pytest.mark.parametrize("bad", LEADING_OUT)
 @pytest.mark.parametrize("where", ["train", "test", "synset"])
-def test_an_id_leads_nowhere(tmp_path: Path, bad: object, where: str) -> None:
-    if where == "synset":
-        if not isinstance(bad, str):
-            pytest.skip("JSON has no other keys")
-        content = {bad: CHAIR}
-    else:
-        content = {"03001627": CHAIR | {where: ["fine", bad]}}
+def test_an_id_leads_nowhere(tmp_path: Path, bad: str, where: str) -> None:
+    entry = CHAIR if where == "synset" else CHAIR | {where: ["fine", bad]}
+    content = {bad if where == "synset" else "03001627": entry}
     with pytest.raises(BadInput, match=r"expected {synset: {name, train: \[ids\]") as failure:
         split(tmp_path, content)
     message = str(failure.value)
@@ -123,23 +100,18 @@ def test_an_id_leads_nowhere(tmp_path: Path, bad: object, where: str) -> None:
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ("", "not JSON that can be read"),
         ("{", "not JSON that can be read"),
         (b"\xff{}", "not UTF-8 at byte 0"),
         ("[" * 100_000, "not JSON that can be read .maximum recursion"),
-        ('{"a":' * 100_000, "not JSON that can be read .maximum recursion"),
-        ("9" * 5000, "not JSON that can be read"),
         ([], "no classes"),
         ({}, "no classes"),
         ("3", "no classes"),
-        ("NaN", "no classes"),
         ({"1": []}, "class '1' has no name"),
-        ({"1": {"train": [], "test": []}}, "class '1' has no name"),
         ({"1": CHAIR | {"name": 3}}, "class '1' has no name"),
+        ({"1": CHAIR | {"train": "abc"}}, "class '1' has no list 'train'"),
+        ({"1": CHAIR | {"test": [True]}}, "'True' is not a text"),
         ({"1": CHAIR | {"name": "a\nb"}}, "characters that cannot be seen"),
         ({"1": {"name": "chair", "train": []}}, "class '1' has no list 'test'"),
-        ({"1": CHAIR | {"train": "abc"}}, "class '1' has no list 'train'"),
-        ({"1": CHAIR | {"train": ["a", "b", "a"]}}, "class '1' lists 'a' twice"),
         ({"1": CHAIR | {"train": ["a"], "test": ["a"]}}, "class '1' lists 'a' twice"),
         ('{"1": 0, "1": 0}', "'1' is there twice"),
     ],
@@ -173,8 +145,7 @@ def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.parametrize("read", [read_views, read_split])
-def test_missing_files_folders_and_pipes(tmp_path: Path, read) -> None:
+def test_what_is_no_file(tmp_path: Path, read) -> None:
     os.mkfifo(tmp_path / "pipe")
-    for name, problem in (("gone", "no such file"), ("", "Is a directory"), ("pipe", "no regular")):
-        with pytest.raises(BadInput, match=problem):
-            read(tmp_path / name)
+    with pytest.raises(BadInput, match="no regular"):
+        read(tmp_path / "pipe")

@@ -17,16 +17,6 @@ def test_sizes_of_the_paper() -> None:
     assert (IMAGE_SIZE, CLOUD_SIZE) == (128, 2048)
 
 
-def test_mesh_from_lists() -> None:
-    mesh = Mesh(VERTICES, FACES, COLORS)
-    assert (mesh.vertices.dtype, mesh.vertices.shape) == (np.float32, (4, 3))
-    assert (mesh.faces.dtype, mesh.faces.shape) == (np.int32, (2, 3))
-    assert (mesh.face_colors.dtype, mesh.face_colors.shape) == (np.uint8, (2, 3))
-    assert mesh.vertices.tolist() == VERTICES
-    assert mesh.faces.tolist() == FACES
-    assert mesh.face_colors.tolist() == COLORS
-
-
 def test_float64_is_rounded_to_nearest() -> None:
     # One third of an ulp (2**-23 above 1) goes down, two thirds go up.
     ulp = 2.0**-23
@@ -42,6 +32,8 @@ def test_arrays_are_contiguous_copies_that_cannot_be_written() -> None:
     assert mesh.vertices.tolist() == cloud.points.tolist() == VERTICES
     assert mesh.faces.tolist() == FACES
     assert mesh.face_colors.tolist() == COLORS
+    types = [array.dtype for array in (mesh.vertices, mesh.faces, mesh.face_colors, cloud.points)]
+    assert types == [np.float32, np.int32, np.uint8, np.float32]
     for array in (mesh.vertices, mesh.faces, mesh.face_colors, cloud.points):
         assert array.flags.c_contiguous
         with pytest.raises(ValueError, match="read-only"):
@@ -82,40 +74,31 @@ def test_impossible_meshes(change: dict[str, object], problem: str) -> None:
         Mesh(**parts)
 
 
-def test_last_vertex_may_be_used_and_others_need_not_be() -> None:
-    assert Mesh(VERTICES, [[3, 3, 3]], COLORS[:1]).faces.max() == 3
-
-
 @pytest.mark.parametrize("vertices", [VERTICES, np.zeros((0, 3))])
 def test_mesh_without_faces(vertices: object) -> None:
-    empty = np.zeros((0, 3))
-    mesh = Mesh(vertices, empty, empty)
+    mesh = Mesh(vertices, np.zeros((0, 3)), np.zeros((0, 3)))
     assert mesh.faces.shape == mesh.face_colors.shape == (0, 3)
+    assert (mesh.faces.dtype, mesh.face_colors.dtype) == (np.int32, np.uint8)
 
 
 def test_cloud() -> None:
-    mesh = Mesh(VERTICES, FACES, COLORS)
-    cloud = PointCloud(VERTICES, source=mesh)
-    assert len(cloud) == 4
-    assert cloud.points.dtype == np.float32
-    assert cloud.source is mesh
+    mesh = Mesh(VERTICES, [[3, 3, 3]], COLORS[:1])  # the last vertex may be used, others need not
+    assert len(PointCloud(VERTICES, source=mesh)) == 4
+    assert PointCloud(VERTICES, source=mesh).source is mesh
     assert PointCloud(VERTICES).source is None
-
-
-def test_judging_a_cloud_is_up_to_the_method() -> None:
+    # Judging a cloud is up to the method.
     assert len(PointCloud(np.zeros((0, 3)))) == 0
     points = [[np.nan, np.inf, -np.inf], [0, 0, 0]]
     np.testing.assert_array_equal(PointCloud(points).points, points)
 
 
-@pytest.mark.parametrize("shape", [(3,), (4, 2), (4, 4), (0,), (2, 4, 3)])
+@pytest.mark.parametrize("shape", [(3,), (4, 2), (4, 4), (2, 4, 3)])
 def test_impossible_clouds(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="points: expected shape"):
         PointCloud(np.zeros(shape))
 
 
-@pytest.mark.parametrize("elevation", [-90, -40, 0.0, 40, 90])
-@pytest.mark.parametrize("azimuth", [-180, 0, 180, 540.5, -1e6])
+@pytest.mark.parametrize(("azimuth", "elevation"), [(-180, -90), (540.5, 40), (-1e6, 90)])
 def test_views_within_the_limits(azimuth: float, elevation: float) -> None:
     view = View(azimuth, elevation)
     assert (view.azimuth_deg, view.elevation_deg) == (azimuth, elevation)
@@ -127,10 +110,8 @@ def test_views_within_the_limits(azimuth: float, elevation: float) -> None:
     ("azimuth", "elevation", "what"),
     [
         (math.nan, 0, "azimuth_deg"),
-        (math.inf, 0, "azimuth_deg"),
         (-math.inf, 0, "azimuth_deg"),
         (0, math.nan, "elevation_deg"),
-        (0, math.inf, "elevation_deg"),
         (0, math.nextafter(90, 91), "elevation_deg"),
         (0, math.nextafter(-90, -91), "elevation_deg"),
     ],

@@ -11,21 +11,20 @@ from data_prep.untrusted import MIB, is_regular_file, open_file, read_file, show
 
 
 def test_bytes_as_they_are(tmp_path: Path) -> None:
-    path = tmp_path / "a"
     content = bytes(range(256)) * 10
-    path.write_bytes(content)
-    assert read_file(path, 2560) == content
+    (tmp_path / "a").write_bytes(content)
     (tmp_path / "link").symlink_to("a")
     assert read_file(tmp_path / "link", 10**6) == content
-    with open_file(path, 2560) as file:
+    with open_file(tmp_path / "a", 2560) as file:
         assert file.read(3) == b"\0\1\2"
     assert file.closed
-    path.write_bytes(b"")
-    assert read_file(path, 0) == b""
+    (tmp_path / "a").write_bytes(b"")
+    assert read_file(tmp_path / "a", 0) == b""
 
 
 def test_one_byte_too_many(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"12345")
+    assert read_file(tmp_path / "a", 5) == b"12345"
     with pytest.raises(
         BadInput, match=r"/a: 5 bytes, and at most 4 are read; give a smaller file$"
     ):
@@ -93,14 +92,10 @@ def test_a_folder_that_may_not_be_searched(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        ("a", "'a'"),
-        (b"a", "'a'"),
-        ("a\nb\x1b\u202e", r"'a\nb\x1b\u202e'"),
         (b"\xff\0", r"'\xff\x00'"),
-        ("it's", '"it\'s"'),
+        ("a\nb\x1b\u202e", r"'a\nb\x1b\u202e'"),
         ("x" * 40, f"'{'x' * 40}'"),
-        ("x" * 41, f"'{'x' * 40}'..."),
-        (b"x" * 10**6, f"'{'x' * 40}'..."),
+        (b"x" * 41, f"'{'x' * 40}'..."),
     ],
 )
 def test_quoted_values(value: str | bytes, expected: str) -> None:

@@ -1,6 +1,8 @@
-"""Objects that a test looks at, drawn at random by structural family."""
+"""Objects that a test looks at, drawn at random by structural family; read only."""
 
 from __future__ import annotations
+
+import functools
 
 import numpy as np
 
@@ -10,7 +12,8 @@ from data_prep.shapes.shape_class import Drawn
 Families = dict[str, list[Drawn]]
 
 
-def of_each_family(name: str, seed: int, count: int) -> Families:
+@functools.cache
+def of_each_family(name: str, seed: int = 4, count: int = 2) -> Families:
     """That many objects of each family of a class."""
     rng = np.random.default_rng(seed)
     return {

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.shapes.chances import chance, pick
 from data_prep.shapes.shape_class import shape_class
 from data_prep.shapes.solids import box
 
-GREY = (120, 121, 122)
+LAST = 1 - 2**-53  # the largest number in [0, 1)
 
 
 class Fixed(np.random.Generator):
@@ -23,35 +23,22 @@ class Fixed(np.random.Generator):
 
 @pytest.mark.parametrize(
     ("number", "key"),
-    [(0.0, "a"), (0.124, "a"), (0.125, "b"), (0.874, "b"), (0.875, "c"), (1 - 2**-53, "c")],
+    [(0.0, "a"), (0.124, "a"), (0.125, "b"), (0.874, "b"), (0.875, "c"), (LAST, "c")],
 )
 def test_a_key_has_the_share_of_its_weight(number: float, key: str) -> None:
-    # An eighth, six eighths, an eighth: weights need not add up to 1.
-    assert pick(Fixed(number), {"a": 0.5, "b": 3.0, "c": 0.5}) == key
-
-
-def test_a_key_without_weight_is_never_drawn() -> None:
-    weights = {"none": 0.0, "all": 1.0, "nor": 0.0}
-    assert {pick(Fixed(number), weights) for number in (0.0, 0.5, 1 - 2**-53)} == {"all"}
+    # An eighth, six eighths, an eighth: weights need not add up to 1, and 0 is never drawn.
+    assert pick(Fixed(number), {"0": 0.0, "a": 0.5, "b": 3.0, "c": 0.5, "d": 0.0}) == key
 
 
 def test_a_chance_is_the_share_of_numbers_below_it() -> None:
     assert [chance(Fixed(number), 0.25) for number in (0.0, 0.249, 0.25)] == [True, True, False]
     assert not chance(Fixed(0.0), 0.0)
-    assert chance(Fixed(1 - 2**-53), 1.0)
-
-
-def test_uniform_numbers_fill_their_range() -> None:
-    rng = np.random.default_rng(0)
-    numbers = [uniform(rng, (-1.0, 3.0)) for _ in range(1000)]
-    assert all(isinstance(number, float) for number in numbers)
-    assert -1.0 <= min(numbers) < -0.9
-    assert 2.9 < max(numbers) <= 3.0
+    assert chance(Fixed(LAST), 1.0)
 
 
 def test_a_class_draws_its_family_by_weight_and_then_builds_it() -> None:
     def cube(size: float):
-        return lambda rng: [box((0, 0, 0), (size, size, size + rng.uniform()), GREY)]
+        return lambda rng: [box((0, 0, 0), (size, size, size + rng.uniform()), (120, 121, 122))]
 
     of_cubes = shape_class("cube", {"small": (0.25, cube(1.0)), "large": (0.75, cube(2.0))})
     assert (of_cubes.name, of_cubes.families) == ("cube", ("small", "large"))

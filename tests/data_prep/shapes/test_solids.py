@@ -73,8 +73,7 @@ def test_closed_and_outward(part: Part) -> None:
     assert judged.volume > 0
     assert signed_volume(part.vertices, part.faces) == pytest.approx(judged.volume, rel=EXACT)
     assert judged.area_faces.min() > 0
-    assert part.vertices.dtype == np.float64
-    assert part.faces.dtype == np.int32
+    assert (part.vertices.dtype, part.faces.dtype) == (np.float64, np.int32)
 
 
 def test_box() -> None:
@@ -85,7 +84,7 @@ def test_box() -> None:
     np.testing.assert_allclose(part.vertices.max(axis=0), [2, 3.5, 5.5])
 
 
-@pytest.mark.parametrize("sides", [3, 4, 7, 20])
+@pytest.mark.parametrize("sides", [3, 20])
 def test_prism(sides: int) -> None:
     outline = polygon(sides, 0.4)
     base, edge = polygon_area(sides, 0.4), polygon_edge(sides, 0.4)
@@ -112,22 +111,6 @@ def test_frustum(sides: int) -> None:
         assert solid(part).area == pytest.approx(expected_area, rel=EXACT)
 
 
-def test_slab_bevel() -> None:
-    # 2 x 1 x 0.6 with 0.1 off every level edge: a box 0.4 high between two prismatoids 0.1 high,
-    # whose sections are 2 x 1, 1.9 x 0.9 and 1.8 x 0.8 (Simpson's rule is exact for them).
-    part = slab(rectangle(1, 1), (0, 0, 0), (2, 0.6, 1), GREY, bevel=0.1)
-    expected = 2 * 0.4 + 2 * 0.1 / 6 * (2 + 4 * 1.9 * 0.9 + 1.8 * 0.8)
-    assert solid(part).volume == pytest.approx(expected, rel=EXACT)
-    np.testing.assert_allclose(part.vertices.max(axis=0), [1, 0.3, 0.5])
-
-
-def test_straight_tube() -> None:
-    section, girth = polygon_area(8, 0.1), 8 * polygon_edge(8, 0.1)
-    judged = solid(tube([(1, 0, 0), (3, 1, -2)], 0.1, GREY))  # length 3
-    assert judged.volume == pytest.approx(3 * section, rel=EXACT)
-    assert judged.area == pytest.approx(3 * girth + 2 * section, rel=EXACT)
-
-
 def test_mitred_sweep_keeps_its_section() -> None:
     # Mitres cut wedges off one segment that its neighbour gets back, so volume = area x length.
     length = np.linalg.norm(np.diff(np.array(BENT), axis=0), axis=1).sum()
@@ -138,14 +121,11 @@ def test_mitred_sweep_keeps_its_section() -> None:
     assert solid(SOLIDS["tube-bent"]).volume == pytest.approx(expected, rel=EXACT)
 
 
-def test_hoop() -> None:
+def test_hoop_and_rim() -> None:
     # Sixteen mitred segments: the mitre planes hold the given section, so the section across a
     # segment is cos(pi/16) of it, and a segment is a chord 2 R sin(pi/16) long.
     expected = polygon_area(6, 0.05) * 0.5 * 16 * math.sin(2 * math.pi / 16)
     assert solid(SOLIDS["hoop"]).volume == pytest.approx(expected, rel=EXACT)
-
-
-def test_rim() -> None:
     part = rim(rectangle(2, 1), 0.3, 0.5, 0.1, GREY)
     assert solid(part).volume == pytest.approx(0.2 * (2 - 1.8 * 0.8), rel=EXACT)
 
@@ -163,15 +143,7 @@ def test_curved_panel(half_angle: float) -> None:
     assert part.vertices[:, 2].min() < 0
 
 
-def test_curved_panel_follows_its_heights() -> None:
-    low, high = np.linspace(0, 0.1, 11), np.linspace(0.5, 1.0, 11)
-    vertices = curved_panel(0.4, 1.0, 0.05, low, high, GREY).vertices
-    left, right = vertices[vertices[:, 0].argmin()], vertices[vertices[:, 0].argmax()]
-    assert left[1] in (0.0, 0.5)
-    assert right[1] in (0.1, 1.0)
-
-
-@pytest.mark.parametrize("steps", [1, 3, 50])
+@pytest.mark.parametrize("steps", [1, 3])
 def test_rounded_corners(steps: int) -> None:
     # A parabola cuts r^2 / 6 off a right angle; n chords of equal parameter cut r^2 / (3 n^2) more.
     outline = rounded(rectangle(2, 1), 0.2, steps=steps)
@@ -179,13 +151,6 @@ def test_rounded_corners(steps: int) -> None:
     area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
     assert area == pytest.approx(2 - 4 * 0.2**2 * (1 / 6 + 1 / (3 * steps**2)), rel=EXACT)
     assert len(outline) == 4 * (steps + 1)
-
-
-def test_fillet_keeps_the_ends_and_straight_paths() -> None:
-    path = fillet(BENT, 0.2, steps=4)
-    assert len(path) == 2 + 3 * 5
-    np.testing.assert_array_equal(path[[0, -1]], np.array(BENT, dtype=float)[[0, -1]])
-    np.testing.assert_array_equal(fillet(BENT[:2], 0.2), BENT[:2])
 
 
 def test_moved_leans_backwards_then_shifts() -> None:
