@@ -29,8 +29,13 @@ def points(*rows):
     return torch.tensor([rows], dtype=torch.float64)
 
 
-def test_chamfer_of_two_single_points_is_twice_the_squared_distance():
-    assert chamfer(points([0.0, 0.0, 0.0]), points([1.0, 2.0, 2.0])).item() == 18.0
+def test_chamfer_by_hand():
+    origin = points([0.0, 0.0, 0.0])
+    assert chamfer(origin, points([1.0, 2.0, 2.0])).item() == 2 * 9
+    assert chamfer(origin, points([0.0, 0.0, 0.0], [2.0, 0.0, 0.0])).item() == 0 + (0 + 4) / 2
+    far = torch.rand(2, 50, 3) + 1000
+    assert chamfer(far, far.flip(1)).item() == 0
+    assert chamfer(torch.full((1, 4, 3), math.nan), torch.rand(1, 4, 3)).isnan()
 
 
 def test_chamfer_with_half_a_cloud_in_a_plane_while_denormals_are_flushed():
@@ -46,16 +51,6 @@ def test_chamfer_with_half_a_cloud_in_a_plane_while_denormals_are_flushed():
     assert (run.returncode, run.stdout.strip()) == (0, "6e-06")
 
 
-def test_chamfer_is_not_symmetric_in_the_number_of_points():
-    a, b = points([0.0, 0.0, 0.0]), points([0.0, 0.0, 0.0], [2.0, 0.0, 0.0])
-    assert chamfer(a, b).item() == 0 + (0 + 4) / 2
-
-
-def test_chamfer_of_equal_sets_is_exactly_zero_far_from_the_origin():
-    a = torch.rand(2, 50, 3) + 1000
-    assert chamfer(a, a.flip(1)).item() == 0
-
-
 def test_chamfer_agrees_with_all_pairs():
     rng = torch.Generator().manual_seed(0)
     a = torch.rand(3, 40, 3, generator=rng, dtype=torch.float64).requires_grad_()
@@ -67,11 +62,6 @@ def test_chamfer_agrees_with_all_pairs():
     (found_grad,) = torch.autograd.grad(found, a)
     assert abs(found.item() - expected.item()) < 1e-14
     assert (found_grad - expected_grad).abs().max() < 1e-14
-
-
-def test_chamfer_hands_nan_on():
-    a = torch.rand(1, 4, 3)
-    assert chamfer(a.clone().fill_(math.nan), a).isnan()
 
 
 @pytest.mark.parametrize(
