@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
 
@@ -85,44 +84,41 @@ def test_bad_configurations_are_refused(gan_data, tmp_path):
         GanConfig(warm_up=5)
 
 
-@pytest.fixture(scope="module")
-def paired_checkpoint(tmp_path_factory):
-    return TRAININGS["gan-paired"](tmp_path_factory.mktemp("paired"), 3, warm_up=2)
+def paired_trainer(data, out_dir, **changes):
+    encoder = seeded(0, lambda: build_encoder(PAIRED))
+    config = GanConfig(**{"model": PAIRED, "objective": "paired", "batch": 2} | changes)
+    return trainer_of(train_gan.train_gan, data, encoder, config, out_dir)
 
 
-def test_warming_up_leaves_the_discriminator_out(paired_checkpoint):
-    with paired_checkpoint.with_name("losses.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    adversarial = [
-        {float(value) for name, value in row.items() if name.startswith(("d_", "g_"))}
-        for row in rows
-    ]
-    assert adversarial[0] == adversarial[1] == {0.0}
-    assert 0.0 not in adversarial[2]
+def test_warming_up_leaves_the_discriminator_out_at_a_higher_rate(gan_data, tmp_path):
+    trainer = paired_trainer(gan_data, tmp_path, warm_up=2)
+    weight = trainer.generator.dense.weight
+    assert (weight[:, :128] == 0).all()  # it starts without noise
+    assert (weight[:, 128:] != 0).any()
+    for step in (1, 2, 3):
+        losses = trainer.take_step()
+        adversarial = {float(losses[name]) for name in losses if name.startswith(("d_", "g_"))}
+        assert (adversarial == {0.0}) == (step <= 2)
+        assert (0.0 in adversarial) == (step <= 2)
+        rate = trainer.generator_adam.param_groups[0]["lr"]
+        assert rate == pytest.approx(4e-4 if step <= 2 else 1e-4)
+    expected = "generator 0.0004 up to step 2, then 0.0001, discriminator 0.0002"
+    assert trainer.learning_rates(3) == expected
+    assert trainer.learning_rates(2) == "generator 0.0004 up to step 2"
 
 
-def test_paired_trains_the_encoder_and_exports_its_average(paired_checkpoint, tmp_path):
-    state, _, _ = checkpoint.load(paired_checkpoint, "gan")
+def test_paired_trains_the_encoder_and_exports_its_average(tmp_path):
+    path = TRAININGS["gan-paired"](tmp_path / "run", 2)
+    state, _, _ = checkpoint.load(path, "gan")
     start = seeded(0, lambda: build_encoder(PAIRED)).state_dict()
     trained = checkpoint.sub_state(state, "drawing.encoder")
     assert all(not torch.equal(start[key], trained[key]) for key in start)
-    export(paired_checkpoint, tmp_path / "w.safetensors")
+    export(path, tmp_path / "w.safetensors")
     loaded = load_weights(tmp_path / "w.safetensors")
     assert loaded.encoder.config == PAIRED
     average = state["average.encoder.points.0.bias"]
     assert torch.equal(loaded.encoder.points[0].bias, average)
     assert not torch.equal(average, trained["points.0.bias"])
-    expected = "generator 0.0004 up to step 2, then 0.0001, discriminator 0.0002"
-    assert loaded.card["learning_rates"] == expected
-
-
-def test_paired_starts_without_noise(gan_data, tmp_path):
-    encoder = seeded(0, lambda: build_encoder(PAIRED))
-    config = GanConfig(model=PAIRED, objective="paired")
-    trainer = trainer_of(train_gan.train_gan, gan_data, encoder, config, tmp_path)
-    weight = trainer.generator.dense.weight
-    assert (weight[:, :128] == 0).all()
-    assert (weight[:, 128:] != 0).any()
 
 
 def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data, tmp_path):
@@ -134,8 +130,6 @@ def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data, t
         gan_data.clouds[:1],
     )
     one.images[0, 0, 32:96, 32:96] = (200, 40, 90)
-    encoder = seeded(0, lambda: build_encoder(PAIRED))
-    config = GanConfig(model=PAIRED, objective="paired", warm_up=99, batch=1, generator_lr=1e-3)
-    trainer = trainer_of(train_gan.train_gan, one, encoder, config, tmp_path)
+    trainer = paired_trainer(one, tmp_path, warm_up=99, generator_lr=1e-3)
     errors = [trainer.take_step()["reconstruction"] for _ in range(60)]
     assert np.mean(errors[-5:]) < 0.25 * np.mean(errors[:5])

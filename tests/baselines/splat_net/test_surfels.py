@@ -191,7 +191,7 @@ def test_one_outlier_spoils_nothing_but_its_neighbours(far):
 
 
 def test_where_a_cloud_is_does_not_matter():
-    """Multiples of 1/32, which float32 has out there as well."""
+    # multiples of 1/32, which float32 has out there as well
     cloud = np.random.default_rng(0).integers(-32, 32, (300, 3)).astype(np.float32) / 32
     here, there = find_surfels(cloud), find_surfels(cloud + np.float32(2.0**16))
     np.testing.assert_allclose(there.variation, here.variation, rtol=0, atol=ROUNDED)
