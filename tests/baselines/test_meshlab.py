@@ -9,7 +9,10 @@ import pymeshlab
 import pytest
 
 from baselines.meshlab import GRID_MARGIN, MeshLab
-from data_prep.failures import BadInput, MissingDependency
+from baselines.surface import closed_surface
+from data_prep.failures import MissingDependency
+
+from .clouds import RADIUS, lattice_sphere
 
 # ball-pivoting-close-holes-mc-rotate.mlx of roatienza/pc2pix@23b7b46d, without its rotations.
 ORIGINAL = [
@@ -47,10 +50,7 @@ def value_of(text: str) -> float | bool:
 
 def test_meshlab_confirms_the_originals_parameters(tmp_path: Path) -> None:
     """MeshLab keeps a script of what it was asked to do: that, not our call, is compared."""
-    meshlab = MeshLab(sphere())
-    meshlab.estimate_normals(10)
-    meshlab.ball_pivoting()
-    meshlab.close_holes(30)
+    meshlab = closed_surface(sphere())
     meshlab.marching_cubes_apss(40)
     script = tmp_path / "script.mlx"
     meshlab._meshes.save_filter_script(str(script))
@@ -64,11 +64,7 @@ def test_meshlab_confirms_the_originals_parameters(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_ball_radius_suits_the_cloud(scale: float) -> None:
-    index = np.arange(400) + 0.5  # Fibonacci's lattice
-    y, angle = 1 - index / 200, np.pi * (1 + 5**0.5) * index
-    ring = np.sqrt(1 - y * y)
-    points = np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
-    meshlab = MeshLab((scale * points).astype(np.float32))
+    meshlab = MeshLab((scale * lattice_sphere(400)).astype(np.float32))
     meshlab.estimate_normals(10)
     meshlab.ball_pivoting()
     # A triangulation of a sphere has 2 V - 4 faces. A radius of twice the best one would skip
@@ -76,35 +72,16 @@ def test_ball_radius_suits_the_cloud(scale: float) -> None:
     assert 0.98 * (2 * 400 - 4) < meshlab.face_count <= 2 * 400 - 4
 
 
-@pytest.mark.parametrize(("radius", "falls"), [(0.56, True), (0.59, False), (0.8, False)])
-def test_ball_radius_is_a_share_of_the_diagonal(radius: float, falls: bool) -> None:
-    # Equilateral triangles of side 1: a ball rests on three points if it is larger than their
-    # circumcircle, 1 / sqrt 3 = 0.577.
-    row, column = np.mgrid[:15, :15]
-    points = np.stack([column + 0.5 * (row % 2), row * 3**0.5 / 2, np.zeros_like(row)], axis=-1)
-    diagonal = np.hypot(14.5, 14 * 3**0.5 / 2)
-    meshlab = MeshLab(points.reshape(-1, 3).astype(np.float32))
-    meshlab.estimate_normals(10)
-    meshlab.ball_pivoting(100 * radius / diagonal)
-    assert meshlab.face_count == (0 if falls else 2 * 14**2)
-
-
 def ellipsoid() -> np.ndarray:
     """Longest along Y, and off the origin; more points than cells, so that none has a gap."""
-    index = np.arange(3000) + 0.5
-    y, angle = 1 - index / 1500, np.pi * (1 + 5**0.5) * index
-    ring = np.sqrt(1 - y * y)
-    points = np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
-    return (points * [0.5, 0.8, 0.4] + [0.1, 0.2, 0.3]).astype(np.float32)
+    stretch = np.array([0.5, 0.8, 0.4]) / RADIUS
+    return (lattice_sphere(3000) * stretch + [0.1, 0.2, 0.3]).astype(np.float32)
 
 
 @pytest.mark.parametrize("resolution", [30, 61])
 def test_a_cell_is_a_share_of_the_longest_side(resolution: int) -> None:
     points = ellipsoid()
-    meshlab = MeshLab(points)
-    meshlab.estimate_normals(10)
-    meshlab.ball_pivoting()
-    meshlab.close_holes(30)
+    meshlab = closed_surface(points)
     meshlab.marching_cubes_apss(resolution)
     # Vertices arise on the edges of cells, a third of them on those along each axis; the others
     # keep a whole number of cells in that coordinate, but for the little that projection moves
@@ -122,10 +99,7 @@ def test_a_cell_is_a_share_of_the_longest_side(resolution: int) -> None:
 def test_rough_normals_and_no_accuracy_change_nothing_seen() -> None:
     found = []
     for options in ({}, {"accurate_normals": False}):
-        meshlab = MeshLab(ellipsoid())
-        meshlab.estimate_normals(10)
-        meshlab.ball_pivoting()
-        meshlab.close_holes(30)
+        meshlab = closed_surface(ellipsoid())
         meshlab.marching_cubes_apss(40, 0.0, **options)
         found.append(meshlab.mesh((0, 0, 0)))
     np.testing.assert_array_equal(found[0].vertices, found[1].vertices)
@@ -148,13 +122,11 @@ def test_estimated_normals_are_the_spheres() -> None:
 def test_points_go_in_and_a_mesh_comes_out() -> None:
     points = sphere(30)
     meshlab = MeshLab(points)
-    assert meshlab.face_count == 0
-    mesh = meshlab.mesh((1, 2, 3))
-    np.testing.assert_array_equal(mesh.vertices, points)  # float32 to float64 and back
-    assert mesh.faces.shape == mesh.face_colors.shape == (0, 3)
+    assert meshlab.face_count == len(meshlab.mesh((1, 2, 3)).faces) == 0
     meshlab.estimate_normals(10)
     meshlab.ball_pivoting()
     mesh = meshlab.mesh((1, 2, 3))
+    np.testing.assert_array_equal(mesh.vertices, points)  # float32 to float64 and back
     assert len(mesh.faces) == meshlab.face_count > 0
     assert (mesh.face_colors == (1, 2, 3)).all()
 
@@ -169,7 +141,7 @@ def tube(sides: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([ring, ring + np.array([0, 0, 1])]), np.concatenate([one, other])
 
 
-@pytest.mark.parametrize(("sides", "closed"), [(12, True), (29, True), (31, False), (40, False)])
+@pytest.mark.parametrize(("sides", "closed"), [(12, True), (29, True), (31, False)])
 def test_holes_are_closed_up_to_the_stated_size(sides: int, closed: bool) -> None:
     vertices, faces = tube(sides)
     meshlab = MeshLab(sphere(30))
@@ -177,14 +149,11 @@ def test_holes_are_closed_up_to_the_stated_size(sides: int, closed: bool) -> Non
     meshlab.close_holes(30)
     # A polygon of n sides takes n - 2 triangles, and no new vertex.
     assert meshlab.face_count == 2 * sides + (2 * (sides - 2) if closed else 0)
-    assert len(meshlab.mesh((0, 0, 0)).vertices) == 2 * sides
-    assert border_edges(meshlab) == (0 if closed else 2 * sides)
-
-
-def border_edges(meshlab: MeshLab) -> int:
-    faces = meshlab.mesh((0, 0, 0)).faces
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return int((np.unique(edges, axis=0, return_counts=True)[1] == 1).sum())
+    mesh = meshlab.mesh((0, 0, 0))
+    assert len(mesh.vertices) == 2 * sides
+    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    alone = np.unique(edges, axis=0, return_counts=True)[1] == 1
+    assert alone.sum() == (0 if closed else 2 * sides)
 
 
 def test_what_meshlab_refuses_is_one_line() -> None:
@@ -195,6 +164,5 @@ def test_what_meshlab_refuses_is_one_line() -> None:
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymeshlab", None)
-    with pytest.raises(MissingDependency, match=r"pymeshlab does not load .*libopengl0") as failure:
+    with pytest.raises(MissingDependency, match=r"pymeshlab does not load .*libopengl0"):
         MeshLab(sphere(30))
-    assert isinstance(failure.value, BadInput)

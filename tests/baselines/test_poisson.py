@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from baselines import surface
-from baselines.meshlab import MeshLab
 from baselines.poisson import Poisson, trimmed
 from baselines.surface import closed_surface
 from data_prep.failures import StageFailure
@@ -72,13 +70,3 @@ def test_what_is_far_from_the_points_is_trimmed() -> None:
 def test_deeper_is_finer() -> None:
     coarse, fine = (Poisson(depth).prepare(chair_cloud()) for depth in (5, 6))
     assert len(fine.mesh.faces) > 2 * len(coarse.mesh.faces)
-
-
-def test_what_meshlab_refuses_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Refuses(MeshLab):
-        def screened_poisson(self, depth: int) -> None:
-            raise RuntimeError(f"no depth {depth} today")
-
-    monkeypatch.setattr(surface, "MeshLab", Refuses)
-    with pytest.raises(StageFailure, match="poisson: no depth 4 today"):
-        Poisson(depth=4).prepare(PointCloud(lattice_sphere(200)))

@@ -29,19 +29,16 @@ def test_the_ceiling_is_the_ground_truth_bit_for_bit(cloud: PointCloud) -> None:
     np.testing.assert_array_equal(to_uint8(images), truth)
 
 
-@pytest.mark.parametrize("condition", CONDITIONS, ids=lambda c: c.id)
-def test_the_ceiling_sees_through_every_condition(cloud: PointCloud, condition) -> None:
-    perturbed = condition.perturbation.apply(cloud, np.random.default_rng(1))
-    assert TrueMesh().prepare(perturbed) is cloud.source
-
-
-def test_the_ceiling_needs_the_mesh(cloud: PointCloud) -> None:
+def test_the_ceiling_sees_through_every_condition_and_needs_the_mesh(cloud: PointCloud) -> None:
+    for condition in CONDITIONS:
+        perturbed = condition.perturbation.apply(cloud, np.random.default_rng(1))
+        assert TrueMesh().prepare(perturbed) is cloud.source, condition.id
     with pytest.raises(StageFailure, match="mesh is not known") as failure:
         TrueMesh().prepare(PointCloud(cloud.points))
     assert failure.value.stage == "input"
 
 
-@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((5, 3), np.nan), np.zeros((9, 3))])
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.full((5, 3), np.nan)])
 def test_the_floor_is_white_whatever_the_cloud(points: np.ndarray) -> None:
     state = Blank().prepare(PointCloud(points))
     images = Blank().draw(state, VIEWS)

@@ -50,77 +50,41 @@ def brute_force(points: np.ndarray, radius: float, view: View) -> np.ndarray:
 # --- one disc -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("radius", [0.02, 0.05, 0.1, 0.2])
-def test_disc_at_the_origin(radius: float) -> None:
-    image = draw(discs([0, 0, 0], radius))
-    reach = radius * 232 / 4
-    distance = np.hypot(ROW - 64, COLUMN - 64)
-    # Distances of pixel centres are half-integer hypotenuses: none within 1e-3 of these radii.
-    assert np.abs(distance - reach).min() > 1e-3
-    np.testing.assert_array_equal(image < 1, distance < reach)
-    assert set(image[image < 1]) == {np.float32(0.55)}
-
-
-def test_a_lone_point_lights_the_four_pixels_around_it() -> None:
-    cloud = PointCloud([[0, 0, 0]])
-    state = Splat().prepare(cloud)
-    assert state.radius == 0.0
-    image = draw(state)
-    lit = np.argwhere(image < 1).tolist()
-    assert lit == [[63, 63], [63, 64], [64, 63], [64, 64]]
-
-
 def test_no_disc_falls_between_pixels() -> None:
     rng = np.random.default_rng(0)
-    for point in rng.uniform(-0.5, 0.5, (50, 3)):
+    for point in rng.uniform(-0.5, 0.5, (20, 3)):
         image = draw(discs(point))
         (column, row), _ = (x[0] for x in project(np.float32([point]), FRONT))
         assert 1 <= (image < 1).sum() <= 4
         assert image[math.floor(row), math.floor(column)] < 1
 
 
-def test_discs_are_no_larger_than_sixteen_pixels() -> None:
-    image = draw(discs([0, 0, 0], 5.0))
-    np.testing.assert_array_equal(image < 1, np.hypot(ROW - 64, COLUMN - 64) <= 16)
+@pytest.mark.parametrize(("radius", "z"), [(0.02, 0.0), (0.2, 0.0), (0.1, -0.9), (0.1, 0.9)])
+def test_nearer_discs_are_larger(radius: float, z: float) -> None:
+    image = draw(discs([0, 0, z], radius))
+    reach = radius * 232 / (4 + z)
+    distance = np.hypot(ROW - 64, COLUMN - 64)
+    # Distances of pixel centres are half-integer hypotenuses: none within 1e-3 of these radii.
+    assert np.abs(distance - reach).min() > 1e-3
+    np.testing.assert_array_equal(image < 1, distance < reach)
 
 
-def test_nearer_discs_are_larger() -> None:
-    for z, depth in ((-0.9, 3.1), (0.9, 4.9)):
-        image = draw(discs([0, 0, z], 0.1))
-        reach = 0.1 * 232 / depth
-        np.testing.assert_array_equal(image < 1, np.hypot(ROW - 64, COLUMN - 64) <= reach)
-
-
-@pytest.mark.parametrize("z", [-2, -1, -0.5, 0, 0.25, 1, 3])
+@pytest.mark.parametrize("z", [-2, -1, -0.5, 1, 3])
 def test_nearer_is_lighter(z: float) -> None:
     image = draw(discs([0, 0, z], 0.1))
     # One float32 rounding of a number below 1.
     assert image[64, 64] == pytest.approx(grey_at(4 + z), abs=2.0**-24)
 
 
-def test_rows_and_columns() -> None:
-    image = draw(discs([[0.5, 0.25, 0]], 0.02))  # +X is on the left at azimuth 0, +Y above
-    row, column = np.argwhere(image < 1).mean(axis=0) + 0.5
-    assert (column, row) == pytest.approx((64 - 29, 64 - 14.5), abs=0.5)
-
-
 # --- many discs -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("view", VIEWS, ids=str)
-@pytest.mark.parametrize("radius", [0.0, 0.04, 0.3])
+@pytest.mark.parametrize("radius", [0.0, 0.04, 0.3])  # the last is more than 16 pixels
 def test_agrees_with_brute_force(view: View, radius: float) -> None:
     points = np.random.default_rng(5).uniform(-0.8, 0.8, (300, 3)).astype(np.float32)
     image = draw(discs(points, radius), view)
     np.testing.assert_allclose(image, brute_force(points, radius, view), rtol=0, atol=2.0**-24)
-
-
-@pytest.mark.parametrize("order", [1, -1])
-def test_nearer_hides_farther(order: int) -> None:
-    image = draw(discs([[0, 0, -0.5], [0, 0, 0.5]][::order], 0.1))
-    assert image[64, 64] == pytest.approx(grey_at(3.5), abs=2.0**-24)
-    behind = draw(discs([[0, 0, -0.5], [0, 0, 0.5]][::order], 0.1), View(180, 0))
-    np.testing.assert_array_equal(behind[::-1], image)
 
 
 def test_order_of_points_does_not_matter() -> None:
@@ -167,7 +131,7 @@ def test_extreme_scales(scale: float) -> None:
 # --- the radius -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("far", [1e3, 1e18, 1e30])
+@pytest.mark.parametrize("far", [1e3, 1e30])
 def test_an_outlier_changes_nothing_else(far: float) -> None:
     cloud = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 3)).astype(np.float32)
     outlier = np.array([[far, far, -far]], np.float32)
@@ -188,18 +152,12 @@ def test_radius_is_the_median_distance_to_the_nearest_other_point() -> None:
     )
 
 
-def test_radius_of_a_grid() -> None:
-    grid = np.stack(np.meshgrid(*[np.arange(5) / 8] * 3), axis=-1).reshape(-1, 3)
-    assert Splat().prepare(PointCloud(grid)).radius == 0.125
-    # Three distances 1, 1 and 3 of collinear points: the median, not the mean.
-    assert Splat().prepare(PointCloud([[0, 0, 0], [1, 0, 0], [4, 0, 0]])).radius == 1.0
-    assert Splat().prepare(PointCloud([[0, 0, 0], [2, 0, 0]])).radius == 2.0
-
-
-def test_coinciding_points_are_one_point() -> None:
-    state = Splat().prepare(PointCloud(np.zeros((50, 3))))
+@pytest.mark.parametrize("count", [1, 50])
+def test_a_lone_point_lights_the_four_pixels_around_it(count: int) -> None:
+    state = Splat().prepare(PointCloud(np.zeros((count, 3))))
     assert state.radius == 0.0
-    np.testing.assert_array_equal(draw(state), draw(discs([0, 0, 0])))
+    lit = np.argwhere(draw(state) < 1).tolist()
+    assert lit == [[63, 63], [63, 64], [64, 63], [64, 64]]
 
 
 # --- inputs and outputs ---------------------------------------------------------------------------
@@ -210,7 +168,6 @@ def test_coinciding_points_are_one_point() -> None:
     [
         (np.zeros((0, 3)), "no points"),
         ([[0, 0, 0], [np.nan, 0, np.nan]], "1 of 2 points are not finite"),
-        ([[np.inf, 0, 0]], "1 of 1 points are not finite"),
         ([[0, 0, 0], [0, -np.inf, 0], [0, np.nan, 0]], "2 of 3 points are not finite"),
     ],
 )

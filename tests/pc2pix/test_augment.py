@@ -18,33 +18,24 @@ from pc2pix.augment import (
 )
 
 
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
-
-
 def test_degraded_clouds_are_fewer_and_noisy_as_stated():
-    clouds = torch.zeros(400, 2048, 3)  # what is added to zero is the noise
-    seen = {}
-    random = seeded()
-    for _ in range(12):
-        points = degrade(clouds, random)
-        seen[points.shape[1]] = points
+    clouds = torch.zeros(100, 1024, 3)  # what is added to zero is the noise
+    random = torch.Generator().manual_seed(0)
+    seen = {points.shape[1]: points for points in (degrade(clouds, random) for _ in range(12))}
     assert sorted(seen) == sorted(POINTS_SEEN)
     sigma = seen[1024].flatten(1).std(dim=1)
-    clean = sigma == 0
-    # 400 coin flips: 4 standard deviations are 0.1
-    assert abs(clean.float().mean() - CLEAN_SHARE) < 0.1
+    # 100 coin flips: 4 standard deviations are 0.2
+    assert abs((sigma == 0).float().mean() - CLEAN_SHARE) < 0.2
     # a deviation estimated from 3,072 numbers is good to 1.3 %; 4 times that
-    assert sigma.max() < MAX_NOISE * 1.052
-    # uniform in 0..MAX_NOISE: the mean of some 200 has a deviation of MAX_NOISE / sqrt(12 * 200)
-    assert abs(sigma[~clean].mean() - MAX_NOISE / 2) < 4 * MAX_NOISE / 2400**0.5
+    assert 0.8 * MAX_NOISE < sigma.max() < MAX_NOISE * 1.052
 
 
-@pytest.mark.parametrize(("have", "want"), [(2048, 2048), (1024, 2048), (256, 2048), (4096, 2048)])
-def test_evenly_taken(have, want):
-    points = torch.arange(have).float()[None, :, None].expand(1, have, 3)
-    rows = take_evenly(points, want)[0, :, 0].long()
-    assert rows.tolist() == [i * have // want for i in range(want)]
+@pytest.mark.parametrize(
+    ("have", "rows"), [(2, [0, 0, 1, 1]), (3, [0, 0, 1, 2]), (4, [0, 1, 2, 3]), (8, [0, 2, 4, 6])]
+)
+def test_evenly_taken(have, rows):
+    points = torch.arange(have)[None, :, None].expand(1, have, 3)
+    assert take_evenly(points, 4)[0, :, 0].tolist() == rows
 
 
 def test_a_mirrored_scene_is_what_the_renderer_draws_of_the_mirrored_shape():

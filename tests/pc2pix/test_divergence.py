@@ -9,8 +9,7 @@ from learning.divergence import FACTOR, FIRST, WINDOW, TrainingDiverged, Watch
 from learning.training_loop import Cadence
 from pc2pix import train_autoencoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
-
-from .conftest import TINY, make_clouds
+from tests.learning.trainings import TINY, make_clouds
 
 
 def verdicts(values, watch=None):
@@ -25,29 +24,25 @@ def test_a_loss_that_leaps_is_named():
     assert verdicts([*usual, -2.01 * FACTOR])[-1] == "loss is -201, 100 times what it was"
 
 
-def test_nothing_is_said_before_there_is_enough_to_compare_with():
-    assert verdicts([1.0] * (FIRST - 1) + [1e9])[-1] is None
-    assert verdicts([1.0] * FIRST + [1e9])[-1] is not None
+@pytest.mark.parametrize(
+    "values",
+    [
+        [1.0] * (FIRST - 1) + [1e9],
+        [1.3] * FIRST + [1e-6] * 5 * WINDOW + [5.0],  # a discriminator wins, then does not
+        np.geomspace(1, 1e4, 1000),
+        [0.0] * 500 + [3.0] * 50,
+        # a standard deviation of a factor e: far wider than any loss seen so far
+        np.random.default_rng(0).lognormal(sigma=1.0, size=20_000),
+    ],
+    ids=["too few to compare with", "back from almost nothing", "slow", "left out", "noise"],
+)
+def test_healthy_losses(values):
+    assert not any(verdicts(values))
 
 
-def test_a_loss_that_comes_back_from_almost_nothing_is_healthy():
-    """A cross entropy while the discriminator wins: 1.3, then 1e-6, then 5."""
-    assert not any(verdicts([1.3] * FIRST + [1e-6] * 5 * WINDOW + [5.0]))
-
-
-def test_a_loss_that_grows_slowly_is_healthy():
-    assert not any(verdicts(np.geomspace(1, 1e4, 1000)))
-
-
-def test_terms_that_were_left_out_do_not_count():
-    assert not any(verdicts([0.0] * 500 + [3.0] * 50))
-    assert verdicts([0.0] * 500 + [3.0] * FIRST + [1e3])[-1] is not None
-
-
-def test_healthy_noise_over_decades():
-    """Log-normal with a standard deviation of a factor e: far wider than any loss seen so far."""
-    noise = np.random.default_rng(0).lognormal(sigma=1.0, size=20_000)
-    assert not any(verdicts(noise))
+@pytest.mark.parametrize("left_out", [0, 500])
+def test_terms_that_were_left_out_do_not_count(left_out):
+    assert verdicts([0.0] * left_out + [3.0] * FIRST + [1e3])[-1] is not None
 
 
 def test_history_takes_the_place_of_what_was_logged_before_a_resume():

@@ -5,20 +5,13 @@ from PIL import Image
 
 from learning import loss_log
 from learning.loss_log import LossLog, draw, make_panels, read_losses, write_loss_curves
-from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
-
-from .conftest import TINY, make_clouds
-
-
-def write_log(path, rows):
-    log = LossLog(path, 0)
-    for step, losses in rows:
-        log.add(step, losses)
 
 
 def test_the_log_reads_back(tmp_path):
     path = tmp_path / loss_log.FILE_NAME
-    write_log(path, [(10, {"a": 1.5, "b": -2.0}), (20, {"a": 1e-7, "b": 0.0})])
+    log = LossLog(path, 0)
+    log.add(10, {"a": 1.5, "b": -2.0})
+    log.add(20, {"a": 1e-7, "b": 0.0})
     steps, losses = read_losses(path, 99)
     assert steps.tolist() == [10, 20]
     assert {name: values.tolist() for name, values in losses.items()} == {
@@ -59,13 +52,11 @@ def test_a_panel_for_every_loss_that_has_a_value():
     assert [axes.get_yscale() for axes in figure.axes] == ["log", "linear", "linear", "linear"]
 
 
-def test_a_training_leaves_its_curves(tmp_path):
-    config = AutoencoderConfig(model=TINY, steps=2, batch=2)
-    train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
-    with Image.open(tmp_path / "losses.png") as image:
+def test_a_training_leaves_its_curves(gan_checkpoint):
+    with Image.open(gan_checkpoint.with_name("losses.png")) as image:
         image.load()
         assert image.format == "PNG"
-    assert not list(tmp_path.glob(".*"))
+    assert not list(gan_checkpoint.parent.glob(".*"))
 
 
 def test_no_image_of_nothing(tmp_path):

@@ -29,8 +29,13 @@ def points(*rows):
     return torch.tensor([rows], dtype=torch.float64)
 
 
-def test_chamfer_of_two_single_points_is_twice_the_squared_distance():
-    assert chamfer(points([0.0, 0.0, 0.0]), points([1.0, 2.0, 2.0])).item() == 18.0
+def test_chamfer_by_hand():
+    origin = points([0.0, 0.0, 0.0])
+    assert chamfer(origin, points([1.0, 2.0, 2.0])).item() == 2 * 9
+    assert chamfer(origin, points([0.0, 0.0, 0.0], [2.0, 0.0, 0.0])).item() == 0 + (0 + 4) / 2
+    far = torch.rand(2, 50, 3) + 1000
+    assert chamfer(far, far.flip(1)).item() == 0
+    assert chamfer(torch.full((1, 4, 3), math.nan), torch.rand(1, 4, 3)).isnan()
 
 
 def test_chamfer_with_half_a_cloud_in_a_plane_while_denormals_are_flushed():
@@ -46,16 +51,6 @@ def test_chamfer_with_half_a_cloud_in_a_plane_while_denormals_are_flushed():
     assert (run.returncode, run.stdout.strip()) == (0, "6e-06")
 
 
-def test_chamfer_is_not_symmetric_in_the_number_of_points():
-    a, b = points([0.0, 0.0, 0.0]), points([0.0, 0.0, 0.0], [2.0, 0.0, 0.0])
-    assert chamfer(a, b).item() == 0 + (0 + 4) / 2
-
-
-def test_chamfer_of_equal_sets_is_exactly_zero_far_from_the_origin():
-    a = torch.rand(2, 50, 3) + 1000
-    assert chamfer(a, a.flip(1)).item() == 0
-
-
 def test_chamfer_agrees_with_all_pairs():
     rng = torch.Generator().manual_seed(0)
     a = torch.rand(3, 40, 3, generator=rng, dtype=torch.float64).requires_grad_()
@@ -67,11 +62,6 @@ def test_chamfer_agrees_with_all_pairs():
     (found_grad,) = torch.autograd.grad(found, a)
     assert abs(found.item() - expected.item()) < 1e-14
     assert (found_grad - expected_grad).abs().max() < 1e-14
-
-
-def test_chamfer_hands_nan_on():
-    a = torch.rand(1, 4, 3)
-    assert chamfer(a.clone().fill_(math.nan), a).isnan()
 
 
 @pytest.mark.parametrize(
@@ -103,15 +93,6 @@ def judgement(logit, code, angle):
 CONDITION = Condition(torch.zeros(2, 3), torch.full((2, 1), 0.5), torch.full((2, 1), 0.5))
 
 
-def test_cross_entropy_at_logit_zero_is_ln_2():
-    undecided = judgement(0, 0, 0.5)
-    for objective in OBJECTIVES.values():
-        on_g = generator_loss(undecided, CONDITION, objective)
-        on_d = discriminator_loss(undecided, undecided, CONDITION, CONDITION, objective)
-        assert on_g.total.item() == pytest.approx(math.log(2), rel=1e-6)  # float32
-        assert on_d.total.item() == pytest.approx(2 * math.log(2), rel=1e-6)
-
-
 def test_losses_stay_finite_for_certain_judgements():
     sure = judgement(200, 0, 0.5)
     objective = OBJECTIVES["acgan-paper"]
@@ -121,16 +102,20 @@ def test_losses_stay_finite_for_certain_judgements():
 
 
 @pytest.mark.parametrize(
-    ("name", "code_term", "weight"), [("acgan-paper", 4.0, 1), ("acgan-code", 2.0, 10)]
+    ("name", "code_term", "weight"),
+    [("acgan-paper", 4.0, 1), ("acgan-code", 2.0, 10), ("paired", 2.0, 1)],
 )
 def test_objectives_weigh_as_their_source_says(name, code_term, weight):
-    terms = generator_loss(judgement(0, 2, 0.6), CONDITION, OBJECTIVES[name])
+    judged = judgement(0, 2, 0.6)  # undecided: a cross entropy of ln 2
+    terms = generator_loss(judged, CONDITION, OBJECTIVES[name])
     azimuth, elevation = 0.1 * AZIMUTH_RANGE_RAD, 0.1 * ELEVATION_RANGE_RAD
     expected = math.log(2) + weight * (code_term + azimuth + elevation)
     assert terms.total.item() == pytest.approx(expected, rel=1e-6)  # float32
     np.testing.assert_allclose(
         [t.item() for t in terms[1:]], [math.log(2), code_term, elevation, azimuth], rtol=1e-6
     )
+    both = discriminator_loss(judged, judged, CONDITION, CONDITION, OBJECTIVES[name])
+    assert both.total.item() == pytest.approx(2 * expected, rel=1e-6)
 
 
 def test_reconstruction_error_counts_the_object_three_times():

@@ -19,8 +19,7 @@ from pc2pix.model import (
     build_encoder,
     upsample_then_conv,
 )
-
-from .conftest import TINY
+from tests.learning.trainings import TINY
 
 
 def counts(network_class, config):
@@ -50,14 +49,10 @@ def test_paper_width_has_the_original_number_of_parameters(
     assert counts(network_class, ModelConfig(latent_dim=latent_dim)) == (trainable, non_trainable)
 
 
-def test_constructors_default_to_the_paper():
+def test_constructors_default_to_the_paper_and_lite_is_a_quarter():
     with torch.device("meta"):
         for network_class in (Generator, Discriminator, Encoder, Decoder):
             assert network_class().config == PAPER == ModelConfig(1.0, 32)
-
-
-def test_lite_widths():
-    with torch.device("meta"):
         generator = Generator(LITE)
         encoder = Encoder(LITE)
     assert generator.dense.in_features == 128 + 32 + 2
@@ -66,15 +61,12 @@ def test_lite_widths():
     assert encoder.branches[0][0].conv.out_channels == 16
 
 
-@pytest.mark.parametrize("arguments", [{"width": 0.0}, {"width": -1.0}, {"latent_dim": 0}])
-def test_config_refuses(arguments):
-    with pytest.raises(ValueError, match=next(iter(arguments))):
-        ModelConfig(**arguments)
-
-
-@pytest.mark.parametrize(("field", "value"), [("encoder", "x"), ("azimuth", "degrees")])
-def test_config_refuses_unknown_kinds(field, value):
-    with pytest.raises(ValueError, match=f"{field} must be .*, got '{value}'"):
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("width", 0.0), ("width", -1.0), ("latent_dim", 0), ("encoder", "x"), ("azimuth", "degrees")],
+)
+def test_config_refuses(field, value):
+    with pytest.raises(ValueError, match=f"{field} must be .*, got {value!r}"):
         ModelConfig(**{field: value})
 
 
@@ -152,12 +144,6 @@ def test_pointnet_depends_on_neither_order_nor_repetition():
     # sums in another order: some hundred roundings of 6e-8
     torch.testing.assert_close(encoder(clouds.flip(1)), code, rtol=1e-5, atol=1e-5)
     torch.testing.assert_close(encoder(clouds.repeat(1, 3, 1)), code, rtol=1e-5, atol=1e-5)
-
-
-def test_pointnet_takes_any_number_of_points():
-    encoder = build_encoder(POINTNET)
-    for count in (1, 7, 5000):
-        assert encoder(torch.randn(1, count, 3)).isfinite().all()
 
 
 def test_the_papers_encoder_depends_on_order():

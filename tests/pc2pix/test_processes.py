@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -14,17 +13,9 @@ from safetensors.torch import load_file
 from data_prep.failures import BadInput, MissingDependency
 from learning import checkpoint, processes
 from learning.training_loop import prepare_device, seeded
+from tests.learning.trainings import TRAININGS
 
-pytestmark = pytest.mark.slow
-
-SCRIPT = Path(__file__).with_name("two_processes.py")
-
-
-def load_script():
-    spec = importlib.util.spec_from_file_location("two_processes", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+from . import two_processes
 
 
 @pytest.fixture(scope="module")
@@ -36,20 +27,22 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two")
     torch.save(torch.randn(4, 2, 4, 4, generator=torch.Generator().manual_seed(0)),
                folder / "inputs.pt")  # fmt: skip
-    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone"]
+    launch = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc_per_node=2"]
     done = subprocess.run(
-        [*launch, "--nproc_per_node", "2", str(SCRIPT), str(folder)],
+        [*launch, "-m", two_processes.__name__, str(folder)],
         capture_output=True,
         text=True,
         timeout=300,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
+        cwd=Path(__file__).parents[2],
     )
     assert done.returncode == 0, done.stderr
     return folder
 
 
+@pytest.mark.slow
 def test_the_mean_gradient_is_that_of_the_joined_batch(folder):
-    network = seeded(0, load_script().two_layers)
+    network = seeded(0, two_processes.two_layers)
     network(torch.load(folder / "inputs.pt")).square().mean().backward()
     for rank in (0, 1):
         averaged = load_file(folder / f"gradients-{rank}.safetensors")
@@ -58,6 +51,7 @@ def test_the_mean_gradient_is_that_of_the_joined_batch(folder):
             torch.testing.assert_close(averaged[name], parameter.grad, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("training", ["whole", "autoencoder", "decoder"])
 def test_all_processes_end_with_the_same_weights(folder, training):
     first, second = (load_file(folder / f"{training}-{rank}.safetensors") for rank in (0, 1))
@@ -68,8 +62,9 @@ def test_all_processes_end_with_the_same_weights(folder, training):
     assert not torch.equal(first["random"], second["random"])
 
 
+@pytest.mark.slow
 def test_batches_differ_and_are_averaged_into_one_step(folder, tmp_path):
-    alone = load_script().start_gan(tmp_path, 4)
+    alone = TRAININGS["gan"](tmp_path, 4)
     state, _, _ = checkpoint.load(alone, "gan")
     together = load_file(folder / "whole-0.safetensors")
     assert torch.equal(state["random"], together["random"])  # process 0 draws what one would
@@ -78,6 +73,7 @@ def test_batches_differ_and_are_averaged_into_one_step(folder, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_resumed_run_is_the_uninterrupted_one(folder):
     (whole, step, _), (cut, other, _) = (
         checkpoint.load(folder / name / checkpoint.FILE_NAME, "gan") for name in ("whole", "cut")
@@ -90,25 +86,23 @@ def test_a_resumed_run_is_the_uninterrupted_one(folder):
     assert logs[0] == logs[1]
 
 
-def test_only_the_first_process_reports(folder):
+@pytest.mark.slow
+def test_only_the_first_process_reports_and_writes_a_decoder(folder):
+    """All fit it together; it stands beside the weights once, and its checkpoint, too."""
     said = [json.loads((folder / f"said-{rank}.json").read_text()) for rank in (0, 1)]
+    replaced = set(said[0].pop("replaced"))
+    assert {"weights-decoder.safetensors", checkpoint.FILE_NAME, "losses.csv"} <= replaced
+    assert (folder / "weights-decoder.safetensors").is_file()
     assert said == [
         {"rank": 0, "first": True, "reports": [1, 2, 3, 4]},
-        {"rank": 1, "first": False, "reports": []},
+        {"rank": 1, "first": False, "reports": [], "replaced": []},
     ]
 
 
-def test_only_the_first_process_writes_a_decoder(folder):
-    """All fit it together; it stands beside the weights once, and its checkpoint, too."""
-    first, second = (json.loads((folder / f"decoder-wrote-{i}.json").read_text()) for i in (0, 1))
-    assert {"weights-decoder.safetensors", checkpoint.FILE_NAME, "losses.csv"} <= set(first)
-    assert second == []
-    assert (folder / "weights-decoder.safetensors").is_file()
-
-
+@pytest.mark.slow
 def test_another_number_of_processes_is_refused(folder):
     with pytest.raises(BadInput, match=r"trained by 2 process.*a run of 1.*nproc_per_node 2"):
-        load_script().start_gan(folder / "whole", 6)
+        TRAININGS["gan"](folder / "whole", 6)
 
 
 @pytest.fixture

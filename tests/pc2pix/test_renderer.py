@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import torch
 
+from data_prep.conditions import GaussianNoise
+from data_prep.datasets import ProceduralObject
 from data_prep.failures import StageFailure
+from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
 from pc2pix import load
 from pc2pix.renderer import parts, pick_points
-
-from .conftest import make_clouds
+from tests.learning.trainings import make_clouds
 
 VIEWS = [View(0, 0), View(90, 20), View(-180, -40)]
 
@@ -62,11 +64,6 @@ def test_bfloat16_draws_nearly_the_same(name):
     assert 1e-5 < np.abs(found - expected).mean() < 2e-3 * 15**0.5
 
 
-def test_unknown_precisions_are_refused(weights_file):
-    with pytest.raises(ValueError, match="precision must be"):
-        load(weights_file, precision="float16")
-
-
 def test_uniform_noise_comes_from_the_rng(weights_file, cloud):
     renderer = load(weights_file, z="uniform")
     state = renderer.prepare(cloud)
@@ -82,10 +79,9 @@ def test_uniform_noise_comes_from_the_rng(weights_file, cloud):
 @pytest.mark.parametrize(
     ("points", "problem"),
     [
-        (np.empty((0, 3)), "empty"),
-        (np.array([[0, 0, np.nan]]), "non-finite points"),
-        (np.array([[0, 0, np.inf], [0, 0, 0]]), "non-finite points"),
-        (np.full((4, 3), 3e38), "code is not finite"),
+        (np.empty((0, 3)), "the cloud is empty"),
+        (np.array([[0, 0, np.inf], [0, 0, 0]]), "the cloud has non-finite points"),
+        (np.full((4, 3), 3e38), "the code is not finite"),
     ],
 )
 def test_impossible_clouds_fail_by_name(renderer, points, problem):
@@ -94,7 +90,7 @@ def test_impossible_clouds_fail_by_name(renderer, points, problem):
     assert failure.value.stage == "encode"
 
 
-@pytest.mark.parametrize("count", [1, 3, 512, 1024, 1500, 2048, 3000, 4096])
+@pytest.mark.parametrize("count", [1, 512, 1500, 2048, 3000, 4096])
 def test_any_number_of_points_becomes_2048(count):
     points = np.arange(count * 3, dtype=np.float32).reshape(count, 3)
     picked = pick_points(points)
@@ -109,14 +105,11 @@ def test_any_number_of_points_becomes_2048(count):
     assert repeats.max() - repeats.min() <= 1
 
 
-@pytest.mark.parametrize("count", [1, 512, 1024])
-def test_small_clouds_are_fed_whole(count):
-    points = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
-    assert np.array_equal(parts(points), points[None])
-
-
 def test_parts_of_a_large_cloud_depend_on_no_order_and_use_nearly_all_points():
     rng = np.random.default_rng(0)
+    small = rng.normal(size=(1024, 3)).astype(np.float32)
+    assert np.array_equal(parts(small), small[None])
+    assert parts(np.concatenate([small, small[:1]])).shape == (8, 1024, 3)
     points = rng.normal(size=(2048, 3)).astype(np.float32)
     made = parts(points)
     assert made.shape == (8, 1024, 3)
@@ -132,10 +125,6 @@ def test_parts_of_a_large_cloud_depend_on_no_order_and_use_nearly_all_points():
 
 @pytest.mark.parametrize("name", ["chair", "chair-acgan"])
 def test_codes_far_off_are_refused_and_those_of_noisy_clouds_are_not(name):
-    from data_prep.conditions import GaussianNoise
-    from data_prep.datasets import ProceduralObject
-    from data_prep.sampling import sample_surface
-
     renderer, rng = load(name), np.random.default_rng(0)
     cloud = sample_surface(ProceduralObject("chair", "validation", 0).load(), rng)
     noisy = GaussianNoise(0.5).apply(cloud, rng)

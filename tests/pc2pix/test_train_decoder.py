@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import csv
 import shutil
 from dataclasses import replace
 
@@ -11,7 +10,6 @@ from safetensors.torch import save_file
 
 from data_prep.failures import BadInput
 from learning import checkpoint
-from learning.training_loop import Cadence
 from learning.weights import file_sha256
 from pc2pix import weights as weight_files
 from pc2pix.losses import chamfer
@@ -19,129 +17,107 @@ from pc2pix.model import Decoder
 from pc2pix.train_autoencoder import AutoencoderData
 from pc2pix.train_decoder import DecoderConfig, train_decoder
 from pc2pix.weights import decoder_path, export_decoder, load_decoder, load_weights
-
-from .conftest import make_clouds
-
-CADENCE = Cadence(log=1, sheet=4, checkpoint=2)
+from tests.learning.trainings import TRAININGS, make_clouds, trainer_of
 
 
-@pytest.fixture(scope="module")
-def weights(weights_file):
-    return load_weights(weights_file)
+def trainer(weights, out_dir):
+    """On one cloud of exactly 2,048 points: only their order is drawn."""
+    data = AutoencoderData(make_clouds(1))
+    config = DecoderConfig(weights=weights.sha256, model=weights.encoder.config, batch=1)
+    return trainer_of(train_decoder, data, weights, config, out_dir)
 
 
-@pytest.fixture
-def start(weights):
-    def start(out_dir, **changes):
-        on_progress = changes.pop("on_progress", lambda report: None)
-        data = AutoencoderData(changes.pop("clouds", make_clouds(3, points=2100)))
-        config = DecoderConfig(
-            **{"weights": weights.sha256, "model": weights.encoder.config, "batch": 2}
-            | {"cadence": CADENCE}
-            | changes
-        )
-        return train_decoder(data, weights, config, out_dir, on_progress=on_progress)
-
-    return start
-
-
-@pytest.fixture
-def own(weights_file, start, tmp_path):
-    """A copy of the weights with a decoder beside it."""
-    path = tmp_path / "own.safetensors"
-    shutil.copy(weights_file, path)
-    export_decoder(start(tmp_path / "training", steps=2), decoder_path(path))
-    return path
-
-
-def read_losses(out_dir):
-    with (out_dir / "losses.csv").open(newline="") as file:
-        return [float(row["chamfer"]) for row in csv.DictReader(file)]
-
-
-def test_the_loss_falls_and_the_encoder_stays(start, weights, tmp_path):
+def test_the_loss_falls_and_the_encoder_stays(weights_file, tmp_path):
+    weights = load_weights(weights_file)
     before = {key: value.clone() for key, value in weights.encoder.state_dict().items()}
-    start(tmp_path, steps=40, clouds=make_clouds(1), cadence=Cadence(1, 100, 100))
-    losses = read_losses(tmp_path)
+    fitting = trainer(weights, tmp_path)
+    losses = [float(fitting.take_step()["chamfer"]) for _ in range(40)]
     assert np.mean(losses[-5:]) < 0.5 * losses[0]
     after = weights.encoder.state_dict()
     assert all(torch.equal(before[key], after[key]) for key in before)
 
 
-def test_the_first_loss_is_chamfer_of_whitened_codes(start, weights, tmp_path):
-    clouds = make_clouds(1)  # one cloud of exactly 2,048 points: only their order is drawn
-    start(tmp_path, steps=1, batch=1, clouds=clouds)
+def test_the_first_loss_is_chamfer_of_whitened_codes(weights_file, tmp_path):
+    weights = load_weights(weights_file)
     random = torch.Generator().manual_seed(0)
     torch.randint(1, (1,), generator=random)
     order = torch.rand(1, 2048, generator=random).argsort(dim=1)[0]
-    fed = torch.from_numpy(clouds)[:, order]
+    fed = torch.from_numpy(make_clouds(1))[:, order]
     with torch.random.fork_rng():
         torch.manual_seed(0)
         decoder = Decoder(weights.encoder.config)
     code = (weights.encoder(fed) - weights.code_mean) / weights.code_std
     expected = float(chamfer(decoder(code).detach(), fed))
-    # six digits in the log
-    assert read_losses(tmp_path)[0] == pytest.approx(expected, rel=1e-5)
+    found = float(trainer(weights, tmp_path).take_step()["chamfer"])
+    assert found == pytest.approx(expected, rel=1e-5)
 
 
-def test_round_trip(own, weights, tmp_path):
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Weights, and the checkpoint of a decoder of them."""
+    out_dir = tmp_path_factory.mktemp("decoder") / "own"
+    return out_dir.with_suffix(".safetensors"), TRAININGS["decoder"](out_dir, 1)
+
+
+@pytest.fixture
+def own(trained, tmp_path):
+    """A copy of the weights with the decoder beside it."""
+    path = tmp_path / "own.safetensors"
+    shutil.copy(trained[0], path)
+    export_decoder(trained[1], decoder_path(path))
+    return path
+
+
+def test_round_trip(own, trained):
     decoder, sha256 = load_decoder(own, load_weights(own))
-    assert sha256 == file_sha256(tmp_path / "own-decoder.safetensors")
-    state, _, _ = checkpoint.load(tmp_path / "training" / checkpoint.FILE_NAME, "decoder")
+    assert sha256 == file_sha256(own.with_name("own-decoder.safetensors"))
+    state, _, _ = checkpoint.load(trained[1], "decoder")
     assert not decoder.training
     for key, value in decoder.state_dict().items():
         # float16 keeps 11 bits; below 6e-5 it is subnormal with a spacing of 6e-8
         tolerance = 0 if value.dim() == 1 else 2**-11
         torch.testing.assert_close(value, state[f"decoder.{key}"], rtol=tolerance, atol=3e-8)
-    tensors, header = checkpoint.read_safetensors(tmp_path / "own-decoder.safetensors")
-    assert header["format"] == "pc2pix-decoder-1"
-    assert header["weights"] == weights.sha256
-    assert {t.dtype for t in tensors.values() if t.dim() > 1} == {torch.float16}
 
 
 def refusal(name_or_path, weights):
     with pytest.raises(BadInput) as error:
         load_decoder(name_or_path, weights)
     assert "\n" not in str(error.value)
+    assert f"'bench train decoder --weights {name_or_path}'" in str(error.value)
     return str(error.value)
 
 
-def test_a_decoder_of_other_weights_is_refused(own, weights):
+def test_no_decoder_or_that_of_other_weights(own):
+    weights = load_weights(own)
     others = replace(weights, sha256="ab" * 32)
     text = refusal(own, others)
     assert f"belongs to weights of sha256 {weights.sha256}" in text
     assert f"not to these of sha256 {others.sha256}" in text
-    assert f"'bench train decoder --weights {own}'" in text
-
-
-def test_no_decoder(weights_file, weights):
-    text = refusal(weights_file, weights)
+    text = refusal(own.with_name("tiny.safetensors"), weights)
     assert "tiny-decoder.safetensors: there is no decoder for these weights" in text
-    assert f"'bench train decoder --weights {weights_file}'" in text
 
 
-def test_a_bundled_decoder_has_its_checksum(own, weights, monkeypatch, tmp_path):
-    monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
+def test_a_bundled_decoder_has_its_checksum(own, monkeypatch):
+    weights = load_weights(own)
+    monkeypatch.setattr(weight_files, "FOLDER", own.parent)
     monkeypatch.setitem(weight_files.BUNDLED, "own", weights.sha256)
     found = load_decoder("own", weights)[1]  # not registered: the header has to do
     monkeypatch.setitem(weight_files.BUNDLED_DECODERS, "own", found)
     assert load_decoder("own", weights)[1] == found
     monkeypatch.setitem(weight_files.BUNDLED_DECODERS, "own", "0" * 64)
-    assert f"sha256 {found} is not the expected {'0' * 64}" in refusal("own", weights)
+    with pytest.raises(BadInput, match=f"sha256 {found} is not the expected {'0' * 64}"):
+        load_decoder("own", weights)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("changes", "message"),
     [
-        (lambda t, h: h.pop("weights"), "belongs to weights of sha256 None"),
-        (lambda t, h: h.update(model='{"latent_dim": 5}'), "its model does not fit"),
+        ({"weights": "none"}, "belongs to weights of sha256 none"),
+        ({"model": '{"latent_dim": 5}'}, "its model does not fit"),
     ],
 )
-def test_wrong_content(own, weights, change, message):
+def test_a_header_of_something_else(own, changes, message):
     path = decoder_path(own)
     tensors, header = checkpoint.read_safetensors(path)
-    change(tensors, header)
-    save_file(tensors, path, metadata=header)
-    text = refusal(own, weights)
-    assert message in text
-    assert "bench train decoder" in text
+    save_file(tensors, path, metadata=header | changes)
+    assert message in refusal(own, load_weights(own))

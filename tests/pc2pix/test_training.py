@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,22 +9,13 @@ import torch
 
 from data_prep.failures import BadInput
 from learning import checkpoint
-from learning.training_loop import Cadence, TrainingDiverged, seeded
+from learning.training_loop import TrainingDiverged, seeded
 from pc2pix import train_autoencoder, train_gan
-from pc2pix.model import Encoder, ModelConfig, build_encoder
+from pc2pix.model import Encoder, build_encoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
 from pc2pix.train_gan import GanConfig, GanData
 from pc2pix.weights import export, load_weights
-from tests.learning.trainings import trainer_of
-
-from .conftest import TINY, make_clouds
-
-PAIRED = ModelConfig(width=0.0625, latent_dim=4, encoder="pointnet", azimuth="sine-cosine")
-
-
-def read_log(out_dir):
-    with (out_dir / "losses.csv").open(newline="") as file:
-        return list(csv.reader(file))
+from tests.learning.trainings import PAIRED, TINY, TRAININGS, make_clouds, trainer_of
 
 
 def test_non_finite_weights_are_never_saved(tmp_path):
@@ -34,17 +25,16 @@ def test_non_finite_weights_are_never_saved(tmp_path):
     assert not (tmp_path / checkpoint.FILE_NAME).exists()
 
 
-def test_checkpoints_of_another_kind_are_refused(gan_checkpoint):
-    with pytest.raises(BadInput, match="autoencoder"):
-        train_autoencoder.load_encoder(gan_checkpoint)
-
-
-def test_load_encoder(tmp_path):
+def test_load_encoder(gan_checkpoint, tmp_path):
     config = AutoencoderConfig(model=TINY, steps=1, batch=2)
     path = train_autoencoder.train_autoencoder(AutoencoderData(make_clouds(2)), config, tmp_path)
     encoder = train_autoencoder.load_encoder(path)
     assert not encoder.training
     assert encoder.config == TINY
+    trained = checkpoint.sub_state(checkpoint.load(path, "autoencoder")[0], "encoder")
+    assert all(torch.equal(value, trained[key]) for key, value in encoder.state_dict().items())
+    with pytest.raises(BadInput, match="autoencoder"):
+        train_autoencoder.load_encoder(gan_checkpoint)
 
 
 def test_codes_are_whitened(gan_data, gan_checkpoint):
@@ -56,28 +46,33 @@ def test_codes_are_whitened(gan_data, gan_checkpoint):
     assert (whitened.std(0, correction=0) - 1).abs().max() < 1e-4
 
 
-def replaced(data, **changes):
-    fields = ("images", "azimuth_deg", "elevation_deg", "clouds")
-    return GanData(**{name: getattr(data, name) for name in fields} | changes)
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("images", lambda images: images.astype(np.float32), "images: expected uint8"),
+        ("images", lambda images: images[:, :1], r"images: expected uint8 \[3, 2, 128, 128, 3\]"),
+        ("clouds", lambda clouds: clouds[:, :1024], r"clouds \[3, 1024, 3\] do not go with"),
+        ("elevation_deg", lambda angles: angles[:, :1], r"elevation_deg \[3, 1\] or clouds"),
+        ("azimuth_deg", lambda angles: angles + 360, r"azimuth_deg: values .* -180\.\.180"),
+        ("elevation_deg", lambda angles: angles * math.nan, r"elevation_deg: .* -40\.\.40"),
+        ("elevation_deg", lambda angles: 0 * angles + 40.1, r"elevation_deg: .* -40\.\.40"),
+    ],
+)
+def test_bad_images_angles_and_clouds_are_refused(gan_data, name, change, message):
+    with pytest.raises(BadInput, match=message):
+        replace(gan_data, **{name: change(getattr(gan_data, name))})
 
 
-def test_bad_data_is_refused(gan_data):
-    with pytest.raises(BadInput, match="images: expected uint8"):
-        replaced(gan_data, images=gan_data.images.astype(np.float32))
-    with pytest.raises(BadInput, match="clouds"):
-        replaced(gan_data, clouds=make_clouds(3, points=1024))
-    with pytest.raises(BadInput, match="azimuth_deg"):
-        replaced(gan_data, azimuth_deg=gan_data.azimuth_deg + 360)
-    with pytest.raises(BadInput, match="elevation_deg"):
-        replaced(gan_data, elevation_deg=gan_data.elevation_deg * math.nan)
+def test_bad_clouds_are_refused():
     clouds = make_clouds(3)
     clouds[1, 5, 0] = math.inf
     with pytest.raises(BadInput, match="cloud 1 is not finite"):
         AutoencoderData(clouds)
-    with pytest.raises(BadInput, match="sample more points"):
-        AutoencoderData(make_clouds(2, points=100))
-    with pytest.raises(BadInput, match="expected float32"):
-        AutoencoderData(make_clouds(2).astype(np.float64))
+    with pytest.raises(BadInput, match=r"2047 points each, training needs 2048.*sample more"):
+        AutoencoderData(make_clouds(2, points=2047))
+    for wrong in (make_clouds(2).astype(np.float64), make_clouds(0), make_clouds(1)[0]):
+        with pytest.raises(BadInput, match=r"expected float32 \[N, M, 3\] with N > 0"):
+            AutoencoderData(wrong)
 
 
 def test_bad_configurations_are_refused(gan_data, tmp_path):
@@ -89,49 +84,41 @@ def test_bad_configurations_are_refused(gan_data, tmp_path):
         GanConfig(warm_up=5)
 
 
-@pytest.fixture(scope="session")
-def paired_checkpoint(gan_data, tmp_path_factory):
-    config = GanConfig(
-        model=PAIRED, objective="paired", warm_up=2, steps=3, batch=2, cadence=Cadence(1, 9, 1)
-    )
+def paired_trainer(data, out_dir, **changes):
     encoder = seeded(0, lambda: build_encoder(PAIRED))
-    return train_gan.train_gan(gan_data, encoder, config, tmp_path_factory.mktemp("paired"))
+    config = GanConfig(**{"model": PAIRED, "objective": "paired", "batch": 2} | changes)
+    return trainer_of(train_gan.train_gan, data, encoder, config, out_dir)
 
 
-def test_warming_up_leaves_the_discriminator_out(paired_checkpoint):
-    header, *rows = read_log(paired_checkpoint.parent)
-    adversarial = [i for i, name in enumerate(header) if name.startswith(("d_", "g_"))]
-    of_step = {row[0]: {float(row[i]) for i in adversarial} for row in rows}
-    assert of_step["1"] == of_step["2"] == {0.0}
-    assert 0.0 not in of_step["3"]
+def test_warming_up_leaves_the_discriminator_out_at_a_higher_rate(gan_data, tmp_path):
+    trainer = paired_trainer(gan_data, tmp_path, warm_up=2)
+    weight = trainer.generator.dense.weight
+    assert (weight[:, :128] == 0).all()  # it starts without noise
+    assert (weight[:, 128:] != 0).any()
+    for step in (1, 2, 3):
+        losses = trainer.take_step()
+        adversarial = {float(losses[name]) for name in losses if name.startswith(("d_", "g_"))}
+        assert (adversarial == {0.0}) == (step <= 2)
+        assert (0.0 in adversarial) == (step <= 2)
+        rate = trainer.generator_adam.param_groups[0]["lr"]
+        assert rate == pytest.approx(4e-4 if step <= 2 else 1e-4)
+    expected = "generator 0.0004 up to step 2, then 0.0001, discriminator 0.0002"
+    assert trainer.learning_rates(3) == expected
+    assert trainer.learning_rates(2) == "generator 0.0004 up to step 2"
 
 
-def test_paired_trains_the_encoder_and_exports_its_average(paired_checkpoint, tmp_path):
-    state, _, _ = checkpoint.load(paired_checkpoint, "gan")
+def test_paired_trains_the_encoder_and_exports_its_average(tmp_path):
+    path = TRAININGS["gan-paired"](tmp_path / "run", 2)
+    state, _, _ = checkpoint.load(path, "gan")
     start = seeded(0, lambda: build_encoder(PAIRED)).state_dict()
     trained = checkpoint.sub_state(state, "drawing.encoder")
     assert all(not torch.equal(start[key], trained[key]) for key in start)
-    export(paired_checkpoint, tmp_path / "w.safetensors")
+    export(path, tmp_path / "w.safetensors")
     loaded = load_weights(tmp_path / "w.safetensors")
     assert loaded.encoder.config == PAIRED
     average = state["average.encoder.points.0.bias"]
     assert torch.equal(loaded.encoder.points[0].bias, average)
     assert not torch.equal(average, trained["points.0.bias"])
-
-
-def test_the_card_says_the_learning_rates_that_there_were(paired_checkpoint, tmp_path):
-    export(paired_checkpoint, tmp_path / "w.safetensors")
-    expected = "generator 0.0004 up to step 2, then 0.0001, discriminator 0.0002"
-    assert load_weights(tmp_path / "w.safetensors").card["learning_rates"] == expected
-
-
-def test_paired_starts_without_noise(gan_data, tmp_path):
-    encoder = seeded(0, lambda: build_encoder(PAIRED))
-    config = GanConfig(model=PAIRED, objective="paired")
-    trainer = trainer_of(train_gan.train_gan, gan_data, encoder, config, tmp_path)
-    weight = trainer.generator.dense.weight
-    assert (weight[:, :128] == 0).all()
-    assert (weight[:, 128:] != 0).any()
 
 
 def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data, tmp_path):
@@ -143,8 +130,6 @@ def test_the_reconstruction_term_pulls_a_drawn_image_to_the_real_one(gan_data, t
         gan_data.clouds[:1],
     )
     one.images[0, 0, 32:96, 32:96] = (200, 40, 90)
-    encoder = seeded(0, lambda: build_encoder(PAIRED))
-    config = GanConfig(model=PAIRED, objective="paired", warm_up=99, batch=2, generator_lr=1e-3)
-    trainer = trainer_of(train_gan.train_gan, one, encoder, config, tmp_path)
+    trainer = paired_trainer(one, tmp_path, warm_up=99, generator_lr=1e-3)
     errors = [trainer.take_step()["reconstruction"] for _ in range(60)]
     assert np.mean(errors[-5:]) < 0.25 * np.mean(errors[:5])

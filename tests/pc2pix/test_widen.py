@@ -14,50 +14,31 @@ def generator():
     return load_weights("chair").generator
 
 
-def inputs(config, count=3):
-    random = torch.Generator().manual_seed(1)
-    code = torch.randn(1, config.latent_dim, generator=random)
-    return code, *torch.rand(2, count, 1, generator=random)
-
-
 @pytest.mark.parametrize("times", [1, 2, 4])
 def test_the_wider_one_draws_the_same(generator, times):
-    given = inputs(generator.config)
+    random = torch.Generator().manual_seed(1)
+    code = torch.randn(1, generator.config.latent_dim, generator=random)
+    given = code, *torch.rand(2, 3, 1, generator=random)
     expected = UnfoldedGenerator(generator)(*given)
     assert expected.std() > 0.05
-    found = UnfoldedGenerator(widen(generator, times))(*given)
-    # float32 sums of up to 4 x 2,304 products, through twelve layers; weights rounded once more
-    torch.testing.assert_close(found, expected, rtol=0, atol=5e-5)
-
-
-def test_it_is_as_wide_as_it_says(generator):
-    wide = widen(generator, 4)
-    assert wide.config.width == 1.0
-    expected = {key: value.shape for key, value in Generator(wide.config).state_dict().items()}
-    assert {key: value.shape for key, value in wide.state_dict().items()} == expected
-    rows, columns = generator.dense.weight.shape
-    assert wide.dense.weight.shape == (4 * rows, columns)
+    wide = widen(generator, times)
     assert not wide.training
+    assert wide.config.width == 0.25 * times
+    rows, columns = generator.dense.weight.shape
+    assert wide.dense.weight.shape == (times * rows, columns)
+    # float32 sums of up to 4 x 2,304 products, through twelve layers; weights rounded once more
+    torch.testing.assert_close(UnfoldedGenerator(wide)(*given), expected, rtol=0, atol=5e-5)
 
 
-def test_copies_are_read_with_different_weights(generator):
-    wide = widen(generator, 2)
-    read = wide.conv.weight.unflatten(1, (-1, 2))
+def test_copies_are_read_with_different_weights_of_the_seed(generator):
+    before = {key: value.clone() for key, value in generator.state_dict().items()}
+    one, same, other = (widen(generator, 2, seed).conv.weight for seed in (0, 0, 1))
+    assert torch.equal(one, same)
+    assert not torch.equal(one, other)
+    read = one.unflatten(1, (-1, 2))
     assert (read[:, :, 0] != read[:, :, 1]).all()
     torch.testing.assert_close(read.sum(dim=2), generator.conv.weight, rtol=1e-6, atol=1e-8)
-
-
-def test_the_original_is_left_alone(generator):
-    before = {key: value.clone() for key, value in generator.state_dict().items()}
-    widen(generator, 2)
-    for key, value in generator.state_dict().items():
-        assert torch.equal(value, before[key])
-
-
-def test_seeds(generator):
-    a, b, c = (widen(generator, 2, seed).conv.weight for seed in (0, 0, 1))
-    assert torch.equal(a, b)
-    assert not torch.equal(a, c)
+    assert all(torch.equal(value, before[key]) for key, value in generator.state_dict().items())
 
 
 def test_what_cannot_be_widened():

@@ -1,4 +1,4 @@
-"""What test_processes.py has torchrun start twice: python two_processes.py FOLDER."""
+"""What test_processes.py has torchrun start twice: python -m tests.pc2pix.two_processes FOLDER."""
 
 from __future__ import annotations
 
@@ -7,23 +7,27 @@ import os
 import sys
 from pathlib import Path
 
-import numpy as np
 import torch
 from safetensors.torch import save_file
 
+from bench.commands.train import DecoderOptions, train_decoder
 from learning import processes, training_loop
-from learning.training_loop import Cadence, seeded
-from pc2pix.model import Encoder, ModelConfig
-from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData, train_autoencoder
-from pc2pix.train_gan import GanConfig, GanData, train_gan
+from learning.training_loop import seeded
 from pc2pix.weights import export
+from tests.learning.trainings import TRAININGS
 
-TINY = ModelConfig(width=0.0625, latent_dim=4)
-CADENCE = Cadence(log=1, sheet=9, checkpoint=2)
+
+def two_layers():
+    """With kernels in both memory layouts."""
+    return torch.nn.Sequential(
+        torch.nn.Conv2d(2, 3, 3).to(memory_format=torch.channels_last),
+        torch.nn.Flatten(),
+        torch.nn.Linear(12, 5),
+    )
 
 
 def gradients(team, folder):
-    """Each process has half of a batch of a network with kernels in both memory layouts."""
+    """Each process has half of a batch."""
     network = seeded(0, two_layers)
     inputs = torch.load(folder / "inputs.pt")
     network(inputs.chunk(team.count)[team.rank]).square().mean().backward()
@@ -33,35 +37,8 @@ def gradients(team, folder):
               folder / f"gradients-{team.rank}.safetensors")  # fmt: skip
 
 
-def two_layers():
-    return torch.nn.Sequential(
-        torch.nn.Conv2d(2, 3, 3).to(memory_format=torch.channels_last),
-        torch.nn.Flatten(),
-        torch.nn.Linear(12, 5),
-    )
-
-
-def make_data():
-    rng = np.random.default_rng(1)
-    return GanData(
-        images=rng.integers(0, 256, (3, 2, 128, 128, 3), dtype=np.uint8),
-        azimuth_deg=rng.uniform(-180, 180, (3, 2)),
-        elevation_deg=rng.uniform(-40, 40, (3, 2)),
-        clouds=rng.uniform(-0.5, 0.5, (3, 2048, 3)).astype(np.float32),
-    )
-
-
-def start_gan(folder, steps, on_progress=lambda report: None):
-    config = GanConfig(model=TINY, batch=2, cadence=CADENCE, steps=steps)
-    return train_gan(
-        make_data(), seeded(0, lambda: Encoder(TINY)), config, folder, on_progress=on_progress
-    )
-
-
 def start_decoder(folder):
     """By the command's own function, and the files that this process replaced by new ones."""
-    from bench.commands.train import DecoderOptions, train_decoder
-
     replaced = []
     replace = os.replace
     os.replace = lambda old, new: (replaced.append(Path(new).name), replace(old, new))
@@ -75,7 +52,7 @@ def start_decoder(folder):
     )
     train_decoder(options)
     os.replace = replace
-    (folder / f"decoder-wrote-{os.environ['RANK']}.json").write_text(json.dumps(replaced))
+    return replaced
 
 
 def keep_states(folder):
@@ -96,20 +73,17 @@ def main(folder):
     gradients(team, folder)
     keep_states(folder)
     reports = []
-    start_gan(folder / "whole", 4, lambda report: reports.append(report.step))
-    start_gan(folder / "cut", 2)
-    start_gan(folder / "cut", 4)
-    train_autoencoder(
-        AutoencoderData(make_data().clouds),
-        AutoencoderConfig(model=TINY, batch=2, steps=2, cadence=CADENCE),
-        folder / "autoencoder",
-    )
+    gan = TRAININGS["gan"]
+    gan(folder / "whole", 4, lambda report: reports.append(report.step))
+    gan(folder / "cut", 2)
+    gan(folder / "cut", 4)
+    TRAININGS["autoencoder"](folder / "autoencoder", 2)
     if team.rank == 0:
         export(folder / "whole" / "checkpoint.safetensors", folder / "weights.safetensors")
     team.average({"exported": 1.0})
-    start_decoder(folder)
+    replaced = start_decoder(folder)
     said = {"rank": int(os.environ["RANK"]), "first": processes.is_first(), "reports": reports}
-    (folder / f"said-{team.rank}.json").write_text(json.dumps(said))
+    (folder / f"said-{team.rank}.json").write_text(json.dumps(said | {"replaced": replaced}))
 
 
 if __name__ == "__main__":

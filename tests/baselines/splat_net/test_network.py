@@ -6,18 +6,12 @@ from itertools import pairwise
 import pytest
 import torch
 
-from baselines.splat_net.network import (
-    SIZES,
-    NetworkConfig,
-    SplatNet,
-    composite,
-)
-from baselines.splat_net.projection import Inputs
+from baselines.splat_net.network import SIZES, NetworkConfig, SplatNet, composite
+from baselines.splat_net.train import HEADS
 from data_prep.failures import BadInput
+from tests.learning.trainings import SMALL
 
-from .conftest import SMALL, lived_in
-
-SEEN = SMALL.inputs.channels
+from .conftest import lived_in
 
 
 def logit(probability):
@@ -29,9 +23,7 @@ def test_composites_by_hand():
     output[0, :, 0, 0] = torch.tensor([logit(p) for p in (0.25, 0.2, 0.4, 0.6, 0.8)])
     output[1, 0] = -200.0  # nothing is covered
     alpha, (colour, grey) = composite(output, ("colour", "grey"))
-    assert alpha.shape == (2, 1, 1, 1)
-    assert colour.shape == (2, 3, 1, 1)
-    assert grey.shape == (2, 1, 1, 1)
+    assert (alpha.shape, colour.shape, grey.shape) == ((2, 1, 1, 1), (2, 3, 1, 1), (2, 1, 1, 1))
     assert alpha[0].item() == pytest.approx(0.25, abs=1e-6)
     # a quarter of the cover, three quarters of white
     assert colour[0].flatten().tolist() == pytest.approx([0.8, 0.85, 0.9], abs=1e-6)
@@ -76,31 +68,18 @@ def test_number_of_parameters(config):
     assert sum(p.numel() for p in SplatNet(config).parameters()) == expected
 
 
-def test_weights_are_small():
-    """Two bytes a weight; the bundled ones are to take less than 4 MB."""
-    size = {name: 2 * sum(p.numel() for p in SplatNet(c).parameters()) for name, c in SIZES.items()}
-    assert size["tiny"] < size["default"] < size["large"]
-    assert size["default"] < 4e6
-
-
-@pytest.mark.parametrize("size", [16, 64, 128, 256])
-def test_images_of_many_sizes(size):
-    network = lived_in(SMALL)
-    output = network(torch.randn(2, SEEN, size, size))
-    assert output.shape == (2, 5, size, size)
+@pytest.mark.parametrize(
+    ("size", "heads", "planes"), [(16, ("colour",), 4), (64, ("grey",), 2), (256, HEADS, 5)]
+)
+def test_outputs_of_many_sizes_and_heads(size, heads, planes):
+    network = lived_in(NetworkConfig(widths=SMALL.widths, heads=heads))
+    output = network(torch.randn(2, SMALL.inputs.channels, size, size))
+    assert output.shape == (2, planes, size, size)
     assert output.isfinite().all()
     assert output.std() > 0.01
 
 
-def test_outputs_follow_from_the_heads():
-    assert NetworkConfig().outputs == 5
-    assert NetworkConfig(heads=("colour",)).outputs == 4
-    assert NetworkConfig(heads=("grey",)).outputs == 2
-    inputs = Inputs(windows=(3,), normals=False, density=False, flattened=False, far=False)
-    assert SplatNet(NetworkConfig(inputs, SMALL.widths)).first.conv.weight.shape == (4, 1, 3, 3)
-
-
-@pytest.mark.parametrize("widths", [(), (4, 4, 4, 4), (4, 4, 4, 4, 4, 4), (4, 4, 0, 4, 4)])
+@pytest.mark.parametrize("widths", [(4, 4, 4, 4), (4, 4, 4, 4, 4, 4), (4, 4, 0, 4, 4)])
 def test_widths_that_are_none(widths):
     with pytest.raises(BadInput, match="expected five numbers, each at least 1"):
         NetworkConfig(widths=widths)

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.splat_net.network import SIZES
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
-from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels, find_surfels, stack
+from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels, stack
 from data_prep.camera import camera_to_world
 from data_prep.camera import project as pixels_of
 from data_prep.scene import View
 
-from .conftest import make_cloud
 from .slow_projection import SlowProjection
 
 VIEWS = [View(0, 0), View(37, -20), View(-140, 35), View(90, 90)]
@@ -67,7 +65,7 @@ def check(surfels, views, inputs, size=128):
 @pytest.mark.parametrize("spread", [0.4, 3.0])
 def test_every_channel_against_plain_loops(spread):
     """A cloud inside the picture, and one that is mostly beside it and behind the camera."""
-    surfels = made_up(150, spread=spread)
+    surfels = made_up(80, spread=spread)
     depths = np.concatenate([pixels_of(surfels.points.numpy(), view)[1] for view in VIEWS])
     assert (depths < 0).any() == (spread == 3.0)
     found = check(surfels, VIEWS, ALL_INPUTS)
@@ -76,7 +74,7 @@ def test_every_channel_against_plain_loops(spread):
 
 @pytest.mark.parametrize("size", [64, 256])
 def test_other_sizes_have_windows_of_the_same_angle(size):
-    check(made_up(60), VIEWS[1:3], Inputs(windows=(1, 3, 5, 7)), size)
+    check(made_up(40), VIEWS[1:3], Inputs(windows=(1, 3, 5, 7)), size)
 
 
 def test_number_and_order_of_the_channels_of_every_combination():
@@ -87,13 +85,6 @@ def test_number_and_order_of_the_channels_of_every_combination():
         (found,) = project(stack([surfels]), cameras([view]), inputs)
         assert len(found) == inputs.channels
         np.testing.assert_allclose(found, slow.channels(inputs), rtol=0, atol=CLOSE)
-
-
-def test_number_of_channels():
-    assert ALL_INPUTS.channels == 2 + 1 + 3 + 2 * len(FLATTENED) + 4 * len(HOPS)
-    assert SIZES["tiny"].inputs.channels == 2 + 1 + 3
-    alone = Inputs((3,), normals=True, density=False, flattened=False, far=False)
-    assert alone.channels == 1 + 4 * len(HOPS)
 
 
 def one_point(place, normals, variation):
@@ -172,29 +163,18 @@ def test_nearness_ends_where_it_says():
         assert found[3, 64, 64] > 0  # it is counted
 
 
-def test_one_cloud_for_all_cameras_or_one_each():
+def test_one_cloud_for_all_cameras_or_one_each_and_clouds_do_not_mix():
     surfels = made_up(150)
     seen = cameras(VIEWS)
     once = project(stack([surfels]), seen, ALL_INPUTS)
     each = project(stack([surfels] * len(VIEWS)), seen, ALL_INPUTS)
     assert torch.equal(once, each)
-
-
-def test_clouds_do_not_mix():
     clouds = [made_up(90, seed) for seed in range(3)]
     together = project(stack(clouds), cameras(VIEWS[:3]), ALL_INPUTS)
     for i, surfels in enumerate(clouds):
         alone = project(stack([surfels]), cameras(VIEWS[i : i + 1]), ALL_INPUTS)
         # one cloud may go another way through the matrix product: coordinates by a last digit
         torch.testing.assert_close(together[i : i + 1], alone, rtol=0, atol=CLOSE)
-
-
-def test_the_order_of_the_points_does_not_matter():
-    cloud = make_cloud(700)
-    views = cameras(VIEWS)
-    first = project(stack([find_surfels(cloud)]), views, ALL_INPUTS)
-    shuffled = np.random.default_rng(0).permutation(cloud)
-    assert torch.equal(project(stack([find_surfels(shuffled)]), views, ALL_INPUTS), first)
 
 
 def test_bfloat16_is_the_last_step():

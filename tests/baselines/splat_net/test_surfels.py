@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.splat_net.surfels import FLATTENED, HOPS, NEIGHBOURS, Surfels, find_surfels, stack
+from baselines.splat_net.surfels import FLATTENED, HOPS, NEIGHBOURS, find_surfels, stack
 
 from .conftest import make_cloud
 
@@ -18,21 +18,14 @@ def arrays(surfels):
     return {name: value.numpy() for name, value in vars(surfels).items()}
 
 
-def test_shapes_and_types():
-    surfels = find_surfels(make_cloud(50))
-    assert len(surfels) == 50
-    shapes = {name: (a.shape, a.dtype) for name, a in arrays(surfels).items()}
-    assert shapes == {
-        "points": ((50, 3), np.float32),
-        "flattened": ((50, len(FLATTENED), 3), np.float32),
-        "normals": ((50, len(HOPS), 3), np.float32),
-        "variation": ((50, len(HOPS)), np.float32),
-    }
+def same_bytes(surfels, others):
+    return all(v.tobytes() == arrays(others)[name].tobytes() for name, v in arrays(surfels).items())
 
 
 def test_against_all_pairs_and_ways_of_so_many_hops():
     """How often a point counts in a neighbourhood is the number of ways that lead to it."""
     found = arrays(find_surfels(make_cloud(120)))
+    assert {value.dtype for value in found.values()} == {np.dtype(np.float32)}
     place = found["points"].astype(np.float64)
     hop = np.zeros((120, 120), int)
     for i, p in enumerate(place):
@@ -127,27 +120,11 @@ def lattice():
     return np.stack(np.mgrid[-4:5, -4:5, -1:2], axis=-1).reshape(-1, 3).astype(np.float32) / 8
 
 
-@pytest.mark.parametrize("cloud", [make_cloud(300), np.tile(make_cloud(70), (4, 1)), lattice()])
-def test_the_order_of_the_points_does_not_matter(cloud):
-    rng = np.random.default_rng(0)
+@pytest.mark.parametrize("cloud", [make_cloud(300), lattice()], ids=["random", "lattice"])
+def test_neither_order_nor_repetition_nor_threads_matter(cloud):
     first = find_surfels(cloud)
-    for other in (cloud[::-1], rng.permutation(cloud)):
-        again = find_surfels(np.ascontiguousarray(other))
-        for name, value in arrays(first).items():
-            assert value.tobytes() == arrays(again)[name].tobytes()
-
-
-def test_threads_do_not_matter():
-    one, two = (find_surfels(make_cloud(500), workers=n) for n in (1, 2))
-    for name, value in arrays(one).items():
-        assert value.tobytes() == arrays(two)[name].tobytes()
-
-
-def test_points_that_are_listed_twice_count_once():
-    once = find_surfels(make_cloud(70))
-    twice = find_surfels(np.vstack([make_cloud(70), make_cloud(70)[::-2]]))
-    for name, value in arrays(once).items():
-        assert value.tobytes() == arrays(twice)[name].tobytes()
+    assert same_bytes(first, find_surfels(np.random.default_rng(0).permutation(cloud)))
+    assert same_bytes(first, find_surfels(np.vstack([cloud, cloud[::-2]]), workers=2))
 
 
 def test_points_alone_where_no_surface_is_asked_for():
@@ -168,7 +145,7 @@ def check(surfels, count):
     assert surfels.variation.max() <= np.float32(1 / 3)
 
 
-@pytest.mark.parametrize("count", [1, 2, 11, 20_000])
+@pytest.mark.parametrize("count", [1, 20_000])
 def test_points_that_coincide_are_one(count):
     surfels = find_surfels(np.tile(make_cloud(1), (count, 1)))
     check(surfels, 1)
@@ -177,7 +154,7 @@ def test_points_that_coincide_are_one(count):
     assert (surfels.flattened == surfels.points[:, None]).all()
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 10, 12])
+@pytest.mark.parametrize("count", [2, 3, 4, 10, 11])
 def test_few_points(count):
     surfels = find_surfels(make_cloud(count))
     check(surfels, count)
@@ -187,7 +164,7 @@ def test_few_points(count):
         assert moved.abs().max() < ROUNDED
 
 
-@pytest.mark.parametrize("exponent", [-100, -40, 40, 100])  # 1e-30 to 1e30
+@pytest.mark.parametrize("exponent", [-100, 100])  # 1e-30 and 1e30
 def test_units_do_not_matter(exponent):
     cloud = make_cloud(200)
     plain, scaled = find_surfels(cloud), find_surfels(cloud * np.float32(2.0**exponent))
@@ -200,7 +177,7 @@ def test_units_do_not_matter(exponent):
     np.testing.assert_allclose(along, 1, rtol=0, atol=4 * ROUNDED)
 
 
-@pytest.mark.parametrize("far", [1e4, 1e15, 3e38])
+@pytest.mark.parametrize("far", [1e4, 3e38])
 def test_one_outlier_spoils_nothing_but_its_neighbours(far):
     plain = find_surfels(make_cloud(300))
     more = find_surfels(np.vstack([make_cloud(300), [[0, 0, far]]]).astype(np.float32))
@@ -214,16 +191,12 @@ def test_one_outlier_spoils_nothing_but_its_neighbours(far):
 
 
 def test_where_a_cloud_is_does_not_matter():
-    """Multiples of 1/32, which float32 has out there as well."""
+    # multiples of 1/32, which float32 has out there as well
     cloud = np.random.default_rng(0).integers(-32, 32, (300, 3)).astype(np.float32) / 32
     here, there = find_surfels(cloud), find_surfels(cloud + np.float32(2.0**16))
     np.testing.assert_allclose(there.variation, here.variation, rtol=0, atol=ROUNDED)
-
-
-def test_the_largest_numbers_there_are():
-    cloud = make_cloud(100)
-    cloud = cloud / np.abs(cloud).max() * np.finfo(np.float32).max
-    check(find_surfels(cloud), 100)
+    cloud = cloud[:100] * np.finfo(np.float32).max  # the largest numbers there are
+    check(find_surfels(cloud), len(np.unique(cloud, axis=0)))
 
 
 def test_half_of_a_cloud_in_a_plane_while_denormals_are_flushed():
@@ -239,18 +212,7 @@ def test_half_of_a_cloud_in_a_plane_while_denormals_are_flushed():
     assert (run.returncode, run.stdout.strip()) == (0, "True 100")
 
 
-def test_clouds_are_stacked():
-    parts = [find_surfels(make_cloud(20, seed)) for seed in range(3)]
-    together = stack(parts)
-    assert isinstance(together, Surfels)
-    assert len(together) == 20
-    for name, value in vars(together).items():
-        assert value.shape[0] == 3
-        for i, part in enumerate(parts):
-            assert torch.equal(value[i], vars(part)[name])
-
-
-def test_clouds_of_fewer_places_are_filled_up_with_their_last():
+def test_clouds_are_stacked_and_filled_up_with_their_last():
     parts = [find_surfels(make_cloud(count, count)) for count in (20, 17)]
     together = stack(parts)
     assert len(together) == 20
