@@ -166,7 +166,8 @@ def test_what_cannot_be_shrunk(command, tmp_path):
     assert refused(mesh).startswith("method 'true-mesh' draws the mesh behind a cloud, and ")
     gone = failed_item(tmp_path / "gone", "splat", "x: y", obj="test-0002")
     assert refused(gone) == (
-        "splat/512/chair/test-0002: the dataset procedural has no such object any more"
+        "splat/512/chair/test-0002: the dataset procedural has no such object any more; "
+        "bring its file back"
     )
     case = failed_case(tmp_path / "case", "splat", "x: y", "5-points")
     assert refused(case) == "splat/5-points: there is no such case any more; run the suite again"
