@@ -38,9 +38,10 @@ class Estimate(NamedTuple):
 class Quality:
     """How good the images of a method are by one metric.
 
-    per_object  float64 [G]: the object's mean score; of a Fréchet distance, which no single object
-                has, the distance of all images without those of the object, or of each block of
-                objects where there are many (`bench.metrics.frechet.object_blocks`)
+    per_object  float64 [G]: the object's mean score, NaN where no image of it has one (an object
+                without thin parts has no thin-recall); of a Fréchet distance, which no single
+                object has, the distance of all images without those of the object, or of each
+                block of objects where there are many (`bench.metrics.frechet.object_blocks`)
     """
 
     metric: str
@@ -142,10 +143,15 @@ def difference(a: Quality, b: Quality) -> Estimate:
     Image metrics by the bootstrap of `bench.analysis.intervals`, Fréchet distances by the jackknife
     of `bench.metrics.frechet`; the interval is NaN where there are too few objects for either.
     """
-    per_object = a.per_object - b.per_object
     if is_similarity(a.metric):
-        return Estimate(_mean(per_object), *mean_interval(per_object))
-    return _jackknife(a.estimate.value - b.estimate.value, per_object)
+        return _mean_of_objects(paired(a, b))
+    return _jackknife(a.estimate.value - b.estimate.value, a.per_object - b.per_object)
+
+
+def paired(a: Quality, b: Quality) -> Floats:
+    """a - b by an image metric of each object for which both have a value, float64 [G' <= G]."""
+    per_object = a.per_object - b.per_object
+    return per_object[~np.isnan(per_object)]
 
 
 def decimals(metric: str) -> int:
@@ -179,7 +185,7 @@ def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
 
 
 def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict[str, Quality]:
-    """Means over objects. An image without a value does not count in the mean of its object."""
+    """Means over objects. An image or an object without a value does not count."""
     name = column(metric)
     floor = _by_image(by_method[FLOOR])[name]
     qualities = {}
@@ -187,7 +193,7 @@ def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict
         own = _by_image(records)[name]
         scores = own.reindex(floor.index).where(floor.index.isin(own.index), floor)
         per_object = scores.groupby(level="object", sort=True).mean().to_numpy(np.float64)
-        estimate = Estimate(_mean(per_object), *mean_interval(per_object))
+        estimate = _mean_of_objects(per_object[~np.isnan(per_object)])
         qualities[method] = Quality(metric, estimate, per_object)
     return qualities
 
@@ -218,5 +224,6 @@ def _jackknife(value: float, left_out: Floats) -> Estimate:
     return Estimate(value, *jackknife_interval(value, [left_out]))
 
 
-def _mean(values: Floats) -> float:
-    return float(values.mean()) if len(values) else NAN
+def _mean_of_objects(values: Floats) -> Estimate:
+    value = float(values.mean()) if len(values) else NAN
+    return Estimate(value, *mean_interval(values))

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import Estimate, Quality, difference
+from bench.analysis.comparison import Estimate, Quality, difference, paired
 from bench.catalogue.metrics import is_similarity
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,10 @@ class Side:
 
 @dataclass(frozen=True)
 class Pair:
-    """A cell: the qualities of its two sides by one metric, on the same objects."""
+    """A cell: the qualities of its two sides by one metric, on the same objects.
+
+    objects  of these, how many have a value on both sides
+    """
 
     condition: str
     class_name: str
@@ -86,7 +89,7 @@ def p_value(pair: Pair, change: Estimate) -> float:
     if not math.isfinite(change.low):
         return math.nan
     if is_similarity(pair.metric):
-        return sign_flip_p(pair.quality_b.per_object - pair.quality_a.per_object)
+        return sign_flip_p(paired(pair.quality_b, pair.quality_a))
     if change.value == 0:
         return 1.0
     error = (change.high - change.low) / (2 * 1.96)

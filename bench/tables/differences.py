@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import Comparison, compare, decimals
+from bench.analysis.comparison import Comparison, compare, decimals, paired
 from bench.analysis.paired import (
     SIGNIFICANCE,
     Pair,
@@ -185,14 +185,15 @@ def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> 
 
 
 def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> Pair:
+    one, other = in_a.qualities[metric][a.method], in_b.qualities[metric][b.method]
     return Pair(
         condition=in_a.condition,
         class_name=in_a.class_name,
         a=a,
         b=b,
-        quality_a=in_a.qualities[metric][a.method],
-        quality_b=in_b.qualities[metric][b.method],
-        objects=len(in_a.objects),
+        quality_a=one,
+        quality_b=other,
+        objects=len(paired(other, one)) if is_similarity(metric) else len(in_a.objects),
     )
 
 
