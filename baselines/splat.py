@@ -58,7 +58,10 @@ class Splat:
     ) -> Images:
         """Paint the discs from far to near; no randomness."""
         del rng
-        return np.stack([_paint(state, view) for view in views])
+        images = np.empty((len(views), IMAGE_SIZE, IMAGE_SIZE, 3), np.float32)
+        for i, view in enumerate(views):
+            images[i] = _paint(state, view)
+        return images
 
 
 def _paint(discs: Discs, view: View) -> NDArray[np.float32]:
