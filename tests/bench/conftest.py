@@ -31,6 +31,12 @@ def command(monkeypatch, capsys):
     return run
 
 
+@pytest.fixture
+def no_machine(monkeypatch):
+    """Nobody asks about the machine, which takes seconds."""
+    monkeypatch.setattr("bench.running.protocol.environment", dict)
+
+
 @pytest.fixture(scope="session")
 def tiny_weights(tmp_path_factory):
     """Weights of pc2pix as they are before any training, in a file."""
@@ -81,12 +87,11 @@ def finished(arguments, tmp_path_factory):
 @pytest.fixture(scope="module")
 def same_machine(finished):
     """Runs of this process find the machine as that run found it, and no weights for fid."""
-    import bench.running.protocol
     from bench.records.journal import read_manifest
 
     environment = read_manifest(finished[0])["environment"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.running.protocol, "environment", lambda: environment)
+        patch.setattr("bench.running.protocol.environment", lambda: environment)
         patch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
         yield
 

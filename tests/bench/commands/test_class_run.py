@@ -56,6 +56,11 @@ def classifier(tmp_path_factory):
     return path, network.eval()
 
 
+def rows_of_table_5(directory):
+    with (directory / "tables" / "table5_classes.csv").open() as file:
+        return {(r["metric"], r["class"], r["method"]): r for r in csv.DictReader(file)}
+
+
 @pytest.fixture
 def with_classifier(classifier, monkeypatch):
     for module in (bench.catalogue.metrics, bench.tables.build):
@@ -63,13 +68,12 @@ def with_classifier(classifier, monkeypatch):
 
 
 @pytest.fixture
-def planned_only(monkeypatch, tmp_path):
-    """A run that ends before its jobs, and does not ask about the machine, which takes seconds."""
+def planned_only(no_machine, monkeypatch, tmp_path):
+    """A run that ends before its jobs."""
 
     def stop(*arguments):
         raise BadInput("far enough")
 
-    monkeypatch.setattr(bench.running.protocol, "environment", dict)
     monkeypatch.setattr(bench.running.run, "do_jobs", stop)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
@@ -81,34 +85,25 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
         patch.setenv("XDG_CACHE_HOME", str(directory.parent))  # no weights for fid
         for module in (bench.catalogue.metrics, bench.tables.build):
             patch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
-        done = run_suite(
-            Options(
-                suite="thirteen-classes",
-                dataset=f"folder:{folder}",
-                methods=("surface-apss", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
-                views=3,
-                workers=1,
-                out=directory,
-            )
-        )
-    return done
+        methods = ("surface-apss", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
+        dataset = f"folder:{folder}"
+        options = Options("thirteen-classes", dataset, methods, views=3, workers=1, out=directory)
+        return run_suite(options)
 
 
 @pytest.mark.slow
 def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
-    objects = read_manifest(measured.directory)["objects"]
-    assert objects == ["chair/0.ply", "chair/1.ply", "chair/2.ply", "table/0.ply", "table/1.ply"]
+    out = measured.directory
+    expected = [f"{name}/{i}.ply" for name, count in OBJECTS.items() for i in range(count)]
+    assert read_manifest(out)["objects"] == expected
     assert (measured.done, measured.failed) == (20, 0)
-    found = {
-        p.name for folder in ("tables", "figures") for p in (measured.directory / folder).iterdir()
-    }
+    found = {path.name for name in ("tables", "figures") for path in (out / name).iterdir()}
+    tables = ("table5_classes", "table5_orderings", "table_ssim", "table_detail")
     assert found == {
-        *("table5_classes.csv", "table5_classes.md", "table5_orderings.csv", "table5_orderings.md"),
-        *("table_ssim.csv", "table_ssim.md", "table_detail.csv", "table_detail.md"),
+        *(f"{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *("classes.png", "table5.png"),
     }
-    with (measured.directory / "tables" / "table5_classes.csv").open() as file:
-        rows = {(r["metric"], r["class"], r["method"]): r for r in csv.DictReader(file)}
+    rows = rows_of_table_5(out)
     assert rows["class-confidence", "chair", "true-mesh"]["n"] == "9"
     assert rows["ssim", "average", "true-mesh"]["value"] == "1.000000"
     assert float(rows["fd-views", "average", "true-mesh"]["value"]) < 1e-6
@@ -117,27 +112,20 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
 @pytest.mark.slow
 def test_class_confidence_is_the_classifiers(measured, classifier, with_classifier):
     """From the pictures, through the network, against the value in the records."""
-    _, network = classifier
-    scored = read_scored(measured.directory)
-    chosen = scored.records[
-        (scored.records["method"] == "surface-apss") & (scored.records["object"] == "1.ply")
-    ]
+    head = classifier[1].heads["class"]
+    records = read_scored(measured.directory).records
+    chosen = records[(records["method"] == "surface-apss") & (records["object"] == "1.ply")]
     assert set(chosen["class"]) == {"chair", "table"}
-    images = {
-        path: read_artifact(path)["images"]
-        for path in (measured.directory / "artifacts").rglob("*.npz")
-    }
     found = []
-    for of_job in images.values():
+    for path in (measured.directory / "artifacts").rglob("*.npz"):
         with torch.inference_mode():
-            features = torch.from_numpy(view_features(network, of_job))
-            found.append(network.heads["class"](features).double().softmax(dim=1).numpy())
-    message = np.stack(found)  # [artifact, view, class]
+            features = torch.from_numpy(view_features(classifier[1], read_artifact(path)["images"]))
+            found.append(head(features).double().softmax(dim=1).numpy())
+    of_artifacts = np.stack(found)  # [artifact, view, class]
     for i, name in enumerate(("chair", "table")):
         values = chosen[chosen["class"] == name].sort_values("view")["class_confidence"].to_numpy()
         # float32 sums of 64 products against float64
-        nearest = np.abs(message[:, :, i] - values).max(axis=1).min()
-        assert nearest < 1e-5
+        assert np.abs(of_artifacts[:, :, i] - values).max(axis=1).min() < 1e-5
 
 
 @pytest.mark.slow
@@ -156,9 +144,6 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
     assert all(math.isnan(row.value) for row in rows)
 
 
-# --- without a run --------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """Random scores and features of three chairs and two tables."""
@@ -172,8 +157,7 @@ def written(tmp_path_factory):
 
 
 def test_averages_and_intervals_of_table_5(written):
-    with (written / "tables" / "table5_classes.csv").open() as file:
-        rows = {(r["metric"], r["class"], r["method"]): r for r in csv.DictReader(file)}
+    rows = rows_of_table_5(written)
     assert rows["fid", "chair", "surface-apss"]["paper"] == "94.000000"
     of_ssim = [rows["ssim", k, "surface-apss"]["value"] for k in ("chair", "table", "average")]
     chair, table, average = map(float, of_ssim)

@@ -16,7 +16,7 @@ import pytest
 
 import bench.running.isolation
 from bench.catalogue.suites import Limits
-from bench.running.isolation import Lost, TaskPool, run_tasks
+from bench.running.isolation import MOST_BREAKS, Lost, TaskPool, run_tasks
 
 pytestmark = pytest.mark.timing
 
@@ -66,22 +66,22 @@ def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on(tmp_path)
     assert not psutil.pid_exists(int((tmp_path / "hang").read_text()))
 
 
-@pytest.mark.parametrize("when", ["before a result", "after one"])
-def test_a_pool_that_breaks_is_replaced(when):
+def test_pools_that_break_are_replaced_as_often_as_tasks_have_ended_in_between():
     """As Pebble's does where a worker dies before its task is known to have begun."""
-    with closing(TaskPool(square, 2, LIMITS)) as pool:
-        pool.submit(1)
-        found = list(pool.collect()) if when == "after one" else []
-        for x in (2, 3):
-            pool.submit(x)
-        broken = pool._pool
-        broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
-        pool.submit(4)  # which it refuses
-        while len(found) < 4:
-            found += pool.collect()
-        assert pool._pool is not broken
+    tasks = range(3 * (MOST_BREAKS + 1))
+    found = []
+    with closing(TaskPool(abs, 1, LIMITS)) as pool:
+        for first in tasks[::3]:
+            pool.submit(first)
+            pool.submit(first + 1)
+            broken = pool._pool
+            broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
+            pool.submit(first + 2)  # which it refuses
+            while len(found) < first + 3:
+                found += pool.collect()
+            assert pool._pool is not broken
         assert list(pool.collect()) == []  # nothing is left to wait for
-    assert sorted(found) == [(x, x * x) for x in (1, 2, 3, 4)]
+    assert sorted(found) == [(x, x) for x in tasks]
 
 
 @pytest.mark.slow
