@@ -38,6 +38,8 @@ SKIPPED_FID = "skipped: weights; not here"
 
 
 def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:
+    scores = {"ssim": 0.5, "luminance": 0.9, "contrast": 0.8, "structure": 0.7, "ssim_object": 0.4}
+    scores |= {"silhouette_iou": 0.55, "thin_recall": 0.3, "thin_precision": 0.6}
     record = Record(
         suite=SUITE,
         method=method,
@@ -50,16 +52,9 @@ def make_record(method="splat", condition="2048", obj="a", view=0, **changes) ->
         outcome="ok",
         reason="",
         notes="",
-        ssim=0.5,
-        luminance=0.9,
-        contrast=0.8,
-        structure=0.7,
-        ssim_object=0.4,
-        silhouette_iou=0.55,
-        thin_recall=0.3,
-        thin_precision=0.6,
         prepare_s=0.25,
         draw_s=0.125,
+        **scores,
     )
     return replace(record, **changes)
 
@@ -176,6 +171,17 @@ def read_all(directory) -> list[Record]:
     return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
 
 
+def file_bytes(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def assert_equal_runs(one: Path, other: Path) -> None:
+    """Tables to the byte, and records to the bit but for times."""
+    assert file_bytes(one / "tables") == file_bytes(other / "tables")
+    of_both = (pd.read_parquet(directory / "records.parquet") for directory in (one, other))
+    pd.testing.assert_frame_equal(*(f.drop(columns=["prepare_s", "draw_s"]) for f in of_both))
+
+
 def write_artifact(job: Job, seed=0, **arrays) -> str:
     """Random pictures, and further arrays, as the job's artifact; its checksum."""
     rng = np.random.default_rng(seed)
@@ -241,21 +247,3 @@ def write_run(directory: Path, **changes) -> Path:
         write_features(directory, extractor, [job.made for job in jobs])
     write_outputs(scored_run(directory, manifest))
     return directory
-
-
-def golden_values_of_nothing(manifest) -> pd.DataFrame:
-    """Golden values of this protocol, of no method that a run has."""
-    protocol = {name: manifest[name] for name in ("dataset", "views", "seed")}
-    cell = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}
-    return pd.DataFrame([protocol | {"objects": len(manifest["objects"])} | cell])
-
-
-def install_stranger(folder: Path, monkeypatch, group: str, module: str, entries: str) -> None:
-    """A package "stranger" on the path of this process: a module of that name, and what of it
-    is announced."""
-    (folder / "stranger.py").write_text(module)
-    info = folder / "stranger-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[{group}]\n{entries}")
-    monkeypatch.syspath_prepend(folder)

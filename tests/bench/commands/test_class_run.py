@@ -12,7 +12,6 @@ import torch
 import trimesh
 
 import bench.catalogue.metrics
-import bench.checking.golden
 import bench.running.run
 import bench.tables.build
 from bench.commands.publish import run_suite
@@ -27,7 +26,7 @@ from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from pc2pix import weights as weight_files
 
-from ..builders import golden_values_of_nothing, write_run
+from ..builders import write_run
 
 OBJECTS = {"chair": 3, "table": 2}
 
@@ -156,12 +155,9 @@ def written(tmp_path_factory):
     )
 
 
-def test_averages_and_intervals_of_table_5(written):
+def test_averages_have_intervals_and_the_papers_values_beside_them(written):
     rows = rows_of_table_5(written)
     assert rows["fid", "chair", "surface-apss"]["paper"] == "94.000000"
-    of_ssim = [rows["ssim", k, "surface-apss"]["value"] for k in ("chair", "table", "average")]
-    chair, table, average = map(float, of_ssim)
-    assert average == pytest.approx((chair + table) / 2, abs=1e-6)  # 6 decimals
     # two tables: no jackknife of a class, but one of the average
     assert rows["fd-views", "table", "surface-apss"]["ci_low"] == ""
     assert rows["fd-views", "average", "surface-apss"]["ci_high"] != ""
@@ -186,30 +182,16 @@ def test_the_orderings_in_the_report(written):
     assert len(explained) == len(set(explained))
 
 
-def test_check_compares_the_orderings_with_the_records(written, monkeypatch):
-    golden = golden_values_of_nothing(read_manifest(written))
-    monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
-    assert bench.checking.golden.check(written).regressions == ()
-    path = written / "tables" / "table5_orderings.csv"
-    kept = path.read_bytes()
-    path.write_bytes(kept.replace(b"chair", b"sofa!"))
-    (message,) = bench.checking.golden.check(written).regressions
-    path.write_bytes(kept)
-    assert "table5_orderings.csv: not what the records give" in message
-
-
 @pytest.mark.usefixtures("planned_only")
-def test_what_is_left_out_is_named(folder, capsys, tmp_path):
+def test_what_is_left_out_is_named_and_what_cannot_be_run_is_refused(
+    folder, tmp_path, monkeypatch, capsys
+):
     with pytest.raises(BadInput, match="far enough"):
         run_suite(Options("thirteen-classes", f"folder:{folder}", methods=("splat",), out=tmp_path))
-    assert capsys.readouterr().err.splitlines() == [
+    assert capsys.readouterr().err == (
         f"folder:{folder}: no airplane, bench, cabinet, car, display, lamp, loudspeaker, rifle, "
-        "sofa, telephone, vessel; left out"
-    ]
-
-
-@pytest.mark.usefixtures("planned_only")
-def test_what_cannot_be_run_is_refused_before_it_begins(folder, tmp_path, monkeypatch):
+        "sofa, telephone, vessel; left out\n"
+    )
     spoons = tmp_path / "spoons"
     shutil.copytree(folder / "spoon", spoons / "spoon")
     monkeypatch.setattr(weight_files, "FOLDER", tmp_path)  # without weights

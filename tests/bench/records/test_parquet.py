@@ -27,11 +27,10 @@ SCHEMA_KEY = b"pc2pix_bench_schema"
 def test_contract_columns_and_schema(tmp_path):
     write_all(tmp_path, [make_record()])
     path = tmp_path / "records.parquet"
-    contract = {
-        **{"suite": "chair-robustness", "method": "splat", "condition": "2048", "class": "chair"},
-        **{"object": "a", "view": 0, "outcome": "ok", "reason": "", "ssim": 0.5, "luminance": 0.9},
-        **{"contrast": 0.8, "structure": 0.7, "prepare_s": 0.25, "draw_s": 0.125},
-    }
+    cell = {"suite": "chair-robustness", "method": "splat", "condition": "2048", "class": "chair"}
+    image = {"object": "a", "view": 0, "outcome": "ok", "reason": ""}
+    scores = {"ssim": 0.5, "luminance": 0.9, "contrast": 0.8, "structure": 0.7}
+    contract = cell | image | scores | {"prepare_s": 0.25, "draw_s": 0.125}
     (row,) = pd.read_parquet(path).to_dict("records")  # as other people's scripts read it
     assert contract.items() <= row.items()
     assert pq.read_schema(path).metadata[SCHEMA_KEY] == str(SCHEMA_VERSION).encode()

@@ -35,11 +35,14 @@ def test_the_last_line_is_the_answer(monkeypatch):
     assert options["env"]["PATH"] == os.environ["PATH"]
 
 
+CRASHED = f"OpenGL ended its process (exit code -11): {render.REMEDY}"
+
+
 @pytest.mark.parametrize(
     ("stdout", "code", "message"),
     [
-        ("", -11, f"OpenGL ended its process (exit code -11): {render.REMEDY}"),
-        ("no json\n", -11, f"OpenGL ended its process (exit code -11): {render.REMEDY}"),
+        ("", -11, CRASHED),
+        ("no json\n", -11, CRASHED),
         ('{"error": "no OpenGL: install libegl1"}', 0, "no OpenGL: install libegl1"),
     ],
 )

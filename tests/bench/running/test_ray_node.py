@@ -71,13 +71,11 @@ def test_what_differs_is_named(asked, change, message):
     assert re.search(message, mismatch(replace(asked, **change)))
 
 
-def test_weights_that_were_exchanged(asked):
+def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked, monkeypatch):
     (path,) = asked.weights
     Path(path).write_bytes(b"other")
     assert "weights: " in mismatch(asked)
 
-
-def test_a_machine_without_opengl(asked, monkeypatch):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
@@ -105,19 +103,17 @@ def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
 
 def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
     made, closed = node(asked)
-    reasons = []
+    expected = {
+        Refusing: "input: no such shape; draw one",
+        Killed: "crash: the worker died (SIGKILL)",
+        Tetrahedron: "",
+    }
     with closed:
-        for obj in (Refusing("1"), Killed("2"), Tetrahedron("3")):
-            truth = make_truth(tmp_path, obj)
-            result, artifact = made.do(truth, obj.fingerprint(), None)
-            reasons.append(result.records[0].reason)
-            assert result.unusable is None
-            assert (artifact is None) == (result.artifact_sha256 is None)
-    assert reasons == [
-        "input: no such shape; draw one",
-        "crash: the worker died (SIGKILL)",
-        "",
-    ]
+        for number, (kind, reason) in enumerate(expected.items()):
+            truth = make_truth(tmp_path, kind(str(number)))
+            result, artifact = made.do(truth, truth.object.fingerprint(), None)
+            assert (result.records[0].reason, result.unusable) == (reason, None)
+            assert (artifact is None) == (result.artifact_sha256 is None) == bool(reason)
 
 
 def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):

@@ -26,14 +26,10 @@ from bench.running.protocol import Options, Shard, protocol_of
 from bench.tables.build import read_scored, tables
 from data_prep.failures import BadInput, MissingDependency
 
-from ..builders import finished_options
+from ..builders import assert_equal_runs, file_bytes, finished_options
 from ..conftest import BENCH
 
-TIMES = ["prepare_s", "draw_s"]
-
-
-def table_bytes(directory):
-    return {path.name: path.read_bytes() for path in sorted((directory / "tables").iterdir())}
+SHARES = ("methods", "metrics", "rendering", "harness")
 
 
 def records(directory):
@@ -76,7 +72,7 @@ def test_records_of_a_run(finished, tiny_weights):
     assert set(by_item["prepare_s"].nunique()) == {1}
     views = frame.drop_duplicates(["object", "view", "azimuth_deg", "elevation_deg"])
     assert len(views) == 6  # the same for all methods and conditions
-    assert (frame[[*TIMES]] >= 0).all(axis=None)
+    assert (frame[["prepare_s", "draw_s"]] >= 0).all(axis=None)
 
 
 def test_ceiling_and_floor(finished):
@@ -122,10 +118,8 @@ def test_what_is_printed(finished):
     for end in ("ground truth: 3/3 done, ", "chair-robustness: 24/24 done, "):
         assert sum(line.startswith(end) for line in progress) == 1
     assert summary.startswith("24 items done, 0 from before, 0 failed (ground truth ")
-    workers = (
-        r"time of the workers: methods (\d+)%, metrics (\d+)%, rendering (\d+)%, harness (\d+)%"
-    )
-    parts = re.fullmatch(workers, shares)
+    numbers = ", ".join(rf"{name} (\d+)%" for name in SHARES)
+    parts = re.fullmatch(f"time of the workers: {numbers}", shares)
     assert parts
     assert 98 <= sum(map(int, parts.groups())) <= 102  # four numbers, each rounded by a half
     assert where == f"results in {directory}"
@@ -149,7 +143,7 @@ def test_a_finished_run_is_not_done_again(finished, copied, same_machine, tiny_w
     again = run_suite(finished_options(tiny_weights, copied))
     assert (again.done, again.reused, again.failed) == (0, 24, 0)
     assert journal(copied) == before
-    assert table_bytes(copied) == table_bytes(finished[0])
+    assert file_bytes(copied / "tables") == file_bytes(finished[0] / "tables")
     pd.testing.assert_frame_equal(records(copied), records(finished[0]))  # times and all
     assert read_manifest(copied)["finished"]
 
@@ -239,9 +233,7 @@ def test_killed_three_times(finished, arguments, tmp_path):
     assert process.returncode == 0, err
     assert "0 items done, 24 from before, 0 failed" in err
 
-    assert table_bytes(directory) == table_bytes(finished[0])
-    found, expected = (records(d).drop(columns=TIMES) for d in (directory, finished[0]))
-    pd.testing.assert_frame_equal(found, expected)
+    assert_equal_runs(directory, finished[0])
     images = [
         {path.name: path.read_bytes() for path in place.glob("artifacts/*/[!.]*.npz")}
         for place in (finished[0], directory)
