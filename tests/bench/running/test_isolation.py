@@ -66,22 +66,24 @@ def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on(tmp_path)
     assert not psutil.pid_exists(int((tmp_path / "hang").read_text()))
 
 
-def test_pools_that_break_are_replaced_as_often_as_tasks_have_ended_in_between():
+def test_a_pool_may_break_as_often_as_allowed_each_time_before_a_task_ends():
     """As Pebble's does where a worker dies before its task is known to have begun."""
-    tasks = range(3 * (MOST_BREAKS + 1))
-    found = []
+    found, rounds = [], (range(MOST_BREAKS), range(10, 10 + MOST_BREAKS))
     with closing(TaskPool(abs, 1, LIMITS)) as pool:
-        for first in tasks[::3]:
-            pool.submit(first)
-            pool.submit(first + 1)
-            broken = pool._pool
-            broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
-            pool.submit(first + 2)  # which it refuses
-            while len(found) < first + 3:
-                found += pool.collect()
+        for tasks in rounds:
+            for x in tasks:
+                before = pool._pool
+                pool.submit(x)  # which the pool that broke refuses
+                assert (pool._pool is before) == (x == tasks[0])
+                broken = pool._pool
+                broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
+            ended = []
+            while len(ended) < len(tasks):
+                ended += pool.collect()
             assert pool._pool is not broken
+            found.append(sorted(ended))
         assert list(pool.collect()) == []  # nothing is left to wait for
-    assert sorted(found) == [(x, x) for x in tasks]
+    assert found == [[(x, x) for x in tasks] for tasks in rounds]
 
 
 @pytest.mark.slow
