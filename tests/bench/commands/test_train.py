@@ -49,13 +49,10 @@ def test_cuda_where_there_is_none(command, monkeypatch, tmp_path):
 )
 def test_classes_to_train_on(command, monkeypatch, asked, classes):
     trained = []
-    monkeypatch.setattr(
-        bench.commands.train,
-        "train_autoencoder",
-        lambda options, *_: trained.append(options) or options.out,
-    )
+    train = bench.commands.train
+    monkeypatch.setattr(train, "train_autoencoder", lambda o, *_: trained.append(o) or o.out)
     status, _, _ = command("train", "autoencoder", "--class", asked, "--objects", "2")
-    assert (status, [o.classes for o in trained]) == (0, [classes])
+    assert (status, [options.classes for options in trained]) == (0, [classes])
 
 
 @pytest.mark.parametrize(

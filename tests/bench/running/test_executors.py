@@ -20,7 +20,6 @@ from harness_objects import (
     Killed,
     Refusing,
     TellingItsProcess,
-    TellingTheEnvironment,
     Tetrahedron,
 )
 
@@ -136,22 +135,19 @@ def test_workers_do_not_outlive_a_killed_run(jobs_for, tmp_path):
             os.kill(pid, signal.SIGKILL)
 
 
-def test_workers_have_an_environment_of_their_own(jobs_for, monkeypatch):
+def test_workers_have_an_environment_of_their_own_and_are_replaced_now_and_then(
+    jobs_for, monkeypatch
+):
+    monkeypatch.setattr(bench.running.isolation, "TASKS_PER_WORKER", 2)
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     for name in WORKER_ENVIRONMENT.keys() - {"OMP_NUM_THREADS"}:
         monkeypatch.delenv(name, raising=False)
     before = dict(os.environ)
-    (result,) = run_jobs(jobs_for(TellingTheEnvironment()), 1, AMPLE)
-    message = json.loads(result.records[0].reason.removeprefix("input: "))
-    for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP"):
-        assert message[f"{name}_NUM_THREADS"] == "1"
-    assert WORKER_ENVIRONMENT.items() <= message.items()
-    assert dict(os.environ) == before
-
-
-def test_workers_are_replaced_now_and_then(jobs_for, monkeypatch):
-    monkeypatch.setattr(bench.running.isolation, "TASKS_PER_WORKER", 2)
     results = run_jobs(jobs_for(*(TellingItsProcess(str(i)) for i in range(4))), 1, AMPLE)
-    processes = [result.records[0].reason for result in results]
-    _, counts = np.unique(processes, return_counts=True)
+    told = [json.loads(result.records[0].reason.removeprefix("input: ")) for result in results]
+    for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "LP"):
+        assert told[0][f"{name}_NUM_THREADS"] == "1"
+    assert WORKER_ENVIRONMENT.items() <= told[0].items()
+    assert dict(os.environ) == before
+    _, counts = np.unique([one["pid"] for one in told], return_counts=True)
     assert counts.tolist() == [2, 2]

@@ -77,14 +77,7 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
 
 
 @pytest.mark.slow
-def test_a_merged_run_goes_on_like_any_other(made, tmp_path, tiny_weights):
-    merge_shards(made, tmp_path / "whole")
-    again = run_suite(finished_options(tiny_weights, tmp_path / "whole"))
-    assert (again.done, again.reused, again.failed) == (0, 24, 0)
-
-
-@pytest.mark.slow
-def test_a_merge_that_was_stopped_goes_on(made, tmp_path):
+def test_a_merge_that_was_stopped_goes_on_and_the_run_too(made, tmp_path, tiny_weights):
     whole = tmp_path / "whole"
     merge_shards(made, whole)
     expected = file_bytes(whole / "tables")
@@ -98,6 +91,8 @@ def test_a_merge_that_was_stopped_goes_on(made, tmp_path):
     assert merge_shards(made, whole).copied == 3  # that artifact, and the two lines
     assert file_bytes(whole / "tables") == expected
     assert merge_shards(made, whole).copied == 0
+    again = run_suite(finished_options(tiny_weights, whole))
+    assert (again.done, again.reused, again.failed) == (0, 24, 0)
 
 
 def test_a_missing_shard_and_one_that_is_there_twice_are_named(shards, tmp_path, command):
@@ -119,22 +114,19 @@ def test_a_missing_shard_and_one_that_is_there_twice_are_named(shards, tmp_path,
         ({"seed": 7}, "shard-2: not of one run with .*shard-1: its seed is 7, there 0"),
         ({"conditions": ["2048"]}, "its conditions is "),
         ({"finished": None}, "shard-2: the run is not finished"),
+        ({"versions": "1.0"}, r"its versions is \{'torch': '1.0'\}, there \{'torch': '2"),
         ({"objects": ["chair/test-0000"]}, "chair/test-0000: is in several shards"),
         ({"objects": ["chair/a", "chair/b", "chair/c"]}, "objects: 1/2 has 2, 2/2 has 3"),
     ],
 )
 def test_what_does_not_belong_together_is_refused(shards, tmp_path, changes, message):
-    write_manifest(shards[1], read_manifest(shards[1]) | changes)
+    manifest = read_manifest(shards[1])
+    if "versions" in changes:  # of one package
+        changes = {"versions": manifest["versions"] | {"torch": changes["versions"]}}
+    write_manifest(shards[1], manifest | changes)
     with pytest.raises(BadInput, match=message):
         merge_shards(shards, tmp_path / "whole")
     assert not (tmp_path / "whole").exists()
-
-
-def test_another_version_of_a_package_is_named_alone(shards, tmp_path):
-    manifest = read_manifest(shards[1])
-    write_manifest(shards[1], manifest | {"versions": manifest["versions"] | {"torch": "1.0"}})
-    with pytest.raises(BadInput, match=r"its versions is \{'torch': '1.0'\}, there \{'torch': '2"):
-        merge_shards(shards, tmp_path / "whole")
 
 
 @pytest.mark.parametrize("harm", ["gone", "altered", "unlisted"])
