@@ -15,6 +15,18 @@ sys.path.append(str(Path(__file__).parent))
 BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 
 
+def start_run(arguments, directory, code=BENCH[-1], **environment):
+    """A process of the command line in a session of its own, without weights for fid."""
+    return subprocess.Popen(
+        [*BENCH[:-1], code, *arguments, "--out", str(directory)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)} | environment,
+    )
+
+
 @pytest.fixture
 def command(monkeypatch, capsys):
     """Runs the command line in this process; gives exit status, stdout and stderr."""
@@ -73,13 +85,9 @@ def arguments(tiny_weights):
 def finished(arguments, tmp_path_factory):
     """That run, by the command line with two workers: its folder and what it printed."""
     directory = tmp_path_factory.mktemp("finished") / "run"
-    done = subprocess.run(
-        [*BENCH, *arguments, "--workers", "2", "--out", str(directory)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)},  # no weights for fid
-    )
+    with start_run((*arguments, "--workers", "2"), directory) as process:
+        out, err = process.communicate()
+    done = subprocess.CompletedProcess(process.args, process.returncode, out, err)
     assert done.returncode == 0, done.stderr
     return directory, done
 

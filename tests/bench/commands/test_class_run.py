@@ -6,7 +6,6 @@ import csv
 import math
 import shutil
 
-import numpy as np
 import pytest
 import torch
 import trimesh
@@ -15,8 +14,7 @@ import bench.catalogue.metrics
 import bench.running.run
 import bench.tables.build
 from bench.commands.publish import run_suite
-from bench.judges.views import Labels, ViewsNetwork, to_file, view_features
-from bench.records.artifacts import read_artifact
+from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.protocol import Options
@@ -61,12 +59,6 @@ def rows_of_table_5(directory):
 
 
 @pytest.fixture
-def with_classifier(classifier, monkeypatch):
-    for module in (bench.catalogue.metrics, bench.tables.build):
-        monkeypatch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
-
-
-@pytest.fixture
 def planned_only(no_machine, monkeypatch, tmp_path):
     """A run that ends before its jobs."""
 
@@ -106,25 +98,6 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
     assert rows["class-confidence", "chair", "true-mesh"]["n"] == "9"
     assert rows["ssim", "average", "true-mesh"]["value"] == "1.000000"
     assert float(rows["fd-views", "average", "true-mesh"]["value"]) < 1e-6
-
-
-@pytest.mark.slow
-def test_class_confidence_is_the_classifiers(measured, classifier, with_classifier):
-    """From the pictures, through the network, against the value in the records."""
-    head = classifier[1].heads["class"]
-    records = read_scored(measured.directory).records
-    chosen = records[(records["method"] == "surface-apss") & (records["object"] == "1.ply")]
-    assert set(chosen["class"]) == {"chair", "table"}
-    found = []
-    for path in (measured.directory / "artifacts").rglob("*.npz"):
-        with torch.inference_mode():
-            features = torch.from_numpy(view_features(classifier[1], read_artifact(path)["images"]))
-            found.append(head(features).double().softmax(dim=1).numpy())
-    of_artifacts = np.stack(found)  # [artifact, view, class]
-    for i, name in enumerate(("chair", "table")):
-        values = chosen[chosen["class"] == name].sort_values("view")["class_confidence"].to_numpy()
-        # float32 sums of 64 products against float64
-        assert np.abs(of_artifacts[:, :, i] - values).max(axis=1).min() < 1e-5
 
 
 @pytest.mark.slow

@@ -82,14 +82,11 @@ def test_failed_images_are_scored_as_blank_ones(finished):
     """Every second picture of the ceiling fails: it scores 0 where blank scores 1."""
     run = read_scored(finished[0])
     failed = (run.records["method"] == "true-mesh") & (run.records["view"] == 1)
-    broken = run.records.assign(
-        outcome=run.records["outcome"].mask(failed, "failed"),
-        reason=failed.map({True: "x: y", False: ""}),
-    )
+    outcomes = run.records["outcome"].mask(failed, "failed")
+    broken = run.records.assign(outcome=outcomes, reason=failed.map({True: "x: y", False: ""}))
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
     values = scored(broken, open_sources(finished[0], run.manifest, ()), blank)
-    assert values.loc[failed, "is_blank"].isna().all()
-    assert values.loc[~failed, "is_blank"].notna().all()
+    assert (values["is_blank"].isna() == failed).all()
     rows = image_rows(["is-blank"], values, run.suite, {})
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)

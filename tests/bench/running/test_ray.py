@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import time
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from bench.records.journal import read_manifest
 
 from ..builders import assert_equal_runs
-from ..conftest import BENCH
+from ..conftest import start_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.ray]
 
@@ -35,11 +34,7 @@ def cluster(monkeypatch):
 
 
 def start(arguments, directory, *more):
-    environment = os.environ | TELLING_NOTHING | {"XDG_CACHE_HOME": str(directory.parent)}
-    return subprocess.Popen(
-        [*BENCH, *arguments, *more, "--out", str(directory)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
-    )  # fmt: skip
+    return start_run((*arguments, *more), directory, **TELLING_NOTHING)
 
 
 def end(process):

@@ -6,7 +6,6 @@ import json
 import os
 import re
 import signal
-import subprocess
 import time
 from collections import Counter
 from dataclasses import replace
@@ -27,7 +26,7 @@ from bench.tables.build import read_scored, tables
 from data_prep.failures import BadInput, MissingDependency
 
 from ..builders import assert_equal_runs, file_bytes, finished_options
-from ..conftest import BENCH
+from ..conftest import BENCH, start_run
 
 SHARES = ("methods", "metrics", "rendering", "harness")
 
@@ -188,14 +187,7 @@ def test_fresh_starts_over(copied, same_machine, no_networks, capsys):
 
 
 def start(arguments, directory, code=BENCH[-1]):
-    return subprocess.Popen(
-        [*BENCH[:-1], code, *arguments, "--workers", "1", "--out", str(directory)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)},
-    )
+    return start_run((*arguments, "--workers", "1"), directory, code)
 
 
 def wait_for(process, reached):
