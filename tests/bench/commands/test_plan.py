@@ -179,15 +179,14 @@ def test_plan_of_a_finished_run_measures_nothing(one_run, command, arguments):
 
 def make_run(tmp_path, objects=8, there=0, **changes) -> RunStatus:
     """A run of two workers; of its items the first `there` are done."""
-    settings = {
-        "dataset": "folder:a|b",
-        "methods": ("pc2pix", "blank"),
-        "conditions": ("2048", "1024", "512", "noise-0.05", "noise-0.10"),
-        "objects": tuple(Tetrahedron(str(number)) for number in range(objects)),
-        "views": 20,
-        "device": "auto",
-    }
-    protocol = make_protocol(**settings | changes)
+    protocol = make_protocol(
+        dataset="folder:a|b",
+        methods=("pc2pix", "blank"),
+        conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
+        objects=tuple(Tetrahedron(str(number)) for number in range(objects)),
+        views=20,
+        **{"device": "auto"} | changes,
+    )
     todo = plan(protocol, tmp_path)
     done = frozenset(job.key for job in todo.items[:there])
     return RunStatus(protocol, tmp_path, todo, done, 2)

@@ -117,12 +117,12 @@ def test_optional_features_are_measured_on_the_floor(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("objects", "count", "message"),
+    ("obj", "count", "message"),
     [
-        ([Tetrahedron("a")], 0, "--pilot 0: must be at least 1"),
-        ([Refusing("a")], 1, "none of the objects looked at has a cloud"),
+        (Tetrahedron("a"), 0, "--pilot 0: must be at least 1"),
+        (Refusing("a"), 1, "none of the objects looked at has a cloud"),
     ],
 )
-def test_refused(objects, count, message):
+def test_refused(obj, count, message):
     with pytest.raises(BadInput, match=message):
-        measure(protocol_of(*objects), count, 1)
+        measure(protocol_of(obj), count, 1)
