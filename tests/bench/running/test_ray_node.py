@@ -63,6 +63,7 @@ def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
     [
         ({"environment": {"gl": "other"}}, "environment: gl is llvmpipe, not other"),
         ({"versions": {"torch": "0.1"}}, r"versions: torch is 2\..*, not 0\.1; make it"),
+        ({"versions": {"unheard-of": "1"}}, "versions: unheard-of is None, not 1"),
         ({"code": {"bench": "abc"}}, r"code: bench is [0-9a-f]{16}, not abc"),
         ({"identities": {"splat-net": "x"}}, "methods: splat-net is .*, not x"),
         ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
