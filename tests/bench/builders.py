@@ -113,15 +113,9 @@ def make_protocol(**changes) -> Protocol:
 
 def finished_options(tiny_weights, out, **changes) -> Options:
     """The options of the fixture `finished`, with one worker."""
-    options = Options(
-        SUITE,
-        methods=("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
-        conditions=("2048", "noise-0.10"),
-        limit=3,
-        views=2,
-        workers=1,
-        out=out,
-    )
+    methods = ("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
+    cells = {"methods": methods, "conditions": ("2048", "noise-0.10")}
+    options = Options(SUITE, **cells, limit=3, views=2, workers=1, out=out)
     return replace(options, **changes)
 
 

@@ -119,13 +119,11 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """Random scores and features of three chairs and two tables."""
-    return write_run(
-        tmp_path_factory.mktemp("written"),
-        suite="thirteen-classes",
-        objects=["chair/a", "chair/b", "chair/c", "table/d", "table/e"],
-        methods=["surface-apss", "pc2pix", "true-mesh", "blank"],
-        conditions=["2048"],
-    )
+    objects = ["chair/a", "chair/b", "chair/c", "table/d", "table/e"]
+    methods = ["surface-apss", "pc2pix", "true-mesh", "blank"]
+    place = tmp_path_factory.mktemp("written")
+    cells = {"objects": objects, "methods": methods, "conditions": ["2048"]}
+    return write_run(place, suite="thirteen-classes", **cells)
 
 
 def test_averages_have_intervals_and_the_papers_values_beside_them(written):

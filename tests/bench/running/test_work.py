@@ -288,6 +288,7 @@ def test_clouds_come_from_seed_object_and_condition_and_not_from_the_method(tmp_
     assert not np.array_equal(plain, points(obj=Tetrahedron("a", "sofa")))
     other = points("noise-0.05", seed=1) - points(seed=1)
     assert not np.allclose(other, noisy - plain, atol=1e-3)
+    assert not np.allclose(points("noise-0.10") - plain, 2 * (noisy - plain), atol=1e-3)
 
 
 def test_randomness_comes_from_the_job_alone(measure):
