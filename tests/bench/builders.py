@@ -38,6 +38,8 @@ SKIPPED_FID = "skipped: weights; not here"
 
 
 def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:
+    scores = {"ssim": 0.5, "luminance": 0.9, "contrast": 0.8, "structure": 0.7, "ssim_object": 0.4}
+    scores |= {"silhouette_iou": 0.55, "thin_recall": 0.3, "thin_precision": 0.6}
     record = Record(
         suite=SUITE,
         method=method,
@@ -50,16 +52,9 @@ def make_record(method="splat", condition="2048", obj="a", view=0, **changes) ->
         outcome="ok",
         reason="",
         notes="",
-        ssim=0.5,
-        luminance=0.9,
-        contrast=0.8,
-        structure=0.7,
-        ssim_object=0.4,
-        silhouette_iou=0.55,
-        thin_recall=0.3,
-        thin_precision=0.6,
         prepare_s=0.25,
         draw_s=0.125,
+        **scores,
     )
     return replace(record, **changes)
 
@@ -118,15 +113,9 @@ def make_protocol(**changes) -> Protocol:
 
 def finished_options(tiny_weights, out, **changes) -> Options:
     """The options of the fixture `finished`, with one worker."""
-    options = Options(
-        SUITE,
-        methods=("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank"),
-        conditions=("2048", "noise-0.10"),
-        limit=3,
-        views=2,
-        workers=1,
-        out=out,
-    )
+    methods = ("splat", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
+    cells = {"methods": methods, "conditions": ("2048", "noise-0.10")}
+    options = Options(SUITE, **cells, limit=3, views=2, workers=1, out=out)
     return replace(options, **changes)
 
 
@@ -174,6 +163,17 @@ def read_all(directory) -> list[Record]:
     """The records of a run, to be altered and written again by `write_all`."""
     frame = read_records(directory).rename(columns={"class": "class_name"})
     return [Record(**{str(name): row[name] for name in row}) for row in frame.to_dict("records")]
+
+
+def file_bytes(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def assert_equal_runs(one: Path, other: Path) -> None:
+    """Tables to the byte, and records to the bit but for times."""
+    assert file_bytes(one / "tables") == file_bytes(other / "tables")
+    of_both = (pd.read_parquet(directory / "records.parquet") for directory in (one, other))
+    pd.testing.assert_frame_equal(*(f.drop(columns=["prepare_s", "draw_s"]) for f in of_both))
 
 
 def write_artifact(job: Job, seed=0, **arrays) -> str:
@@ -241,21 +241,3 @@ def write_run(directory: Path, **changes) -> Path:
         write_features(directory, extractor, [job.made for job in jobs])
     write_outputs(scored_run(directory, manifest))
     return directory
-
-
-def golden_values_of_nothing(manifest) -> pd.DataFrame:
-    """Golden values of this protocol, of no method that a run has."""
-    protocol = {name: manifest[name] for name in ("dataset", "views", "seed")}
-    cell = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}
-    return pd.DataFrame([protocol | {"objects": len(manifest["objects"])} | cell])
-
-
-def install_stranger(folder: Path, monkeypatch, group: str, module: str, entries: str) -> None:
-    """A package "stranger" on the path of this process: a module of that name, and what of it
-    is announced."""
-    (folder / "stranger.py").write_text(module)
-    info = folder / "stranger-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[{group}]\n{entries}")
-    monkeypatch.syspath_prepend(folder)

@@ -15,6 +15,18 @@ sys.path.append(str(Path(__file__).parent))
 BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
 
 
+def start_run(arguments, directory, code=BENCH[-1], **environment):
+    """A process of the command line in a session of its own, without weights for fid."""
+    return subprocess.Popen(
+        [*BENCH[:-1], code, *arguments, "--out", str(directory)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)} | environment,
+    )
+
+
 @pytest.fixture
 def command(monkeypatch, capsys):
     """Runs the command line in this process; gives exit status, stdout and stderr."""
@@ -29,6 +41,12 @@ def command(monkeypatch, capsys):
         return ended.value.code or 0, out, err
 
     return run
+
+
+@pytest.fixture
+def no_machine(monkeypatch):
+    """Nobody asks about the machine, which takes seconds."""
+    monkeypatch.setattr("bench.running.protocol.environment", dict)
 
 
 @pytest.fixture(scope="session")
@@ -67,13 +85,9 @@ def arguments(tiny_weights):
 def finished(arguments, tmp_path_factory):
     """That run, by the command line with two workers: its folder and what it printed."""
     directory = tmp_path_factory.mktemp("finished") / "run"
-    done = subprocess.run(
-        [*BENCH, *arguments, "--workers", "2", "--out", str(directory)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"XDG_CACHE_HOME": str(directory.parent)},  # no weights for fid
-    )
+    with start_run((*arguments, "--workers", "2"), directory) as process:
+        out, err = process.communicate()
+    done = subprocess.CompletedProcess(process.args, process.returncode, out, err)
     assert done.returncode == 0, done.stderr
     return directory, done
 
@@ -81,12 +95,11 @@ def finished(arguments, tmp_path_factory):
 @pytest.fixture(scope="module")
 def same_machine(finished):
     """Runs of this process find the machine as that run found it, and no weights for fid."""
-    import bench.running.protocol
     from bench.records.journal import read_manifest
 
     environment = read_manifest(finished[0])["environment"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.running.protocol, "environment", lambda: environment)
+        patch.setattr("bench.running.protocol.environment", lambda: environment)
         patch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
         yield
 

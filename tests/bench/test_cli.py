@@ -10,7 +10,6 @@ import sys
 
 import pytest
 
-import bench.running.protocol
 from bench.catalogue.methods import COST_VARIANTS, METHODS
 from bench.catalogue.metrics import (
     CONTROL_METRICS,
@@ -30,9 +29,8 @@ from .conftest import BENCH
 
 
 @pytest.fixture
-def no_machine(monkeypatch, tmp_path):
-    """Runs are not asked to look at the machine; their default folder is in `tmp_path`."""
-    monkeypatch.setattr(bench.running.protocol, "environment", dict)
+def no_machine(no_machine, monkeypatch, tmp_path):
+    """The default folder of runs is in `tmp_path`, too."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -43,9 +41,6 @@ def run_refused(command, *arguments):
     assert err.startswith("bench: ")
     assert err.count("\n") == 1
     return err.removeprefix("bench: ").rstrip("\n")
-
-
-# --- bad input ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -65,10 +60,7 @@ def run_refused(command, *arguments):
         (("--views", "-2"), "--views -2: must be at least 1"),
         (("--workers", "0"), "--workers 0: must be at least 1"),
         (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file; train one"),
-        (
-            ("--dataset", "shapenet"),
-            "unknown dataset 'shapenet': use procedural, procedural:validation, folder:PATH, ",
-        ),
+        (("--dataset", "shapenet"), "unknown dataset 'shapenet': use procedural, "),
         (("--dataset", "folder:"), "unknown dataset 'folder:': use procedural, "),
         (("--dataset", "folder:gone"), "gone: no such folder; give the folder that holds your "),
         (("--inception-weights", "no.pth"), "no.pth: no such file; "),
@@ -79,20 +71,15 @@ def test_bad_values(command, no_machine, tmp_path, arguments, message):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_odd_names_stay_on_one_harmless_line(command, no_machine, tmp_path):
-    message = run_refused(command, "--dataset", f"folder:{tmp_path}/a\nb\x1b[2J\u202e")
-    assert message == (
-        f"{tmp_path}/a\\nb\\x1b[2J\\u202e: no such folder; give the folder that holds your meshes"
-    )
-
-
-def test_a_folder_without_the_class(command, no_machine, tmp_path):
+def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
     (tmp_path / "sofa").mkdir()
     (tmp_path / "sofa" / "one.obj").touch()
-    dataset = f"folder:{tmp_path}"
-    assert run_refused(command, "--dataset", dataset, "--methods", "blank") == (
-        f"{dataset}: no class 'chair' (a sub-folder of that name); found sofa"
-    )
+    for folder, message in (
+        (f"{tmp_path}", f"folder:{tmp_path}: no class 'chair' (a sub-folder of that name); found "),
+        (f"{tmp_path}/a\nb\x1b[2J\u202e", f"{tmp_path}/a\\nb\\x1b[2J\\u202e: no such folder; "),
+    ):
+        refused = run_refused(command, "--methods", "blank", "--dataset", f"folder:{folder}")
+        assert refused.startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -115,26 +102,18 @@ def test_usage_errors_are_one_line(command, arguments, message):
     assert message in err
 
 
-# --- weights --------------------------------------------------------------------------------------
-
-
 def test_weights_that_cannot_be_used(command, no_machine, tiny_weights, tmp_path, monkeypatch):
     path = tmp_path / "chair.safetensors"
     path.write_bytes(tiny_weights.read_bytes()[:-1])
-    message = run_refused(command, "--methods", f"pc2pix@{path}", "--fresh")
-    assert message.startswith(f"{path}: not a whole safetensors file (")
-    message = run_refused(command, "--methods", "blank", "--inception-weights", path)
-    assert message.startswith(f"{path}: sha256 ")
-    assert "give --inception-weights download" in message
     monkeypatch.setattr(weight_files, "FOLDER", tmp_path)
     monkeypatch.setitem(weight_files.BUNDLED, "chair", "0" * 64)
-    assert run_refused(command, "--methods", "pc2pix") == (
-        f"{path}: sha256 {file_sha256(path)} is not the expected {'0' * 64}; reinstall the package"
-    )
+    for arguments, message in (
+        (("--methods", f"pc2pix@{path}", "--fresh"), f"{path}: not a whole safetensors file ("),
+        (("--methods", "blank", "--inception-weights", path), f"{path}: sha256 "),
+        (("--methods", "pc2pix"), f"{path}: sha256 {file_sha256(path)} is not the expected 00"),
+    ):
+        assert run_refused(command, *arguments).startswith(message)
     assert list(tmp_path.iterdir()) == [path]
-
-
-# --- --out ----------------------------------------------------------------------------------------
 
 
 def test_folders_of_other_runs_and_other_things(command, no_machine, tmp_path):
@@ -144,20 +123,13 @@ def test_folders_of_other_runs_and_other_things(command, no_machine, tmp_path):
     (thesis / "chapter1.tex").touch()
     before = sorted(tmp_path.rglob("*"))
     of_seed_3 = ("--methods", "blank", "--views", "2", "--device", "cpu", "--seed", "3")
-    assert run_refused(command, *of_seed_3, "--out", run) == (
-        f"{run}: holds a run of seed 0, not 3; give another --out, or --fresh to start over"
-    )
+    refused = run_refused(command, *of_seed_3, "--out", run)
+    assert refused.startswith(f"{run}: holds a run of seed 0, not 3; ")
     for fresh in ((), ("--fresh",)):
-        for place, message in (
-            (thesis, "not empty and not a run; give a new --out"),
-            (thesis / "chapter1.tex", "is a file; give a folder with --out"),
-        ):
+        for place in (thesis, thesis / "chapter1.tex"):
             refused = run_refused(command, "--methods", "blank", "--out", place, *fresh)
-            assert refused == f"{place}: {message}"
+            assert refused.startswith(f"{place}: ")
     assert sorted(tmp_path.rglob("*")) == before
-
-
-# --- results --------------------------------------------------------------------------------------
 
 
 def test_list_names_everything(command):
@@ -214,10 +186,9 @@ def test_help_names_all_commands(command):
     status, out, err = command("--help")
     assert (status, err) == (0, "")
     names = "run list plan table report check compare recommend merge score render shrink data "
-    for name in (names + "train doctor").split():
-        assert f"\n  {name} " in out
-    for name in ("autoencoder", "gan", "decoder", "splat-net", "views", "judge", "constant"):
-        assert f"\n  {name} " in command("train", "--help")[1]
+    trained = "autoencoder gan decoder splat-net views judge constant"
+    for text, expected in ((out, names + "train doctor"), (command("train", "--help")[1], trained)):
+        assert all(f"\n  {name} " in text for name in expected.split())
 
 
 def test_table_makes_the_same_bytes_again_from_records_and_features(finished, copied, command):

@@ -55,21 +55,17 @@ def test_grey_features_do_not_see_colour():
     np.testing.assert_array_equal(grey(np.stack([luma] * 3, axis=-1)), expected)
 
 
-def test_the_judge_is_an_extractor(tmp_path, monkeypatch):
+def test_the_judge_is_an_extractor_and_skipped_where_it_is_not_there(tmp_path, monkeypatch):
+    path = tmp_path / "judge.safetensors"
+    monkeypatch.setattr(bench.catalogue.metrics, "JUDGE_WEIGHTS", path)
+    with pytest.raises(WeightsUnavailable) as error:
+        find_extractor(JUDGE).weights(None)
+    assert str(error.value) == "judge.safetensors is not bundled; 'bench train judge' makes it"
     torch.manual_seed(0)
     network = JudgeNetwork().eval()
-    path = tmp_path / "judge.safetensors"
     save_file({name: t.contiguous() for name, t in network.state_dict().items()}, path)
-    monkeypatch.setattr(bench.catalogue.metrics, "JUDGE_WEIGHTS", path)
     source = find_extractor(JUDGE)
     assert source.weights(None) == path
     answers = source.load(str(path))(IMAGES)
     assert answers.shape == (3, 3 + CODE)
     np.testing.assert_array_equal(answers, judge(network, IMAGES))
-
-
-def test_a_judge_that_is_not_there_is_skipped(tmp_path, monkeypatch):
-    monkeypatch.setattr(bench.catalogue.metrics, "JUDGE_WEIGHTS", tmp_path / "judge.safetensors")
-    with pytest.raises(WeightsUnavailable) as error:
-        find_extractor(JUDGE).weights(None)
-    assert str(error.value) == "judge.safetensors is not bundled; 'bench train judge' makes it"

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-
+import numpy as np
 import pandas as pd
 import pytest
 
 import bench.checking.golden
-import bench.running.protocol
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
@@ -16,7 +14,7 @@ from bench.report.build import read_page
 from bench.running.protocol import Options
 from bench.tables.build import make_outputs, read_scored, write_outputs
 
-from ..builders import golden_values_of_nothing, write_run
+from ..builders import write_run
 
 SUITE = next(suite for suite in SUITES if suite.id == "beyond-training")
 METHODS = ["surface-apss", "pc2pix", "splat", "true-mesh", "blank"]
@@ -31,30 +29,31 @@ def written(tmp_path_factory):
 
 
 def test_leads_follow_from_the_records(written):
+    rows = pd.read_csv(written / "tables" / "crossings.csv", dtype={"at": str, "condition": str})
+    assert set(zip(rows["method"], rows["rival"], strict=True)) == {("pc2pix", "surface-apss")}
+    assert set(rows["metric"]) == set(SUITE.crossings)
+    for _, of_metric in rows.groupby("metric"):
+        steps = of_metric[["family", "condition", "at"]].itertuples(index=False, name=None)
+        assert list(steps) == [
+            *(("points", "2048", "2048"), ("points", "512", "512")),
+            *(("noise", "2048", "0"), ("noise", "noise-0.05", "0.05")),
+            *(("noise", "noise-0.20", "0.2"), ("missing", "2048", "0")),
+            ("missing", "missing-0.50", "0.5"),
+        ]
     records = pd.read_parquet(written / "records.parquet")
-    with (written / "tables" / "crossings.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    # points 2048 and 512; noise 0, 0.05 and 0.20; missing 0 and 0.50; one pair, three metrics
-    assert len(rows) == 3 * (2 + 3 + 2)
-    means = records.groupby(["method", "condition"])[["ssim", "silhouette_iou"]].mean()
-    for row in rows:
-        assert (row["method"], row["rival"]) == ("pc2pix", "surface-apss")
-        if row["metric"] != "fd-views":
-            name, condition = row["metric"].replace("-", "_"), row["condition"]
-            network, surface = (means.loc[(m, condition), name] for m in ("pc2pix", "surface-apss"))
-            expected = (network, surface, network - surface)
-            found = [float(row[field]) for field in ("value", "rival_value", "lead")]
-            assert found == pytest.approx(expected, abs=1e-6)  # rounded to 6 decimals
-    steps = [(r["family"], r["condition"], r["at"]) for r in rows if r["metric"] == "ssim"]
-    assert steps == [
-        *(("points", "2048", "2048"), ("points", "512", "512")),
-        *(("noise", "2048", "0"), ("noise", "noise-0.05", "0.05"), ("noise", "noise-0.20", "0.2")),
-        *(("missing", "2048", "0"), ("missing", "missing-0.50", "0.5")),
-    ]
+    means = records.groupby(["condition", "method"])["ssim"].mean().unstack()
+    means = means.loc[rows[rows["metric"] == "ssim"]["condition"], ["pc2pix", "surface-apss"]]
+    found = rows[rows["metric"] == "ssim"][["value", "rival_value", "lead"]].to_numpy()
+    np.testing.assert_allclose(found[:, :2], means, rtol=0, atol=1e-6)  # 6 decimals
+    np.testing.assert_allclose(found[:, 2], found[:, 0] - found[:, 1], rtol=0, atol=2e-6)
 
 
 def test_table_and_check_know_the_leads(written, command, monkeypatch):
-    golden = golden_values_of_nothing(read_manifest(written))
+    """Against golden values of a method that the run does not have."""
+    manifest = read_manifest(written)
+    protocol = {name: manifest[name] for name in ("dataset", "views", "seed")} | {"objects": 3}
+    none = {"method": "none", "condition": "none", "class": "chair", "metric": "ssim", "value": 0.5}
+    golden = pd.DataFrame([protocol | none])
     monkeypatch.setattr(bench.checking.golden, "golden", lambda suite: golden)
     assert bench.checking.golden.check(written).regressions == ()
     path = written / "tables" / "crossings.csv"
@@ -70,11 +69,11 @@ def test_table_and_check_know_the_leads(written, command, monkeypatch):
 
 def test_tables_and_report_have_titles_of_their_own(written):
     outputs = make_outputs(read_scored(written))
-    assert [table.name for table in outputs.tables] == [
-        *("table_ssim", "table_frechet", "table_detail"),
-    ]
-    assert not any("Table " in table.title for table in outputs.tables)
-    assert not any("the paper's layout" in table.to_markdown() for table in outputs.tables)
+    names = [table.name for table in outputs.tables]
+    assert names == ["table_ssim", "table_frechet", "table_detail"]
+    for table in outputs.tables:
+        assert "Table " not in table.title
+        assert "the paper's layout" not in table.to_markdown()
     page = read_page(outputs)
     assert page.curves_title == "Beyond training"
     assert [plot.title for plot in page.curves] == [
@@ -87,9 +86,8 @@ def test_tables_and_report_have_titles_of_their_own(written):
 
 
 def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
-    few = write_run(
-        tmp_path / "a", suite=SUITE.id, methods=["splat", "blank"], conditions=CONDITIONS
-    )
+    methods = ["splat", "blank"]
+    few = write_run(tmp_path / "a", suite=SUITE.id, methods=methods, conditions=CONDITIONS)
     (few / "features" / "fd-views.parquet").unlink()
     made = write_outputs(read_scored(few))
     assert made.crossings is None
@@ -106,32 +104,16 @@ def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_run(tmp_path, monkeypatch):
+def test_a_run(tmp_path, no_machine):
     """1 object x 3 conditions x 2 methods, 2 views."""
-    monkeypatch.setattr(bench.running.protocol, "environment", dict)
-    done = run_suite(
-        Options(
-            suite=SUITE.id,
-            methods=("splat", "blank"),
-            conditions=("2048", "outliers-0.10", "missing-0.50"),
-            limit=1,
-            views=2,
-            workers=1,
-            out=tmp_path / "run",
-        )
-    )
+    cells = {"methods": ("splat", "blank"), "conditions": ("2048", "outliers-0.10", "missing-0.50")}
+    out = tmp_path / "run"
+    done = run_suite(Options(SUITE.id, **cells, limit=1, views=2, workers=1, out=out))
     assert (done.done, done.failed) == (6, 0)
     assert done.outputs.curves
-    found = {
-        path.name
-        for folder in ("tables", "figures")
-        for path in (tmp_path / "run" / folder).iterdir()
-    }
+    found = {path.name for name in ("tables", "figures") for path in (out / name).iterdir()}
+    tables = ("table_ssim", "table_frechet", "table_detail")
     assert found == {
-        *(
-            f"table_{name}.{kind}"
-            for name in ("ssim", "frechet", "detail")
-            for kind in ("csv", "md")
-        ),
+        *(f"{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *("beyond.png", "beyond.svg", "beyond-pictures.png"),
     }

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from bench.commands.data import inspect
+from bench.commands.publish import run_suite
+from bench.running.protocol import Options
 from data_prep.datasets import ProceduralObject
 
 from ...data_prep.dataset_trees import write_obj, write_paper_tree
-from ..conftest import BENCH
 
 CHAIR = "03001627"
 
@@ -30,39 +29,18 @@ def copied(tree, tmp_path) -> Path:
     return Path(shutil.copytree(tree, tmp_path / "tree"))
 
 
-# --- runs -----------------------------------------------------------------------------------------
-
-
-def run(dataset: str, out: Path, methods: str) -> dict[str, bytes]:
-    """The tables of a run of two objects, without those of times.
-
-    All 20 views: fewer are others where they are drawn at random, and the first of 20 on a tree.
-    """
-    done = subprocess.run(
-        [
-            *(*BENCH, "run", "--suite", "chair-robustness", "--dataset", dataset, "--limit", "2"),
-            *("--methods", methods, "--conditions", "2048,noise-0.10"),
-            *("--workers", "1", "--out", str(out)),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"XDG_CACHE_HOME": str(out.parent)},  # no weights for fid
-    )
-    assert done.returncode == 0, done.stderr
-    return {path.name: path.read_bytes() for path in (out / "tables").glob("*.csv")}
-
-
 @pytest.mark.slow
-def test_a_run_on_the_tree_is_the_run_on_its_source(tree, tmp_path):
-    methods = "splat,pc2pix,blank"
-    there = run("procedural", tmp_path / "there", methods)
-    here = run(f"paper:{tree}", tmp_path / "here", methods)
-    assert "table3_ssim.csv" in there
-    assert there == here
-
-
-# --- inspect --------------------------------------------------------------------------------------
+def test_a_run_on_the_tree_is_the_run_on_its_source(tree, tmp_path, no_machine, monkeypatch):
+    """All 20 views: fewer are others where drawn at random, and the first of 20 on a tree."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
+    cells = {"methods": ("splat", "pc2pix", "blank"), "conditions": ("2048", "noise-0.10")}
+    tables = []
+    for name, dataset in (("there", "procedural"), ("here", f"paper:{tree}")):
+        out = tmp_path / name
+        run_suite(Options("chair-robustness", dataset, **cells, limit=2, workers=1, out=out))
+        tables.append({path.name: path.read_bytes() for path in (out / "tables").glob("*.csv")})
+    assert "table3_ssim.csv" in tables[0]
+    assert tables[0] == tables[1]
 
 
 def test_a_regular_tree(tree, command):

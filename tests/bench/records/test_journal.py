@@ -61,9 +61,6 @@ def names(paths):
     return [path.name for path in paths]
 
 
-# --- journal --------------------------------------------------------------------------------------
-
-
 def test_what_was_appended_is_there_again(tmp_path):
     job, broken = jobs_of(tmp_path, "splat", "blank")
     done, lost = finish(job), failed(broken, 'crash: "ä" \u2028 died')
@@ -98,11 +95,15 @@ def test_lines_of_an_older_schema_are_passed_over(tmp_path):
         assert journal.usable(new) is not None
 
 
-def test_every_start_that_writes_has_a_file_of_its_own(tmp_path):
-    for job in jobs_of(tmp_path, "splat", "blank"):
-        write_journal(tmp_path, job)
-        with open_journal(tmp_path):
-            pass  # reads only
+def test_every_start_that_writes_has_a_file_and_later_results_replace_earlier_ones(tmp_path):
+    job = make_job(tmp_path)
+    for seed in (0, 1):
+        done = finish(job, seed)
+        with open_journal(tmp_path) as journal:
+            journal.append(done)
+        with open_journal(tmp_path) as journal:  # reads only
+            assert journal.usable(job) == JobOutcome(done.artifact_sha256, "")
+            assert journal.lines.result(job.key) == done
     assert names(shards(tmp_path)) == ["0001.jsonl", "0002.jsonl"]
 
 
@@ -123,17 +124,6 @@ def test_a_result_is_on_disk_before_append_returns(tmp_path, monkeypatch):
     assert json.loads(body)["key"] == job.key
 
 
-def test_later_results_replace_earlier_ones(tmp_path):
-    job = make_job(tmp_path)
-    for seed in (0, 1):
-        done = finish(job, seed)
-        with open_journal(tmp_path) as journal:
-            journal.append(done)
-    with open_journal(tmp_path) as journal:
-        assert journal.usable(job) == JobOutcome(done.artifact_sha256, "")
-        assert journal.lines.result(job.key) == done
-
-
 @pytest.mark.parametrize("length", [1, 64, 65, -2])
 def test_a_torn_line_is_done_again(tmp_path, length):
     whole, torn = jobs_of(tmp_path, "splat", "blank")
@@ -151,14 +141,10 @@ def test_a_torn_line_is_done_again(tmp_path, length):
         journal.append(finish(torn))
     with open_journal(tmp_path) as journal:
         assert journal.usable(torn) is not None
-
-
-def test_a_whole_line_without_its_newline_counts(tmp_path):
-    job = make_job(tmp_path)
-    shard = write_journal(tmp_path, job)
-    shard.write_bytes(shard.read_bytes().rstrip(b"\n"))
+        (last,) = (path for path in shards(tmp_path) if path.name == "0003.jsonl")
+    last.write_bytes(last.read_bytes().rstrip(b"\n"))  # a whole line counts without its newline
     with open_journal(tmp_path) as journal:
-        assert journal.usable(job) is not None
+        assert journal.usable(torn) is not None
         assert journal.damage == []
 
 
@@ -271,18 +257,13 @@ with open_journal(Path(sys.argv[1])):
 
 def test_a_second_process_is_refused(tmp_path):
     write_manifest(tmp_path, make_manifest())
-    holder = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(tmp_path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-c", HOLD, str(tmp_path)]
+    pipe = subprocess.PIPE
+    holder = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
     with holder:
         assert holder.stdout.readline() == "held\n"
         for refused in (open_journal(tmp_path).__enter__, lambda: set_aside(tmp_path)):
-            assert refusal(refused) == (
-                f"{tmp_path}: another run is writing here; wait, or give --out"
-            )
+            assert refusal(refused).startswith(f"{tmp_path}: another run is writing here; wait")
         holder.kill()
     with open_journal(tmp_path):  # the lock has died with its process
         pass
@@ -294,23 +275,18 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     assert "file/run: cannot be written (Not a directory); give --out" in message
 
 
-# --- directories ----------------------------------------------------------------------------------
-
 FIXED = ["suite", "dataset", "views", "seed", "device"]
 
 
-def test_new_and_empty_directories_and_a_lock_alone_are_welcome(tmp_path):
+def test_new_and_empty_directories_a_lock_alone_and_the_same_run_are_welcome(tmp_path):
     for place in (tmp_path / "new", tmp_path):
         check_directory(place, make_manifest())
         assert set_aside(place) is None
     with open_journal(tmp_path):
         check_directory(tmp_path, make_manifest())
-
-
-def test_the_same_run_is_welcome_whatever_grows(tmp_path):
     write_manifest(tmp_path, make_manifest())
-    more = make_manifest(methods=["splat"], conditions=["noise-0.05"], objects=["chair/z"])
-    check_directory(tmp_path, more)
+    grown = make_manifest(methods=["splat"], conditions=["noise-0.05"], objects=["chair/z"])
+    check_directory(tmp_path, grown)
 
 
 @pytest.mark.parametrize("name", [*FIXED, "shard"])
@@ -349,36 +325,31 @@ def test_no_manifest(tmp_path, read):
         )
 
 
+def without(name):
+    return json.dumps({key: value for key, value in make_manifest().items() if key != name})
+
+
 @pytest.mark.parametrize(
-    "text",
+    ("text", "message"),
     [
-        *("", "{", "[]", "{}", "\xff", "[" * 10_000),
-        *('{"schema_version": "new"}', '{"schema_version": 1e999}'),
+        *((text, "") for text in ("", "{", "[]", "{}", "\xff", "[" * 10_000)),
+        *((f'{{"schema_version": {version}}}', "") for version in ('"new"', "1e999")),
+        *((without(name), f"no {name}); move it away") for name in FIXED),
     ],
-    ids=range(8),
+    ids=range(13),
 )
-def test_a_damaged_manifest(tmp_path, text):
+def test_a_damaged_manifest(tmp_path, text, message):
     path = tmp_path / "manifest.json"
     path.write_text(text, encoding="latin-1")
-    assert refusal(read_manifest, tmp_path).startswith(f"{path}: not a manifest (")
+    assert refusal(read_manifest, tmp_path).startswith(f"{path}: not a manifest ({message}")
 
 
-@pytest.mark.parametrize("finished", [{"finished": None}, {}])
-def test_a_run_that_was_stopped_is_not_finished(tmp_path, finished):
-    manifest = make_manifest()
-    del manifest["finished"]
-    write_manifest(tmp_path, manifest | finished)
-    assert refusal(read_finished, tmp_path) == (
-        f"{tmp_path}: the run is not finished; start it again with its command"
-    )
-
-
-@pytest.mark.parametrize("name", FIXED)
-def test_a_manifest_that_lacks_something(tmp_path, name):
-    manifest = make_manifest()
-    del manifest[name]
-    write_manifest(tmp_path, manifest)
-    assert f"not a manifest (no {name}); move it away" in refusal(read_manifest, tmp_path)
+def test_a_run_that_was_stopped_is_not_finished(tmp_path):
+    for text in (json.dumps(make_manifest(finished=None)), without("finished")):
+        (tmp_path / "manifest.json").write_text(text)
+        assert refusal(read_finished, tmp_path) == (
+            f"{tmp_path}: the run is not finished; start it again with its command"
+        )
 
 
 def test_manifests_are_kept_to_the_letter(tmp_path):

@@ -24,28 +24,13 @@ from ..builders import make_failed, make_job, make_record, write_all, write_arti
 SCHEMA_KEY = b"pc2pix_bench_schema"
 
 
-# --- records --------------------------------------------------------------------------------------
-
-
 def test_contract_columns_and_schema(tmp_path):
     write_all(tmp_path, [make_record()])
     path = tmp_path / "records.parquet"
-    contract = {
-        "suite": "chair-robustness",
-        "method": "splat",
-        "condition": "2048",
-        "class": "chair",
-        "object": "a",
-        "view": 0,
-        "outcome": "ok",
-        "reason": "",
-        "ssim": 0.5,
-        "luminance": 0.9,
-        "contrast": 0.8,
-        "structure": 0.7,
-        "prepare_s": 0.25,
-        "draw_s": 0.125,
-    }
+    cell = {"suite": "chair-robustness", "method": "splat", "condition": "2048", "class": "chair"}
+    image = {"object": "a", "view": 0, "outcome": "ok", "reason": ""}
+    scores = {"ssim": 0.5, "luminance": 0.9, "contrast": 0.8, "structure": 0.7}
+    contract = cell | image | scores | {"prepare_s": 0.25, "draw_s": 0.125}
     (row,) = pd.read_parquet(path).to_dict("records")  # as other people's scripts read it
     assert contract.items() <= row.items()
     assert pq.read_schema(path).metadata[SCHEMA_KEY] == str(SCHEMA_VERSION).encode()
@@ -76,13 +61,10 @@ def test_what_is_written_some_at_a_time_is_read_in_one_order(tmp_path, monkeypat
     assert [path.name for path in tmp_path.iterdir()] == ["records.parquet"]
 
 
-def test_no_records(tmp_path):
+@pytest.mark.parametrize("harm", [lambda data: data[:-10], lambda data: b"", lambda data: b"PAR1"])
+def test_missing_or_damaged_records(tmp_path, harm):
     with pytest.raises(BadInput, match=r"no records\.parquet; the run is not finished"):
         read_records(tmp_path)
-
-
-@pytest.mark.parametrize("harm", [lambda data: data[:-10], lambda data: b"", lambda data: b"PAR1"])
-def test_damaged_records(tmp_path, harm):
     write_all(tmp_path, [make_record()])
     path = tmp_path / "records.parquet"
     path.write_bytes(harm(path.read_bytes()))
@@ -134,9 +116,6 @@ def test_jobs_keep_their_order(tmp_path):
     jobs = [JobRow("b", items[0], "0" * 64), JobRow("a", items[1], None)]
     write_jobs(tmp_path, jobs)
     assert read_jobs(tmp_path) == jobs
-
-
-# --- features -------------------------------------------------------------------------------------
 
 
 def features(tmp_path, objects, methods=("m0", "m1"), conditions=("2048",)):

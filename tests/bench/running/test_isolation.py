@@ -16,7 +16,7 @@ import pytest
 
 import bench.running.isolation
 from bench.catalogue.suites import Limits
-from bench.running.isolation import Lost, TaskPool, run_tasks
+from bench.running.isolation import MOST_BREAKS, Lost, TaskPool, run_tasks
 
 pytestmark = pytest.mark.timing
 
@@ -66,22 +66,24 @@ def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on(tmp_path)
     assert not psutil.pid_exists(int((tmp_path / "hang").read_text()))
 
 
-@pytest.mark.parametrize("when", ["before a result", "after one"])
-def test_a_pool_that_breaks_is_replaced(when):
+def test_a_pool_may_break_as_often_as_allowed_each_time_before_a_task_ends():
     """As Pebble's does where a worker dies before its task is known to have begun."""
-    with closing(TaskPool(square, 2, LIMITS)) as pool:
-        pool.submit(1)
-        found = list(pool.collect()) if when == "after one" else []
-        for x in (2, 3):
-            pool.submit(x)
-        broken = pool._pool
-        broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
-        pool.submit(4)  # which it refuses
-        while len(found) < 4:
-            found += pool.collect()
-        assert pool._pool is not broken
+    found, rounds = [], (range(MOST_BREAKS), range(10, 10 + MOST_BREAKS))
+    with closing(TaskPool(abs, 1, LIMITS)) as pool:
+        for tasks in rounds:
+            for x in tasks:
+                before = pool._pool
+                pool.submit(x)  # which the pool that broke refuses
+                assert (pool._pool is before) == (x == tasks[0])
+                broken = pool._pool
+                broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
+            ended = []
+            while len(ended) < len(tasks):
+                ended += pool.collect()
+            assert pool._pool is not broken
+            found.append(sorted(ended))
         assert list(pool.collect()) == []  # nothing is left to wait for
-    assert sorted(found) == [(x, x * x) for x in (1, 2, 3, 4)]
+    assert found == [[(x, x) for x in tasks] for tasks in rounds]
 
 
 @pytest.mark.slow

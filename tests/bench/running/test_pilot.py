@@ -15,14 +15,7 @@ from bench.catalogue.suites import Limits
 from bench.judges import JUDGE_WEIGHTS
 from bench.records.record import GROUND_TRUTH
 from bench.running.isolation import Lost
-from bench.running.pilot import (
-    CELLS,
-    lost_sample,
-    measure,
-    measured,
-    size_of,
-    sizes_of,
-)
+from bench.running.pilot import CELLS, lost_sample, measure, measured, size_of, sizes_of
 from data_prep.failures import BadInput, MissingDependency
 
 from ..builders import make_job, make_protocol
@@ -32,19 +25,13 @@ def protocol_of(*objects):
     return make_protocol(objects=objects)
 
 
-# --- sizes ----------------------------------------------------------------------------------------
-
-
-def test_size_of_a_filled_cube_a_plate_and_a_line():
+def test_size_of_a_filled_cube_a_plate_a_line_and_at_any_place_and_scale():
     axis = (np.arange(2 * CELLS) + 0.5) / (2 * CELLS)
     ends = np.concatenate([[0.0], axis, [1.0]])
     cube = np.stack(np.meshgrid(ends, ends, ends), axis=-1).reshape(-1, 3)
     assert size_of(cube) == CELLS**3
     assert size_of(cube[cube[:, 1] == 0.0]) == CELLS**2
     assert size_of(cube[(cube[:, 0] == 0.0) & (cube[:, 1] == 0.0)]) == CELLS
-
-
-def test_size_depends_on_neither_place_nor_scale_and_is_there_at_the_extremes():
     cloud = np.random.default_rng(0).normal(size=(500, 3))
     assert size_of(4.0 * cloud + 64.0) == size_of(cloud) > 50
     assert size_of(np.zeros((0, 3))) == 0
@@ -67,16 +54,9 @@ def test_objects_without_a_cloud_are_left_out_and_named(capsys):
     assert "2 of 3 objects have no readable cloud; left out" in capsys.readouterr().err
 
 
-# --- the pilot ------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def pilot():
-    return measure(protocol_of(*(Tetrahedron(str(n)) for n in range(5))), 3, 2)
-
-
 @pytest.mark.slow
-def test_every_method_and_condition_is_measured_on_every_chosen_object(pilot):
+def test_every_method_and_condition_is_measured_on_every_chosen_object():
+    pilot = measure(protocol_of(*(Tetrahedron(str(n)) for n in range(5))), 3, 2)
     samples, objects = pilot.samples, {s.object_id for s in pilot.samples}
     cells = [(GROUND_TRUTH, ""), *((m, c) for m in ("splat", "blank") for c in ("2048", "512"))]
     found = {(s.method, s.condition, s.object_id) for s in samples}
@@ -90,12 +70,8 @@ def test_every_method_and_condition_is_measured_on_every_chosen_object(pilot):
         assert 30 < sample.peak_mib < 4096
         assert sample.size_b > 1000
         assert (sample.ssim is None) == (sample.method == GROUND_TRUTH)
-
-
-@pytest.mark.slow
-def test_first_items_of_processes_are_loading(pilot):
-    for method in (GROUND_TRUTH, "splat", "blank"):
-        of_method = [s for s in pilot.samples if s.method == method]
+    for method in (GROUND_TRUTH, "splat", "blank"):  # first items of processes are loading
+        of_method = [s for s in samples if s.method == method]
         loading = [s.loading_s for s in of_method if s.loading_s is not None]
         assert 1 <= len(loading) <= 2  # there are two workers
         if method == GROUND_TRUTH:  # a process is started, a renderer's context made
@@ -141,12 +117,12 @@ def test_optional_features_are_measured_on_the_floor(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("objects", "count", "message"),
+    ("obj", "count", "message"),
     [
-        ([Tetrahedron("a")], 0, "--pilot 0: must be at least 1"),
-        ([Refusing("a")], 1, "none of the objects looked at has a cloud"),
+        (Tetrahedron("a"), 0, "--pilot 0: must be at least 1"),
+        (Refusing("a"), 1, "none of the objects looked at has a cloud"),
     ],
 )
-def test_refused(objects, count, message):
+def test_refused(obj, count, message):
     with pytest.raises(BadInput, match=message):
-        measure(protocol_of(*objects), count, 1)
+        measure(protocol_of(obj), count, 1)

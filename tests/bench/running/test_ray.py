@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import time
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from bench.records.journal import read_manifest
 
-from ..conftest import BENCH
+from ..builders import assert_equal_runs
+from ..conftest import start_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.ray]
 
@@ -35,11 +34,7 @@ def cluster(monkeypatch):
 
 
 def start(arguments, directory, *more):
-    environment = os.environ | TELLING_NOTHING | {"XDG_CACHE_HOME": str(directory.parent)}
-    return subprocess.Popen(
-        [*BENCH, *arguments, *more, "--out", str(directory)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
-    )  # fmt: skip
+    return start_run((*arguments, *more), directory, **TELLING_NOTHING)
 
 
 def end(process):
@@ -48,24 +43,9 @@ def end(process):
     return out, err
 
 
-def assert_equal_runs(one, other):
-    """To the bit, but for times."""
-    tables, values = [], []
-    for directory in (one, other):
-        tables.append({path.name: path.read_bytes() for path in (directory / "tables").iterdir()})
-        frame = pd.read_parquet(directory / "records.parquet")
-        values.append(frame.drop(columns=["prepare_s", "draw_s"]))
-    assert tables[0] == tables[1]
-    pd.testing.assert_frame_equal(*values)
-
-
 def journal_keys(directory):
-    lines = [
-        line
-        for path in (directory / "journal").glob("*.jsonl")
-        for line in path.read_text().splitlines()
-    ]
-    return [line.partition('"key": "')[2][:64] for line in lines]
+    text = "".join(path.read_text() for path in (directory / "journal").glob("*.jsonl"))
+    return [line.partition('"key": "')[2][:64] for line in text.splitlines()]
 
 
 def test_two_nodes_make_the_tables_that_one_machine_makes(cluster, finished, arguments, tmp_path):

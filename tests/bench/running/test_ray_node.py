@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import re
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,10 +45,12 @@ def asked(tmp_path, driver):
     return requirements(protocol)
 
 
+@contextmanager
 def node(asked):
-    """A node with a process of its own, to be closed."""
+    """A node with a process of its own."""
     made = Node(asked, LIMITS)
-    return made, closing(made._pool)
+    with closing(made._pool):
+        yield made
 
 
 def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
@@ -61,6 +63,7 @@ def test_a_machine_meets_its_own_requirements_which_are_plain_values(asked):
     [
         ({"environment": {"gl": "other"}}, "environment: gl is llvmpipe, not other"),
         ({"versions": {"torch": "0.1"}}, r"versions: torch is 2\..*, not 0\.1; make it"),
+        ({"versions": {"unheard-of": "1"}}, "versions: unheard-of is None, not 1"),
         ({"code": {"bench": "abc"}}, r"code: bench is [0-9a-f]{16}, not abc"),
         ({"identities": {"splat-net": "x"}}, "methods: splat-net is .*, not x"),
         ({"identities": {"pc2pix@/none.safetensors": "x"}}, "methods: .*none.safetensors: no"),
@@ -71,13 +74,11 @@ def test_what_differs_is_named(asked, change, message):
     assert re.search(message, mismatch(replace(asked, **change)))
 
 
-def test_weights_that_were_exchanged(asked):
+def test_weights_that_were_exchanged_and_a_machine_without_opengl(asked, monkeypatch):
     (path,) = asked.weights
     Path(path).write_bytes(b"other")
     assert "weights: " in mismatch(asked)
 
-
-def test_a_machine_without_opengl(asked, monkeypatch):
     def environment():
         raise MissingDependency("no OpenGL context: install libegl1")
 
@@ -92,8 +93,7 @@ def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
     at_home = do(job)
     expected = job.artifact.read_bytes()
     job.artifact.unlink()
-    made, closed = node(asked)
-    with closed:
+    with node(asked) as made:
         result, artifact = made.do(job, job.object.fingerprint(), truth.artifact.read_bytes())
         again, _ = made.do(job, job.object.fingerprint(), truth.artifact.read_bytes())
     assert artifact == expected
@@ -104,26 +104,22 @@ def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
 
 
 def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
-    made, closed = node(asked)
-    reasons = []
-    with closed:
-        for obj in (Refusing("1"), Killed("2"), Tetrahedron("3")):
-            truth = make_truth(tmp_path, obj)
-            result, artifact = made.do(truth, obj.fingerprint(), None)
-            reasons.append(result.records[0].reason)
-            assert result.unusable is None
-            assert (artifact is None) == (result.artifact_sha256 is None)
-    assert reasons == [
-        "input: no such shape; draw one",
-        "crash: the worker died (SIGKILL)",
-        "",
-    ]
+    expected = {
+        Refusing: "input: no such shape; draw one",
+        Killed: "crash: the worker died (SIGKILL)",
+        Tetrahedron: "",
+    }
+    with node(asked) as made:
+        for number, (kind, reason) in enumerate(expected.items()):
+            truth = make_truth(tmp_path, kind(str(number)))
+            result, artifact = made.do(truth, truth.object.fingerprint(), None)
+            assert (result.records[0].reason, result.unusable) == (reason, None)
+            assert (artifact is None) == (result.artifact_sha256 is None) == bool(reason)
 
 
 def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
     job = make_truth(tmp_path)
-    made, closed = node(asked)
-    with closed:
+    with node(asked) as made:
         result, artifact = made.do(job, "another", None)
     assert artifact is None
     assert "chair/a is not what it is in the run (tetrahedron a, not another)" in result.unusable
@@ -131,9 +127,8 @@ def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
 
 
 def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
-    made, closed = node(replace(asked, versions={"torch": "0.1"}))
     job = make_truth(tmp_path)
-    with closed:
+    with node(replace(asked, versions={"torch": "0.1"})) as made:
         result, _ = made.do(job, job.object.fingerprint(), None)
     assert result.unusable.startswith("node ")
     assert "torch is" in result.unusable
@@ -141,6 +136,5 @@ def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
 
 def test_relative_paths_start_where_the_run_was_started(asked, tmp_path):
     for folder in (tmp_path, tmp_path / "none"):
-        _, closed = node(replace(asked, folder=str(folder)))
-        with closed:
+        with node(replace(asked, folder=str(folder))):
             assert Path.cwd() == tmp_path

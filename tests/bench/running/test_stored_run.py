@@ -40,15 +40,9 @@ def test_its_journal_is_used_again(stored, monkeypatch):
     monkeypatch.setattr(protocol, "environment", lambda: manifest["environment"])
     monkeypatch.setattr(protocol, "method_identity", lambda method, device: identities[method])
     (suite,) = (suite for suite in SUITES if suite.id == manifest["suite"])
-    options = Options(
-        suite.id,
-        methods=("splat",),
-        conditions=tuple(manifest["conditions"]),
-        limit=1,
-        views=manifest["views"],
-        device="cpu",
-        out=stored,
-    )
+    cells = {"methods": ("splat",), "conditions": tuple(manifest["conditions"])}
+    place = {"views": manifest["views"], "device": "cpu", "out": stored}
+    options = Options(suite.id, **cells, limit=1, **place)
     todo = run.look_ahead(options, protocol_of(suite, options)[0])
     assert set(todo.left.values()) == {0}
 
@@ -69,7 +63,6 @@ FEWEST = ("schema_version", "suite", "dataset", "views", "seed", "device", "fini
 newer_manifest = altered_manifest(lambda manifest: manifest | {"schema_version": 4})
 bare_manifest = altered_manifest(lambda manifest: {name: manifest[name] for name in FEWEST})
 READERS = ("table", "check", "report", "recommend", "score", "merge")
-OPTIONS = {"recommend": ("--budget-ms", "10")}
 
 
 @pytest.mark.parametrize(
@@ -82,12 +75,12 @@ OPTIONS = {"recommend": ("--budget-ms", "10")}
 )
 def test_a_missing_part_is_one_line(stored, command, damage, reader, tmp_path):
     damage(stored)
-    arguments = OPTIONS.get(reader, ())
-    if reader == "merge":
-        arguments = ("--out", tmp_path / "whole")
-    if reader == "score":
-        arguments = ("--metrics", "ssim")
-    status, _, err = command(reader, stored, *arguments)
+    options = {
+        "recommend": ("--budget-ms", "10"),
+        "merge": ("--out", tmp_path / "whole"),
+        "score": ("--metrics", "ssim"),
+    }
+    status, _, err = command(reader, stored, *options.get(reader, ()))
     assert status == 2
     assert err.startswith("bench: ")
     assert err.count("\n") == 1
