@@ -268,7 +268,7 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
         "the command draws the first",
         f"bench render {found.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
         "-o out.png",
-        "not reproduced: the command draws a picture",
+        "not reproduced: the command draws an image",
     ]
 
 
