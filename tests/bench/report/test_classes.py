@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from harness_objects import Tetrahedron
@@ -57,27 +59,21 @@ ROWS = [
 
 def make_jobs(directory, methods=METHODS, lost=()):
     jobs = []
-    for number, class_name in enumerate(("car", "lamp", "sofa")):
-        for object_id in ("a", "b"):
-            obj = Tetrahedron(f"{class_name}-{object_id}", class_name)
-            truth = make_truth(directory, obj)
-            write_artifact(truth, seed=number)
-            jobs.append(truth)
-            for i, method in enumerate(methods):
-                if (class_name, method) not in lost:
-                    jobs.append(make_job(directory, obj, method))
-                    write_artifact(jobs[-1], seed=10 * i + number)
+    for class_name, object_id in product(("car", "lamp", "sofa"), "ab"):
+        obj = Tetrahedron(f"{class_name}-{object_id}", class_name)
+        jobs.append(make_truth(directory, obj))
+        drawn = [method for method in methods if (class_name, method) not in lost]
+        jobs += [make_job(directory, obj, method) for method in drawn]
+    for seed, job in enumerate(jobs):
+        write_artifact(job, seed)
     return jobs
-
-
-def labels(figure):
-    return [axis.get_ylabel() for axis in figure.axes]
 
 
 def test_figure_4(drawn, tmp_path):
     jobs = make_jobs(tmp_path, lost=[("lamp", "surface-apss")])
     images, _ = drawn(ROWS, jobs)
-    assert [name for name in labels(images) if name] == ["car", "sofa", "lamp"]  # two blocks
+    names = [axis.get_ylabel() for axis in images.axes if axis.get_ylabel()]
+    assert names == ["car", "sofa", "lamp"]  # two blocks
     by_row = np.array(images.axes).reshape(2, 8)
     assert [axis.get_title() for axis in by_row[0]] == ["truth", *METHODS] * 2
     first = {(job.object.object_id, job.method): job for job in jobs}
@@ -99,33 +95,28 @@ def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"] * 2
 
 
+def dots_of(axis):
+    return {bars.get_label(): bars.lines[0].get_xdata().tolist() for bars in axis.containers}
+
+
 def test_dots(drawn, tmp_path):
-    _, dots = drawn(ROWS, make_jobs(tmp_path))
+    jobs = make_jobs(tmp_path)
+    _, dots = drawn(ROWS, jobs)
     ours, paper = dots.axes
     assert ours.get_title() == "ours: fd-views (lower is better)"
     assert [text.get_text() for text in ours.get_yticklabels()] == ["car", "average"]
-    found = {bars.get_label(): bars.lines[0].get_xdata().tolist() for bars in ours.containers}
-    assert found == {"SR": [20.0, 12.0], "pc2pix@all": [5.0, 6.0]}
-    (sr, _) = ours.containers
-    segments = sr.lines[2][0].get_segments()
+    assert dots_of(ours) == {"SR": [20.0, 12.0], "pc2pix@all": [5.0, 6.0]}
+    segments = ours.containers[0].lines[2][0].get_segments()
     assert segments[0][:, 0].tolist() == [15.0, 30.0]
     assert segments[1][:, 0].tolist() == [12.0, 12.0]  # no interval
-    found = {bars.get_label(): bars.lines[0].get_xdata().tolist() for bars in paper.containers}
-    assert found == {"SR": [203.1, 114.4], "pc2pix@all": [40.0, 57.2]}
-
-
-def test_fid_is_shown_where_it_is_there(drawn, tmp_path):
-    rows = [*ROWS, row("fid", "pc2pix@all", "car", 40.0)]
-    _, dots = drawn(rows, make_jobs(tmp_path))
+    assert dots_of(paper) == {"SR": [203.1, 114.4], "pc2pix@all": [40.0, 57.2]}
+    *_, dots = drawn([*ROWS, row("fid", "pc2pix@all", "car", 40.0)], jobs)
     assert dots.axes[0].get_title() == "ours: fid (lower is better)"
 
 
-def test_without_a_network_there_is_one_figure(drawn, tmp_path):
-    kept = drawn(ROWS, make_jobs(tmp_path, methods=("surface-apss", "splat")))
-    assert len(kept) == 1
-    assert not (tmp_path / "figures" / "table5.png").exists()
-
-
-def test_where_everything_has_failed(drawn, tmp_path):
-    assert drawn(ROWS, [job for job in make_jobs(tmp_path) if not job.condition]) == []
+def test_what_a_run_lacks_has_no_figure(drawn, tmp_path):
+    jobs = make_jobs(tmp_path, methods=("surface-apss", "splat"))
+    assert drawn(ROWS, [job for job in jobs if not job.condition]) == []
     assert not (tmp_path / "figures").exists()
+    assert len(drawn(ROWS, jobs)) == 1
+    assert not (tmp_path / "figures" / "table5.png").exists()

@@ -39,37 +39,26 @@ def make_row(metric, method, condition, value, low=NAN, high=NAN):
     return Row("s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, "")
 
 
+IMAGES = (
+    make_row("ssim", "splat", "2048", 0.8, 0.7, 0.95),
+    make_row("ssim", "splat", "512", 0.6, 0.5, 0.65),
+    make_row("ssim", "blank", "2048", 0.4),
+    make_row("luminance", "splat", "2048", 0.9),
+)
+SETS = (make_row("fid", "splat", "2048", NAN), make_row("fd-views", "splat", "2048", 12.5))
 CURVES = [
-    quality_table(
-        "table3_ssim",
-        "",
-        (
-            make_row("ssim", "splat", "2048", 0.8, 0.7, 0.95),
-            make_row("ssim", "splat", "512", 0.6, 0.5, 0.65),
-            make_row("ssim", "blank", "2048", 0.4),
-            make_row("luminance", "splat", "2048", 0.9),
-        ),
-        3,
-    ),
-    quality_table(
-        "table4_fid",
-        "",
-        (make_row("fid", "splat", "2048", NAN), make_row("fd-views", "splat", "2048", 12.5)),
-        1,
-    ),
+    quality_table("table3_ssim", "", IMAGES, 3),
+    quality_table("table4_fid", "", SETS, 1),
 ]
 
 
 @pytest.fixture
 def jobs(tmp_path):
-    made = []
-    for number, obj in enumerate((Tetrahedron("a"), Tetrahedron("b"))):
-        made.append(make_truth(tmp_path, obj))
-        for method in ("splat", "blank"):
-            if (method, obj.object_id) != ("splat", "b"):  # that one failed
-                made.append(make_job(tmp_path, obj, method))
-        for job in made:
-            write_artifact(job, seed=number + len(made))
+    a, b = Tetrahedron("a"), Tetrahedron("b")  # splat has failed for b
+    made = [make_truth(tmp_path, a), make_job(tmp_path, a), make_job(tmp_path, a, "blank")]
+    made += [make_truth(tmp_path, b), make_job(tmp_path, b, "blank")]
+    for number, job in enumerate(made):
+        write_artifact(job, seed=number)
     return made
 
 
