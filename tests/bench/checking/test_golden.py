@@ -191,9 +191,7 @@ def test_an_altered_record_is_a_regression(run, command):
     status, out, _ = command("check", run)
     assert status == 1
     assert "REGRESSION ssim of splat at 512: " in out
-    # and the tables no longer say what the records say
-    assert f"REGRESSION {run}/tables/table3_ssim.csv: not what the records give" in out
-    write_outputs(read_scored(run))
+    write_outputs(read_scored(run))  # the tables did not say what the records say
     assert len(check(run).regressions) == 1
 
 

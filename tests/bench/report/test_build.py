@@ -141,7 +141,8 @@ def test_head_counts_images(document):
     facts = {d.one("dt").text: d.one("dd").text for d in document.all("dl")[0].all("div")}
     assert facts["objects"] == "4 of class chair × 2 views"
     assert facts["finished"] == "2026-01-01 00:00:00 UTC"
-    assert "bench run --suite chair-robustness --out 'my run'" in document.text
+    command = "bench run --suite chair-robustness --out 'my run'"
+    assert document.one("pre", class_="command").text == command
 
 
 def test_failures_are_listed_with_their_reasons(document):

@@ -156,6 +156,7 @@ def test_the_average_is_over_classes():
         at = {"method": "surface-apss", "metric": metric}
         lamp, car, average = (cell(made, class_name=k, **at) for k in ("lamp", "car", "average"))
         assert average.value == pytest.approx((lamp.value + car.value) / 2, rel=1e-12)
+        assert average.failures_as_blank == pytest.approx(average.value, rel=1e-12)
         assert (average.n_ok, average.n) == (14, 14)
 
 
