@@ -3,47 +3,29 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import pytest
 from harness_objects import Tetrahedron
 
-import bench.report.classes
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import read_artifact
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
 from bench.tables.classes import table_of_classes
-from bench.tables.figure import save
 from bench.tables.published import published
 from bench.tables.quality import Row
 
-from ..builders import make_job, make_truth, write_artifact
+from ..builders import make_job, make_truth
 
 NAN = float("nan")
 PAPER = published("thirteen-classes")
 METHODS = ("surface-apss", "pc2pix@all", "splat")
 
 
-@pytest.fixture
-def drawn(monkeypatch, tmp_path):
-    """Writes the figures and keeps them."""
-    kept = []
-
-    def keep(figure, path):
-        kept.append(figure)
-        save(figure, path)
-
-    monkeypatch.setattr(bench.report.classes, "save", keep)
-
-    def draw(rows, jobs):
-        table = table_of_classes(rows, "")
-        write_class_figures(tmp_path, table, PAPER, [job.made for job in jobs])
-        return kept
-
-    return draw
-
-
 def row(metric, method, class_name, value, low=NAN, high=NAN):
     return Row("s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, "")
+
+
+def figures(drawn, rows, jobs):
+    return drawn(write_class_figures, table_of_classes(rows, ""), PAPER, jobs=jobs)
 
 
 ROWS = [
@@ -64,14 +46,12 @@ def make_jobs(directory, methods=METHODS, lost=()):
         jobs.append(make_truth(directory, obj))
         drawn = [method for method in methods if (class_name, method) not in lost]
         jobs += [make_job(directory, obj, method) for method in drawn]
-    for seed, job in enumerate(jobs):
-        write_artifact(job, seed)
     return jobs
 
 
 def test_figure_4(drawn, tmp_path):
     jobs = make_jobs(tmp_path, lost=[("lamp", "surface-apss")])
-    images, _ = drawn(ROWS, jobs)
+    images, _ = figures(drawn, ROWS, jobs)
     names = [axis.get_ylabel() for axis in images.axes if axis.get_ylabel()]
     assert names == ["car", "sofa", "lamp"]  # two blocks
     by_row = np.array(images.axes).reshape(2, 8)
@@ -90,7 +70,7 @@ def test_figure_4(drawn, tmp_path):
 
 def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
-    images, _ = drawn(ROWS, make_jobs(tmp_path, methods=methods))
+    images, _ = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods))
     titles = [axis.get_title() for axis in images.axes if axis.get_title()]
     assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"] * 2
 
@@ -101,7 +81,7 @@ def dots_of(axis):
 
 def test_dots(drawn, tmp_path):
     jobs = make_jobs(tmp_path)
-    _, dots = drawn(ROWS, jobs)
+    _, dots = figures(drawn, ROWS, jobs)
     ours, paper = dots.axes
     assert ours.get_title() == "ours: fd-views (lower is better)"
     assert [text.get_text() for text in ours.get_yticklabels()] == ["car", "average"]
@@ -110,13 +90,13 @@ def test_dots(drawn, tmp_path):
     assert segments[0][:, 0].tolist() == [15.0, 30.0]
     assert segments[1][:, 0].tolist() == [12.0, 12.0]  # no interval
     assert dots_of(paper) == {"SR": [203.1, 114.4], "pc2pix@all": [40.0, 57.2]}
-    *_, dots = drawn([*ROWS, row("fid", "pc2pix@all", "car", 40.0)], jobs)
+    *_, dots = figures(drawn, [*ROWS, row("fid", "pc2pix@all", "car", 40.0)], jobs)
     assert dots.axes[0].get_title() == "ours: fid (lower is better)"
 
 
 def test_what_a_run_lacks_has_no_figure(drawn, tmp_path):
     jobs = make_jobs(tmp_path, methods=("surface-apss", "splat"))
-    assert drawn(ROWS, [job for job in jobs if not job.condition]) == []
+    assert figures(drawn, ROWS, [job for job in jobs if not job.condition]) == []
     assert not (tmp_path / "figures").exists()
-    assert len(drawn(ROWS, jobs)) == 1
+    assert len(figures(drawn, ROWS, jobs)) == 1
     assert not (tmp_path / "figures" / "table5.png").exists()
