@@ -127,6 +127,8 @@ def test_records_that_are_not_there_list_those_that_are(refused, tmp_path):
     for wrong in (f"{run}", f"{run}:", f"{run}:splat/2048/chair/test-0000", f"{run}:splat/512"):
         message = f"{wrong}: no failed record; there are {names} and 1 more"
         assert refused("shrink", wrong) == message
+    ten = write_failures(tmp_path / "ten", *records[:10])
+    assert refused("shrink", ten).endswith("/test-0009")
     cases = failed_case(tmp_path / "cases", "splat", "x: y", "0-points")
     message = refused("shrink", f"{tmp_path}/cases:blank/0-points")
     assert message.endswith(f": no failed record; there are {cases}")
