@@ -39,10 +39,6 @@ def found(count, trials):
     return sets
 
 
-def is_one_minimal(rows, fails):
-    return not any(fails(frozenset(rows) - {row}) for row in rows)
-
-
 @st.composite
 def culprits_among(draw, most=120):
     count = draw(st.integers(1, most))
@@ -70,19 +66,14 @@ def test_where_failing_is_not_monotone_the_last_set_is_1_minimal(count, seed, at
         return len(rows) == count or (len(rows) > 0 and bool(coin))
 
     sets = found(count, Trials(fails))
-    assert is_one_minimal(sets[-1], fails)
+    assert not any(fails(frozenset(sets[-1]) - {row}) for row in sets[-1])
     assert found(count, Trials(fails, at_once)) == sets
 
 
 def test_pairs_that_need_each_other():
     """Rows count as pairs only: no single row can go before its partner is there to go with it."""
-
-    def fails(rows):
-        return 6 in rows and all(row ^ 1 in rows for row in rows)
-
-    rows = found(8, Trials(fails))[-1]
-    assert rows == (6, 7)
-    assert is_one_minimal(rows, fails)
+    trials = Trials(lambda rows: 6 in rows and all(row ^ 1 in rows for row in rows))
+    assert found(8, trials)[-1] == (6, 7)
 
 
 def test_what_fails_without_any_rows_needs_one_trial():

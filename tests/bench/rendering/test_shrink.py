@@ -4,7 +4,6 @@ import re
 import shlex
 
 import numpy as np
-import plugin_methods
 import pytest
 
 import bench.rendering.shrink
@@ -21,12 +20,6 @@ from data_prep.failures import BadInput
 from data_prep.scene import View
 
 from ..builders import make_failed, make_manifest, make_record, write_all
-
-
-@pytest.fixture
-def plugins(tmp_path_factory, monkeypatch):
-    with plugin_methods.installed(tmp_path_factory.mktemp("plugins"), monkeypatch):
-        yield
 
 
 def write_failures(directory, *records, **changes):
@@ -62,9 +55,6 @@ def shrunk(record, budget_s=600.0, workers=1):
     return found
 
 
-# --- what is the same failure ---------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("one", "other", "alike"),
     [
@@ -85,9 +75,6 @@ def shrunk(record, budget_s=600.0, workers=1):
 def test_reasons_that_differ_in_numbers_only(one, other, alike):
     assert fails_alike(one, other) is alike
     assert fails_alike(other, one) is alike
-
-
-# --- records --------------------------------------------------------------------------------------
 
 
 def test_items_are_planned_again(tmp_path):
@@ -132,66 +119,62 @@ def test_names_with_colons_and_slashes(tmp_path, tiny_weights):
     assert item.job.object.object_id == "a:b/c.off"
 
 
-def test_records_that_are_not_there_list_those_that_are(command, tmp_path):
+def test_records_that_are_not_there_list_those_that_are(refused, tmp_path):
     records = [make_failed("splat", "512", f"test-{i:04d}") for i in range(11)]
     ok = make_record("splat", "2048", "test-0000")
     run = write_failures(tmp_path / "run", *records, ok)
-    names = [f"{run}:splat/512/chair/test-{i:04d}" for i in range(10)]
+    names = ", ".join(f"{run}:splat/512/chair/test-{i:04d}" for i in range(10))
     for wrong in (f"{run}", f"{run}:", f"{run}:splat/2048/chair/test-0000", f"{run}:splat/512"):
-        status, out, err = command("shrink", wrong)
-        assert (status, out) == (2, "")
-        assert err == (
-            f"bench: {wrong}: no failed record; there are {', '.join(names)} and 1 more\n"
-        )
+        message = f"{wrong}: no failed record; there are {names} and 1 more"
+        assert refused("shrink", wrong) == message
+    ten = write_failures(tmp_path / "ten", *records[:10])
+    assert refused("shrink", ten).endswith("/test-0009")
     cases = failed_case(tmp_path / "cases", "splat", "x: y", "0-points")
-    assert command("shrink", f"{tmp_path}/cases:blank/0-points")[2].endswith(
-        f": no failed record; there are {cases}\n"
-    )
+    message = refused("shrink", f"{tmp_path}/cases:blank/0-points")
+    assert message.endswith(f": no failed record; there are {cases}")
     fine = write_failures(tmp_path / "fine", ok)
-    assert command("shrink", f"{fine}")[2].endswith("; nothing has failed in this run\n")
+    assert refused("shrink", f"{fine}").endswith("; nothing has failed in this run")
 
 
-def test_what_cannot_be_shrunk(command, tmp_path):
-    def refused(record, *arguments):
-        status, out, err = command("shrink", record, *arguments)
-        assert (status, out) == (2, "")
-        assert err.count("\n") == 1
-        return err.removeprefix("bench: ").rstrip("\n")
+def test_what_cannot_be_shrunk(refused, tmp_path):
+    def item(name, method="splat", **changes):
+        return failed_item(tmp_path / name, method, "x: y", **changes)
 
-    assert refused("nowhere:splat/512/chair/a") == (
-        "nowhere:splat/512/chair/a: no run there; give DIR:METHOD/CONDITION/CLASS/OBJECT, of the "
-        "suite stability DIR:METHOD/CASE"
-    )
-    mesh = failed_item(tmp_path / "mesh", "true-mesh", "x: y")
-    assert refused(mesh).startswith("method 'true-mesh' draws the mesh behind a cloud, and ")
-    gone = failed_item(tmp_path / "gone", "splat", "x: y", obj="test-0002")
-    assert refused(gone) == (
-        "splat/512/chair/test-0002: the dataset procedural has no such object any more; "
-        "bring its file back"
-    )
-    case = failed_case(tmp_path / "case", "splat", "x: y", "5-points")
-    assert refused(case) == "splat/5-points: there is no such case any more; run the suite again"
-    unfinished = failed_item(tmp_path / "unfinished", "splat", "x: y", finished=None)
-    assert "the run is not finished" in refused(unfinished)
-    assert refused(gone, "--budget-s", "0") == "--budget-s 0: must be more than 0"
-    assert refused(gone, "--workers", "0") == "--workers 0: must be at least 1"
+    gone = item("gone", obj="test-0002")
+    for record, message in (
+        (
+            "nowhere:splat/512/chair/a",
+            "nowhere:splat/512/chair/a: no run there; give DIR:METHOD/CONDITION/CLASS/OBJECT, "
+            "of the suite stability DIR:METHOD/CASE",
+        ),
+        (item("mesh", "true-mesh"), "method 'true-mesh' draws the mesh behind a cloud, and "),
+        (
+            gone,
+            "splat/512/chair/test-0002: the dataset procedural has no such object any more; "
+            "bring its file back",
+        ),
+        (
+            failed_case(tmp_path / "case", "splat", "x: y", "5-points"),
+            "splat/5-points: there is no such case any more; run the suite again",
+        ),
+    ):
+        assert refused("shrink", record).startswith(message)
+    assert "the run is not finished" in refused("shrink", item("unfinished", finished=None))
+    assert refused("shrink", gone, "--budget-s", "0") == "--budget-s 0: must be more than 0"
+    assert refused("shrink", gone, "--workers", "0") == "--workers 0: must be at least 1"
     assert not list(tmp_path.rglob("minimal.ply"))
 
 
 @pytest.mark.slow
-def test_an_object_that_is_at_fault_itself(command, tmp_path):
+def test_an_object_that_is_at_fault_itself(refused, tmp_path):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.off").write_text("OFF\n")
     changes = {"dataset": f"folder:{tmp_path / 'meshes'}", "objects": ["meshes/a.off"]}
     failure = make_failed("splat", "512", "a.off", 0, "input: a", class_name="meshes")
     run = write_failures(tmp_path / "run", failure, **changes)
-    status, _, err = command("shrink", f"{run}:splat/512/meshes/a.off")
-    assert status == 2
-    assert err.startswith("bench: splat/512/meshes/a.off: its cloud cannot be made (input: ")
-    assert err.endswith("); it is the object that is at fault, not the method\n")
-
-
-# --- clouds ---------------------------------------------------------------------------------------
+    message = refused("shrink", f"{run}:splat/512/meshes/a.off")
+    assert message.startswith("splat/512/meshes/a.off: its cloud cannot be made (input: ")
+    assert message.endswith("); it is the object that is at fault, not the method")
 
 
 @pytest.mark.slow
@@ -268,7 +251,7 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
         "the command draws the first",
         f"bench render {found.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
         "-o out.png",
-        "not reproduced: the command draws a picture",
+        "not reproduced: the command draws an image",
     ]
 
 
@@ -277,21 +260,15 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
     ("method", "case", "before", "left", "reason", "reproduced"),
     [
         ("fake-crash-where-high", "16-points", 16, 1, *["crash: the worker died (SIGSEGV)"] * 2),
-        (
-            *("fake-blank-from-the-left", "16-points", 16, 5),
-            *("draw: 2 of 4 pictures are blank", "draw: 1 of 1 pictures are blank"),
-        ),
-        (
-            *("splat", "outlier-nan", 2048, 1),
-            *("input: 1 of 2048 points are not finite", "input: 1 of 1 points are not finite"),
-        ),
-        (
-            *("fake-nan", "plain", 2048, 0),
-            *("draw: 9 pixel values are not finite", "draw: 384 pixel values are not finite"),
-        ),
+        ("fake-blank-from-the-left", "16-points", 16, 5, "draw: 2 of 4 pictures are blank",
+         "draw: 1 of 1 pictures are blank"),
+        ("splat", "outlier-nan", 2048, 1, "input: 1 of 2048 points are not finite",
+         "input: 1 of 1 points are not finite"),
+        ("fake-nan", "plain", 2048, 0, "draw: 9 pixel values are not finite",
+         "draw: 384 pixel values are not finite"),
         ("fake-exception", "0-points", 0, 0, *["ValueError: 12 of 34 parts are missing"] * 2),
     ],
-)
+)  # fmt: skip
 def test_what_is_left_of_a_cloud(plugins, tmp_path, method, case, before, left, reason, reproduced):
     record = failed_case(tmp_path / "run", method, reason, case)
     found = shrunk(record)
@@ -300,9 +277,6 @@ def test_what_is_left_of_a_cloud(plugins, tmp_path, method, case, before, left, 
     assert left > 0 or found.trials <= 2
     fails_first = View(-60.0, -10.0) if "left" in method else find_item(record).job.views[0]
     assert found.drawing.views == (fails_first,)
-
-
-# --- ends -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -339,20 +313,19 @@ def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys, monkeyp
 
 
 @pytest.mark.slow
-def test_ends_before_the_failure_was_seen_again(command, plugins, tmp_path):
+def test_ends_before_the_failure_was_seen_again(refused, plugins, tmp_path):
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "16-points")
     with pytest.raises(BadInput, match="over before the failure was seen again; give more"):
         shrink(record, 0.01, 1, None)
     licence = failed_item(tmp_path / "licence", "fake-no-licence", "x: y")
-    assert command("shrink", licence, "--workers", "1") == (2, "", "bench: no licence; buy one\n")
+    assert refused("shrink", licence, "--workers", "1") == "no licence; buy one"
     assert not list(tmp_path.rglob("minimal.ply"))
 
 
 @pytest.mark.slow
-def test_a_folder_that_cannot_be_written_is_reported_before_the_work(command, plugins, tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported_before_the_work(refused, plugins, tmp_path):
     reason = "ValueError: 12 of 34 parts are missing"
     record = failed_case(tmp_path / "run", "fake-exception", reason, "plain")
     (tmp_path / "file").touch()
-    status, out, err = command("shrink", record, "--workers", "1", "-o", tmp_path / "file")
-    assert (status, out) == (2, "")
-    assert err.startswith(f"bench: {tmp_path}/file/minimal.ply: cannot be written (")
+    message = refused("shrink", record, "--workers", "1", "-o", tmp_path / "file")
+    assert message.startswith(f"{tmp_path}/file/minimal.ply: cannot be written (")

@@ -164,15 +164,19 @@ def test_tables_are_sorted_by_value(open_page):
     assert table.locator("[aria-sort]").count() == 1
 
 
+def tab_into(page, selector):
+    for _ in range(30):
+        page.keyboard.press("Tab")
+        if page.evaluate(f"document.activeElement.closest('{selector}') !== null"):
+            return
+
+
 def test_everything_can_be_reached_by_keyboard(open_page):
     page = open_page()
     page.keyboard.press("Tab")
     assert page.evaluate("document.activeElement.className") == "skip"
     assert page.locator(".skip").bounding_box()["x"] >= 0  # seen while it has the focus
-    for _ in range(30):
-        page.keyboard.press("Tab")
-        if page.evaluate("document.activeElement.closest('.pick') !== null"):
-            break
+    tab_into(page, ".pick")
     page.keyboard.press("Enter")
     assert page.locator(".pick[open]").count() == 1
     page.keyboard.press("Tab")
@@ -182,10 +186,7 @@ def test_everything_can_be_reached_by_keyboard(open_page):
     page.keyboard.press("Escape")
     assert page.locator(".pick[open]").count() == 0
     assert page.evaluate("document.activeElement.tagName") == "SUMMARY"
-    for _ in range(30):
-        page.keyboard.press("Tab")
-        if page.evaluate("document.activeElement.closest('th') !== null"):
-            break
+    tab_into(page, "th")
     page.keyboard.press("Tab")
     page.keyboard.press("Enter")
     assert page.locator("th[aria-sort=descending]").count() == 1

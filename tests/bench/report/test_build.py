@@ -88,40 +88,29 @@ def image_of(uri):
         return np.asarray(image.convert("RGB"))
 
 
-# --- the values -----------------------------------------------------------------------------------
-
-
 def test_every_value_of_the_tables_is_in_the_page(of_random_values, document):
     shown = number_tables(document)
-    checked = 0
     decimals = {"table3_ssim": 3, "table4_fid": 1, "table_detail": 3, "table_control": 2}
-    for table in of_random_values.tables:
-        digits = decimals[table.name]
-        for row in table.rows:
-            better = "(higher is better)" if higher_is_better(row.metric) else "(lower is better)"
-            columns, lines = shown[f"{row.metric}, chair {better}"]
-            cell = lines[row.method][columns.index(row.condition)]
-            assert cell.attributes["data-condition"] == row.condition
-            texts = {
-                name: [span.text for span in cell.all("span", class_=name)]
-                for name in ("value", "beside", "gap", "paper")
-            }
-            if math.isfinite(row.value):
-                assert cell.attributes["data-value"] == f"{row.value:.6f}"
-                value, low, high, blank = (
-                    f"{number:.{digits}f}"
-                    for number in (row.value, row.ci_low, row.ci_high, row.failures_as_blank)
-                )
-                gap = f"{row.n_ok} of 8 pictures; {blank} with blank ones for the others"
-                expected = {"value": [value], "beside": [f"{low} to {high}"]}
-                expected["gap"] = [gap] if row.n_ok < row.n else []
-            else:
-                assert "data-value" not in cell.attributes
-                expected = {"value": ["skipped"], "beside": [], "gap": []}
-            expected["paper"] = [f"paper {row.paper:g}"] if math.isfinite(row.paper) else []
-            assert texts == expected
-            checked += 1
-    assert checked == 4 * 2 * (4 + 3 + 4 + 3)
+    rows = [(row, decimals[t.name]) for t in of_random_values.tables for row in t.rows]
+    assert len(rows) == 4 * 2 * (4 + 3 + 4 + 3)
+    for row, digits in rows:
+        better = "(higher is better)" if higher_is_better(row.metric) else "(lower is better)"
+        columns, lines = shown[f"{row.metric}, chair {better}"]
+        cell = lines[row.method][columns.index(row.condition)]
+        assert cell.attributes["data-condition"] == row.condition
+        expected = {"value": ["skipped"], "beside": [], "gap": []}
+        if math.isfinite(row.value):
+            assert cell.attributes["data-value"] == f"{row.value:.6f}"
+            numbers = (row.value, row.ci_low, row.ci_high, row.failures_as_blank)
+            value, low, high, blank = (f"{number:.{digits}f}" for number in numbers)
+            gap = f"{row.n_ok} of 8 pictures; {blank} with blank ones for the others"
+            expected = {"value": [value], "beside": [f"{low} to {high}"]}
+            expected["gap"] = [gap] if row.n_ok < row.n else []
+        else:
+            assert "data-value" not in cell.attributes
+        expected["paper"] = [f"paper {row.paper:g}"] if math.isfinite(row.paper) else []
+        for name, texts in expected.items():
+            assert [span.text for span in cell.all("span", class_=name)] == texts
     columns, lines = shown["ssim, chair (higher is better)"]
     papers = [cell.one("span", class_="paper").text for cell in lines["surface-apss"]]
     assert (columns, papers) == (["2048", "512"], ["paper 0.7", "paper 0.63"])  # Table 3, SR
@@ -152,7 +141,8 @@ def test_head_counts_images(document):
     facts = {d.one("dt").text: d.one("dd").text for d in document.all("dl")[0].all("div")}
     assert facts["objects"] == "4 of class chair × 2 views"
     assert facts["finished"] == "2026-01-01 00:00:00 UTC"
-    assert "bench run --suite chair-robustness --out 'my run'" in document.text
+    command = "bench run --suite chair-robustness --out 'my run'"
+    assert document.one("pre", class_="command").text == command
 
 
 def test_failures_are_listed_with_their_reasons(document):
@@ -160,25 +150,16 @@ def test_failures_are_listed_with_their_reasons(document):
         (d.one("h3").text, d.one("summary").one("span").text, [i.text for i in d.all("li")])
         for d in document.one("section", id="failures").all("details")
     ]
+    apss, splat = (f"{method}/512/chair" for method in ("surface-apss", "splat"))
+    of_b = [f"{apss}/b views 0 to 1", f"{splat}/b views 0 to 1"]
     assert groups == [
-        (  # the most frequent first
-            "timeout: 3 s",
-            "4 pictures of 2 clouds",
-            [f"{method}/512/chair/b views 0 to 1" for method in ("surface-apss", "splat")],
-        ),
-        (
-            "ball-pivoting: no faces",
-            "2 pictures of 1 clouds",
-            ["surface-apss/512/chair/c views 0 to 1"],
-        ),
+        ("timeout: 3 s", "4 pictures of 2 clouds", of_b),  # the most frequent first
+        ("ball-pivoting: no faces", "2 pictures of 1 clouds", [f"{apss}/c views 0 to 1"]),
     ]
     line = next(
         tr for tr in document.all("tr") if tr.attributes.get("data-method") == "surface-apss"
     )
     assert line.attributes["data-outcome"] == "failed ok"
-
-
-# --- one file, harmless ---------------------------------------------------------------------------
 
 
 def test_the_page_of_the_command_loads_nothing(finished, tmp_path, command):
@@ -245,15 +226,13 @@ def test_the_same_run_gives_the_same_bytes(finished, tmp_path):
     assert (elsewhere / "report.html").is_file()
 
 
-# --- pictures -------------------------------------------------------------------------------------
-
-
-def _entry(directory, method, condition, obj):
+def _entry(directory, *item):
+    """The entry of the journal of a method, condition and object."""
     (shard,) = (directory / "journal").iterdir()
     for line in shard.read_text().splitlines():
         values = json.loads(line.split(" ", 1)[1])
         first = values["records"][0]
-        if (first["method"], first["condition"], first["object"]) == (method, condition, obj):
+        if (first["method"], first["condition"], first["object"]) == item:
             return values
     raise AssertionError
 
@@ -310,13 +289,13 @@ def test_a_run_that_was_stopped_and_changed_shows_what_its_records_measured(copi
 def test_missing_images_are_named_and_the_rest_is_there(copied):
     shutil.rmtree(copied / "artifacts")
     document = parse(report_of(copied))
-    warnings = [p.text for p in document.all("p", class_="warning")]
-    assert warnings == [
+    (warning,) = (p.text for p in document.all("p", class_="warning"))
+    assert warning == (
         "The pictures of this run are no longer there (its folder artifacts is empty or gone); "
         "its command makes them again."
-    ]
-    description = {i.attributes["alt"] for i in document.all("img")}
-    assert all(alt.startswith("the cloud") for alt in description)  # these are made again
+    )
+    images = {i.attributes["alt"] for i in document.all("img")}
+    assert all(alt.startswith("the cloud") for alt in images)  # these are made again
     lacking = [e.attributes["aria-label"] for e in document.all("span", class_="lacking")]
     assert "the truth, chair test-0000; the picture is no longer there" in lacking
     assert number_tables(document)["ssim, chair (higher is better)"][1]["splat"]
@@ -345,14 +324,11 @@ def test_clouds_of_a_dataset_that_has_gone_are_named_as_missing(copied, tmp_path
     assert not any(alt.startswith("the cloud") for alt in images)
 
 
-# --- refused --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("suite", ["latent", "stability", "speed"])
-def test_runs_that_write_their_own_tables_are_refused_by_name(tmp_path, suite):
-    write_manifest(tmp_path, make_manifest(suite=suite))
-    with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
-        read_scored(tmp_path)
+def test_runs_that_write_their_own_tables_are_refused_by_name(tmp_path):
+    for suite in ("latent", "stability", "speed"):
+        write_manifest(tmp_path, make_manifest(suite=suite))
+        with pytest.raises(BadInput, match=f"a run of {suite} writes its tables itself"):
+            read_scored(tmp_path)
 
 
 def test_a_place_that_cannot_be_written_is_reported(of_random_values, tmp_path):

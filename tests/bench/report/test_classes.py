@@ -1,47 +1,31 @@
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
-import pytest
 from harness_objects import Tetrahedron
 
-import bench.report.classes
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import read_artifact
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
 from bench.tables.classes import table_of_classes
-from bench.tables.figure import save
 from bench.tables.published import published
 from bench.tables.quality import Row
 
-from ..builders import make_job, make_truth, write_artifact
+from ..builders import make_job, make_truth
 
 NAN = float("nan")
 PAPER = published("thirteen-classes")
 METHODS = ("surface-apss", "pc2pix@all", "splat")
 
 
-@pytest.fixture
-def drawn(monkeypatch, tmp_path):
-    """Writes the figures and keeps them."""
-    kept = []
-
-    def keep(figure, path):
-        kept.append(figure)
-        save(figure, path)
-
-    monkeypatch.setattr(bench.report.classes, "save", keep)
-
-    def draw(rows, jobs):
-        table = table_of_classes(rows, "")
-        write_class_figures(tmp_path, table, PAPER, [job.made for job in jobs])
-        return kept
-
-    return draw
-
-
 def row(metric, method, class_name, value, low=NAN, high=NAN):
     return Row("s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, "")
+
+
+def figures(drawn, rows, jobs):
+    return drawn(write_class_figures, table_of_classes(rows, ""), PAPER, jobs=jobs)
 
 
 ROWS = [
@@ -57,27 +41,19 @@ ROWS = [
 
 def make_jobs(directory, methods=METHODS, lost=()):
     jobs = []
-    for number, class_name in enumerate(("car", "lamp", "sofa")):
-        for object_id in ("a", "b"):
-            obj = Tetrahedron(f"{class_name}-{object_id}", class_name)
-            truth = make_truth(directory, obj)
-            write_artifact(truth, seed=number)
-            jobs.append(truth)
-            for i, method in enumerate(methods):
-                if (class_name, method) not in lost:
-                    jobs.append(make_job(directory, obj, method))
-                    write_artifact(jobs[-1], seed=10 * i + number)
+    for class_name, object_id in product(("car", "lamp", "sofa"), "ab"):
+        obj = Tetrahedron(f"{class_name}-{object_id}", class_name)
+        jobs.append(make_truth(directory, obj))
+        drawn = [method for method in methods if (class_name, method) not in lost]
+        jobs += [make_job(directory, obj, method) for method in drawn]
     return jobs
-
-
-def labels(figure):
-    return [axis.get_ylabel() for axis in figure.axes]
 
 
 def test_figure_4(drawn, tmp_path):
     jobs = make_jobs(tmp_path, lost=[("lamp", "surface-apss")])
-    images, _ = drawn(ROWS, jobs)
-    assert [name for name in labels(images) if name] == ["car", "sofa", "lamp"]  # two blocks
+    images, _ = figures(drawn, ROWS, jobs)
+    names = [axis.get_ylabel() for axis in images.axes if axis.get_ylabel()]
+    assert names == ["car", "sofa", "lamp"]  # two blocks
     by_row = np.array(images.axes).reshape(2, 8)
     assert [axis.get_title() for axis in by_row[0]] == ["truth", *METHODS] * 2
     first = {(job.object.object_id, job.method): job for job in jobs}
@@ -94,38 +70,33 @@ def test_figure_4(drawn, tmp_path):
 
 def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     methods = ("splat", "splat-net", "blank", "pc2pix@all", "surface-apss")
-    images, _ = drawn(ROWS, make_jobs(tmp_path, methods=methods))
+    images, _ = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods))
     titles = [axis.get_title() for axis in images.axes if axis.get_title()]
     assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"] * 2
 
 
+def dots_of(axis):
+    return {bars.get_label(): bars.lines[0].get_xdata().tolist() for bars in axis.containers}
+
+
 def test_dots(drawn, tmp_path):
-    _, dots = drawn(ROWS, make_jobs(tmp_path))
+    jobs = make_jobs(tmp_path)
+    _, dots = figures(drawn, ROWS, jobs)
     ours, paper = dots.axes
     assert ours.get_title() == "ours: fd-views (lower is better)"
     assert [text.get_text() for text in ours.get_yticklabels()] == ["car", "average"]
-    found = {bars.get_label(): bars.lines[0].get_xdata().tolist() for bars in ours.containers}
-    assert found == {"SR": [20.0, 12.0], "pc2pix@all": [5.0, 6.0]}
-    (sr, _) = ours.containers
-    segments = sr.lines[2][0].get_segments()
+    assert dots_of(ours) == {"SR": [20.0, 12.0], "pc2pix@all": [5.0, 6.0]}
+    segments = ours.containers[0].lines[2][0].get_segments()
     assert segments[0][:, 0].tolist() == [15.0, 30.0]
     assert segments[1][:, 0].tolist() == [12.0, 12.0]  # no interval
-    found = {bars.get_label(): bars.lines[0].get_xdata().tolist() for bars in paper.containers}
-    assert found == {"SR": [203.1, 114.4], "pc2pix@all": [40.0, 57.2]}
-
-
-def test_fid_is_shown_where_it_is_there(drawn, tmp_path):
-    rows = [*ROWS, row("fid", "pc2pix@all", "car", 40.0)]
-    _, dots = drawn(rows, make_jobs(tmp_path))
+    assert dots_of(paper) == {"SR": [203.1, 114.4], "pc2pix@all": [40.0, 57.2]}
+    *_, dots = figures(drawn, [*ROWS, row("fid", "pc2pix@all", "car", 40.0)], jobs)
     assert dots.axes[0].get_title() == "ours: fid (lower is better)"
 
 
-def test_without_a_network_there_is_one_figure(drawn, tmp_path):
-    kept = drawn(ROWS, make_jobs(tmp_path, methods=("surface-apss", "splat")))
-    assert len(kept) == 1
-    assert not (tmp_path / "figures" / "table5.png").exists()
-
-
-def test_where_everything_has_failed(drawn, tmp_path):
-    assert drawn(ROWS, [job for job in make_jobs(tmp_path) if not job.condition]) == []
+def test_what_a_run_lacks_has_no_figure(drawn, tmp_path):
+    jobs = make_jobs(tmp_path, methods=("surface-apss", "splat"))
+    assert figures(drawn, ROWS, [job for job in jobs if not job.condition]) == []
     assert not (tmp_path / "figures").exists()
+    assert len(figures(drawn, ROWS, jobs)) == 1
+    assert not (tmp_path / "figures" / "table5.png").exists()

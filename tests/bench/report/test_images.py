@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 from builders import make_failed, make_record
 
@@ -42,38 +44,26 @@ def test_one_image_is_not_both_and_equal_scores_are_ordered_by_name():
 
 
 def test_failures_floors_and_ceiling_are_no_cases():
-    records = [
-        make_failed("surface-apss", obj="a"),
-        *frame({("a", 0): 0.0}, "blank"),
-        *frame({("a", 0): 1.0}, "true-mesh"),
-    ]
+    records = [make_failed("surface-apss", obj="a"), *frame({("a", 0): 0.0}, "blank")]
+    records += frame({("a", 0): 1.0}, "true-mesh")
     assert picked(records) == []
 
 
 def test_each_class_has_its_own_extremes_while_there_is_room():
-    records = [
-        record
-        for class_name in ("chair", "lamp")
-        for record in frame({("a", 0): 0.1, ("b", 0): 0.9}, class_name=class_name)
-    ]
-    chosen = extremes(to_frame(records))
+    scores = {("a", 0): 0.1, ("b", 0): 0.9}
+    chosen = extremes(to_frame([*frame(scores), *frame(scores, class_name="lamp")]))
     found = set(zip(chosen["class"], chosen["kind"], chosen["object"], strict=True))
     assert found >= {("chair", "worst", "a"), ("lamp", "worst", "a")}
 
 
 @pytest.mark.parametrize(("methods", "classes"), [(4, 1), (30, 1), (6, 13), (30, 13)])
 def test_their_number_is_bounded(methods, classes):
+    scores = {(obj, 0): 0.1 * i for i, obj in enumerate("abcdef")}
     records = [
         record
-        for m in range(methods)
-        for c in range(classes)
+        for m, c in product(range(methods), range(classes))
         for condition in ("2048", "1024", "512")
-        for record in frame(
-            {(obj, 0): 0.1 * i for i, obj in enumerate("abcdef")},
-            f"plugin-{m}",
-            condition,
-            f"class-{c}",
-        )
+        for record in frame(scores, f"plugin-{m}", condition, f"class-{c}")
     ]
     chosen = extremes(to_frame(records))
     assert 2 * methods * 3 <= len(chosen) <= max(MOST_CASES, 2 * EACH * methods * 3)
@@ -81,10 +71,7 @@ def test_their_number_is_bounded(methods, classes):
 
 
 def test_objects_are_the_first_that_have_images():
-    records = [
-        make_failed(obj="a"),
-        *frame({(obj, 0): 0.5 for obj in "gfedcb"}),
-    ]
+    records = [make_failed(obj="a"), *frame({(obj, 0): 0.5 for obj in "gfedcb"})]
     assert shown_objects(to_frame(records)) == [("chair", obj) for obj in "bcde"]
     records += frame({("z", 0): 0.5}, class_name="lamp")
     assert shown_objects(to_frame(records)) == [("chair", "b"), ("lamp", "z")]

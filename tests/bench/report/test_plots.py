@@ -24,11 +24,9 @@ from bench.tables.table import NAN
 METHODS = ("surface-apss", "splat", "true-mesh", "blank")
 
 
-def row(method, condition, value, metric="ssim", class_name="chair", low=None, high=None):
-    low, high = (value if end is None else end for end in (low, high))
-    return Row(
-        "s", method, condition, class_name, metric, value, low, high, 2, 2, NAN, value, ""
-    )  # fmt: skip
+def row(method, condition, value, metric="ssim", class_name="chair", low=0.0, high=1.0):
+    at = (method, condition, class_name, metric)
+    return Row("s", *at, value, low, high, 2, 2, NAN, value, "")
 
 
 def table(*rows):
@@ -48,16 +46,13 @@ def ticks(axis):
 
 
 def test_curves_show_values_and_intervals():
-    rows = [
-        row("splat", "2048", 0.8, low=0.7, high=0.9),
-        row("splat", "512", 0.5, low=0.45, high=0.55),
-        row("surface-apss", "2048", 0.7),
-        row("surface-apss", "512", 0.4),
-        row("true-mesh", "2048", 1.0),
-        row("true-mesh", "512", 1.0),
-        row("blank", "2048", 0.6, low=0.55, high=0.65),
-        row("blank", "512", 0.6, low=0.55, high=0.65),
-    ]
+    values = {
+        ("splat", "2048"): (0.8, 0.7, 0.9), ("splat", "512"): (0.5, 0.45, 0.55),
+        ("surface-apss", "2048"): (0.7, 0.7, 0.7), ("surface-apss", "512"): (0.4, 0.4, 0.4),
+        ("true-mesh", "2048"): (1.0, 1.0, 1.0), ("true-mesh", "512"): (1.0, 1.0, 1.0),
+        ("blank", "2048"): (0.6, 0.55, 0.65), ("blank", "512"): (0.6, 0.55, 0.65),
+    }  # fmt: skip
+    rows = [row(*at, v, low=low, high=high) for at, (v, low, high) in values.items()]
     tables, looked = [table(*rows)], looks(METHODS)
     (axis,) = robustness_figure(curve_panels(tables), looked).figure.axes
     lines = {line.get_label(): line for line in axis.lines if line.get_label()[0] != "_"}
@@ -167,21 +162,16 @@ def test_names_of_methods_and_classes_are_only_text():
     assert visible(hostile) in shown  # of the class
 
 
-def comparison(costs, qualities, condition="2048", metric="ssim"):
+def comparison(costs, values, condition="2048"):
     """Three objects that are all alike."""
+    prepare_s, draw_s = ({m: np.full(3, of[i]) for m, of in costs.items()} for i in (0, 1))
+    qualities = {
+        m: Quality("ssim", Estimate(v, v - 0.05, v + 0.05), np.full(3, v))
+        for m, v in values.items()
+    }
+    images = dict.fromkeys(costs, (6, 6))
     return Comparison(
-        condition,
-        "chair",
-        ("a", "b", "c"),
-        prepare_s={m: np.full(3, prepare) for m, (prepare, _) in costs.items()},
-        draw_s={m: np.full(3, draw) for m, (_, draw) in costs.items()},
-        images=dict.fromkeys(costs, (6, 6)),
-        qualities={
-            metric: {
-                m: Quality(metric, Estimate(v, v - 0.05, v + 0.05), np.full(3, v))
-                for m, v in qualities.items()
-            }
-        },
+        condition, "chair", ("a", "b", "c"), prepare_s, draw_s, images, {"ssim": qualities}
     )
 
 

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from harness_objects import Tetrahedron
 
-import bench.report.robustness
 from bench.records.artifacts import read_artifact
 from bench.report.robustness import THIN_TINT, write_figures
-from bench.tables.figure import save
 from bench.tables.quality import Row, quality_table
 
 from ..builders import make_job, make_truth, write_artifact
@@ -15,77 +13,42 @@ from ..builders import make_job, make_truth, write_artifact
 NAN = float("nan")
 
 
-@pytest.fixture
-def drawn(monkeypatch, tmp_path):
-    """Writes figures and keeps them: the curves and the grid."""
-    kept = []
-
-    def keep(figure, path, **options):
-        kept.append(figure)
-        save(figure, path, **options)
-
-    monkeypatch.setattr(bench.report.robustness, "save", keep)
-
-    def draw(tables, jobs):
-        write_figures(tmp_path, tables, [job.made for job in jobs])
-        for name in ("robustness.png", "pictures.png"):
-            assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
-        return kept
-
-    return draw
-
-
 def make_row(metric, method, condition, value, low=NAN, high=NAN):
     return Row("s", method, condition, "chair", metric, value, low, high, 2, 2, NAN, value, "")
 
 
-CURVES = [
-    quality_table(
-        "table3_ssim",
-        "",
-        (
-            make_row("ssim", "splat", "2048", 0.8, 0.7, 0.95),
-            make_row("ssim", "splat", "512", 0.6, 0.5, 0.65),
-            make_row("ssim", "blank", "2048", 0.4),
-            make_row("luminance", "splat", "2048", 0.9),
-        ),
-        3,
-    ),
-    quality_table(
-        "table4_fid",
-        "",
-        (make_row("fid", "splat", "2048", NAN), make_row("fd-views", "splat", "2048", 12.5)),
-        1,
-    ),
-]
+IMAGES = (
+    make_row("ssim", "splat", "2048", 0.8, 0.7, 0.95),
+    make_row("ssim", "splat", "512", 0.6, 0.5, 0.65),
+    make_row("ssim", "blank", "2048", 0.4),
+    make_row("luminance", "splat", "2048", 0.9),
+)
+SETS = (make_row("fid", "splat", "2048", NAN), make_row("fd-views", "splat", "2048", 12.5))
+CURVES = [quality_table("t", "", IMAGES, 3), quality_table("t", "", SETS, 1)]
 
 
 @pytest.fixture
 def jobs(tmp_path):
-    made = []
-    for number, obj in enumerate((Tetrahedron("a"), Tetrahedron("b"))):
-        made.append(make_truth(tmp_path, obj))
-        for method in ("splat", "blank"):
-            if (method, obj.object_id) != ("splat", "b"):  # that one failed
-                made.append(make_job(tmp_path, obj, method))
-        for job in made:
-            write_artifact(job, seed=number + len(made))
+    a, b = Tetrahedron("a"), Tetrahedron("b")  # splat has failed for b
+    made = [make_truth(tmp_path, a), make_job(tmp_path, a), make_job(tmp_path, a, "blank")]
+    made += [make_truth(tmp_path, b), make_job(tmp_path, b, "blank")]
     return made
 
 
-def test_curves_show_the_tables(drawn, jobs):
-    curves, _ = drawn(CURVES, jobs)
+def test_curves_show_the_tables(drawn, jobs, tmp_path):
+    curves, _ = drawn(write_figures, CURVES, jobs=jobs)
+    for name in ("robustness.png", "pictures.png"):
+        assert (tmp_path / "figures" / name).read_bytes().startswith(b"\x89PNG")
     ssim, views = curves.axes  # fid has no value, luminance no curve
     assert ssim.get_title() == "ssim (higher is better)"
     assert views.get_title() == "fd-views (lower is better)"
     assert [text.get_text() for text in ssim.texts] == ["splat", "blank"]
-    assert [line.get_ydata().tolist() for line in ssim.lines] == [
-        *([0.8, 0.6], [0.7, 0.95], [0.8], [0.5, 0.65], [0.6], [0.4]),
-    ]
+    values = [line.get_ydata().tolist() for line in ssim.lines]
+    assert values == [[0.8, 0.6], [0.7, 0.95], [0.8], [0.5, 0.65], [0.6], [0.4]]
 
 
 def test_the_grid_shows_first_images_and_failures(drawn, jobs):
-    _, grid = drawn(CURVES, jobs)
+    _, grid = drawn(write_figures, CURVES, jobs=jobs)
     cells = np.array(grid.axes).reshape(2, 2)  # objects x (truth, condition); the floor is left out
     assert [axis.get_title() for axis in cells[0]] == ["ground-truth", "2048"]
     assert [axis.get_ylabel() for axis in cells[:, 0]] == ["a\nsplat", "b\nsplat"]
@@ -105,9 +68,7 @@ def test_no_more_than_four_objects_are_shown(drawn, tmp_path):
     jobs = []
     for name in "abcdef":
         jobs += [make_truth(tmp_path, Tetrahedron(name)), make_job(tmp_path, Tetrahedron(name))]
-    for job in jobs:
-        write_artifact(job)
-    _, grid = drawn(CURVES, jobs)
+    _, grid = drawn(write_figures, CURVES, jobs=jobs)
     labels = [axis.get_ylabel() for axis in grid.axes if axis.get_ylabel()]
     assert labels == [f"{name}\nsplat" for name in "abcd"]
 
@@ -128,7 +89,7 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
             write_artifact(job, images=truth // (1 + number))
     noisy = make_job(tmp_path, Tetrahedron("a"), "splat", "noise-0.05")
     write_artifact(noisy, images=truth)
-    _, _, sheet = drawn(CURVES, [*jobs, noisy])
+    _, _, sheet = drawn(write_figures, CURVES, jobs=[*jobs, noisy])
     cells = np.array(sheet.axes).reshape(2, 4)
     titles = ["ground-truth", "its thin parts", "splat\n2048", "splat\nnoise-0.05"]
     assert [axis.get_title() for axis in cells[0]] == titles
@@ -148,9 +109,7 @@ def test_the_sheet_of_thin_parts(drawn, tmp_path):
     ("tables", "methods", "names"),
     [([], (), []), (CURVES, ("true-mesh", "blank"), ["robustness.png"])],
 )
-def test_without_a_rival_there_is_no_grid(tmp_path, tables, methods, names):
+def test_without_a_rival_there_is_no_grid(drawn, tmp_path, tables, methods, names):
     jobs = [make_truth(tmp_path), *(make_job(tmp_path, method=method) for method in methods)]
-    for job in jobs:
-        write_artifact(job)
-    write_figures(tmp_path, tables, [job.made for job in jobs])
+    drawn(write_figures, tables, jobs=jobs)
     assert [path.name for path in tmp_path.glob("figures/*")] == names

@@ -57,6 +57,20 @@ def records():
     ]
 
 
+def table_without(method, class_name, *lost):
+    """These images have failed: they have no features."""
+    of = [
+        make_failed(r.method, obj=r.object, view=r.view, class_name=r.class_name)
+        if (r.method, r.class_name) == (method, class_name) and (r.object, r.view) in lost
+        else r
+        for r in records()
+    ]
+    index, values = random_features()
+    gone = [image in lost for image in zip(index["object"], index["view"], strict=True)]
+    kept = ~(chosen(index, method, class_name) & np.array(gone))
+    return table(of, features=FeaturesAtHand(index[kept], values[kept]))
+
+
 def table(of=None, skipped=SKIPPED, features=None):
     features = features or FeaturesAtHand(*random_features())
     frame = with_confidence(to_frame(of or records()), features, HEAD)
@@ -119,15 +133,7 @@ def test_confidence_is_that_of_each_records_own_image():
 
 def test_failed_images_have_no_confidence_and_count_as_blank():
     index, values = random_features()
-    drawn = ~(chosen(index, "pc2pix@all", "lamp") & (index["object"] == "b").to_numpy())
-    features = FeaturesAtHand(index[drawn].reset_index(drop=True), values[drawn])
-    of = [
-        make_failed(r.method, obj="b", view=r.view, class_name="lamp")
-        if (r.method, r.class_name, r.object) == ("pc2pix@all", "lamp", "b")
-        else r
-        for r in records()
-    ]
-    made = table(of, features=features)
+    made = table_without("pc2pix@all", "lamp", ("b", 0), ("b", 1))
     at = {"method": "pc2pix@all", "class_name": "lamp"}
     row = cell(made, metric="class-confidence", **at)
     assert (row.n_ok, row.n) == (4, 6)
@@ -144,13 +150,14 @@ def test_failed_images_have_no_confidence_and_count_as_blank():
     assert row.note == "2 x timeout: 3 s"
 
 
-@pytest.mark.parametrize("metric", ["ssim", "class-confidence", "fd-views", "kd-views"])
-def test_the_average_is_over_classes(metric):
+def test_the_average_is_over_classes():
     made = table()
-    at = {"method": "surface-apss", "metric": metric}
-    lamp, car, average = (cell(made, class_name=k, **at) for k in ("lamp", "car", "average"))
-    assert average.value == pytest.approx((lamp.value + car.value) / 2, rel=1e-12)
-    assert (average.n_ok, average.n) == (14, 14)
+    for metric in ("ssim", "class-confidence", "fd-views", "kd-views"):
+        at = {"method": "surface-apss", "metric": metric}
+        lamp, car, average = (cell(made, class_name=k, **at) for k in ("lamp", "car", "average"))
+        assert average.value == pytest.approx((lamp.value + car.value) / 2, rel=1e-12)
+        assert average.failures_as_blank == pytest.approx(average.value, rel=1e-12)
+        assert (average.n_ok, average.n) == (14, 14)
 
 
 def test_the_intervals_of_averages():
@@ -193,17 +200,7 @@ def test_a_frechet_distance_is_never_below_0_a_kernel_distance_may_be():
 
 def test_an_average_without_a_class():
     """One picture has no distance; the average says that it is without."""
-    index, values = random_features()
-    image = index["object"] + index["view"].astype(str)
-    kept = ~chosen(index, "surface-apss", "lamp") | (image == "a0").to_numpy()
-    features = FeaturesAtHand(index[kept].reset_index(drop=True), values[kept])
-    of = [
-        make_failed(r.method, obj=r.object, view=r.view, class_name="lamp")
-        if (r.method, r.class_name) == ("surface-apss", "lamp") and (r.object, r.view) != ("a", 0)
-        else r
-        for r in records()
-    ]
-    made = table(of, features=features)
+    made = table_without("surface-apss", "lamp", *images("lamp")[1:])
     at = {"method": "surface-apss", "metric": "fd-views"}
     average = cell(made, class_name="average", **at)
     assert average.value == cell(made, class_name="car", **at).value
@@ -212,15 +209,12 @@ def test_an_average_without_a_class():
 
 
 def test_what_is_skipped_says_why():
-    made = table(skipped=SKIPPED | {"class-confidence": "skipped: other weights"})
-    for metric, reason in (
-        ("fid", SKIPPED["fid"]),
-        ("kid", SKIPPED["fid"]),
-        ("class-confidence", "skipped: other weights"),
-    ):
+    other = "skipped: other weights"
+    made = table(skipped=SKIPPED | {"class-confidence": other})
+    reasons = {"fid": SKIPPED["fid"], "kid": SKIPPED["fid"], "class-confidence": other}
+    for metric, reason in reasons.items():
         rows = [row for row in made.rows if row.metric == metric]
-        assert len(rows) == 9
-        assert {row.note for row in rows} == {reason}
+        assert [row.note for row in rows] == [reason] * 9
         assert all(math.isnan(row.value) for row in rows)
     assert "| fid, paper | - | - | 51.6 | 112.1 | - | 57.2 |" in made.to_markdown()
     assert "| fid | skipped |" in made.to_markdown()
@@ -238,13 +232,8 @@ def test_the_papers_layout():
 
 
 def test_seven_classes_side_by_side():
-    of = [
-        make_record(m, obj=obj, class_name=k)
-        for m in METHODS
-        for k in SUITE.classes
-        for obj in "ab"
-    ]
     skipped = SKIPPED | dict.fromkeys(("fd-views", "class-confidence"), "skipped: x")
+    of = [make_record(m, class_name=k) for m in METHODS for k in SUITE.classes]
     made = class_table(to_frame(of), {}, skipped, SUITE, {})
     headers = [line for line in made.to_markdown().splitlines() if line.startswith("|  | ")]
     assert [line.count(" SR |") for line in headers] == [7, 7]
