@@ -41,8 +41,6 @@ def load(tmp_path: Path, name: str, content: bytes) -> np.ndarray:
     return load_points(path)
 
 
-# --- every format ---------------------------------------------------------------------------------
-
 XYZ = "double x,double y,double z"
 WHOLE = {
     "ascii.ply": ply("ascii", XYZ, rows()),
@@ -110,8 +108,6 @@ def test_nothing_and_what_is_not_finite_are_kept(tmp_path: Path, name: str) -> N
         }
         np.testing.assert_array_equal(load(tmp_path, name, content[name]), points)
 
-
-# --- what cannot be used --------------------------------------------------------------------------
 
 LITTLE = "binary_little_endian"
 LIST = "element face 1\nproperty list uchar int v\n"
@@ -239,9 +235,6 @@ def test_missing_files_folders_and_pipes(tmp_path: Path) -> None:
     ):
         with pytest.raises(BadInput, match=problem):
             load_points(tmp_path / name)
-
-
-# --- writing --------------------------------------------------------------------------------------
 
 
 def test_bits_survive_writing(tmp_path: Path) -> None:

@@ -96,9 +96,6 @@ def test_odd_clouds(condition: Condition, points: list[list[float]]) -> None:
         assert (made == np.float32([0.1, 0.2, 0.3])).all()
 
 
-# --- fewer points ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("condition", "step"), [("1024", 2), ("512", 4), ("256", 8), ("128", 16)])
 def test_stride_takes_exactly_these_rows(condition: str, step: int) -> None:
     assert rows(apply(condition, cloud_of())) == list(range(0, 2048, step))
@@ -136,9 +133,6 @@ def test_any_row_may_be_kept() -> None:
     assert one != other != third
 
 
-# --- noise ----------------------------------------------------------------------------------------
-
-
 def test_noise_is_normal_with_the_stated_deviation() -> None:
     sigma = 0.05
     noise = apply("noise-0.05", PointCloud(np.zeros((20_000, 3)))).points.astype(np.float64)
@@ -159,9 +153,6 @@ def test_noise_is_added_to_each_point() -> None:
     zero, moved = (apply("noise-0.05", PointCloud(p)).points for p in (0 * points, points))
     # One float32 addition: half an ulp of at most 2 (1 + noise), which is 2**-24.
     np.testing.assert_allclose(moved, points.astype(np.float64) + zero, rtol=0, atol=2.0**-24)
-
-
-# --- outliers -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -191,9 +182,6 @@ def test_outliers_are_uniform_in_the_ball() -> None:
         assert abs(np.corrcoef(radius, height)[0, 1]) < SIGMAS / math.sqrt(20_000)
 
 
-# --- missing parts --------------------------------------------------------------------------------
-
-
 def ball(count: int, seed: int = 6) -> PointCloud:
     """Points in a ball: of any direction, no two of the same place."""
     return Outliers(1.0).apply(PointCloud(np.zeros((count, 3))), np.random.default_rng(seed))
@@ -217,9 +205,6 @@ def test_missing_of_what_has_no_sides() -> None:
     tied = PointCloud([[1.0, 0, 0]] * 4 + [[np.nan, 0, 0], [np.inf, -np.inf, 0]])
     left = Missing(0.5).apply(tied, np.random.default_rng(0)).points
     np.testing.assert_array_equal(left, tied.points[:3])
-
-
-# --- uneven density -------------------------------------------------------------------------------
 
 
 class Upright:

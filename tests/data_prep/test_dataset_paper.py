@@ -43,9 +43,6 @@ def tree(root: Path, *ids: str, train: tuple[str, ...] = ()) -> PaperObject:
     return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
 
 
-# --- what is read ---------------------------------------------------------------------------------
-
-
 def test_what_is_written_is_read_bit_for_bit(tmp_path: Path) -> None:
     obj = tree(tmp_path, "a")
     assert (obj.class_name, obj.object_id) == ("chair", "a")
@@ -120,9 +117,6 @@ def png(image: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-# --- splits ---------------------------------------------------------------------------------------
-
-
 def test_splits_and_classes(tmp_path: Path) -> None:
     tree(tmp_path, "b", "stühle 椅子", train=("c",))
     split = {
@@ -167,9 +161,6 @@ def test_files_without_a_split(tmp_path: Path) -> None:
     assert layout_of(str(tmp_path)) == "paper"
     with pytest.raises(BadInput, match=r"no split file here; expected chair_exp\.json or all_exp"):
         open_dataset(f"paper:{tmp_path}")
-
-
-# --- what may be wrong with an object -------------------------------------------------------------
 
 
 def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
@@ -244,9 +235,6 @@ def test_the_fingerprint_is_that_of_all_files(tmp_path: Path) -> None:
     assert len(seen) == 5
     (clouds(tmp_path) / "a.ply").unlink()
     assert obj.fingerprint() == "unreadable: no such file"
-
-
-# --- what is examined -----------------------------------------------------------------------------
 
 
 def chair(root: Path) -> PaperObject:

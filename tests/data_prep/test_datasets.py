@@ -41,9 +41,6 @@ def ids(dataset: Dataset, class_name: str, limit: int | None = None) -> list[str
     return [obj.object_id for obj in dataset.objects(class_name, limit, 5)]
 
 
-# --- procedural -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("class_name", ["chair", "vessel"])
 def test_splits_share_no_object(class_name: str) -> None:
     dataset = open_dataset("procedural")
@@ -71,9 +68,6 @@ def test_procedural_set_has_no_end() -> None:
     validation = open_dataset("procedural:validation")
     assert ids(validation, "chair", 2) == ["validation-0000", "validation-0001"]
     assert validation.objects("chair", 1, 9, "train")[0].object_id == "train-0000"
-
-
-# --- folders --------------------------------------------------------------------------------------
 
 
 def test_subfolders_are_classes(tmp_path: Path) -> None:
@@ -133,9 +127,6 @@ def test_meshes_are_read_when_they_are_needed(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.vertices.max(axis=0), expected, rtol=2.0**-24)
     with pytest.raises(BadInput, match=r"bad\.ply: not a readable mesh"):
         bad.load()
-
-
-# --- bare clouds ----------------------------------------------------------------------------------
 
 
 def test_clouds_are_taken_where_there_is_no_mesh(tmp_path: Path) -> None:
@@ -207,9 +198,6 @@ def test_which_layout_a_folder_has(tmp_path: Path) -> None:
         layout_of(str(tmp_path / "gone"))
 
 
-# --- fingerprints ---------------------------------------------------------------------------------
-
-
 def test_fingerprint_is_the_contents(tmp_path: Path) -> None:
     path, twin = tmp_path / "a.ply", tmp_path / "b.ply"
     obj = MeshFile("c", "a.ply", path)
@@ -258,9 +246,6 @@ def test_fingerprint_of_what_is_too_large_takes_no_time(tmp_path: Path, name: st
     assert found.startswith("unreadable: 1099511627776 bytes, and at most")
 
 
-# --- across processes -----------------------------------------------------------------------------
-
-
 def test_objects_survive_pickling(tmp_path: Path) -> None:
     write_box(tmp_path / "a.ply")
     for obj in (
@@ -274,9 +259,6 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
         assert twin.fingerprint() == obj.fingerprint()
         assert digest(twin.load()) == digest(obj.load())
         assert len(pickle.dumps(obj)) < 1000  # small: the mesh does not travel
-
-
-# --- mistakes -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("spec", ["", "Procedural", "procedural:x", "folder:", "shapes:/tmp"])

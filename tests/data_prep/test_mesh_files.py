@@ -98,9 +98,6 @@ def colors(mesh: Mesh) -> list[list[int]]:
     return mesh.face_colors.tolist()
 
 
-# --- every format ---------------------------------------------------------------------------------
-
-
 def export(mesh: trimesh.Trimesh, folder: Path, suffix: str) -> Path:
     exported = mesh.export(file_type=suffix.removeprefix("."))
     if isinstance(exported, dict):  # glTF: the tree and its buffers
@@ -172,9 +169,6 @@ def test_several_parts_become_one(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.vertices.max(axis=0), expected, rtol=0, atol=ROUNDING)
 
 
-# --- colours --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("kind", "full"), [("uchar", 255), ("float", 1.0)])
 def test_face_colours(tmp_path: Path, kind: str, full: float) -> None:
     faces = [(*f, full * (k % 2), 0, full) for k, f in enumerate(FACES)]
@@ -237,9 +231,6 @@ def test_material_of_a_glb(tmp_path: Path) -> None:
     primitive = {"attributes": {"POSITION": 0}, "indices": 1, "material": 0}
     content = glb(materials=materials, meshes=[{"primitives": [primitive]}])
     assert colors(load(tmp_path, "a.glb", content)) == [[0, 255, 0]] * 4
-
-
-# --- what cannot be used --------------------------------------------------------------------------
 
 
 def truncated(suffix: str, share: float) -> bytes:

@@ -63,9 +63,6 @@ def test_meshes_that_cannot_be_used(vertices: object, faces: object, problem: st
         normalise(triangle(vertices, faces))
 
 
-# --- clouds ---------------------------------------------------------------------------------------
-
-
 def cloud(count: int = 200) -> np.ndarray:
     return np.random.default_rng(5).normal(size=(count, 3)) * [1.0, 2.0, 0.5]
 

@@ -78,8 +78,6 @@ def test_the_message() -> None:
     ]
 
 
-# --- axes that a user gives -----------------------------------------------------------------------
-
 PAIRS = [(up, front) for up in AXES for front in AXES if up[-1] != front[-1]]
 
 

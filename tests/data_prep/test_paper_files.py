@@ -12,8 +12,6 @@ from data_prep.dataset_paper import PaperClass, read_split, read_views
 from data_prep.failures import BadInput
 from data_prep.scene import View
 
-# --- views ----------------------------------------------------------------------------------------
-
 
 def views(tmp_path: Path, content: str | bytes) -> tuple[View, ...]:
     path = tmp_path / "view.txt"
@@ -59,8 +57,6 @@ def test_views_that_cannot_be_used(tmp_path: Path, content: str | bytes, problem
     assert "\n" not in message
     assert len(message) < len(str(tmp_path)) + 200
 
-
-# --- splits ---------------------------------------------------------------------------------------
 
 CHAIR = {"name": "chair", "train": ["1a6f", "2b"], "test": ["c-3.x"]}
 

@@ -67,9 +67,6 @@ def rendered(mesh: Mesh, view: View = FRONT) -> np.ndarray:
     return image
 
 
-# --- background -----------------------------------------------------------------------------------
-
-
 def test_mesh_without_faces_is_white() -> None:
     images = render(Mesh(np.eye(3), np.zeros((0, 3)), np.zeros((0, 3))), VIEWS[:2])
     assert images.shape == (2, 128, 128, 3)
@@ -83,9 +80,6 @@ def test_non_finite_vertices_are_refused(value: float) -> None:
     for faces in ([[0, 1, 2]], np.zeros((0, 3))):
         with pytest.raises(ValueError, match="non-finite"):
             render(colored(vertices, faces), [FRONT])
-
-
-# --- colour and light -----------------------------------------------------------------------------
 
 
 def test_every_level_of_every_face_arrives_at_its_place() -> None:
@@ -133,9 +127,6 @@ def test_both_sides_are_shaded_alike_and_slivers_change_nothing() -> None:
     assert (image[64, 64] < 255).all()
     for other in (turned, together(mesh, slivers)):
         np.testing.assert_array_equal(rendered(other), image)
-
-
-# --- geometry -------------------------------------------------------------------------------------
 
 
 def hull_distance(points: np.ndarray) -> np.ndarray:
@@ -249,9 +240,6 @@ def test_first_hit_faces_agree_with_a_ray_caster(seed: int, view: View) -> None:
 CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 
 
-# --- the same bytes -------------------------------------------------------------------------------
-
-
 def test_views_may_be_more_than_a_sheet_holds() -> None:
     mesh = chair(np.random.default_rng(1))
     one_by_one = np.concatenate([render(mesh, [view]) for view in VIEWS])
@@ -276,9 +264,6 @@ def test_colours_at_shared_vertices() -> None:
     )
     assert image[64, 61].tolist() == both[0]  # +x is on the left of the front
     assert image[64, 66].tolist() == both[1]
-
-
-# --- the driver -----------------------------------------------------------------------------------
 
 
 def test_the_driver_has_a_name_and_a_version() -> None:

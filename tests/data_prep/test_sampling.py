@@ -53,9 +53,6 @@ def barycentric(points: np.ndarray) -> np.ndarray:
     return np.stack([1 - weights.sum(axis=0), *weights], axis=1)
 
 
-# --- areas ----------------------------------------------------------------------------------------
-
-
 def test_areas_in_closed_form() -> None:
     mesh = mesh_of(
         [
@@ -70,9 +67,6 @@ def test_areas_in_closed_form() -> None:
     # In float64: a leg of one float32 ulp, far from the origin, 2**-13 at 1024.
     mesh = mesh_of([[[1024, 0, 0], [1024 + 2.0**-13, 0, 0], [1024, 1, 0]]])
     assert face_areas(mesh).tolist() == [2.0**-14]
-
-
-# --- points ---------------------------------------------------------------------------------------
 
 
 def test_cloud() -> None:
@@ -138,9 +132,6 @@ def test_faces_without_area_get_no_points_and_scale_does_not_matter() -> None:
 def test_surfaces_that_cannot_be_sampled(triangles: object) -> None:
     with pytest.raises(BadInput, match="no usable face"):
         sample_surface(mesh_of(triangles), np.random.default_rng(0))
-
-
-# --- views ----------------------------------------------------------------------------------------
 
 
 def test_views_are_uniform_in_both_angles() -> None:

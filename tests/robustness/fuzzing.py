@@ -52,9 +52,6 @@ CORNERS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32)
 Files = dict[str, bytes]  # the file to read is the first
 
 
-# --- valid files ----------------------------------------------------------------------------------
-
-
 def table(rows: Any, separator: str = " ", before: str = "") -> str:
     """Rows of numbers as lines."""
     return "".join(f"{before}{separator.join(map(str, row))}\n" for row in rows)
@@ -208,9 +205,6 @@ SPLIT = json.dumps(
 ).encode()
 
 
-# --- what may not be executed ---------------------------------------------------------------------
-
-
 class Executed:
     """Unpickled, it makes a file."""
 
@@ -237,8 +231,6 @@ def postscript(canary: str) -> bytes:
         f"({canary}) (w) file closefile\nshowpage\n%%EOF\n"
     ).encode()
 
-
-# --- mutations ------------------------------------------------------------------------------------
 
 INTEGERS = (0, 1, 2, 3, 127, 128, 255, 2**15, 2**16 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
 INTEGERS += (2**40, 2**53, 2**63 - 1, 2**63, 2**64 - 1)
@@ -310,8 +302,6 @@ _MUTATIONS = (
     _put_an_integer, _put_an_integer, _replace_a_token, _replace_a_token, _insert_a_monster,
 )  # fmt: skip
 
-
-# --- tricks ---------------------------------------------------------------------------------------
 
 OUTSIDE = (
     f"../{SECRET}", f"../../{SECRET}", "{root}/" + SECRET, "/etc/passwd", "file:///etc/passwd",
@@ -503,9 +493,6 @@ def _tricky_split(rng: random.Random, root: str) -> Files:
     return {"a_exp.json": rng.choice((json.dumps(tree).encode(), json.dumps(many).encode(), deep))}
 
 
-# --- formats --------------------------------------------------------------------------------------
-
-
 def _read_cloud(path: Path) -> None:
     normalise_points(load_points(path))
 
@@ -630,8 +617,6 @@ def listing(root: Path) -> dict[str, tuple[int, int]]:
             found[path] = (status.st_size, status.st_mtime_ns)
     return found
 
-
-# --- watching -------------------------------------------------------------------------------------
 
 FORBIDDEN = (
     "exec", "subprocess.", "os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn",

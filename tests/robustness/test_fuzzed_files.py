@@ -79,9 +79,6 @@ def root():
         yield folder
 
 
-# --- the corpus -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", FORMATS)
 @settings(derandomize=True, max_examples=EXAMPLES, deadline=None, database=None)
 @given(rng=st.randoms(use_true_random=False))
@@ -103,9 +100,6 @@ def test_a_case_can_be_made_again() -> None:
             for seed in (3, 3, 4)
         )
         assert once == again != other
-
-
-# --- cases by hand: each was a way in before there was a lock -------------------------------------
 
 
 def tree(**changes: object) -> Files:
@@ -265,9 +259,6 @@ def test_what_is_no_file_is_refused_at_once(root: Path, name: str, kind: str) ->
     assert reading.peak_mib < (peak_mib() or 0) + 100
 
 
-# --- the watch itself -----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("act", "event"),
     [
@@ -297,9 +288,6 @@ def test_the_watch_sees(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act, ev
     assert any(event in seen for seen in reading.events), reading
     # A pickle of the corpus does harm to the careless: else the canaries would mean nothing.
     assert (folder / "made").exists() == (event == "pickle.find_class")
-
-
-# --- the script -----------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -63,9 +63,6 @@ def blobs(seed, count=3, size=24):
     return np.random.default_rng(seed).random((count, size, size)) < 0.3
 
 
-# --- boundaries and offsets -----------------------------------------------------------------------
-
-
 def test_the_open_sides_of_a_rectangle():
     sides = open_sides(box(40, 60, 30, 40)[None])
     top, bottom, left, right = sides[:, 0]
@@ -87,9 +84,6 @@ def test_offsets_by_definition():
             # one square root of the same whole number by two libraries: a rounding error
             assert abs(found[y, x] - (nearest if mask[y, x] else -nearest)) < 1e-12
     assert (offsets(np.zeros((1, 4, 4), bool)) == -np.inf).all()
-
-
-# --- distance and flicker -------------------------------------------------------------------------
 
 
 def test_distance_and_flicker_by_definition():
@@ -165,9 +159,6 @@ def test_where_nothing_is_drawn():
     assert (flicker(true, seen) == np.inf).sum() == 3 * open_sides(true[:1]).sum()
 
 
-# --- percentiles and intervals --------------------------------------------------------------------
-
-
 def test_statistics_of_a_tally_are_those_of_its_values():
     values = np.sqrt(np.random.default_rng(2).integers(0, 12, 997))
     tally = Tally.of(values)
@@ -188,9 +179,6 @@ def test_intervals_worked_by_hand():
     assert found.tolist() == [[0.0, 4.0, 4.0, 0.75], [0.0, 0.0, 0.0, 0.0], [4.0, 4.0, 4.0, 1.0]]
     found = estimates([Tally.of(np.zeros(5)), Tally.of(np.full(5, np.inf))])
     assert found[:, STATISTICS.index("p95")].tolist() == [np.inf, 0.0, np.inf]
-
-
-# --- what is written ------------------------------------------------------------------------------
 
 
 def test_failed_objects_are_counted_and_named():
@@ -221,9 +209,6 @@ def test_what_is_tinted():
     tinted[0, 40:60, 30:35] = 255
     tinted[0, 40:60, 50:55] = 90
     assert np.array_equal(tinted, image)
-
-
-# --- with a renderer ------------------------------------------------------------------------------
 
 
 @pytest.fixture

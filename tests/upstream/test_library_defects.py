@@ -77,9 +77,6 @@ def show(name: str) -> str:
         return shorten(f"raises {type(error).__name__}: {error}", 120)
 
 
-# --- what ends its worker: first, so that the others need not wait for the end --------------------
-
-
 def box(seed: int = 1) -> Points:
     """2,048 points [2048, 3], uniform on the faces of the unit box."""
     rng, count = np.random.default_rng(seed), 2048
@@ -169,9 +166,6 @@ def scipy_tree_of_half_a_plane_crashes() -> str:
     points[60:, 0] *= 4.0
     torch.set_flush_denormal(True)
     return f"a tree of {KDTree(points).n} points"
-
-
-# --- pymeshlab ------------------------------------------------------------------------------------
 
 
 @defect(r"^[1-9]\d* of \d+ vertices are not finite", "baselines.stages.finite_part")
@@ -289,8 +283,6 @@ def pymeshlab_ball_pivoting_depends_on_the_order() -> str:
     return "{} faces, {} of the same points in reverse".format(*counts)
 
 
-# --- pyrender -------------------------------------------------------------------------------------
-
 TRIANGLE = np.array(((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (0.0, 1.0, 0.0)))
 WHITE = (1.0, 1.0, 1.0, 1.0)
 SIDE = 32  # pixels
@@ -389,8 +381,6 @@ def pyrender_renderers_share_a_display() -> str:
     return "the other one still draws"
 
 
-# --- trimesh --------------------------------------------------------------------------------------
-
 SQUARE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 0), (1, 1, 0), (0, 1, 0))  # two triangles
 
 
@@ -462,9 +452,6 @@ def trimesh_keeps_a_nan_vertex() -> str:
     """NaN loads as a coordinate, and nothing is reported."""
     loaded = load(ply((("nan", 0, 0), *SQUARE[1:3]), ((0, 1, 2),)), process=False)
     return f"bounds {loaded.bounds[0].tolist()}"
-
-
-# --- numpy, scipy, pandas, torch ------------------------------------------------------------------
 
 
 def cast_nan(cast: Callable[[float], Any]) -> str:
@@ -554,9 +541,6 @@ def torch_refuses_mirrored_arrays() -> str:
     return f"{torch.from_numpy(np.arange(3)[::-1]).tolist()}"
 
 
-# --- scikit-image ---------------------------------------------------------------------------------
-
-
 def similarity(a: NDArray[Any], b: NDArray[Any], **options: Any) -> str:
     from skimage.metrics import structural_similarity
 
@@ -584,9 +568,6 @@ def skimage_refuses_small_images() -> str:
     """Images with a side below the window of 11 are refused."""
     image = np.zeros((10, 10), np.uint8)
     return similarity(image, image, data_range=255)
-
-
-# --- the test -------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -59,9 +59,6 @@ def test_objects_of_the_dataset_are_those_of_the_catalogue(name: str) -> None:
     assert mesh.vertices.tobytes() == same.vertices.tobytes() != other.vertices.tobytes()
 
 
-# --- solids ---------------------------------------------------------------------------------------
-
-
 def test_parts_are_closed_and_outward(objects: list[Drawn]) -> None:
     for obj in objects:
         assert unsound(obj.parts) == [], obj.family
@@ -76,8 +73,6 @@ def test_no_two_colours_in_one_plane(objects: list[Drawn]) -> None:
     for obj in objects:
         assert shared_planes(obj.parts, radius(obj.parts)) == [], obj.family
 
-
-# --- place: on the ground, with the front towards -Z ----------------------------------------------
 
 # Metres: runners of chairs are 2 to 3 cm thick; a wheel of 14 sides misses its circle by
 # 1 - cos(pi / 14) = 2.5 % of a radius below 0.5.
@@ -119,9 +114,6 @@ def test_the_front_is_towards_minus_z(name: str) -> None:
     for family in FRONT[name]:
         for obj in of_each_family(name)[family]:
             assert rises_behind(obj.parts), family
-
-
-# --- meshes ---------------------------------------------------------------------------------------
 
 
 def test_normalised(meshes: list[Mesh]) -> None:

@@ -37,9 +37,6 @@ def has_box(part: Part, low: tuple, high: tuple) -> None:
     np.testing.assert_allclose(box_of([part]), (low, high), rtol=0, atol=EXACT)
 
 
-# --- what looks to the front ----------------------------------------------------------------------
-
-
 def test_panel_is_a_box_with_width_height_and_thickness_along_x_y_and_z() -> None:
     part = panel((1, 2, 3), (0.8, 0.5, 0.1), GREY)
     assert volume(part) == pytest.approx(0.8 * 0.5 * 0.1, rel=EXACT)
@@ -60,9 +57,6 @@ def test_dial_grows_towards_the_front() -> None:
     np.testing.assert_allclose(radius, 0.2, rtol=EXACT)
     expected = polygon_area(12) * 0.4 / 3 * (0.16 + 0.08 + 0.04)
     assert volume(part) == pytest.approx(expected, rel=1e-9)
-
-
-# --- furniture ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("axis", [0, 2])
@@ -97,9 +91,6 @@ def test_a_cushion_fills_its_size_but_for_edges_and_corners() -> None:
     assert volume(part) == pytest.approx(2 * ends + (0.2 - 2 * soft) * area(0), abs=EXACT)
 
 
-# --- vehicles -------------------------------------------------------------------------------------
-
-
 def test_a_blade_of_one_chord_is_an_aerofoil_times_its_span() -> None:
     x, y = AEROFOIL.T
     area = abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) / 2
@@ -126,9 +117,6 @@ def test_a_mirror_image_faces_outwards() -> None:
     assert volume(image) == pytest.approx(volume(part), abs=EXACT)
     assert image.vertices.mean(axis=0) == pytest.approx((-1, 2, 3), abs=EXACT)
     assert [p.vertices[0, 0] for p in pair(part)] == [part.vertices[0, 0], -part.vertices[0, 0]]
-
-
-# --- what has to hold for any numbers that are drawn ----------------------------------------------
 
 
 def test_keys_differ_in_colour_from_the_body() -> None:
