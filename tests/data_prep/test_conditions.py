@@ -41,13 +41,10 @@ def apply(condition_id: str, cloud: PointCloud, seed: int = 0) -> PointCloud:
     return BY_ID[condition_id].perturbation.apply(cloud, np.random.default_rng(seed))
 
 
-def test_the_papers_five_come_first() -> None:
+def test_the_papers_five_come_first_and_parameters_are_those_of_the_names() -> None:
     paper = [c.id for c in CONDITIONS if c.source.startswith("paper")]
     assert paper == ["2048", "1024", "512", "noise-0.05", "noise-0.10"]
     assert [c.id for c in CONDITIONS[:5]] == paper
-
-
-def test_parameters_are_those_of_the_names() -> None:
     assert len(BY_ID) == len(CONDITIONS) == 20
     for condition in CONDITIONS:
         kind, _, number = condition.id.partition("-")
@@ -96,38 +93,29 @@ def test_odd_clouds(condition: Condition, points: list[list[float]]) -> None:
         assert (made == np.float32([0.1, 0.2, 0.3])).all()
 
 
-@pytest.mark.parametrize(("condition", "step"), [("1024", 2), ("512", 4), ("256", 8), ("128", 16)])
-def test_stride_takes_exactly_these_rows(condition: str, step: int) -> None:
-    assert rows(apply(condition, cloud_of())) == list(range(0, 2048, step))
-
-
-@pytest.mark.parametrize("count", [0, 1, 4, 5])
-def test_stride_rounds_up_and_uses_no_chance(count: int) -> None:
+def test_stride_takes_exactly_these_rows_and_uses_no_chance() -> None:
+    for condition, step in (("1024", 2), ("512", 4), ("256", 8), ("128", 16)):
+        assert rows(apply(condition, cloud_of())) == list(range(0, 2048, step))
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    kept = Stride(4).apply(Unchanged().apply(cloud_of(count), rng), rng)
-    assert len(kept) == math.ceil(count / 4)
+    for count, kept in ((0, 0), (1, 1), (4, 1), (5, 2)):
+        assert len(Stride(4).apply(Unchanged().apply(cloud_of(count), rng), rng)) == kept
     assert rng.bit_generator.state == before
 
 
-@pytest.mark.parametrize(("condition", "count"), [("1024-random", 1024), ("512-random", 512)])
-def test_subset_without_replacement_in_order(condition: str, count: int) -> None:
-    kept = rows(apply(condition, cloud_of()))
+@pytest.mark.parametrize("count", [1024, 512])
+def test_subset_without_replacement_in_order(count: int) -> None:
+    kept = rows(apply(f"{count}-random", cloud_of()))
     assert len(kept) == count
     assert (np.diff(kept) > 0).all()
-    assert kept[0] >= 0
-    assert kept[-1] < 2048
+    assert 0 <= kept[0] < kept[-1] < 2048
     assert kept != list(range(0, 2048, 2048 // count))
 
 
-def test_smaller_clouds_stay_whole() -> None:
+def test_smaller_clouds_stay_whole_and_any_row_may_be_kept() -> None:
     for count in (0, 3, 1024):
         cloud = cloud_of(count)
         assert apply("1024-random", cloud) is cloud
-    assert len(apply("1024-random", cloud_of(1025))) == 1024
-
-
-def test_any_row_may_be_kept() -> None:
     made = [rows(apply("1024-random", cloud_of(1025), seed)) for seed in (0, 1, 2)]
     (one,), (other,), (third,) = (set(range(1025)) - set(kept) for kept in made)
     assert one != other != third
