@@ -15,12 +15,7 @@ ROUNDING = float(np.finfo(np.float32).eps)
 
 
 def triangle(vertices: object, faces: object = ((0, 1, 2),)) -> Mesh:
-    count = len(np.reshape(np.asarray(faces), (-1, 3)))
-    return Mesh(
-        np.asarray(vertices, dtype=np.float32),
-        np.asarray(faces, dtype=np.int32).reshape(-1, 3),
-        np.full((count, 3), 7, dtype=np.uint8),
-    )
+    return Mesh(vertices, faces, np.full((len(faces), 3), 7))
 
 
 def test_closed_form() -> None:
