@@ -175,9 +175,3 @@ def test_versions_side_by_side_and_shared_ids(tmp_path: Path) -> None:
     assert names(dataset, "chair") == ["a", "ünïcode\n"]
     one, other = (obj.load() for obj in dataset.objects("chair", None, 0))
     np.testing.assert_allclose(one.vertices, other.vertices, atol=9 * 2.0**-25)
-
-
-def test_a_folder_of_something_else(tmp_path: Path) -> None:
-    (tmp_path / CHAIR / "a").mkdir(parents=True)
-    with pytest.raises(BadInput, match=r"no ShapeNetCore here; expected <synset>/<id>/model\.obj"):
-        open_dataset(f"shapenet:{tmp_path}")

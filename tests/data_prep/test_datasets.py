@@ -95,12 +95,18 @@ def test_flat_folder_has_no_classes_and_a_limit_takes_the_first(tmp_path, monkey
     assert {obj.class_name for obj in dataset.finite} == {"boxes"}
 
 
-def test_all_formats_are_found(tmp_path: Path) -> None:
+def test_all_formats_are_found_and_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "sub.ply").mkdir()
+    (tmp_path / "chair" / "train").mkdir(parents=True)
     for name in ("g.xyz.old", "h.mtl", "i.png", "readme.txt"):
         (tmp_path / name).touch()
-    with pytest.raises(BadInput, match=r"no mesh in this folder; expected \.ply, \.obj"):
-        open_dataset(f"folder:{tmp_path}")
+    for kind, problem in (
+        ("folder", r"no mesh in this folder; expected \.ply, \.obj"),
+        ("shapenet", r"no ShapeNetCore here; expected <synset>/<id>/model\.obj"),
+        ("modelnet", "no ModelNet here; expected"),
+    ):
+        with pytest.raises(BadInput, match=problem):
+            open_dataset(f"{kind}:{tmp_path}")
     for name in ("a.ply", "b.obj", "c.off", "d.stl", "e.glb", "f.gltf", "g.xyz"):
         (tmp_path / name).touch()
     found = [obj.object_id for obj in open_dataset(f"folder:{tmp_path}").finite]

@@ -226,10 +226,8 @@ def test_first_hit_faces_agree_with_a_ray_caster(seed: int, view: View) -> None:
     hit = judged & (face >= 0)
     assert hit.sum() > 100
     assert (judged & (face < 0)).sum() > 300
-    corner = mesh.vertices.astype(np.float64)[mesh.faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    cosine = np.abs(normal @ camera_to_world(view)[:3, 2])
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    cosine = np.abs(solid.face_normals @ camera_to_world(view)[:3, 2])
     shade = colors * cosine[:, None] ** (1 / GAMMA)
     found = rendered(mesh, view)[row, column]
     assert (found[judged & (face < 0)] == 255).all()
@@ -241,6 +239,7 @@ CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 
 
 def test_views_may_be_more_than_a_sheet_holds() -> None:
+    """Each image is the same whatever was drawn before."""
     mesh = chair(np.random.default_rng(1))
     one_by_one = np.concatenate([render(mesh, [view]) for view in VIEWS])
     for count in (SHEET_VIEWS, SHEET_VIEWS + 1, 2 * SHEET_VIEWS + 3):
@@ -248,12 +247,7 @@ def test_views_may_be_more_than_a_sheet_holds() -> None:
         np.testing.assert_array_equal(
             render(mesh, [VIEWS[i] for i in which]), one_by_one[which], strict=True
         )
-
-
-def test_images_do_not_depend_on_the_mesh_before() -> None:
-    small, large = plate(), sphere(4, (10, 20, 30))
-    first, _, again = (render(mesh, VIEWS) for mesh in (small, large, small))
-    np.testing.assert_array_equal(first, again)
+        render(sphere(4, (10, 20, 30)), VIEWS)
 
 
 def test_colours_at_shared_vertices() -> None:
@@ -274,25 +268,24 @@ def test_the_driver_has_a_name_and_a_version() -> None:
     np.testing.assert_array_equal(rendered(plate()), image)  # asking leaves the context usable
 
 
+NO_PACKAGE = "import sys; sys.modules['pyrender'] = None"
+
+
 @pytest.mark.parametrize(
-    ("prelude", "environment", "remedy"),
+    ("prelude", "drivers", "remedy"),
     [
-        (
-            "import sys; sys.modules['pyrender'] = None",
-            {},
-            "package pyrender: run 'make install'",
-        ),
+        (NO_PACKAGE, {}, "package pyrender: run 'make install'"),
         (
             "",
             {"__EGL_VENDOR_LIBRARY_FILENAMES": "none.json"},
-            "install the Debian packages libegl1 ",
+            "install the Debian packages libegl1",
         ),
     ],
 )
-def test_what_is_missing_is_named(prelude: str, environment: dict, remedy: str) -> None:
+def test_what_is_missing_is_named(prelude: str, drivers: dict, remedy: str) -> None:
     code = f"{prelude}\nfrom data_prep.render import gl_renderer\ngl_renderer()"
     done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True
+        [sys.executable, "-c", code], env=os.environ | drivers, capture_output=True, text=True
     )
     last = done.stderr.strip().splitlines()[-1]
     assert done.returncode == 1

@@ -42,6 +42,7 @@ from data_prep.mesh_files import load_mesh
 from data_prep.normalise import normalise_points
 from learning.weights import objective_of
 from pc2pix.weights import find_weights, load_weights
+from tests.data_prep.dataset_trees import gltf_binary
 
 CANARY = "canary"  # begins the name of whatever an executed file would leave behind
 SECRET = "secret"  # a file beside the cases' folders, which no case may read
@@ -140,16 +141,6 @@ def gltf_tree(blob: bytes, **buffer: object) -> dict[str, Any]:
 def gltf_blob() -> bytes:
     """The buffer of `gltf_tree`."""
     return CORNERS.tobytes() + np.array(FACES, "<u2").tobytes() + image()
-
-
-def glb(tree: object, blob: bytes) -> bytes:
-    """A binary glTF."""
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    blob += b"\0" * (-len(blob) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text
-    chunks += struct.pack("<I4s", len(blob), b"BIN\0") + blob
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def mesh_gltf(embedded: bool) -> Files:
@@ -384,7 +375,7 @@ def _tricky_tree(rng: random.Random, root: str) -> dict[str, Any]:
 
 
 def _tricky_glb(rng: random.Random, root: str) -> Files:
-    data = bytearray(glb(_tricky_tree(rng, root), gltf_blob()))
+    data = bytearray(gltf_binary(_tricky_tree(rng, root), gltf_blob()))
     if rng.random() < 0.2:
         data[12:16] = struct.pack("<I", rng.choice((0, 2**31, 2**32 - 1)))
     return {"a.glb": bytes(data)}
@@ -530,7 +521,7 @@ def _valid_ply() -> tuple[Files, ...]:
 
 
 def _valid_glb() -> tuple[Files, ...]:
-    return ({"a.glb": glb(gltf_tree(gltf_blob()), gltf_blob())},)
+    return ({"a.glb": gltf_binary(gltf_tree(gltf_blob()), gltf_blob())},)
 
 
 def _valid_npy() -> tuple[Files, ...]:
