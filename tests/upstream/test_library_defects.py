@@ -23,15 +23,9 @@ from textwrap import shorten
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import pytest
 import trimesh
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyElement
-from scipy.linalg import sqrtm
-from scipy.spatial import KDTree, cKDTree
-from scipy.stats import bootstrap
-from skimage.metrics import structural_similarity
 
 from baselines.meshlab import MeshLab
 from baselines.surface import MAX_HOLE_EDGES, NORMAL_NEIGHBOURS
@@ -140,6 +134,8 @@ def pymeshlab_apss_crashes_on_a_negative_grid() -> str:
 @defect(r"^memory: the worker used more than 1 GiB$", "data_prep.cloud_files.load_points")
 def plyfile_believes_a_header() -> str:
     """A PLY of 200 bytes that claims 1.5e8 vertices: memory is taken for all of them."""
+    from plyfile import PlyData
+
     text = f"ply\nformat binary_little_endian 1.0\nelement vertex {CLAIMED}\n"
     text += "property float x\nproperty float y\nproperty float z\nend_header\n"
     PlyData.read(io.BytesIO(text.encode() + bytes(12)))  # there is one vertex
@@ -164,6 +160,7 @@ def scipy_tree_of_half_a_plane_crashes() -> str:
     Trainings flush denormals; `chamfer` splits in the middle.
     """
     import torch
+    from scipy.spatial import KDTree
 
     points = np.random.default_rng(0).uniform(size=(100, 3))
     points[:60, 0] = 0.0
@@ -421,6 +418,8 @@ def trimesh_loads_points_as_an_empty_mesh() -> str:
 def trimesh_reads_part_of_a_cloud() -> str:
     """A PLY in text that is cut short loads as if it were whole; faces of 3 and 4 corners in a
     binary one are refused."""
+    from plyfile import PlyData, PlyElement
+
     cut = io.BytesIO(ply(SQUARE[:3]).getvalue().replace(b"vertex 3", b"vertex 9"))
     cut_short = load(cut)
     corners = np.array([tuple(map(float, c)) for c in SQUARE], [(axis, "f4") for axis in "xyz"])
@@ -481,6 +480,8 @@ def numpy_decomposition_names_no_cause() -> str:
 @defect(r"^(complex|negative): ", "bench.metrics.frechet.centred_to_frechet")
 def scipy_matrix_root_turns_complex() -> str:
     """sqrtm for identical sets of 20 rows and 256 features: a complex or negative distance."""
+    from scipy.linalg import sqrtm
+
     features = np.random.default_rng(0).standard_normal((20, 256))
     covariance = np.cov(features, rowvar=False)
     with warnings.catch_warnings():
@@ -495,6 +496,8 @@ def scipy_matrix_root_turns_complex() -> str:
 @defect(r"^neighbour 1 of 1 point, at inf$", "baselines.splat.Splat.prepare")
 def scipy_finds_a_neighbour_that_is_not_there() -> str:
     """The second neighbour in a tree of one point: an index out of range, at infinity."""
+    from scipy.spatial import cKDTree
+
     distance, index = cKDTree(np.zeros((1, 3))).query(np.zeros(3), k=[2])
     return f"neighbour {np.ravel(index)[0]} of 1 point, at {np.ravel(distance)[0]}"
 
@@ -502,6 +505,8 @@ def scipy_finds_a_neighbour_that_is_not_there() -> str:
 @defect(r"^interval nan to nan", "bench.analysis.intervals.mean_interval")
 def scipy_bootstrap_of_equal_values() -> str:
     """Equal values: the default bootstrap has no interval. Ours takes percentiles."""
+    from scipy.stats import bootstrap
+
     with warnings.catch_warnings(), np.errstate(invalid="ignore"):
         warnings.simplefilter("ignore")
         found = bootstrap((np.ones(5),), np.mean, rng=np.random.default_rng(0))
@@ -511,6 +516,8 @@ def scipy_bootstrap_of_equal_values() -> str:
 @defect(r"^means \{'a': 1\.0, 'b': nan\}, 1\.0$", "bench.tables")
 def pandas_leaves_failures_out_of_the_mean() -> str:
     """Means leave NaN out, and nothing is reported. Ours stand beside n_ok of n."""
+    import pandas as pd
+
     frame = pd.DataFrame({"object": ["a", "a", "b"], "score": [1.0, np.nan, np.nan]})
     return f"means {frame.groupby('object')['score'].mean().to_dict()}, {frame['score'].mean()}"
 
@@ -532,6 +539,8 @@ def torch_refuses_mirrored_arrays() -> str:
 
 
 def similarity(a: NDArray[Any], b: NDArray[Any], **options: Any) -> str:
+    from skimage.metrics import structural_similarity
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that the range is guessed
         return f"ssim {float(structural_similarity(a, b, gaussian_weights=True, **options))}"
