@@ -5,13 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from data_prep.camera import (
-    CAMERA_DISTANCE,
-    FIELD_OF_VIEW_RAD,
-    FOCAL_PX,
-    camera_to_world,
-    project,
-)
+from data_prep.camera import CAMERA_DISTANCE, FIELD_OF_VIEW_RAD, FOCAL_PX, camera_to_world, project
 from data_prep.scene import View
 
 EPS = float(np.finfo(np.float64).eps)

@@ -97,12 +97,10 @@ def image_bomb() -> bytes:
 
 
 def mesh_off() -> bytes:
-    """A tetrahedron."""
     return f"OFF\n4 4 6\n{table(CORNERS.tolist())}{table(FACES, before='3 ')}".encode()
 
 
 def mesh_stl(binary: bool) -> bytes:
-    """A tetrahedron."""
     corners = [[CORNERS[i].tolist() for i in face] for face in FACES]
     if binary:
         facets = [struct.pack("<12fH", 0, 0, 1, *np.ravel(c), 0) for c in corners]
@@ -139,7 +137,6 @@ def gltf_tree(blob: bytes, **buffer: object) -> dict[str, Any]:
 
 
 def gltf_blob() -> bytes:
-    """The buffer of `gltf_tree`."""
     return CORNERS.tobytes() + np.array(FACES, "<u2").tobytes() + image()
 
 
@@ -162,7 +159,6 @@ def cloud_ply(binary: bool) -> bytes:
 
 
 def cloud_text(separator: str) -> bytes:
-    """Eight points."""
     return table((np.arange(24.0).reshape(8, 3) / 8).tolist(), separator).encode()
 
 
@@ -559,7 +555,6 @@ TRICKS = 0.25  # share of cases that are tricks
 
 
 def make_case(name: str, rng: random.Random, root: str) -> Files:
-    """A case of a format."""
     fmt = FORMATS[name]
     if rng.random() < TRICKS:
         files = fmt.trick(rng, root)

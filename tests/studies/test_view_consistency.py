@@ -163,10 +163,7 @@ def test_statistics_of_a_tally_are_those_of_its_values():
     values = np.sqrt(np.random.default_rng(2).integers(0, 12, 997))
     tally = Tally.of(values)
     rounded = np.round(values, 3)
-    expected = [
-        *np.percentile(rounded, [50, 95, 99], method="inverted_cdf"),
-        (rounded <= 2).mean(),
-    ]
+    expected = [*np.percentile(rounded, [50, 95, 99], method="inverted_cdf"), (rounded <= 2).mean()]
     # the percentiles are values, the share is one division of the same whole numbers
     assert statistics(tally.values, tally.counts).tolist() == expected
     assert tally.counts.sum() == 997
@@ -253,7 +250,7 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
     assert message.count("\n| splat | 512 |") == 2
     names = {path.name: path for path in (tmp_path / "out").iterdir()}
     assert names.keys() == {
-        *("strip-512.png", "turntable-512.gif", "view-consistency.csv", "view-consistency.md"),
+        *("strip-512.png", "turntable-512.gif", "view-consistency.csv", "view-consistency.md")
     }
     assert names["view-consistency.md"].read_text() == message
     table = names["view-consistency.csv"].read_text().splitlines()
