@@ -130,7 +130,8 @@ def test_several_parts_become_one(tmp_path: Path) -> None:
     for shift, color in ((-1.0, [255, 0, 0, 255]), (1.0, [0, 0, 255, 128])):
         part = trimesh.creation.box((1, 1, 1))
         part.visual.vertex_colors = np.tile(color, (8, 1))
-        scene.add_geometry(part.apply_translation([shift, 0, 0]))
+        place = trimesh.transformations.translation_matrix([shift, 0, 0])
+        scene.add_geometry(part, transform=place)
     scene.add_geometry(trimesh.PointCloud([[50, 0, 0], [0, 50, 0]]))  # counts for nothing
     mesh = load(tmp_path, "parts.glb", scene.export(file_type="glb"))
     assert mesh.faces.shape == (24, 3)
