@@ -21,7 +21,7 @@ def views(tmp_path: Path, content: str | bytes) -> tuple[View, ...]:
 def is_a_line_about(name: str, folder: Path, message: str) -> None:
     assert message.startswith(f"{folder / name}: ")
     assert message.isprintable()
-    assert len(message) < len(str(folder)) + 250
+    assert len(message) < len(str(folder)) + 200
 
 
 @pytest.mark.parametrize(

@@ -264,17 +264,14 @@ def test_the_driver_has_a_name_and_a_version() -> None:
 
 
 NO_PACKAGE = "import sys; sys.modules['pyrender'] = None"
+NO_DRIVER = {"__EGL_VENDOR_LIBRARY_FILENAMES": "none.json"}
 
 
 @pytest.mark.parametrize(
     ("prelude", "drivers", "remedy"),
     [
         (NO_PACKAGE, {}, "package pyrender: run 'make install'"),
-        (
-            "",
-            {"__EGL_VENDOR_LIBRARY_FILENAMES": "none.json"},
-            "install the Debian packages libegl1",
-        ),
+        ("", NO_DRIVER, "install the Debian packages libegl1 "),
     ],
 )
 def test_what_is_missing_is_named(prelude: str, drivers: dict, remedy: str) -> None:
