@@ -206,8 +206,9 @@ def torch_file(canary: str) -> bytes:
     """What `torch.save` writes, by hand: a zip of a pickle that makes a folder."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("archive/data.pkl", pickle.dumps(Executed(canary), 2))
-        archive.writestr("archive/version", "3\n")
+        # a ZipInfo: a name alone would be stamped with the time, and no file be made again
+        archive.writestr(zipfile.ZipInfo("archive/data.pkl"), pickle.dumps(Executed(canary), 2))
+        archive.writestr(zipfile.ZipInfo("archive/version"), "3\n")
     return file.getvalue()
 
 
