@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
-import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -23,42 +21,26 @@ from data_prep.conditions import CONDITIONS
 from data_prep.dataset import Dataset
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
+from tests.test_shown_commands import BLOCK, shown, typed
 
 REPOSITORY = Path(__file__).parents[1]
 DOCS = REPOSITORY / "docs"
-TUTORIAL = DOCS / "quickstart.md"
+README, TUTORIAL = REPOSITORY / "README.md", DOCS / "quickstart.md"
 PAGES = [
-    *(REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *(README, REPOSITORY / "CONTRIBUTING.md", REPOSITORY / "CHANGELOG.md"),
     *sorted(DOCS.glob("*.md")),
     *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),
     *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
 ]
-BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-STANDS_FOR = {
-    "CLOUD": "a.ply",
-    "METHOD": "splat",
-    "FILE": "a.png",
-    "NAME": "gan",
-    "ID": "speed",
-    "COMMAND": "run",
-    "DIR…": "a b",
-}
+COMMANDS = [  # of whole pages, then of those on parts that the reader writes
+    pytest.param(command, page in (README, TUTORIAL), id=f"{page.stem}-{i}")
+    for page in (README, TUTORIAL, *sorted(DOCS.glob("adding-*.md")))
+    for i, command in enumerate(map(typed, shown(page)))
+]
 
 
 def blocks(page: Path, language: str) -> list[str]:
     return [text for kind, text in BLOCK.findall(page.read_text()) if kind == language]
-
-
-def commands(page: Path) -> list[list[str]]:
-    """The arguments of every `bench ...` in a block, without what explains it."""
-    found = []
-    for block in blocks(page, ""):
-        for line in block.replace("\\\n", " ").splitlines():
-            if line.startswith("bench "):
-                typed = re.split(r" {2,}", line)[0]
-                words = [STANDS_FOR.get(word, word) for word in typed.split()]
-                found.append(shlex.split(" ".join(words))[1:])
-    return found
 
 
 def parse(arguments: list[str]) -> None:
@@ -90,16 +72,15 @@ def slug(title: str) -> str:
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 
-ALL_COMMANDS = [
-    pytest.param(command, id=f"{page.stem}-{i}")
-    for page in (REPOSITORY / "README.md", TUTORIAL, *sorted(DOCS.glob("adding-*.md")))
-    for i, command in enumerate(commands(page))
-]
-
-
-@pytest.mark.parametrize("command", ALL_COMMANDS)
-def test_the_command_line_takes_the_commands(command):
+@pytest.mark.parametrize(("command", "known"), COMMANDS)
+def test_the_command_line_takes_the_commands(command, known):
     parse(command)
+    options = dict(pairwise(command)) if known else {}
+    for option in ("--methods", "--method"):
+        for method in filter(None, options.get(option, "").split(",")):
+            find_method(method)
+    for condition in filter(None, options.get("--conditions", "").split(",")):
+        find(condition, CONDITIONS, "condition")
 
 
 @pytest.mark.parametrize(
@@ -116,31 +97,9 @@ def test_a_wrong_command_is_noticed(command, problem):
         parse(command)
 
 
-def test_suites_and_methods_of_the_commands_exist():
-    for page in (REPOSITORY / "README.md", TUTORIAL):
-        for command in commands(page):
-            options = dict(pairwise(command))
-            names = [
-                *options.get("--methods", "").split(","),
-                *options.get("--method", "").split(","),
-            ]
-            for method in filter(None, names):
-                find_method(method)
-            for condition in filter(None, options.get("--conditions", "").split(",")):
-                find(condition, CONDITIONS, "condition")
-
-
-@pytest.mark.slow
-def test_the_tutorial_works(tmp_path):
-    """Its small run and what is made of it; another page's test draws its cloud."""
+def test_the_tutorial_draws_the_cloud_of_another_page():
+    """Which tests run: those of test_shown_commands and of test_rendering_page."""
     assert blocks(TUTORIAL, "python") == blocks(DOCS / "rendering.md", "python")
-    bench = (sys.executable, "-c", "from bench.cli import main; main()")
-    done = [command for command in commands(TUTORIAL) if "first" in command]
-    assert [command[0] for command in done] == ["run", "compare", "recommend"]
-    for command in done:
-        subprocess.run([*bench, *command], cwd=tmp_path, check=True, capture_output=True)
-    for made in ("report.html", "tables/table3_ssim.md", "comparisons", "manifest.json"):
-        assert (tmp_path / "first" / made).exists()
 
 
 def example(page: str) -> dict[str, object]:

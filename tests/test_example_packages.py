@@ -111,7 +111,7 @@ def test_the_metric_is_taken_of_the_run(bench, run_folder):
     assert value["blank", "2048"] == pytest.approx(255 - np.mean(truths), abs=1e-6)
 
 
-def test_it_draws_a_cloud(bench, tmp_path):
+def test_it_draws_a_cloud_and_what_it_cannot_draw_fails_by_its_name(bench, tmp_path):
     """The hull of a cube's corners seen from the front is a square: its near face, unshaded.
 
     The camera stands at 4 from the middle of a cube whose corners are at radius 1: the near face,
@@ -127,9 +127,6 @@ def test_it_draws_a_cloud(bench, tmp_path):
     wide, high = np.ptp(columns) + 1, np.ptp(rows) + 1
     assert (wide, high) == (78, 78)  # whole pixels; the outermost ones are smoothed
     assert len(rows) == 78 * 78
-
-
-def test_what_it_cannot_draw_fails_by_its_name(bench, tmp_path):
     save_ply(CORNERS[:3], tmp_path / "three.ply")
     out = tmp_path / "three.png"
     done = bench("render", tmp_path / "three.ply", "--method", "convex-hull", "-o", out)

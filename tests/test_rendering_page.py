@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import subprocess
 import sys
@@ -11,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+
+from tests.test_shown_commands import BLOCK, shown
 
 pytestmark = pytest.mark.slow
 
@@ -25,10 +26,10 @@ WIDTH, HEIGHT = 256 + 6, 256 + 18 + 6  # of a tile: the image, its margin, its l
 def folder(tmp_path_factory):
     """Where all of them have been run, in their order."""
     place = tmp_path_factory.mktemp("rendering")
-    (script,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    (script,) = (text for kind, text in BLOCK.findall(PAGE.read_text()) if kind == "python")
     subprocess.run([sys.executable, "-c", script], cwd=place, check=True)
-    for line in re.findall(r"^bench (render .*)$", PAGE.read_text(), re.MULTILINE):
-        subprocess.run([*BENCH, *shlex.split(line)], cwd=place, check=True)
+    for command in shown(PAGE):
+        subprocess.run([*BENCH, *shlex.split(command)], cwd=place, check=True)
     return place
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -81,6 +82,16 @@ def write_off(path: Path, orientation: Orientation = OURS, *, glued: bool = Fals
     rows += ["3 " + " ".join(map(str, face)) for face in faces]
     head = "OFF" + ("" if glued else "\n") + f"{len(points)} {len(faces)} 0\n"
     path.write_text(head + "\n".join(rows) + "\n")
+
+
+def gltf_binary(tree: object, blob: bytes) -> bytes:
+    """A glTF in one file: a tree as JSON, and the bytes that it refers to."""
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    blob += b"\0" * (-len(blob) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    chunks += struct.pack("<I4s", len(blob), b"BIN\0") + blob
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def from_ours(orientation: Orientation, points: NDArray) -> NDArray:

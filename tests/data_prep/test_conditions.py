@@ -41,13 +41,10 @@ def apply(condition_id: str, cloud: PointCloud, seed: int = 0) -> PointCloud:
     return BY_ID[condition_id].perturbation.apply(cloud, np.random.default_rng(seed))
 
 
-def test_the_papers_five_come_first() -> None:
+def test_the_papers_five_come_first_and_parameters_are_those_of_the_names() -> None:
     paper = [c.id for c in CONDITIONS if c.source.startswith("paper")]
     assert paper == ["2048", "1024", "512", "noise-0.05", "noise-0.10"]
     assert [c.id for c in CONDITIONS[:5]] == paper
-
-
-def test_parameters_are_those_of_the_names() -> None:
     assert len(BY_ID) == len(CONDITIONS) == 20
     for condition in CONDITIONS:
         kind, _, number = condition.id.partition("-")
@@ -96,47 +93,32 @@ def test_odd_clouds(condition: Condition, points: list[list[float]]) -> None:
         assert (made == np.float32([0.1, 0.2, 0.3])).all()
 
 
-# --- fewer points ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("condition", "step"), [("1024", 2), ("512", 4), ("256", 8), ("128", 16)])
-def test_stride_takes_exactly_these_rows(condition: str, step: int) -> None:
-    assert rows(apply(condition, cloud_of())) == list(range(0, 2048, step))
-
-
-@pytest.mark.parametrize("count", [0, 1, 4, 5])
-def test_stride_rounds_up_and_uses_no_chance(count: int) -> None:
+def test_stride_takes_exactly_these_rows_and_uses_no_chance() -> None:
+    for condition, step in (("1024", 2), ("512", 4), ("256", 8), ("128", 16)):
+        assert rows(apply(condition, cloud_of())) == list(range(0, 2048, step))
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    kept = Stride(4).apply(Unchanged().apply(cloud_of(count), rng), rng)
-    assert len(kept) == math.ceil(count / 4)
+    for count, kept in ((0, 0), (1, 1), (4, 1), (5, 2)):
+        assert len(Stride(4).apply(Unchanged().apply(cloud_of(count), rng), rng)) == kept
     assert rng.bit_generator.state == before
 
 
-@pytest.mark.parametrize(("condition", "count"), [("1024-random", 1024), ("512-random", 512)])
-def test_subset_without_replacement_in_order(condition: str, count: int) -> None:
-    kept = rows(apply(condition, cloud_of()))
+@pytest.mark.parametrize("count", [1024, 512])
+def test_subset_without_replacement_in_order(count: int) -> None:
+    kept = rows(apply(f"{count}-random", cloud_of()))
     assert len(kept) == count
     assert (np.diff(kept) > 0).all()
-    assert kept[0] >= 0
-    assert kept[-1] < 2048
+    assert 0 <= kept[0] < kept[-1] < 2048
     assert kept != list(range(0, 2048, 2048 // count))
 
 
-def test_smaller_clouds_stay_whole() -> None:
+def test_smaller_clouds_stay_whole_and_any_row_may_be_kept() -> None:
     for count in (0, 3, 1024):
         cloud = cloud_of(count)
         assert apply("1024-random", cloud) is cloud
-    assert len(apply("1024-random", cloud_of(1025))) == 1024
-
-
-def test_any_row_may_be_kept() -> None:
     made = [rows(apply("1024-random", cloud_of(1025), seed)) for seed in (0, 1, 2)]
     (one,), (other,), (third,) = (set(range(1025)) - set(kept) for kept in made)
     assert one != other != third
-
-
-# --- noise ----------------------------------------------------------------------------------------
 
 
 def test_noise_is_normal_with_the_stated_deviation() -> None:
@@ -159,9 +141,6 @@ def test_noise_is_added_to_each_point() -> None:
     zero, moved = (apply("noise-0.05", PointCloud(p)).points for p in (0 * points, points))
     # One float32 addition: half an ulp of at most 2 (1 + noise), which is 2**-24.
     np.testing.assert_allclose(moved, points.astype(np.float64) + zero, rtol=0, atol=2.0**-24)
-
-
-# --- outliers -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -191,9 +170,6 @@ def test_outliers_are_uniform_in_the_ball() -> None:
         assert abs(np.corrcoef(radius, height)[0, 1]) < SIGMAS / math.sqrt(20_000)
 
 
-# --- missing parts --------------------------------------------------------------------------------
-
-
 def ball(count: int, seed: int = 6) -> PointCloud:
     """Points in a ball: of any direction, no two of the same place."""
     return Outliers(1.0).apply(PointCloud(np.zeros((count, 3))), np.random.default_rng(seed))
@@ -217,9 +193,6 @@ def test_missing_of_what_has_no_sides() -> None:
     tied = PointCloud([[1.0, 0, 0]] * 4 + [[np.nan, 0, 0], [np.inf, -np.inf, 0]])
     left = Missing(0.5).apply(tied, np.random.default_rng(0)).points
     np.testing.assert_array_equal(left, tied.points[:3])
-
-
-# --- uneven density -------------------------------------------------------------------------------
 
 
 class Upright:

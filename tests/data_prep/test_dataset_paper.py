@@ -43,9 +43,6 @@ def tree(root: Path, *ids: str, train: tuple[str, ...] = ()) -> PaperObject:
     return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
 
 
-# --- what is read ---------------------------------------------------------------------------------
-
-
 def test_what_is_written_is_read_bit_for_bit(tmp_path: Path) -> None:
     obj = tree(tmp_path, "a")
     assert (obj.class_name, obj.object_id) == ("chair", "a")
@@ -120,9 +117,6 @@ def png(image: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-# --- splits ---------------------------------------------------------------------------------------
-
-
 def test_splits_and_classes(tmp_path: Path) -> None:
     tree(tmp_path, "b", "stühle 椅子", train=("c",))
     split = {
@@ -169,9 +163,6 @@ def test_files_without_a_split(tmp_path: Path) -> None:
         open_dataset(f"paper:{tmp_path}")
 
 
-# --- what may be wrong with an object -------------------------------------------------------------
-
-
 def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
     obj = tree(tmp_path, "a")
     (renders(tmp_path) / "render_7_128.png").unlink()
@@ -180,38 +171,28 @@ def test_a_missing_image_counts_where_it_is_asked_for(tmp_path: Path) -> None:
         obj.truth(VIEWS[:8])
 
 
-@pytest.mark.parametrize(
-    ("content", "problem"),
-    [
+def test_cameras_and_clouds_that_cannot_be_used(tmp_path: Path) -> None:
+    obj = tree(tmp_path, "a")
+    for content, problem in (
         ("", "no views"),
         ("1 2\n" * 19, "19 lines, and 20 images are wanted; fetch it again"),
         ("1 2\n" * 20, "has changed since the run began"),
-    ],
-)
-def test_cameras_that_cannot_be_used(tmp_path: Path, content: str, problem: str) -> None:
-    obj = tree(tmp_path, "a")
-    (renders(tmp_path) / "view.txt").write_text(content)
-    views = obj.views(20, RNG) if "changed" not in problem else VIEWS
-    assert len(views) == 20  # stand-ins: the run goes on, and this object fails with the reason
-    with pytest.raises(BadInput, match=problem):
-        obj.truth(views)
-
-
-@pytest.mark.parametrize(
-    ("points", "problem"),
-    [
+    ):
+        (renders(tmp_path) / "view.txt").write_text(content)
+        views = obj.views(20, RNG) if "changed" not in problem else VIEWS
+        assert len(views) == 20  # stand-ins: the run goes on, and this object fails with the reason
+        with pytest.raises(BadInput, match=problem):
+            obj.truth(views)
+    for points, problem in (
         (CLOUD.points[:2047], "2047 points, expected 2048"),
         (np.full((2048, 3), np.nan, np.float32), "points that are not finite"),
-    ],
-)
-def test_clouds_that_cannot_be_used(tmp_path: Path, points: np.ndarray, problem: str) -> None:
-    obj = tree(tmp_path, "a")
-    save_ply(points, clouds(tmp_path) / "a.ply")
-    with pytest.raises(BadInput, match=problem):
-        obj.cloud(RNG)
+    ):
+        save_ply(points, clouds(tmp_path) / "a.ply")
+        with pytest.raises(BadInput, match=problem):
+            obj.cloud(RNG)
 
 
-def test_fewer_points_are_drawn_at_random_and_more_are_not_there(tmp_path: Path) -> None:
+def test_fewer_points_are_drawn_at_random_and_more_and_meshes_are_not_there(tmp_path: Path) -> None:
     obj = tree(tmp_path, "a")
     some = obj.cloud(generator("a"), 100).points
     assert len(np.unique(some, axis=0)) == 100
@@ -219,10 +200,6 @@ def test_fewer_points_are_drawn_at_random_and_more_are_not_there(tmp_path: Path)
     assert rows == sorted(rows)
     assert obj.cloud(generator("b"), 100).points.tolist() != some.tolist()
     assert len(obj.cloud(RNG, 4096)) == 2048
-
-
-def test_there_is_no_mesh_and_no_21st_image(tmp_path: Path) -> None:
-    obj = tree(tmp_path, "a")
     with pytest.raises(BadInput, match="has no mesh"):
         obj.load()
     with pytest.raises(BadInput, match=r"--views 21: .* 20 pictures; give at most --views 20"):
@@ -233,50 +210,38 @@ def test_the_fingerprint_is_that_of_all_files(tmp_path: Path) -> None:
     obj = tree(tmp_path, "a")
     seen = {obj.fingerprint()}
     assert pickle.loads(pickle.dumps(obj)).fingerprint() in seen
-    save_ply(CLOUD.points[::-1], clouds(tmp_path) / "a.ply")
-    seen.add(obj.fingerprint())
-    (renders(tmp_path) / "view.txt").write_text("1 2\n" * 20)
-    seen.add(obj.fingerprint())
-    (renders(tmp_path) / "render_3_128.png").write_bytes(b"x")
-    seen.add(obj.fingerprint())
-    (renders(tmp_path) / "render_3_128.png").unlink()
-    seen.add(obj.fingerprint())
-    assert len(seen) == 5
+    for change in (
+        lambda: save_ply(CLOUD.points[::-1], clouds(tmp_path) / "a.ply"),
+        lambda: (renders(tmp_path) / "view.txt").write_text("1 2\n" * 20),
+        lambda: (renders(tmp_path) / "render_3_128.png").write_bytes(b"x"),
+        lambda: (renders(tmp_path) / "render_3_128.png").unlink(),
+    ):
+        change()
+        assert obj.fingerprint() not in seen
+        seen.add(obj.fingerprint())
     (clouds(tmp_path) / "a.ply").unlink()
     assert obj.fingerprint() == "unreadable: no such file"
 
 
-# --- what is examined -----------------------------------------------------------------------------
-
-
-def chair(root: Path) -> PaperObject:
-    obj = ProceduralObject("chair", "test", 0)
-    views = obj.views(20, generator("views"))
-    write_paper_object(root, "chair", "a", obj.cloud(generator("c")), views, obj.truth(views))
-    write_paper_split(root, "chair", ["a"])
-    return open_dataset(f"paper:{root}").objects("chair", 1, 0)[0]
-
-
 @pytest.mark.opengl
-def test_clouds_agree_with_their_images(tmp_path: Path) -> None:
-    obj = chair(tmp_path)
+def test_clouds_agree_with_their_images_and_other_angles_are_recognised(tmp_path: Path) -> None:
+    drawn = ProceduralObject("chair", "test", 0)
+    views = drawn.views(20, generator("views"))
+    write_paper_object(tmp_path, "chair", "a", drawn.cloud(RNG), views, drawn.truth(views))
+    write_paper_split(tmp_path, "chair", ["a"])
+    (obj,) = open_dataset(f"paper:{tmp_path}").objects("chair", 1, 0)
     assert list(oddities(obj)) == []
     shares = agreement(obj)
     assert len(shares) == len(READINGS) == 8
     # Points of a surface project onto it, but for those whose pixel's centre it misses: outlines.
     assert shares[0] > 0.97
     assert shares[1:].max() < 0.9
-
-
-@pytest.mark.opengl
-@pytest.mark.parametrize(("sense", "turn"), READINGS[1::5])
-def test_other_angles_are_recognised(tmp_path: Path, sense: int, turn: int) -> None:
-    obj = chair(tmp_path)
     path = renders(tmp_path) / "view.txt"
     pairs = [line.split() for line in path.read_text().splitlines()]
-    # Ours is the negative of theirs; what has to be undone here is sense * ours + turn.
-    path.write_text("".join(f"{sense * (float(a) + turn)!r} {e}\n" for a, e in pairs))
-    assert READINGS[int(np.argmax(agreement(obj)))] == (sense, turn)
+    for sense, turn in READINGS[1::5]:
+        # Ours is the negative of theirs; what has to be undone here is sense * ours + turn.
+        path.write_text("".join(f"{sense * (float(a) + turn)!r} {e}\n" for a, e in pairs))
+        assert READINGS[int(np.argmax(agreement(obj)))] == (sense, turn)
 
 
 def test_oddities(tmp_path: Path) -> None:

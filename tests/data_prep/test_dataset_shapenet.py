@@ -138,28 +138,27 @@ def test_splits(tmp_path: Path, place: str) -> None:
         gone.load()
 
 
+FIELDS = "id,synsetId,subSynsetId,modelId,split\n"
+NO_TAXONOMY = "not the taxonomy of ShapeNet"
+
+
 @pytest.mark.parametrize(
-    ("content", "problem"),
+    ("name", "content", "problem"),
     [
-        ("a,b\n1,2\n", "not the split list of ShapeNet"),
-        (f"id,synsetId,subSynsetId,modelId,split\n1,{CHAIR},x,..,test\n", "is a path"),
-        (f"id,synsetId,subSynsetId,modelId,split\n1,{CHAIR},x,a\u202e,test\n", "cannot be seen"),
-        (f"id,synsetId,subSynsetId,modelId,split\n1,{CHAIR},x,a,tset\n", "'tset' is no split"),
-        (f"id,synsetId,subSynsetId,modelId,split\n1,{CHAIR}\n", "not the split list"),
+        ("all.csv", "a,b\n1,2\n", "not the split list of ShapeNet"),
+        ("all.csv", f"{FIELDS}1,{CHAIR},x,..,test\n", "is a path"),
+        ("all.csv", f"{FIELDS}1,{CHAIR},x,a\u202e,test\n", "cannot be seen"),
+        ("all.csv", f"{FIELDS}1,{CHAIR},x,a,tset\n", "'tset' is no split"),
+        ("all.csv", f"{FIELDS}1,{CHAIR}\n", "not the split list"),
+        ("taxonomy.json", "{", NO_TAXONOMY),
+        ("taxonomy.json", "[1]", NO_TAXONOMY),
+        ("taxonomy.json", '[{"synsetId": "03001627"}]', NO_TAXONOMY),
     ],
 )
-def test_split_lists_that_cannot_be_used(tmp_path: Path, content: str, problem: str) -> None:
+def test_lists_that_cannot_be_used(tmp_path: Path, name: str, content: str, problem: str) -> None:
     v1(tmp_path, CHAIR, "a")
-    (tmp_path / "all.csv").write_text(content)
+    (tmp_path / name).write_text(content)
     with pytest.raises(BadInput, match=problem):
-        open_dataset(f"shapenet:{tmp_path}")
-
-
-@pytest.mark.parametrize("content", ["{", "[1]", '[{"synsetId": "03001627"}]'])
-def test_taxonomies_that_cannot_be_used(tmp_path: Path, content: str) -> None:
-    v1(tmp_path, CHAIR, "a")
-    (tmp_path / "taxonomy.json").write_text(content)
-    with pytest.raises(BadInput, match="not the taxonomy of ShapeNet"):
         open_dataset(f"shapenet:{tmp_path}")
 
 
@@ -176,9 +175,3 @@ def test_versions_side_by_side_and_shared_ids(tmp_path: Path) -> None:
     assert names(dataset, "chair") == ["a", "ünïcode\n"]
     one, other = (obj.load() for obj in dataset.objects("chair", None, 0))
     np.testing.assert_allclose(one.vertices, other.vertices, atol=9 * 2.0**-25)
-
-
-def test_a_folder_of_something_else(tmp_path: Path) -> None:
-    (tmp_path / CHAIR / "a").mkdir(parents=True)
-    with pytest.raises(BadInput, match=r"no ShapeNetCore here; expected <synset>/<id>/model\.obj"):
-        open_dataset(f"shapenet:{tmp_path}")

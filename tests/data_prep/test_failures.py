@@ -17,12 +17,9 @@ def test_failures_cross_process_boundaries(failure: Exception) -> None:
     assert vars(found) == vars(failure)
 
 
-def test_a_stage_failure_names_its_stage() -> None:
+def test_a_stage_failure_names_its_stage_and_is_no_error_of_the_user() -> None:
     failure = StageFailure("apss", "no faces")
     assert (failure.stage, failure.problem, str(failure)) == ("apss", "no faces", "apss: no faces")
-
-
-def test_the_users_errors_are_distinct_from_results() -> None:
     assert issubclass(MissingDependency, BadInput)
     assert issubclass(BadInput, ValueError)
     assert not issubclass(StageFailure, ValueError)

@@ -27,16 +27,13 @@ def test_halves_are_rounded_up() -> None:
     np.testing.assert_array_equal(to_uint8(values)[exact], LEVELS[1:][exact])
 
 
-def test_agrees_with_exact_arithmetic() -> None:
+def test_agrees_with_exact_arithmetic_and_clips_what_is_outside() -> None:
     values = np.random.default_rng(0).random(5000, dtype=np.float32)
     exact = [255 * Fraction(float(v)) + Fraction(1, 2) for v in values]
     # Two roundings of values below 256: an ulp is 2**-16 at most. Nearer to a tie either is right.
     clear = np.array([min(e % 1, 1 - e % 1) > Fraction(1, 2**15) for e in exact])
     assert clear.mean() > 0.99
     np.testing.assert_array_equal(to_uint8(values)[clear], np.array([int(e) for e in exact])[clear])
-
-
-def test_values_outside_are_clipped() -> None:
     values = np.array([-np.inf, -7, -1e-9, 1 + 1e-6, 2, np.inf], np.float32)
     assert to_uint8(values).tolist() == [0, 0, 0, 255, 255, 255]
 

@@ -53,26 +53,17 @@ def barycentric(points: np.ndarray) -> np.ndarray:
     return np.stack([1 - weights.sum(axis=0), *weights], axis=1)
 
 
-# --- areas ----------------------------------------------------------------------------------------
-
-
 def test_areas_in_closed_form() -> None:
-    mesh = mesh_of(
-        [
-            [[0, 0, 0], [3, 0, 0], [0, 4, 0]],
-            [[1, 1, 1], [1, 1, 3], [1, 2, 1]],
-            [[0, 0, 0], [1, 1, 1], [2, 2, 2]],  # collinear
-            [[5, 5, 5], [5, 5, 5], [5, 5, 5]],
-            [[0, 0, 0], [2.0**-60, 0, 0], [0, 2.0**-60, 0]],
-        ]
-    )
-    assert face_areas(mesh).tolist() == [6.0, 1.0, 0.0, 0.0, 2.0**-121]
-    # In float64: a leg of one float32 ulp, far from the origin, 2**-13 at 1024.
-    mesh = mesh_of([[[1024, 0, 0], [1024 + 2.0**-13, 0, 0], [1024, 1, 0]]])
-    assert face_areas(mesh).tolist() == [2.0**-14]
-
-
-# --- points ---------------------------------------------------------------------------------------
+    for triangle, area in (
+        ([[0, 0, 0], [3, 0, 0], [0, 4, 0]], 6.0),
+        ([[1, 1, 1], [1, 1, 3], [1, 2, 1]], 1.0),
+        ([[0, 0, 0], [1, 1, 1], [2, 2, 2]], 0.0),
+        ([[5, 5, 5], [5, 5, 5], [5, 5, 5]], 0.0),
+        ([[0, 0, 0], [2.0**-60, 0, 0], [0, 2.0**-60, 0]], 2.0**-121),
+        # In float64: a leg of one float32 ulp, far from the origin, 2**-13 at 1024.
+        ([[1024, 0, 0], [1024 + 2.0**-13, 0, 0], [1024, 1, 0]], 2.0**-14),
+    ):
+        assert face_areas(mesh_of([triangle])).tolist() == [area]
 
 
 def test_cloud() -> None:
@@ -140,10 +131,7 @@ def test_surfaces_that_cannot_be_sampled(triangles: object) -> None:
         sample_surface(mesh_of(triangles), np.random.default_rng(0))
 
 
-# --- views ----------------------------------------------------------------------------------------
-
-
-def test_views_are_uniform_in_both_angles() -> None:
+def test_views_are_uniform_in_both_angles_and_reproducible() -> None:
     views = random_views(4000, np.random.default_rng(10))
     assert len(views) == 4000
     azimuth, elevation = np.array([(v.azimuth_deg, v.elevation_deg) for v in views]).T
@@ -157,9 +145,6 @@ def test_views_are_uniform_in_both_angles() -> None:
     assert 180 - 360 * gap < azimuth.max() <= 180
     assert -40 <= elevation.min() < -40 + 80 * gap
     assert 40 - 80 * gap < elevation.max() <= 40
-
-
-def test_views_are_reproducible() -> None:
     one, same, other = (random_views(5, np.random.default_rng(s)) for s in (1, 1, 2))
     assert one == same
     assert not set(one) & set(other)

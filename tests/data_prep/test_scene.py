@@ -13,11 +13,8 @@ FACES = [[0, 1, 2], [0, 2, 3]]
 COLORS = [[255, 0, 7], [1, 2, 3]]
 
 
-def test_sizes_of_the_paper() -> None:
+def test_sizes_of_the_paper_and_float64_rounded_to_nearest() -> None:
     assert (IMAGE_SIZE, CLOUD_SIZE) == (128, 2048)
-
-
-def test_float64_is_rounded_to_nearest() -> None:
     # One third of an ulp (2**-23 above 1) goes down, two thirds go up.
     ulp = 2.0**-23
     cloud = PointCloud(np.array([[1 + ulp / 3, 1 + 2 * ulp / 3, -1 - ulp / 3]]))
@@ -29,12 +26,13 @@ def test_arrays_are_contiguous_copies_that_cannot_be_written() -> None:
     faces, colors = np.array(FACES, np.int32), np.array(COLORS, np.uint8)
     mesh, cloud = Mesh(source, faces, colors), PointCloud(source)
     source[:], faces[:], colors[:] = 9, 0, 9
-    assert mesh.vertices.tolist() == cloud.points.tolist() == VERTICES
-    assert mesh.faces.tolist() == FACES
-    assert mesh.face_colors.tolist() == COLORS
-    types = [array.dtype for array in (mesh.vertices, mesh.faces, mesh.face_colors, cloud.points)]
-    assert types == [np.float32, np.int32, np.uint8, np.float32]
-    for array in (mesh.vertices, mesh.faces, mesh.face_colors, cloud.points):
+    for array, values, dtype in (
+        (mesh.vertices, VERTICES, np.float32),
+        (cloud.points, VERTICES, np.float32),
+        (mesh.faces, FACES, np.int32),
+        (mesh.face_colors, COLORS, np.uint8),
+    ):
+        assert (array.tolist(), array.dtype) == (values, dtype)
         assert array.flags.c_contiguous
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 1
@@ -74,14 +72,11 @@ def test_impossible_meshes(change: dict[str, object], problem: str) -> None:
         Mesh(**parts)
 
 
-@pytest.mark.parametrize("vertices", [VERTICES, np.zeros((0, 3))])
-def test_mesh_without_faces(vertices: object) -> None:
-    mesh = Mesh(vertices, np.zeros((0, 3)), np.zeros((0, 3)))
-    assert mesh.faces.shape == mesh.face_colors.shape == (0, 3)
-    assert (mesh.faces.dtype, mesh.face_colors.dtype) == (np.int32, np.uint8)
-
-
-def test_cloud() -> None:
+def test_mesh_without_faces_and_clouds_of_any_points() -> None:
+    for vertices in (VERTICES, np.zeros((0, 3))):
+        mesh = Mesh(vertices, np.zeros((0, 3)), np.zeros((0, 3)))
+        assert mesh.faces.shape == mesh.face_colors.shape == (0, 3)
+        assert (mesh.faces.dtype, mesh.face_colors.dtype) == (np.int32, np.uint8)
     mesh = Mesh(VERTICES, [[3, 3, 3]], COLORS[:1])  # the last vertex may be used, others need not
     assert len(PointCloud(VERTICES, source=mesh)) == 4
     assert PointCloud(VERTICES, source=mesh).source is mesh
@@ -98,24 +93,15 @@ def test_impossible_clouds(shape: tuple[int, ...]) -> None:
         PointCloud(np.zeros(shape))
 
 
-@pytest.mark.parametrize(("azimuth", "elevation"), [(-180, -90), (540.5, 40), (-1e6, 90)])
-def test_views_within_the_limits(azimuth: float, elevation: float) -> None:
-    view = View(azimuth, elevation)
-    assert (view.azimuth_deg, view.elevation_deg) == (azimuth, elevation)
-    assert view == View(azimuth, elevation)
-    assert hash(view) == hash(View(azimuth, elevation))
-
-
-@pytest.mark.parametrize(
-    ("azimuth", "elevation", "what"),
-    [
-        (math.nan, 0, "azimuth_deg"),
-        (-math.inf, 0, "azimuth_deg"),
-        (0, math.nan, "elevation_deg"),
-        (0, math.nextafter(90, 91), "elevation_deg"),
-        (0, math.nextafter(-90, -91), "elevation_deg"),
-    ],
-)
-def test_impossible_views(azimuth: float, elevation: float, what: str) -> None:
-    with pytest.raises(ValueError, match=what):
-        View(azimuth, elevation)
+def test_views_are_equal_by_their_angles_which_have_limits() -> None:
+    for azimuth, elevation in ((-180, -90), (540.5, 40), (-1e6, 90)):
+        view = View(azimuth, elevation)
+        assert (view.azimuth_deg, view.elevation_deg) == (azimuth, elevation)
+        assert view == View(azimuth, elevation)
+        assert hash(view) == hash(View(azimuth, elevation))
+    for azimuth in (math.nan, -math.inf):
+        with pytest.raises(ValueError, match="azimuth_deg"):
+            View(azimuth, 0)
+    for elevation in (math.nan, math.nextafter(90, 91), math.nextafter(-90, -91)):
+        with pytest.raises(ValueError, match="elevation_deg"):
+            View(0, elevation)

@@ -11,21 +11,13 @@ def test_thirteen_classes_and_synsets() -> None:
 
 
 def test_names_of_classes() -> None:
-    names = class_names(
-        {
-            "03001627": "whatever",
-            "02747177": "ashcan,trash can",
-            "02773838": "",
-            "00000001": "chair,electric chair",
-            "00000002": "twin",
-            "00000003": "twin,other",
-        }
-    )
-    assert names == {
-        "03001627": "chair",
-        "02747177": "ashcan",
-        "02773838": "02773838",
-        "00000001": "00000001",  # not the chair of the 13
-        "00000002": "twin",
-        "00000003": "00000003",
+    given_and_expected = {
+        "03001627": ("whatever", "chair"),
+        "02747177": ("ashcan,trash can", "ashcan"),
+        "02773838": ("", "02773838"),
+        "00000001": ("chair,electric chair", "00000001"),  # not the chair of the 13
+        "00000002": ("twin", "twin"),
+        "00000003": ("twin,other", "00000003"),
     }
+    names = class_names({synset: given for synset, (given, _) in given_and_expected.items()})
+    assert names == {synset: expected for synset, (_, expected) in given_and_expected.items()}

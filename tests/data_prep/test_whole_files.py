@@ -5,9 +5,8 @@ import signal
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -51,14 +50,9 @@ def test_interrupted(tmp_path: Path, old: dict[str, bytes], end: BaseException, 
 
 
 @pytest.mark.parametrize(("owner", "call"), [(os, "fsync"), (Path, "replace")])
-def test_a_disk_that_refuses(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: object, call: str
-) -> None:
-    def refused(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
+def test_a_disk_that_refuses(tmp_path: Path, monkeypatch, owner: object, call: str) -> None:
     write_whole(tmp_path / "a.bin", b"old")
-    monkeypatch.setattr(owner, call, refused)
+    monkeypatch.setattr(owner, call, Mock(side_effect=OSError(28, "No space left on device")))
     with pytest.raises(OSError, match="No space left"):
         write_whole(tmp_path / "a.bin", b"new")
     assert there(tmp_path) == {"a.bin": b"old"}
@@ -86,9 +80,7 @@ def test_a_killed_process_leaves_the_old_file(tmp_path: Path) -> None:
     assert path.read_bytes() == b"new"
 
 
-def test_contents_then_name_then_folder_reach_the_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_contents_then_name_then_folder_reach_the_disk(tmp_path: Path, monkeypatch) -> None:
     path, calls = tmp_path / "a.bin", []
     replace = Path.replace
 
@@ -114,29 +106,23 @@ def test_contents_then_name_then_folder_reach_the_disk(
     assert calls == [("replace", path.stat().st_ino, path)]
 
 
-@contextmanager
-def umask(value: int) -> Iterator[None]:
-    before = os.umask(value)
-    try:
-        yield
-    finally:
-        os.umask(before)
-
-
 @pytest.mark.parametrize(("mask", "rights"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
 def test_the_rights_of_a_new_file(tmp_path: Path, mask: int, rights: int) -> None:
     path = tmp_path / "a.bin"
     path.touch(0o640)  # the old file's do not count
-    with umask(mask):
+    before = os.umask(mask)
+    try:
         write_whole(path, b"")
         assert stat.S_IMODE(path.stat().st_mode) == rights
         with whole_file(path) as new:
             new.unlink()
             new.touch(0o400)  # as libraries do that write by way of a file of their own
         assert stat.S_IMODE(path.stat().st_mode) == rights
+    finally:
+        os.umask(before)
 
 
-def test_those_who_write_at_once_do_not_meet(tmp_path: Path) -> None:
+def test_those_who_write_at_once_do_not_meet_and_folders_are_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     with whole_file(path) as one:
         one.write_bytes(b"first, ")
@@ -145,10 +131,7 @@ def test_those_who_write_at_once_do_not_meet(tmp_path: Path) -> None:
             file.write(b"and last")
         assert path.read_bytes() == b"second"
     assert there(tmp_path) == {"a.bin": b"first, and last"}
-
-
-def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
+    (tmp_path / "folder").mkdir()
     with pytest.raises(IsADirectoryError):
-        write_whole(tmp_path / "a", b"new")
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+        write_whole(tmp_path / "folder", b"new")
+    assert {path.name for path in tmp_path.iterdir()} == {"a.bin", "folder"}

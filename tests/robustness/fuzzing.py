@@ -42,6 +42,7 @@ from data_prep.mesh_files import load_mesh
 from data_prep.normalise import normalise_points
 from learning.weights import objective_of
 from pc2pix.weights import find_weights, load_weights
+from tests.data_prep.dataset_trees import gltf_binary
 
 CANARY = "canary"  # begins the name of whatever an executed file would leave behind
 SECRET = "secret"  # a file beside the cases' folders, which no case may read
@@ -50,9 +51,6 @@ FACES = [(0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3)]
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32)
 
 Files = dict[str, bytes]  # the file to read is the first
-
-
-# --- valid files ----------------------------------------------------------------------------------
 
 
 def table(rows: Any, separator: str = " ", before: str = "") -> str:
@@ -99,12 +97,10 @@ def image_bomb() -> bytes:
 
 
 def mesh_off() -> bytes:
-    """A tetrahedron."""
     return f"OFF\n4 4 6\n{table(CORNERS.tolist())}{table(FACES, before='3 ')}".encode()
 
 
 def mesh_stl(binary: bool) -> bytes:
-    """A tetrahedron."""
     corners = [[CORNERS[i].tolist() for i in face] for face in FACES]
     if binary:
         facets = [struct.pack("<12fH", 0, 0, 1, *np.ravel(c), 0) for c in corners]
@@ -141,18 +137,7 @@ def gltf_tree(blob: bytes, **buffer: object) -> dict[str, Any]:
 
 
 def gltf_blob() -> bytes:
-    """The buffer of `gltf_tree`."""
     return CORNERS.tobytes() + np.array(FACES, "<u2").tobytes() + image()
-
-
-def glb(tree: object, blob: bytes) -> bytes:
-    """A binary glTF."""
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    blob += b"\0" * (-len(blob) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text
-    chunks += struct.pack("<I4s", len(blob), b"BIN\0") + blob
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def mesh_gltf(embedded: bool) -> Files:
@@ -174,7 +159,6 @@ def cloud_ply(binary: bool) -> bytes:
 
 
 def cloud_text(separator: str) -> bytes:
-    """Eight points."""
     return table((np.arange(24.0).reshape(8, 3) / 8).tolist(), separator).encode()
 
 
@@ -208,9 +192,6 @@ SPLIT = json.dumps(
 ).encode()
 
 
-# --- what may not be executed ---------------------------------------------------------------------
-
-
 class Executed:
     """Unpickled, it makes a file."""
 
@@ -225,8 +206,9 @@ def torch_file(canary: str) -> bytes:
     """What `torch.save` writes, by hand: a zip of a pickle that makes a folder."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("archive/data.pkl", pickle.dumps(Executed(canary), 2))
-        archive.writestr("archive/version", "3\n")
+        # a ZipInfo: a name alone would be stamped with the time, and no file be made again
+        archive.writestr(zipfile.ZipInfo("archive/data.pkl"), pickle.dumps(Executed(canary), 2))
+        archive.writestr(zipfile.ZipInfo("archive/version"), "3\n")
     return file.getvalue()
 
 
@@ -237,8 +219,6 @@ def postscript(canary: str) -> bytes:
         f"({canary}) (w) file closefile\nshowpage\n%%EOF\n"
     ).encode()
 
-
-# --- mutations ------------------------------------------------------------------------------------
 
 INTEGERS = (0, 1, 2, 3, 127, 128, 255, 2**15, 2**16 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
 INTEGERS += (2**40, 2**53, 2**63 - 1, 2**63, 2**64 - 1)
@@ -310,8 +290,6 @@ _MUTATIONS = (
     _put_an_integer, _put_an_integer, _replace_a_token, _replace_a_token, _insert_a_monster,
 )  # fmt: skip
 
-
-# --- tricks ---------------------------------------------------------------------------------------
 
 OUTSIDE = (
     f"../{SECRET}", f"../../{SECRET}", "{root}/" + SECRET, "/etc/passwd", "file:///etc/passwd",
@@ -394,7 +372,7 @@ def _tricky_tree(rng: random.Random, root: str) -> dict[str, Any]:
 
 
 def _tricky_glb(rng: random.Random, root: str) -> Files:
-    data = bytearray(glb(_tricky_tree(rng, root), gltf_blob()))
+    data = bytearray(gltf_binary(_tricky_tree(rng, root), gltf_blob()))
     if rng.random() < 0.2:
         data[12:16] = struct.pack("<I", rng.choice((0, 2**31, 2**32 - 1)))
     return {"a.glb": bytes(data)}
@@ -503,9 +481,6 @@ def _tricky_split(rng: random.Random, root: str) -> Files:
     return {"a_exp.json": rng.choice((json.dumps(tree).encode(), json.dumps(many).encode(), deep))}
 
 
-# --- formats --------------------------------------------------------------------------------------
-
-
 def _read_cloud(path: Path) -> None:
     normalise_points(load_points(path))
 
@@ -543,7 +518,7 @@ def _valid_ply() -> tuple[Files, ...]:
 
 
 def _valid_glb() -> tuple[Files, ...]:
-    return ({"a.glb": glb(gltf_tree(gltf_blob()), gltf_blob())},)
+    return ({"a.glb": gltf_binary(gltf_tree(gltf_blob()), gltf_blob())},)
 
 
 def _valid_npy() -> tuple[Files, ...]:
@@ -581,7 +556,6 @@ TRICKS = 0.25  # share of cases that are tricks
 
 
 def make_case(name: str, rng: random.Random, root: str) -> Files:
-    """A case of a format."""
     fmt = FORMATS[name]
     if rng.random() < TRICKS:
         files = fmt.trick(rng, root)
@@ -630,8 +604,6 @@ def listing(root: Path) -> dict[str, tuple[int, int]]:
             found[path] = (status.st_size, status.st_mtime_ns)
     return found
 
-
-# --- watching -------------------------------------------------------------------------------------
 
 FORBIDDEN = (
     "exec", "subprocess.", "os.exec", "os.fork", "os.forkpty", "os.posix_spawn", "os.spawn",

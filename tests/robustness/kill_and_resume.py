@@ -45,10 +45,7 @@ def run_to_the_end(out: Path) -> float:
 def run_and_kill(out: Path, after_s: float) -> bool:
     """Run, and kill the whole process group after `after_s`; False if it had ended by then."""
     with subprocess.Popen(
-        command(out),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
+        command(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     ) as process:
         try:
             process.wait(timeout=after_s)

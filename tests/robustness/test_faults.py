@@ -49,15 +49,8 @@ def test_the_method_is_found_by_a_process_that_knows_only_the_path(tmp_path: Pat
     """As a spawned worker does: the plug-in's entry point names a module of this folder."""
     announce(tmp_path, {faults.ID: f"{faults.__name__}:METHOD"})
     root = Path(__file__).parents[2]
-    code = (
-        f"from bench.catalogue.methods import find_method; print(find_method({faults.ID!r}).source)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path, root)))},
-    )
-    assert done.stdout == f"{faults.METHOD.source}\n"
+    code = "from bench.catalogue.methods import find_method as f; print(f('faulty-apss').source)"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path, root)))}
+    command = (sys.executable, "-c", code)
+    found = subprocess.check_output(command, cwd=tmp_path, env=environment, text=True)
+    assert found == f"{faults.METHOD.source}\n"

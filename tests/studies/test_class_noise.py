@@ -35,15 +35,8 @@ def test_true_images_are_perfect_by_all_that_compares_images() -> None:
 
 
 def test_the_summary_has_the_largest_move_of_a_class_and_that_of_their_mean() -> None:
-    rows = pd.DataFrame(
-        {
-            "change": "turn",
-            "method": "splat",
-            "class": ["a", "b"],
-            "metric": "ssim",
-            "value": [0.5, 0.8],
-            "by": [0.25, -0.05],
-            "deviation": [0.125, 0.0625],
-        }
-    )
+    columns = ["change", "method", "class", "metric", "value", "by", "deviation"]
+    of_a, of_b = (0.5, 0.25, 0.125), (0.8, -0.05, 0.0625)
+    cells = [("turn", "splat", c, "ssim", *values) for c, values in (("a", of_a), ("b", of_b))]
+    rows = pd.DataFrame(cells, columns=columns)
     assert summary(rows).splitlines()[-1] == "| turn | splat | ssim | 0.25 | 0.5 | 0.1 | 0.12 |"

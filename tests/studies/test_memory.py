@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 
 from bench.metrics.frechet import frechet_distance
-from studies.memory import (
-    BLOCK,
-    WIDTH,
-    Peak,
-    blocks,
-    growth,
-    measure_merging,
-    own_peak,
-)
+from studies.memory import BLOCK, WIDTH, Peak, blocks, growth, measure_merging, own_peak
 
 
 @pytest.mark.slow

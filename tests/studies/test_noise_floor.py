@@ -7,16 +7,7 @@ import pytest
 import torch
 
 from studies import noise_floor
-from studies.noise_floor import (
-    BATCHES,
-    CEILING,
-    METHODS,
-    METRICS,
-    THREADS,
-    TURN,
-    Study,
-    cells,
-)
+from studies.noise_floor import BATCHES, CEILING, METHODS, METRICS, THREADS, TURN, Study, cells
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,7 @@ from data_prep.render import SHEET_VIEWS, render
 from data_prep.sampling import random_views
 from data_prep.scene import Mesh, View
 from studies.plain_pyrender import render_plainly
-from studies.render_speed import (
-    in_turns,
-    parts_of,
-    renderers,
-    sphere,
-)
+from studies.render_speed import in_turns, parts_of, renderers, sphere
 
 RNG = np.random.default_rng(8)
 VIEWS = (View(0, 0), View(180, 90), View(-90, -90), *random_views(9, RNG))
@@ -41,10 +36,18 @@ def test_bytes_are_those_of_pyrender(mesh):
     np.testing.assert_array_equal(render(mesh, VIEWS), render_plainly(mesh, VIEWS), strict=True)
 
 
-def test_contexts_do_not_disturb_each_other():
-    mesh = sphere(2)
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda: render_plainly(soup(1.0, 400), VIEWS[:2]),
+        lambda: parts_of(sphere(3), random_views(SHEET_VIEWS, RNG)),
+    ],
+    ids=["another-context", "parts"],
+)
+def test_the_renderer_stays_as_it_was(act):
+    mesh = sphere(3)
     before = render(mesh, VIEWS)
-    render_plainly(soup(1.0, 400), VIEWS[:2])
+    act()
     np.testing.assert_array_equal(render(mesh, VIEWS), before)
 
 
@@ -72,10 +75,3 @@ def test_all_renderers_draw_the_same_sphere():
     np.testing.assert_array_equal(ours, plain)
     for cast in rays:  # other places of the samples: 0.02 % of the pixels, see ray_caster
         assert np.abs(cast - ours).mean() < 0.1
-
-
-def test_parts_leave_the_renderer_as_it_was():
-    mesh = sphere(3)
-    before = render(mesh, VIEWS)
-    parts_of(mesh, random_views(SHEET_VIEWS, RNG))
-    np.testing.assert_array_equal(render(mesh, VIEWS), before)

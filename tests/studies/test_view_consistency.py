@@ -63,9 +63,6 @@ def blobs(seed, count=3, size=24):
     return np.random.default_rng(seed).random((count, size, size)) < 0.3
 
 
-# --- boundaries and offsets -----------------------------------------------------------------------
-
-
 def test_the_open_sides_of_a_rectangle():
     sides = open_sides(box(40, 60, 30, 40)[None])
     top, bottom, left, right = sides[:, 0]
@@ -87,9 +84,6 @@ def test_offsets_by_definition():
             # one square root of the same whole number by two libraries: a rounding error
             assert abs(found[y, x] - (nearest if mask[y, x] else -nearest)) < 1e-12
     assert (offsets(np.zeros((1, 4, 4), bool)) == -np.inf).all()
-
-
-# --- distance and flicker -------------------------------------------------------------------------
 
 
 def test_distance_and_flicker_by_definition():
@@ -165,17 +159,11 @@ def test_where_nothing_is_drawn():
     assert (flicker(true, seen) == np.inf).sum() == 3 * open_sides(true[:1]).sum()
 
 
-# --- percentiles and intervals --------------------------------------------------------------------
-
-
 def test_statistics_of_a_tally_are_those_of_its_values():
     values = np.sqrt(np.random.default_rng(2).integers(0, 12, 997))
     tally = Tally.of(values)
     rounded = np.round(values, 3)
-    expected = [
-        *np.percentile(rounded, [50, 95, 99], method="inverted_cdf"),
-        (rounded <= 2).mean(),
-    ]
+    expected = [*np.percentile(rounded, [50, 95, 99], method="inverted_cdf"), (rounded <= 2).mean()]
     # the percentiles are values, the share is one division of the same whole numbers
     assert statistics(tally.values, tally.counts).tolist() == expected
     assert tally.counts.sum() == 997
@@ -188,9 +176,6 @@ def test_intervals_worked_by_hand():
     assert found.tolist() == [[0.0, 4.0, 4.0, 0.75], [0.0, 0.0, 0.0, 0.0], [4.0, 4.0, 4.0, 1.0]]
     found = estimates([Tally.of(np.zeros(5)), Tally.of(np.full(5, np.inf))])
     assert found[:, STATISTICS.index("p95")].tolist() == [np.inf, 0.0, np.inf]
-
-
-# --- what is written ------------------------------------------------------------------------------
 
 
 def test_failed_objects_are_counted_and_named():
@@ -221,9 +206,6 @@ def test_what_is_tinted():
     tinted[0, 40:60, 30:35] = 255
     tinted[0, 40:60, 50:55] = 90
     assert np.array_equal(tinted, image)
-
-
-# --- with a renderer ------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -268,7 +250,7 @@ def test_everything_is_written(few_views, tmp_path, monkeypatch, capsys):
     assert message.count("\n| splat | 512 |") == 2
     names = {path.name: path for path in (tmp_path / "out").iterdir()}
     assert names.keys() == {
-        *("strip-512.png", "turntable-512.gif", "view-consistency.csv", "view-consistency.md"),
+        *("strip-512.png", "turntable-512.gif", "view-consistency.csv", "view-consistency.md")
     }
     assert names["view-consistency.md"].read_text() == message
     table = names["view-consistency.csv"].read_text().splitlines()

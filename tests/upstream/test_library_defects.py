@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 
 from baselines.meshlab import MeshLab
@@ -75,9 +76,6 @@ def show(name: str) -> str:
         return DEFECTS[name].demonstrate()
     except Exception as error:
         return shorten(f"raises {type(error).__name__}: {error}", 120)
-
-
-# --- what ends its worker: first, so that the others need not wait for the end --------------------
 
 
 def box(seed: int = 1) -> Points:
@@ -169,9 +167,6 @@ def scipy_tree_of_half_a_plane_crashes() -> str:
     points[60:, 0] *= 4.0
     torch.set_flush_denormal(True)
     return f"a tree of {KDTree(points).n} points"
-
-
-# --- pymeshlab ------------------------------------------------------------------------------------
 
 
 @defect(r"^[1-9]\d* of \d+ vertices are not finite", "baselines.stages.finite_part")
@@ -289,8 +284,6 @@ def pymeshlab_ball_pivoting_depends_on_the_order() -> str:
     return "{} faces, {} of the same points in reverse".format(*counts)
 
 
-# --- pyrender -------------------------------------------------------------------------------------
-
 TRIANGLE = np.array(((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (0.0, 1.0, 0.0)))
 WHITE = (1.0, 1.0, 1.0, 1.0)
 SIDE = 32  # pixels
@@ -389,8 +382,6 @@ def pyrender_renderers_share_a_display() -> str:
     return "the other one still draws"
 
 
-# --- trimesh --------------------------------------------------------------------------------------
-
 SQUARE = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 0), (1, 1, 0), (0, 1, 0))  # two triangles
 
 
@@ -406,8 +397,6 @@ def ply(vertices: Any, faces: Any = None) -> io.BytesIO:
 
 
 def load(file: io.BytesIO, **options: Any) -> Any:
-    import trimesh
-
     return trimesh.load(file, file_type="ply", **options)
 
 
@@ -421,8 +410,6 @@ def trimesh_merges_vertices() -> str:
 @defect(r"^a Trimesh of 0 vertices", "data_prep.mesh_files.load_mesh")
 def trimesh_loads_points_as_an_empty_mesh() -> str:
     """A PLY of points only loads as an empty mesh, and nothing is reported."""
-    import trimesh
-
     loaded = trimesh.load_mesh(ply(SQUARE), file_type="ply")
     return f"a {type(loaded).__name__} of {len(loaded.vertices)} vertices"
 
@@ -462,9 +449,6 @@ def trimesh_keeps_a_nan_vertex() -> str:
     """NaN loads as a coordinate, and nothing is reported."""
     loaded = load(ply((("nan", 0, 0), *SQUARE[1:3]), ((0, 1, 2),)), process=False)
     return f"bounds {loaded.bounds[0].tolist()}"
-
-
-# --- numpy, scipy, pandas, torch ------------------------------------------------------------------
 
 
 def cast_nan(cast: Callable[[float], Any]) -> str:
@@ -554,9 +538,6 @@ def torch_refuses_mirrored_arrays() -> str:
     return f"{torch.from_numpy(np.arange(3)[::-1]).tolist()}"
 
 
-# --- scikit-image ---------------------------------------------------------------------------------
-
-
 def similarity(a: NDArray[Any], b: NDArray[Any], **options: Any) -> str:
     from skimage.metrics import structural_similarity
 
@@ -584,9 +565,6 @@ def skimage_refuses_small_images() -> str:
     """Images with a side below the window of 11 are refused."""
     image = np.zeros((10, 10), np.uint8)
     return similarity(image, image, data_range=255)
-
-
-# --- the test -------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import pytest
 
 from data_prep.datasets import ProceduralObject
 from data_prep.randomness import generator
+from data_prep.sampling import face_areas
 from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES, FAMILIES
 from data_prep.shapes.palettes import LIGHTEST
@@ -30,7 +31,6 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def objects(name: str) -> list[Drawn]:
-    """Some of each structural family."""
     return [obj for family in of_each_family(name).values() for obj in family]
 
 
@@ -59,25 +59,12 @@ def test_objects_of_the_dataset_are_those_of_the_catalogue(name: str) -> None:
     assert mesh.vertices.tobytes() == same.vertices.tobytes() != other.vertices.tobytes()
 
 
-# --- solids ---------------------------------------------------------------------------------------
-
-
-def test_parts_are_closed_and_outward(objects: list[Drawn]) -> None:
+def test_solids_are_closed_and_joined_and_do_not_flicker(objects: list[Drawn]) -> None:
     for obj in objects:
         assert unsound(obj.parts) == [], obj.family
-
-
-def test_nothing_floats(objects: list[Drawn]) -> None:
-    for obj in objects:
         assert afloat(obj.parts) == [], obj.family
-
-
-def test_no_two_colours_in_one_plane(objects: list[Drawn]) -> None:
-    for obj in objects:
         assert shared_planes(obj.parts, radius(obj.parts)) == [], obj.family
 
-
-# --- place: on the ground, with the front towards -Z ----------------------------------------------
 
 # Metres: runners of chairs are 2 to 3 cm thick; a wheel of 14 sides misses its circle by
 # 1 - cos(pi / 14) = 2.5 % of a radius below 0.5.
@@ -121,34 +108,18 @@ def test_the_front_is_towards_minus_z(name: str) -> None:
             assert rises_behind(obj.parts), family
 
 
-# --- meshes ---------------------------------------------------------------------------------------
-
-
-def test_normalised(meshes: list[Mesh]) -> None:
+def test_meshes_are_of_size_one_and_as_fine_as_an_image_shows(meshes: list[Mesh]) -> None:
+    assert len({mesh.vertices.tobytes() for mesh in meshes}) == len(meshes)
+    # Half a unit in the last place of 1 in each of three coordinates; see test_normalise.
+    rounding = float(np.finfo(np.float32).eps)
     for mesh in meshes:
         vertices = mesh.vertices.astype(np.float64)
         centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        # Half a unit in the last place of 1 in each of three coordinates; see test_normalise.
-        rounding = float(np.finfo(np.float32).eps)
         assert np.abs(centre).max() <= rounding
         assert abs(np.linalg.norm(vertices, axis=1).max() - 1) <= rounding
-
-
-def test_faces_are_neither_too_many_nor_without_area_nor_all_drawn_before(
-    meshes: list[Mesh],
-) -> None:
-    assert len({mesh.vertices.tobytes() for mesh in meshes}) == len(meshes)
-    for mesh in meshes:
-        assert 50 <= len(mesh.faces) <= 4000  # no finer than an image shows
-        corners = mesh.vertices[mesh.faces].astype(np.float64)
-        sides = corners[:, 1:] - corners[:, :1]
-        area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+        assert 50 <= len(mesh.faces) <= 4000
         # A slim face of a thin rod is about 0.005 x 0.01; rounding leaves 1e-7 x 0.01 of none.
-        assert area.min() > 1e-8
-
-
-def test_colours_leave_the_background_free(meshes: list[Mesh]) -> None:
-    for mesh in meshes:
+        assert face_areas(mesh).min() > 1e-8
         colors = np.unique(mesh.face_colors, axis=0)
-        assert 12 <= colors.min() <= colors.max() <= LIGHTEST
+        assert 12 <= colors.min() <= colors.max() <= LIGHTEST  # not the background
         assert len(colors) <= 12  # a container ship has nine

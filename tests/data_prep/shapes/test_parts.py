@@ -15,16 +15,7 @@ from data_prep.shapes.furniture import beam, cushion, run
 from data_prep.shapes.hulls import AEROFOIL, blade, disc, mirrored, pair
 from data_prep.shapes.solids import Part, box, rectangle
 from data_prep.shapes.telephone.parts import key_color
-from tests.data_prep.shapes.solid_checks import box_of, volume
-
-GREY = (120, 121, 122)
-# A few hundred float64 operations on numbers of order 1: see test_solids.
-EXACT = 1e-12
-
-
-def polygon_area(sides: int) -> float:
-    """Of the regular polygon in the unit circle."""
-    return sides / 2 * math.sin(2 * math.pi / sides)
+from tests.data_prep.shapes.solid_checks import EXACT, GREY, box_of, polygon_area, volume
 
 
 def prismatoid(height: float, *areas: float) -> float:
@@ -35,9 +26,6 @@ def prismatoid(height: float, *areas: float) -> float:
 
 def has_box(part: Part, low: tuple, high: tuple) -> None:
     np.testing.assert_allclose(box_of([part]), (low, high), rtol=0, atol=EXACT)
-
-
-# --- what looks to the front ----------------------------------------------------------------------
 
 
 def test_panel_is_a_box_with_width_height_and_thickness_along_x_y_and_z() -> None:
@@ -58,11 +46,8 @@ def test_dial_grows_towards_the_front() -> None:
     assert (depth.min(), depth.max()) == pytest.approx((2.7, 3.1))
     radius = np.linalg.norm(part.vertices[depth < 2.9, :2] - (1, 2), axis=1)
     np.testing.assert_allclose(radius, 0.2, rtol=EXACT)
-    expected = polygon_area(12) * 0.4 / 3 * (0.16 + 0.08 + 0.04)
+    expected = polygon_area(12, 1) * 0.4 / 3 * (0.16 + 0.08 + 0.04)
     assert volume(part) == pytest.approx(expected, rel=1e-9)
-
-
-# --- furniture ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("axis", [0, 2])
@@ -97,9 +82,6 @@ def test_a_cushion_fills_its_size_but_for_edges_and_corners() -> None:
     assert volume(part) == pytest.approx(2 * ends + (0.2 - 2 * soft) * area(0), abs=EXACT)
 
 
-# --- vehicles -------------------------------------------------------------------------------------
-
-
 def test_a_blade_of_one_chord_is_an_aerofoil_times_its_span() -> None:
     x, y = AEROFOIL.T
     area = abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) / 2
@@ -112,12 +94,14 @@ def test_a_blade_of_one_chord_is_an_aerofoil_times_its_span() -> None:
 
 def test_a_disc_turns_about_x() -> None:
     wheel = disc((1, 2, 3), 0.5, 0.2, GREY, sides=14)
-    assert volume(wheel) == pytest.approx(polygon_area(14) * 0.5**2 * 0.2, abs=EXACT)
+    assert volume(wheel) == pytest.approx(polygon_area(14, 0.5) * 0.2, abs=EXACT)
     assert wheel.vertices.mean(axis=0) == pytest.approx((1, 2, 3), abs=EXACT)
     # A bevel turns the ends into frustums between radius 0.4 and 0.5.
     bevelled = disc((1, 2, 3), 0.5, 0.2, GREY, bevel=0.05, sides=14)
     end = prismatoid(0.05, 0.45**2, 0.475**2, 0.5**2)
-    assert volume(bevelled) == pytest.approx(polygon_area(14) * (0.5**2 * 0.1 + 2 * end), abs=EXACT)
+    assert volume(bevelled) == pytest.approx(
+        polygon_area(14, 1) * (0.5**2 * 0.1 + 2 * end), abs=EXACT
+    )
 
 
 def test_a_mirror_image_faces_outwards() -> None:
@@ -126,9 +110,6 @@ def test_a_mirror_image_faces_outwards() -> None:
     assert volume(image) == pytest.approx(volume(part), abs=EXACT)
     assert image.vertices.mean(axis=0) == pytest.approx((-1, 2, 3), abs=EXACT)
     assert [p.vertices[0, 0] for p in pair(part)] == [part.vertices[0, 0], -part.vertices[0, 0]]
-
-
-# --- what has to hold for any numbers that are drawn ----------------------------------------------
 
 
 def test_keys_differ_in_colour_from_the_body() -> None:

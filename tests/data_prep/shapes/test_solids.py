@@ -27,20 +27,12 @@ from data_prep.shapes.solids import (
     tube,
     turned,
 )
-
-GREY = (120, 121, 122)
-# A few hundred float64 operations on numbers of order 1, each off by 2**-53: 1e-12 is a hundred
-# times the worst case, and still far below any wrong formula.
-EXACT = 1e-12
+from tests.data_prep.shapes.solid_checks import EXACT, GREY, polygon_area
 
 
 def solid(part: Part) -> trimesh.Trimesh:
     """The independent judge of volume, area and closedness."""
     return trimesh.Trimesh(part.vertices, part.faces, process=False)
-
-
-def polygon_area(sides: int, radius: float) -> float:
-    return sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
 
 
 def polygon_edge(sides: int, radius: float) -> float:
@@ -111,7 +103,7 @@ def test_frustum(sides: int) -> None:
         assert solid(part).area == pytest.approx(expected_area, rel=EXACT)
 
 
-def test_mitred_sweep_keeps_its_section() -> None:
+def test_mitred_sweeps_keep_their_section() -> None:
     # Mitres cut wedges off one segment that its neighbour gets back, so volume = area x length.
     length = np.linalg.norm(np.diff(np.array(BENT), axis=0), axis=1).sum()
     assert solid(SOLIDS["sweep"]).volume == pytest.approx(0.02 * length, rel=EXACT)
@@ -119,9 +111,6 @@ def test_mitred_sweep_keeps_its_section() -> None:
     length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
     expected = polygon_area(8, 0.05) * length
     assert solid(SOLIDS["tube-bent"]).volume == pytest.approx(expected, rel=EXACT)
-
-
-def test_hoop_and_rim() -> None:
     # Sixteen mitred segments: the mitre planes hold the given section, so the section across a
     # segment is cos(pi/16) of it, and a segment is a chord 2 R sin(pi/16) long.
     expected = polygon_area(6, 0.05) * 0.5 * 16 * math.sin(2 * math.pi / 16)
@@ -153,14 +142,11 @@ def test_rounded_corners(steps: int) -> None:
     assert len(outline) == 4 * (steps + 1)
 
 
-def test_moved_leans_backwards_then_shifts() -> None:
+def test_moved_leans_backwards_then_shifts_and_turned_brings_plus_z_to_plus_x() -> None:
     part = moved(box((0, 0, 0), (1, 2, 3), GREY), (0, 0, 10), tilt_rad=math.pi / 2)
     np.testing.assert_allclose(np.ptp(part.vertices, axis=0), [1, 3, 2])
     rod = post((0, 0, 0), (0, 1, 0), rectangle(0.1, 0.1), rectangle(0.1, 0.1), GREY)
     assert moved(rod, (0, 0, 0), tilt_rad=0.3).vertices[:, 2].mean() > 0
-
-
-def test_turned_brings_plus_z_to_plus_x() -> None:
     part = turned(box((0, 5, 2), (1, 2, 3), GREY), math.pi / 2)
     np.testing.assert_allclose(part.vertices.min(axis=0), [0.5, 4, -0.5], atol=EXACT)
     np.testing.assert_allclose(part.vertices.max(axis=0), [3.5, 6, 0.5], atol=EXACT)
@@ -175,15 +161,10 @@ def test_join_keeps_parts_apart() -> None:
     np.testing.assert_array_equal(mesh.face_colors[[0, 11, 12]], [[1, 2, 3], [1, 2, 3], [4, 5, 6]])
 
 
-@pytest.mark.parametrize(
-    "rings", [np.zeros((1, 4, 3)), np.zeros((2, 2, 3)), np.zeros((2, 4, 2)), np.zeros((2, 4, 3))]
-)
-def test_loft_refuses_what_encloses_nothing(rings: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="rings"):
-        loft(rings, GREY)
-
-
-def test_sweep_refuses_what_it_cannot_orient() -> None:
+def test_what_encloses_nothing_or_has_no_direction_is_refused() -> None:
+    for shape in ((1, 4, 3), (2, 2, 3), (2, 4, 2), (2, 4, 3)):
+        with pytest.raises(ValueError, match="rings"):
+            loft(np.zeros(shape), GREY)
     with pytest.raises(ValueError, match="up"):
         sweep([(0, 0, 0), (0, 1, 0)], rectangle(1, 1), GREY)
     with pytest.raises(ValueError, match="turns back on itself at point 1"):
