@@ -92,6 +92,8 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
         ("alpha-shape", [*np.eye(3), [1, 1, 1]], "alpha-shape", "no triangle fits a ball"),
         ("poisson", LINE, "ball-pivoting", "no faces"),
         ("poisson", np.full((50, 3), 0.3), "poisson", ""),
+        ("surface-apss", np.full((50, 3), 0.3), "apss", "no faces"),
+        ("surface-apss", LINE, "ball-pivoting", "no faces"),
         ("surface-bpa", np.zeros((10, 3)), "input", "10 points"),
         ("surface-bpa", LINE, "ball-pivoting", "no faces"),
         ("surface-fit", np.zeros((10, 3)), "input", "10 points; normals need at least 11"),

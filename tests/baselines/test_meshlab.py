@@ -12,7 +12,7 @@ from baselines.meshlab import GRID_MARGIN, MeshLab
 from baselines.surface import closed_surface
 from data_prep.failures import MissingDependency
 
-from .clouds import RADIUS, lattice_sphere
+from .clouds import RADIUS, faces_of_edges, lattice_sphere
 
 # ball-pivoting-close-holes-mc-rotate.mlx of roatienza/pc2pix@23b7b46d, without its rotations.
 ORIGINAL = [
@@ -96,29 +96,6 @@ def test_a_cell_is_a_share_of_the_longest_side(resolution: int) -> None:
             assert (share > 0.4) == (margin == GRID_MARGIN)
 
 
-def test_rough_normals_and_no_accuracy_change_nothing_seen() -> None:
-    found = []
-    for options in ({}, {"accurate_normals": False}):
-        meshlab = closed_surface(ellipsoid())
-        meshlab.marching_cubes_apss(40, 0.0, **options)
-        found.append(meshlab.mesh((0, 0, 0)))
-    np.testing.assert_array_equal(found[0].vertices, found[1].vertices)
-    np.testing.assert_array_equal(found[0].faces, found[1].faces)
-
-
-def test_estimated_normals_are_the_spheres() -> None:
-    points = sphere(2048)
-    meshlab = MeshLab(points)
-    meshlab.estimate_normals(10)
-    normals = meshlab.normals()
-    assert normals.shape == (2048, 3)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=0, atol=1e-6)
-    # Ten neighbours lie within 2 sqrt(10 / 2048) = 0.14 of a point: no plane through them tilts
-    # more than that on the whole, whichever side it faces.
-    cosine = np.abs((normals * points).sum(axis=1))
-    assert np.median(np.degrees(np.arccos(np.minimum(cosine, 1)))) < np.degrees(0.14)
-
-
 def test_points_go_in_and_a_mesh_comes_out() -> None:
     points = sphere(30)
     meshlab = MeshLab(points)
@@ -151,9 +128,7 @@ def test_holes_are_closed_up_to_the_stated_size(sides: int, closed: bool) -> Non
     assert meshlab.face_count == 2 * sides + (2 * (sides - 2) if closed else 0)
     mesh = meshlab.mesh((0, 0, 0))
     assert len(mesh.vertices) == 2 * sides
-    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    alone = np.unique(edges, axis=0, return_counts=True)[1] == 1
-    assert alone.sum() == (0 if closed else 2 * sides)
+    assert (faces_of_edges(mesh.faces) == 1).sum() == (0 if closed else 2 * sides)
 
 
 def test_what_meshlab_refuses_is_one_line() -> None:

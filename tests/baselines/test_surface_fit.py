@@ -23,16 +23,9 @@ def digest(mesh: Mesh) -> str:
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
 
 
-# --- how finely it looks --------------------------------------------------------------------------
-
-
 def test_a_footprint_is_a_pixel_at_the_origin() -> None:
     pixels, _ = project(np.array([[0.0, 0, 0], [0, FOOTPRINT, 0]]), View(0, 0))
     np.testing.assert_allclose(pixels[0] - pixels[1], [0, 1], rtol=0, atol=1e-12)
-
-
-def cube(side: float) -> np.ndarray:
-    return np.array([[0, 0, 0], [side, side / 2, -side / 3]])
 
 
 @pytest.mark.parametrize(
@@ -47,10 +40,8 @@ def cube(side: float) -> np.ndarray:
     ],
 )
 def test_resolution(longest: float, cell: float, expected: int) -> None:
-    assert resolution(cube(longest) - 3, cell) == expected
-
-
-# --- which points are used ------------------------------------------------------------------------
+    corners = np.array([[0, 0, 0], [longest, longest / 2, -longest / 3]])
+    assert resolution(corners - 3, cell) == expected
 
 
 @pytest.mark.parametrize("side", [0.05, 0.3, 10.0])
@@ -83,9 +74,6 @@ def test_points_beyond_the_camera_are_out_of_sight() -> None:
     assert in_sight(points.astype(np.float32)).tolist() == [
         points[i].astype(np.float32).tolist() for i in (0, 3, 4)
     ]
-
-
-# --- the surface ----------------------------------------------------------------------------------
 
 
 # untouched, and 14 times as dense as is of use

@@ -177,9 +177,6 @@ def test_networks_that_nobody_has_trained(tmp_path, monkeypatch, name, where, va
     assert text in changed(name, tmp_path / "w.safetensors", change)
 
 
-# --- the header alone, which the command line reads without PyTorch -------------------------------
-
-
 def raw(header, length=None):
     text = header if isinstance(header, bytes) else json.dumps(header).encode()
     return (len(text) if length is None else length).to_bytes(8, "little") + text

@@ -183,12 +183,3 @@ def test_bfloat16_is_the_last_step():
     coarse = project(surfels, cameras(VIEWS), ALL_INPUTS, dtype=torch.bfloat16)
     assert coarse.is_contiguous(memory_format=torch.channels_last)
     assert torch.equal(coarse, exact.bfloat16())
-
-
-def test_cameras_are_the_inverse_of_poses():
-    found = cameras(VIEWS)
-    assert found.shape == (len(VIEWS), 3, 4)
-    assert found.dtype == torch.float32
-    for one, view in zip(found.double().numpy(), VIEWS, strict=True):
-        product = np.vstack([one, [0, 0, 0, 1]]) @ camera_to_world(view)
-        np.testing.assert_allclose(product, np.eye(4), rtol=0, atol=1e-6)  # of distances of 4
