@@ -5,14 +5,13 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
-import pymeshlab
 import pytest
 
 from baselines.meshlab import GRID_MARGIN, MeshLab
 from baselines.surface import closed_surface
 from data_prep.failures import MissingDependency
 
-from .clouds import RADIUS, faces_of_edges, lattice_sphere
+from .clouds import RADIUS, lattice_sphere
 
 # ball-pivoting-close-holes-mc-rotate.mlx of roatienza/pc2pix@23b7b46d, without its rotations.
 ORIGINAL = [
@@ -62,16 +61,6 @@ def test_meshlab_confirms_the_originals_parameters(tmp_path: Path) -> None:
         assert found == expected
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_ball_radius_suits_the_cloud(scale: float) -> None:
-    meshlab = MeshLab((scale * lattice_sphere(400)).astype(np.float32))
-    meshlab.estimate_normals(10)
-    meshlab.ball_pivoting()
-    # A triangulation of a sphere has 2 V - 4 faces. A radius of twice the best one would skip
-    # points, half of it would leave gaps everywhere.
-    assert 0.98 * (2 * 400 - 4) < meshlab.face_count <= 2 * 400 - 4
-
-
 def ellipsoid() -> np.ndarray:
     """Longest along Y, and off the origin; more points than cells, so that none has a gap."""
     stretch = np.array([0.5, 0.8, 0.4]) / RADIUS
@@ -106,29 +95,6 @@ def test_points_go_in_and_a_mesh_comes_out() -> None:
     np.testing.assert_array_equal(mesh.vertices, points)  # float32 to float64 and back
     assert len(mesh.faces) == meshlab.face_count > 0
     assert (mesh.face_colors == (1, 2, 3)).all()
-
-
-def tube(sides: int) -> tuple[np.ndarray, np.ndarray]:
-    """Wall of a prism, open at both ends: two holes of `sides` edges."""
-    angle = np.arange(sides) * 2 * np.pi / sides
-    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1)
-    here, there = np.arange(sides), np.roll(np.arange(sides), -1)
-    one = np.stack([here, there, there + sides], axis=1)
-    other = np.stack([here, there + sides, here + sides], axis=1)
-    return np.concatenate([ring, ring + np.array([0, 0, 1])]), np.concatenate([one, other])
-
-
-@pytest.mark.parametrize(("sides", "closed"), [(12, True), (29, True), (31, False)])
-def test_holes_are_closed_up_to_the_stated_size(sides: int, closed: bool) -> None:
-    vertices, faces = tube(sides)
-    meshlab = MeshLab(sphere(30))
-    meshlab._meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
-    meshlab.close_holes(30)
-    # A polygon of n sides takes n - 2 triangles, and no new vertex.
-    assert meshlab.face_count == 2 * sides + (2 * (sides - 2) if closed else 0)
-    mesh = meshlab.mesh((0, 0, 0))
-    assert len(mesh.vertices) == 2 * sides
-    assert (faces_of_edges(mesh.faces) == 1).sum() == (0 if closed else 2 * sides)
 
 
 def test_what_meshlab_refuses_is_one_line() -> None:

@@ -67,5 +67,5 @@ def test_what_is_far_from_the_points_is_trimmed() -> None:
 
 
 def test_deeper_is_finer() -> None:
-    coarse, fine = (Poisson(depth).prepare(chair_cloud()) for depth in (5, 6))
+    coarse, fine = (Poisson(depth).prepare(chair_cloud()) for depth in (4, 5))
     assert len(fine.mesh.faces) > 2 * len(coarse.mesh.faces)
