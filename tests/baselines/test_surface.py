@@ -70,6 +70,7 @@ class FakeMeshLab:
     """Stands for MeshLab."""
 
     log: tuple[str, ...] = ()
+    options: tuple[float, ...] = ()  # of APSS
     normal = 1.0
     raises = ""  # the stage that raises
     empties = ""  # the stage that leaves no faces
@@ -96,6 +97,7 @@ class FakeMeshLab:
         self._stage(f"close-holes {max_edges}", 1)
 
     def marching_cubes_apss(self, resolution: int, *options: float, **flags: bool) -> None:
+        type(self).options = (*options, *flags.values())
         self._stage(f"apss {resolution}", 1)
 
     def screened_poisson(self, depth: int) -> None:
@@ -133,8 +135,11 @@ def test_stages_in_order_with_the_papers_parameters(fake: type[FakeMeshLab]) -> 
     assert fake.log == STAGES
     assert result.mesh is fake.result  # finite: untouched
     assert result.notes == ()
+    assert fake.options == ()
     SurfaceApss(resolution=77).prepare(CLOUD)
     assert fake.log == (*STAGES[:3], "apss 77")
+    SurfaceFit(1.0).prepare(CLOUD)
+    assert fake.options == (0.0, False)  # always 15 steps: nothing is read that nobody has written
 
 
 METHODS = {

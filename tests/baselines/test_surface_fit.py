@@ -2,10 +2,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,30 +93,6 @@ def test_sphere_of_any_density(count: int, cell_px: float) -> None:
 @pytest.fixture(scope="module")
 def plain() -> Reconstruction:
     return SurfaceFit().prepare(chair_cloud())
-
-
-CHAIR = """
-import hashlib
-from baselines.surface_fit import SurfaceFit
-from tests.baselines.clouds import chair_cloud
-mesh = SurfaceFit().prepare(chair_cloud()).mesh
-print(hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest())
-"""
-
-
-def test_same_mesh_whatever_memory_held_before(plain: Reconstruction) -> None:
-    """Unlike that of `surface-apss`: see `apss_reads_unwritten_memory` in test_library_defects."""
-    tunables = "glibc.malloc.perturb=170:glibc.malloc.tcache_count=0"
-    done = subprocess.run(
-        [sys.executable, "-c", CHAIR],
-        env=os.environ | {"GLIBC_TUNABLES": tunables},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-        cwd=Path(__file__).parents[2],
-    )
-    assert done.stdout.strip() == digest(plain.mesh)
 
 
 def test_neither_order_nor_repetition_changes_the_mesh(plain: Reconstruction) -> None:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from torch import nn
 
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import StageFailure
@@ -59,27 +58,6 @@ def test_weights_stay_as_they_are(tiny):
     assert all(torch.equal(after[key], value) for key, value in before.items())
 
 
-def test_the_range_is_that_of_what_the_layer_gives(tiny):
-    points = make_clouds(1)[0]
-    largest = {}
-
-    def note(name):
-        def hook(module, fed, given):
-            largest[name] = float(given.abs().max())
-
-        return hook
-
-    for name, module in tiny.generator.named_modules():
-        if isinstance(module, nn.Linear | nn.Conv2d | nn.BatchNorm2d):
-            module.register_forward_hook(note(f"generator.{name}"))
-    found = {layer.name: layer for layer in infer(tiny, points, VIEWS, "float32").layers}
-    # conv2 runs by another function, so its hook stays silent: 4 + 4 a block, less that one
-    assert len(largest) == 1 + 5 * 4 + 2
-    for name, value in largest.items():
-        assert found[name].largest == value
-        assert found[name].non_finite == 0
-
-
 def test_wider_formats_are_nearer(points):
     weights = load_weights("chair")
     exact = infer(weights, points, VIEWS, "float64").images
@@ -96,7 +74,7 @@ def test_wider_formats_are_nearer(points):
 def test_an_overflow_is_found_in_its_layer(tiny):
     points = make_clouds(1)[0]
     with torch.no_grad():
-        tiny.generator.blocks[2].conv1.bias[0] = 7e4  # float16 ends at 65,504
+        tiny.generator.blocks[2].conv1.bias[0] = -7e4  # float16 ends at 65,504
     half = infer(tiny, points, VIEWS, "float16")
     assert half.overflowed == "generator.blocks.2.conv1"
     layers = {layer.name: layer for layer in half.layers}
