@@ -66,7 +66,7 @@ def test_order_of_points_does_not_matter() -> None:
 
 def test_what_is_behind_the_camera_or_outside_is_not_drawn() -> None:
     outside = [[0, 0, -5], [0, 0, -4], [0, 0, -3.81], [3, 0, 0], [0, -3, 0], [0, 0, -1e6]]
-    outside += [[1e3, 1e3, -1e3], [1e30, 1e30, -1e30], [1e30, 1e30, 1e30]]
+    outside += [[1e3, 1e3, -1e3], [1e30, 1e30, -1e30], [1e30, 1e30, 1e30], [1e30, 0, 0]]
     assert (draw(discs(outside, 0.1)) == 1).all()
     both = draw(discs([*outside, [0.1, 0.2, 0]], 0.1))
     np.testing.assert_array_equal(both, draw(discs([0.1, 0.2, 0], 0.1)))
