@@ -87,7 +87,7 @@ def test_a_sphere_is_closed_at_any_scale(scale: float) -> None:
 def test_alpha_is_a_share_of_the_diagonal() -> None:
     # A regular tetrahedron of side sqrt 2 in a box of diagonal sqrt 3: the circumcircles of its
     # faces have radius sqrt(2 / 3), which is 47.1 % of that.
-    cloud = PointCloud(np.append(np.eye(3), [[1, 1, 1]], axis=0))
+    cloud = PointCloud(np.append(np.eye(3), [[1, 1, 1]], axis=0) - 7)
     assert len(AlphaShape(alpha_percent=47.2).prepare(cloud).mesh.faces) == 4
     with pytest.raises(StageFailure, match=r"no triangle fits a ball of radius 0\.814"):
         AlphaShape(alpha_percent=47.0).prepare(cloud)

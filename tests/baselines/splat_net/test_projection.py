@@ -112,6 +112,7 @@ def test_what_is_not_seen_leaves_no_trace():
     hidden = torch.tensor([
         (0.1, 0.1, -4.5), (0.0, 0.0, -4.0), (0.0, 0.0, -3.81), (1.2, 0.0, 0.0), (-1.2, 0.0, 0.0),
         (0.0, 1.2, 0.0), (0.0, -1.2, 0.0), (0.3, 0.2, -1e30), (3e38, 3e38, -3e38), (2e38, 0.0, 0.0),
+        (-64 / 58, 0.0, 0.0), (0.0, -64 / 58, 0.0),  # at 128.0, one pixel too far
     ])  # fmt: skip
     seen = made_up(20)
     where = {"points": hidden, "flattened": hidden[:, None].expand(-1, len(FLATTENED), -1)}
