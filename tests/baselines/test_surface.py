@@ -16,7 +16,7 @@ from data_prep.scene import Mesh, PointCloud
 from .clouds import RADIUS, chair_cloud, faces_of_edges, lattice_sphere
 
 
-def random_sphere(count: int = 2048) -> PointCloud:
+def random_sphere(count: int) -> PointCloud:
     points = np.random.default_rng(0).normal(size=(count, 3))
     return PointCloud(RADIUS * points / np.linalg.norm(points, axis=1, keepdims=True))
 
