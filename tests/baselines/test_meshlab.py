@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import numpy as np
-import pymeshlab
 import pytest
 
 from baselines.meshlab import GRID_MARGIN, MeshLab
@@ -62,16 +61,6 @@ def test_meshlab_confirms_the_originals_parameters(tmp_path: Path) -> None:
         assert found == expected
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_ball_radius_suits_the_cloud(scale: float) -> None:
-    meshlab = MeshLab((scale * lattice_sphere(400)).astype(np.float32))
-    meshlab.estimate_normals(10)
-    meshlab.ball_pivoting()
-    # A triangulation of a sphere has 2 V - 4 faces. A radius of twice the best one would skip
-    # points, half of it would leave gaps everywhere.
-    assert 0.98 * (2 * 400 - 4) < meshlab.face_count <= 2 * 400 - 4
-
-
 def ellipsoid() -> np.ndarray:
     """Longest along Y, and off the origin; more points than cells, so that none has a gap."""
     stretch = np.array([0.5, 0.8, 0.4]) / RADIUS
@@ -96,29 +85,6 @@ def test_a_cell_is_a_share_of_the_longest_side(resolution: int) -> None:
             assert (share > 0.4) == (margin == GRID_MARGIN)
 
 
-def test_rough_normals_and_no_accuracy_change_nothing_seen() -> None:
-    found = []
-    for options in ({}, {"accurate_normals": False}):
-        meshlab = closed_surface(ellipsoid())
-        meshlab.marching_cubes_apss(40, 0.0, **options)
-        found.append(meshlab.mesh((0, 0, 0)))
-    np.testing.assert_array_equal(found[0].vertices, found[1].vertices)
-    np.testing.assert_array_equal(found[0].faces, found[1].faces)
-
-
-def test_estimated_normals_are_the_spheres() -> None:
-    points = sphere(2048)
-    meshlab = MeshLab(points)
-    meshlab.estimate_normals(10)
-    normals = meshlab.normals()
-    assert normals.shape == (2048, 3)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=0, atol=1e-6)
-    # Ten neighbours lie within 2 sqrt(10 / 2048) = 0.14 of a point: no plane through them tilts
-    # more than that on the whole, whichever side it faces.
-    cosine = np.abs((normals * points).sum(axis=1))
-    assert np.median(np.degrees(np.arccos(np.minimum(cosine, 1)))) < np.degrees(0.14)
-
-
 def test_points_go_in_and_a_mesh_comes_out() -> None:
     points = sphere(30)
     meshlab = MeshLab(points)
@@ -129,31 +95,6 @@ def test_points_go_in_and_a_mesh_comes_out() -> None:
     np.testing.assert_array_equal(mesh.vertices, points)  # float32 to float64 and back
     assert len(mesh.faces) == meshlab.face_count > 0
     assert (mesh.face_colors == (1, 2, 3)).all()
-
-
-def tube(sides: int) -> tuple[np.ndarray, np.ndarray]:
-    """Wall of a prism, open at both ends: two holes of `sides` edges."""
-    angle = np.arange(sides) * 2 * np.pi / sides
-    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1)
-    here, there = np.arange(sides), np.roll(np.arange(sides), -1)
-    one = np.stack([here, there, there + sides], axis=1)
-    other = np.stack([here, there + sides, here + sides], axis=1)
-    return np.concatenate([ring, ring + np.array([0, 0, 1])]), np.concatenate([one, other])
-
-
-@pytest.mark.parametrize(("sides", "closed"), [(12, True), (29, True), (31, False)])
-def test_holes_are_closed_up_to_the_stated_size(sides: int, closed: bool) -> None:
-    vertices, faces = tube(sides)
-    meshlab = MeshLab(sphere(30))
-    meshlab._meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
-    meshlab.close_holes(30)
-    # A polygon of n sides takes n - 2 triangles, and no new vertex.
-    assert meshlab.face_count == 2 * sides + (2 * (sides - 2) if closed else 0)
-    mesh = meshlab.mesh((0, 0, 0))
-    assert len(mesh.vertices) == 2 * sides
-    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    alone = np.unique(edges, axis=0, return_counts=True)[1] == 1
-    assert alone.sum() == (0 if closed else 2 * sides)
 
 
 def test_what_meshlab_refuses_is_one_line() -> None:

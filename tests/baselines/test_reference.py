@@ -8,33 +8,28 @@ from data_prep.conditions import CONDITIONS
 from data_prep.failures import StageFailure
 from data_prep.images import blank, to_uint8
 from data_prep.render import render
-from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
-from data_prep.shapes.chair.chairs import chair
 
+from .clouds import chair_cloud
+
+CLOUD = chair_cloud()
 VIEWS = [View(0, 0), View(100, -40), View(-180, 90)]
 
 
-@pytest.fixture(scope="module")
-def cloud() -> PointCloud:
-    rng = np.random.default_rng(0)
-    return sample_surface(chair(rng), rng)
-
-
-def test_the_ceiling_is_the_ground_truth_bit_for_bit(cloud: PointCloud) -> None:
-    images = TrueMesh().draw(TrueMesh().prepare(cloud), VIEWS)
+def test_the_ceiling_is_the_ground_truth_bit_for_bit() -> None:
+    images = TrueMesh().draw(TrueMesh().prepare(CLOUD), VIEWS)
     assert images.dtype == np.float32
-    truth = render(cloud.source, VIEWS)
+    truth = render(CLOUD.source, VIEWS)
     assert (truth < 255).any(axis=(1, 2, 3)).all()
     np.testing.assert_array_equal(to_uint8(images), truth)
 
 
-def test_the_ceiling_sees_through_every_condition_and_needs_the_mesh(cloud: PointCloud) -> None:
+def test_the_ceiling_sees_through_every_condition_and_needs_the_mesh() -> None:
     for condition in CONDITIONS:
-        perturbed = condition.perturbation.apply(cloud, np.random.default_rng(1))
-        assert TrueMesh().prepare(perturbed) is cloud.source, condition.id
+        perturbed = condition.perturbation.apply(CLOUD, np.random.default_rng(1))
+        assert TrueMesh().prepare(perturbed) is CLOUD.source, condition.id
     with pytest.raises(StageFailure, match="mesh is not known") as failure:
-        TrueMesh().prepare(PointCloud(cloud.points))
+        TrueMesh().prepare(PointCloud(CLOUD.points))
     assert failure.value.stage == "input"
 
 

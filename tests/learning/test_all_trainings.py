@@ -116,6 +116,9 @@ def test_reports_and_sheets(name, whole):
     for sheet in sheets:
         with Image.open(sheet) as image:
             assert image.size == train.sheet
+    with Image.open(made.folder / "losses.png") as image:
+        image.load()
+    assert not list(made.folder.glob(".*"))
 
 
 @pytest.mark.parametrize("name", TRAININGS)

@@ -122,6 +122,7 @@ def test_a_header_that_cannot_be_read(tmp_path, name, text):
         assert "its header cannot be read" in reported
 
 
+WRONG_WINDOWS = ([], [4, 7], [7, 3], [3, 3], [True, 7], [3, 65], "37")
 INPUTS = ("windows", "normals", "density", "flattened", "far")  # within splat-net's network
 
 
@@ -145,13 +146,7 @@ INPUTS = ("windows", "normals", "density", "flattened", "far")  # within splat-n
         ("splat-net", "widths", [4, 6, 8, 10, True], "widths"),
         ("splat-net", "widths", [4, 6, 8, 10, 10**9], "widths"),
         ("splat-net", "widths", [4096] * 5, "is missing"),
-        ("splat-net", "windows", [], "windows"),
-        ("splat-net", "windows", [4, 7], "windows"),
-        ("splat-net", "windows", [7, 3], "windows"),
-        ("splat-net", "windows", [3, 3], "windows"),
-        ("splat-net", "windows", [True, 7], "windows"),
-        ("splat-net", "windows", [3, 65], "windows"),
-        ("splat-net", "windows", "37", "windows"),
+        *(("splat-net", "windows", value, "windows") for value in WRONG_WINDOWS),
         ("splat-net", "windows", [3, 5, 7], "first.conv.weight has shape"),
         ("splat-net", "normals", 1, "expected true or false"),
         ("splat-net", "density", 1e9, "expected true or false"),
@@ -175,9 +170,6 @@ def test_networks_that_nobody_has_trained(tmp_path, monkeypatch, name, where, va
 
     monkeypatch.setattr(torch.nn.init, "uniform_", outline_only)
     assert text in changed(name, tmp_path / "w.safetensors", change)
-
-
-# --- the header alone, which the command line reads without PyTorch -------------------------------
 
 
 def raw(header, length=None):

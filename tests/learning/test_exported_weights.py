@@ -94,9 +94,6 @@ def test_a_failed_write_leaves_the_old_file(name, trained, tmp_path, monkeypatch
     assert [p.name for p in tmp_path.iterdir()] == ["w.safetensors"]
 
 
-# --- what is bundled ------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("kind", "name"), [(kind, name) for kind, module in OF.items() for name in module.BUNDLED]
 )
@@ -108,11 +105,6 @@ def test_bundled_weights_load_and_are_small(kind, name):
     assert (module.FOLDER / f"{name}.safetensors").stat().st_size < most
     titles = [card.read_text().splitlines()[0] for card in module.FOLDER.glob("*.md")]
     assert sum(f"`{name}`" in title for title in titles) == 1
-
-
-def test_the_bundled_sets_are_of_different_objectives():
-    found = {name: objective_of(pc2pix.find_weights(name)) for name in pc2pix.BUNDLED}
-    assert found == {"all": "paired", "chair": "paired", "chair-acgan": "acgan-code"}
 
 
 @pytest.mark.parametrize("kind", OF)

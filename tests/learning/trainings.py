@@ -45,6 +45,14 @@ def make_set(objects=3, views=2):
     )
 
 
+def make_surfaces(objects=3, views=2):
+    """Clouds, angles and pictures at random: nothing of one is in another."""
+    coverage, grey = np.random.default_rng(2).integers(
+        0, 256, (2, objects, views, 128, 128), dtype=np.uint8
+    )
+    return SurfaceSet(make_set(objects, views), coverage, grey)
+
+
 def start_autoencoder(out_dir, on_progress, **changes):
     config = AutoencoderConfig(**{"model": TINY, "batch": 2, "cadence": CADENCE} | changes)
     data = AutoencoderData(make_clouds(points=2100))
@@ -71,11 +79,8 @@ def start_decoder(out_dir, on_progress, **changes):
 
 def start_splat_net(out_dir, on_progress, **changes):
     defaults = {"network": SMALL, "batch": 4, "cool_down": 2, "cadence": CADENCE}
-    rng = np.random.default_rng(2)
-    coverage, grey = rng.integers(0, 256, (2, 3, 2, 128, 128), dtype=np.uint8)
-    data = SurfaceSet(make_set(), coverage, grey)
     config = SplatNetConfig(**defaults | changes)
-    return train_splat_net(data, config, out_dir, on_progress=on_progress)
+    return train_splat_net(make_surfaces(), config, out_dir, on_progress=on_progress)
 
 
 def start_judge(out_dir, on_progress, **changes):

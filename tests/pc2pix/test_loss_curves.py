@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import numpy as np
-from PIL import Image
 
 from learning import loss_log
 from learning.loss_log import LossLog, draw, make_panels, read_losses, write_loss_curves
@@ -50,13 +49,6 @@ def test_a_panel_for_every_loss_that_has_a_value():
     figure = draw(tuple(panels.values()))
     assert [axes.get_title() for axes in figure.axes] == list(panels)
     assert [axes.get_yscale() for axes in figure.axes] == ["log", "linear", "linear", "linear"]
-
-
-def test_a_training_leaves_its_curves(gan_checkpoint):
-    with Image.open(gan_checkpoint.with_name("losses.png")) as image:
-        image.load()
-        assert image.format == "PNG"
-    assert not list(gan_checkpoint.parent.glob(".*"))
 
 
 def test_no_image_of_nothing(tmp_path):

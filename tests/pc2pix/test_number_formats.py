@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from torch import nn
 
 from data_prep.datasets import ProceduralObject
 from data_prep.failures import StageFailure
@@ -11,7 +10,7 @@ from data_prep.randomness import generator
 from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
 from pc2pix.number_formats import FORMATS, GREY_LEVELS, deviation, infer
-from pc2pix.renderer import Pc2pixRenderer, parts
+from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
 from tests.learning.trainings import make_clouds
 
@@ -50,22 +49,6 @@ def test_float32_is_what_the_renderer_draws_and_every_layer_is_watched(name, poi
     np.testing.assert_allclose(found.images, renderer.draw(state, VIEWS), rtol=0, atol=1e-5)
 
 
-def test_float64_is_the_same_network_without_rounding(points):
-    weights = load_weights("chair")
-    exact = infer(weights, points, VIEWS[:1], "float64")
-    with torch.no_grad():
-        encoder, drawing = weights.encoder.double(), weights.generator.double()
-        code = encoder(torch.from_numpy(parts(points)).double()).mean(dim=0, keepdim=True)
-        code = (code - weights.code_mean.double()) / weights.code_std.double()
-        angles = torch.tensor([[0.75]]).double(), torch.tensor([[30 / 360 + 0.5]]).double()
-        image = drawing(torch.zeros(1, 128).double(), code, *angles)
-    # the same sums in float64; the angle above was a float32 once: 3e-8 of a turn
-    np.testing.assert_allclose(exact.code, code[0].numpy(), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        exact.images[0], image[0].permute(1, 2, 0).numpy() / 2 + 0.5, rtol=0, atol=1e-4
-    )
-
-
 def test_weights_stay_as_they_are(tiny):
     before = {key: value.clone() for key, value in tiny.generator.state_dict().items()}
     for fmt in FORMATS:
@@ -73,27 +56,6 @@ def test_weights_stay_as_they_are(tiny):
     after = tiny.generator.state_dict()
     assert all(after[key].dtype == value.dtype for key, value in before.items())
     assert all(torch.equal(after[key], value) for key, value in before.items())
-
-
-def test_the_range_is_that_of_what_the_layer_gives(tiny):
-    points = make_clouds(1)[0]
-    largest = {}
-
-    def note(name):
-        def hook(module, fed, given):
-            largest[name] = float(given.abs().max())
-
-        return hook
-
-    for name, module in tiny.generator.named_modules():
-        if isinstance(module, nn.Linear | nn.Conv2d | nn.BatchNorm2d):
-            module.register_forward_hook(note(f"generator.{name}"))
-    found = {layer.name: layer for layer in infer(tiny, points, VIEWS, "float32").layers}
-    # conv2 runs by another function, so its hook stays silent: 4 + 4 a block, less that one
-    assert len(largest) == 1 + 5 * 4 + 2
-    for name, value in largest.items():
-        assert found[name].largest == value
-        assert found[name].non_finite == 0
 
 
 def test_wider_formats_are_nearer(points):
@@ -112,7 +74,7 @@ def test_wider_formats_are_nearer(points):
 def test_an_overflow_is_found_in_its_layer(tiny):
     points = make_clouds(1)[0]
     with torch.no_grad():
-        tiny.generator.blocks[2].conv1.bias[0] = 7e4  # float16 ends at 65,504
+        tiny.generator.blocks[2].conv1.bias[0] = -7e4  # float16 ends at 65,504
     half = infer(tiny, points, VIEWS, "float16")
     assert half.overflowed == "generator.blocks.2.conv1"
     layers = {layer.name: layer for layer in half.layers}

@@ -42,14 +42,6 @@ def test_networks_get_whitened_codes_and_normalised_angles(renderer, cloud):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
-def test_neighbours_and_threads_do_not_matter(renderer, cloud):
-    state = renderer.prepare(cloud)
-    together = renderer.draw(state, VIEWS)
-    torch.set_num_threads(2)
-    # sums of up to 600 float32 products per layer in another order: some 1e-6
-    np.testing.assert_allclose(renderer.draw(state, VIEWS[1:2])[0], together[1], rtol=0, atol=1e-5)
-
-
 @pytest.mark.parametrize("name", ["chair", "chair-acgan"])
 def test_bfloat16_draws_nearly_the_same(name):
     cloud = PointCloud(make_clouds(1, 1024)[0])

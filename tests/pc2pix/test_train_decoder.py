@@ -109,15 +109,8 @@ def test_a_bundled_decoder_has_its_checksum(own, monkeypatch):
         load_decoder("own", weights)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"weights": "none"}, "belongs to weights of sha256 none"),
-        ({"model": '{"latent_dim": 5}'}, "its model does not fit"),
-    ],
-)
-def test_a_header_of_something_else(own, changes, message):
+def test_a_decoder_of_another_size(own):
     path = decoder_path(own)
     tensors, header = checkpoint.read_safetensors(path)
-    save_file(tensors, path, metadata=header | changes)
-    assert message in refusal(own, load_weights(own))
+    save_file(tensors, path, metadata=header | {"model": '{"latent_dim": 5}'})
+    assert "its model does not fit" in refusal(own, load_weights(own))

@@ -7,9 +7,8 @@ from torch import nn
 
 from baselines.splat_net.network import SplatNet
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
-from data_prep.training_set import SurfaceSet
 from learning.training_loop import Cadence
-from tests.learning.trainings import SMALL, make_set
+from tests.learning.trainings import SMALL, make_surfaces
 from tests.pc2pix.networks import live_in
 
 
@@ -28,16 +27,9 @@ def lived_in(config):
     return network
 
 
-def make_data(objects=3, views=4):
-    """Clouds, angles and pictures at random: nothing of one is in another."""
-    rng = np.random.default_rng(2)
-    coverage, grey = rng.integers(0, 256, (2, objects, views, 128, 128), dtype=np.uint8)
-    return SurfaceSet(make_set(objects, views), coverage, grey)
-
-
 @pytest.fixture(scope="session")
 def data():
-    return make_data()
+    return make_surfaces(views=4)
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from baselines.splat_net.losses import (
-    OBJECTIVES,
     STRUCTURE_WEIGHT,
     PatchJudge,
     coverage_error,
@@ -87,11 +86,3 @@ def test_a_judge_is_bounded():
     for place in (0, 2, 4):
         kernel = judge.eval()[place].weight.flatten(1)
         assert torch.linalg.matrix_norm(kernel, 2).item() == pytest.approx(1, abs=0.02)
-
-
-def test_objectives():
-    assert {name: objective.patch_weight for name, objective in OBJECTIVES.items()} == {
-        "l1": None,
-        "l1-patch": (0.05, 0.2),
-    }
-    assert all(objective.source for objective in OBJECTIVES.values())

@@ -55,17 +55,11 @@ def test_a_network_without_an_input_draws_as_one_that_ignores_it(part) -> None:
         whole.first.conv.weight[:, gone] = 0
         channels = _seen(ALL_INPUTS)
         kept = channels[:, [i for i in range(channels.shape[1]) if i not in gone]]
+        if part != "discs":  # without which other channels are of something else
+            assert torch.equal(_seen(few.inputs), kept)
         expected, drawn = whole(channels), cut(kept)
     # a sum of fewer terms, in another order: 22 channels x 9 taps of some 10 in float32, 18 layers
     torch.testing.assert_close(drawn, expected, rtol=0, atol=1e-3)
-
-
-@pytest.mark.parametrize("part", ["normals", "density", "flattened", "far"])
-def test_channels_are_named_in_their_order(part) -> None:
-    # discs change what other channels are of: they are not among these
-    few = dataclasses.replace(ALL_INPUTS, **{part: False})
-    kept = [ALL_INPUTS.names.index(name) for name in few.names]
-    assert torch.equal(_seen(few), _seen(ALL_INPUTS)[:, kept])
 
 
 def _seen(inputs: Inputs) -> torch.Tensor:

@@ -11,7 +11,7 @@ import torch
 from baselines.splat_net.losses import COVERAGE_WEIGHT, GREY_WEIGHT
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.projection import cameras, project
-from baselines.splat_net.surfels import HOPS, find_surfels, stack
+from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.train import (
     MAX_NOISE,
     POINTS_SEEN,
@@ -21,10 +21,7 @@ from baselines.splat_net.train import (
 )
 from data_prep.failures import BadInput
 from data_prep.scene import View
-from data_prep.training_set import SurfaceSet
-from tests.learning.trainings import CADENCE, SMALL, trainer_of
-
-from .conftest import make_data
+from tests.learning.trainings import CADENCE, SMALL, make_surfaces, trainer_of
 
 BATCH = 2 * VIEWS_TOGETHER
 
@@ -194,63 +191,37 @@ def test_batches_are_augmented_as_stated(data, monkeypatch):
     assert pairs == set(itertools.combinations(range(4), VIEWS_TOGETHER))
 
 
-def smooth_clouds(count):
-    """Waves in front of the camera: every point has one clear normal, which points at it."""
-    rng = np.random.default_rng(0)
-    clouds = rng.uniform(-0.6, 0.6, (count, 2048, 3))
-    for i, cloud in enumerate(clouds):
-        cloud[:, 2] = 0.1 * np.sin(3 * cloud[:, 0] + i) * np.cos(2 * cloud[:, 1])
-    return clouds.astype(np.float32)
-
-
-@pytest.fixture(scope="module")
-def waves(data):
-    angles = {
-        "azimuth_deg": data.seen.azimuth_deg / 9,
-        "elevation_deg": data.seen.elevation_deg / 2,
-    }
-    seen = dataclasses.replace(data.seen, clouds=smooth_clouds(3), **angles)
-    return SurfaceSet(seen, data.coverage, data.grey)
-
-
-def test_a_scene_is_what_was_asked_for(waves):
+def test_a_scene_is_what_was_asked_for(data):
     """Objects 2 and 0 from two views each, as they are."""
-    trainer = build(waves)
+    trainer = build(data)
     objects, views = torch.tensor([2, 0]), torch.tensor([[3, 1], [0, 2]])
-    clouds = torch.from_numpy(waves.seen.clouds)[objects]
+    clouds = torch.from_numpy(data.seen.clouds)[objects]
     channels, truth = trainer._scene(clouds, objects, views, torch.zeros(2) > 0)
     pairs = [(2, 3), (2, 1), (0, 0), (0, 2)]
-    looks = [View(waves.seen.azimuth_deg[p], waves.seen.elevation_deg[p]) for p in pairs]
-    surfels = [find_surfels(waves.seen.clouds[i]) for i in (2, 0)]
+    looks = [View(data.seen.azimuth_deg[p], data.seen.elevation_deg[p]) for p in pairs]
+    surfels = [find_surfels(data.seen.clouds[i]) for i in (2, 0)]
     expected = project(stack([surfels[0]] * 2 + [surfels[1]] * 2), cameras(looks), SMALL.inputs)
     assert torch.equal(channels, expected)
     for i, pair in enumerate(pairs):
-        colour = torch.from_numpy(waves.seen.images[pair]).permute(2, 0, 1) / 255
+        colour = torch.from_numpy(data.seen.images[pair]).permute(2, 0, 1) / 255
         assert torch.equal(truth.colour[i], colour)
-        assert torch.equal(truth.grey[i, 0], torch.from_numpy(waves.grey[pair]) / 255)
-        assert torch.equal(truth.coverage[i, 0], torch.from_numpy(waves.coverage[pair]) / 255)
+        assert torch.equal(truth.grey[i, 0], torch.from_numpy(data.grey[pair]) / 255)
+        assert torch.equal(truth.coverage[i, 0], torch.from_numpy(data.coverage[pair]) / 255)
 
 
-def test_a_mirrored_scene_is_the_mirrored_image(waves):
+def test_a_mirrored_scene_is_the_mirrored_image(data):
     """A mirrored cloud, projected from the opposite azimuth: left and right change places."""
-    trainer = build(waves)
+    trainer = build(data)
     objects, views = torch.tensor([1, 1]), torch.tensor([[0, 1], [0, 1]])
-    clouds = torch.from_numpy(waves.seen.clouds)[objects]
+    clouds = torch.from_numpy(data.seen.clouds)[objects]
     which = torch.tensor([False, True])
     channels, truth = trainer._scene(clouds, objects, views, which)
-    flipped = waves.seen.clouds[1] * np.array([-1, 1, 1], np.float32)
-    looks = [View(-waves.seen.azimuth_deg[1, i], waves.seen.elevation_deg[1, i]) for i in (0, 1)]
+    flipped = data.seen.clouds[1] * np.array([-1, 1, 1], np.float32)
+    looks = [View(-data.seen.azimuth_deg[1, i], data.seen.elevation_deg[1, i]) for i in (0, 1)]
     surfels = find_surfels(flipped)
     assert torch.equal(channels[2:], project(stack([surfels] * 2), cameras(looks), SMALL.inputs))
     for images in (truth.colour, truth.grey, truth.coverage):
         assert torch.equal(images[2:], images[:2].flip(3))
-    mirrored = channels[:2].flip(3).clone()
-    for scale in range(len(HOPS)):
-        mirrored[:, SMALL.inputs.channels - 4 * (scale + 1)] *= -1  # normals to the right
-    apart = (channels[2:] - mirrored).abs()
-    # all but points that lie on the edge between two pixels to 2**-18 of one, if there are any
-    assert (apart > 1e-4).float().mean() < 1e-4
-    assert (channels[2:] - channels[:2]).abs().mean() > 100 * apart.mean()
 
 
 def test_without_augmentation_clouds_are_whole_and_clean(data, monkeypatch):
@@ -271,25 +242,7 @@ def test_bad_configurations_are_refused(tmp_path):
             SplatNetConfig(batch=batch)
     with pytest.raises(BadInput, match="both materials are trained at once"):
         SplatNetConfig(network=NetworkConfig(heads=("grey",)))
-    few = make_data(objects=2, views=VIEWS_TOGETHER - 1)
+    few = make_surfaces(objects=2, views=VIEWS_TOGETHER - 1)
     with pytest.raises(BadInput, match=f"at least {VIEWS_TOGETHER} are drawn together; render"):
         train_splat_net(few, configure(steps=1), tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_a_short_training_learns(waves):
-    """Three objects, each of one colour in front of white: the losses must fall by half. (Of three
-    seeds on one machine the worst fell to .27; at a rate of 1e-2, which overshoots, to .64.)"""
-    coverage = np.zeros((3, 4, 128, 128), np.uint8)
-    coverage[:, :, 40:88, 40:88] = 255
-    images = np.full((3, 4, 128, 128, 3), 255, np.uint8)
-    for i, colour in enumerate([(200, 40, 90), (30, 160, 60), (20, 60, 190)]):
-        images[i, :, 40:88, 40:88] = colour
-    grey = np.where(coverage > 0, 180, 255).astype(np.uint8)
-    data = SurfaceSet(dataclasses.replace(waves.seen, images=images), coverage, grey)
-    trainer = build(data, steps=90, cool_down=30, learning_rate=4e-3)
-    steps = [trainer.take_step() for _ in range(90)]
-    for name in ("colour", "grey", "coverage"):
-        first, last = ([step[name] for step in some] for some in (steps[:5], steps[-10:]))
-        assert np.mean(last) < 0.5 * np.mean(first)
