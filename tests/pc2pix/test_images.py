@@ -121,7 +121,7 @@ def test_the_examples_of_the_page(tmp_path, points):
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     assert len(blocks) == 5
     script = tmp_path / "example.py"
-    script.write_text("\n".join(blocks) + "\nassert other.shape == picture.shape\n")
+    script.write_text("\n".join(blocks) + "\nassert other.shape == image.shape\n")
     done = subprocess.run(
         [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False
     )
@@ -129,7 +129,7 @@ def test_the_examples_of_the_page(tmp_path, points):
     expected = pc2pix.draw_cloud(load_points(tmp_path / "cloud.ply"), 30, 20)
     blank = np.full_like(expected, 255)
     assert float(done.stdout) == pytest.approx(ssim(expected[None], blank[None]).ssim, abs=1e-4)
-    with Image.open(tmp_path / "picture.png") as image:
+    with Image.open(tmp_path / "chair.png") as image:
         # Another process may have another number of threads: a grey level by rounding.
         np.testing.assert_allclose(np.asarray(image).astype(int), expected, rtol=0, atol=1)
     with Image.open(tmp_path / "turn.gif") as turn:
