@@ -110,8 +110,6 @@ def test_who_could_be_chosen():
     assert candidates(methods) == ["splat", "pc2pix@gone.safetensors", "poisson"]
 
 
-# --- Fréchet distances ----------------------------------------------------------------------------
-
 OBJECTS, VIEWS, WIDTH = "abcde", 4, 3
 RNG = np.random.default_rng(0)
 FEATURES = {
@@ -203,9 +201,6 @@ def test_too_few_objects_give_a_distance_without_an_interval(objects):
     assert np.isfinite(made.estimate.value)
     assert np.isnan(made.estimate[1:]).all()
     assert np.isnan(lead(made, made)[1:]).all()
-
-
-# --- leads, ranks, numbers ------------------------------------------------------------------------
 
 
 def test_a_lead_is_paired():

@@ -61,9 +61,6 @@ def along(family, curves, spread=0.0, **changes):
     ]
 
 
-# --- where a curve passes through 0 ---------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
@@ -97,9 +94,6 @@ def test_sign_changes_by_going_along(values):
     assert found == pytest.approx(turns, abs=1e-12)
     for after, at in sign_changes(range(len(values)), values):
         assert after < at <= after + 1
-
-
-# --- paired comparisons ---------------------------------------------------------------------------
 
 
 def test_straight_curves_cross_where_they_do():
@@ -171,9 +165,6 @@ def test_distances_are_ahead_where_they_are_smaller():
     assert [of.value for of in made.leads] == pytest.approx([10, 5, 0, -5, -10], abs=1e-9)
     assert made.ahead[0] == "splat-net"
     assert made.ahead[-1] == "surface-apss"
-
-
-# --- which ----------------------------------------------------------------------------------------
 
 
 def test_pairs():

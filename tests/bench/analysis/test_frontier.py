@@ -38,8 +38,6 @@ def test_pareto_by_its_definition(pairs):
     assert pareto(cost, quality).tolist() == by_definition(cost, quality)
 
 
-# --- verdicts -------------------------------------------------------------------------------------
-
 FIELD = {
     "splat": (1, 1, (0.5, 0.6, 0.7, 0.6)),
     "poisson": (100, 1, (0.8, 0.9, 0.7, 0.8)),
@@ -120,9 +118,6 @@ def test_one_object_shows_nothing_clearly():
     found = {verdict for verdict, _ in verdicts(places(comparison(alone), ["ssim"], 20)).values()}
     assert "dominated" not in found
     assert "tied" in found
-
-
-# --- fewer points ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

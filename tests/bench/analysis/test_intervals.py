@@ -52,8 +52,6 @@ def test_resamples_are_shared_between_methods():
         np.testing.assert_allclose(interval(VALUES + 0.25), (low + 0.25, high + 0.25), atol=1e-14)
 
 
-# --- medians --------------------------------------------------------------------------------------
-
 ERRORS = np.array([5.0, 1.0, 9.0, 2.0, 30.0, 7.0, 4.0, 8.0])
 OBJECTS = np.array(list("aabbbccd"))  # as many values of an object as there are
 
@@ -80,9 +78,6 @@ def test_how_many_resamples_are_in_memory_moves_nothing(at_once, monkeypatch):
 def test_medians_of_two_objects_worked_by_hand():
     # aa: median 1, ab and ba: of 1 1 5 7, 3; bb: 6
     assert median_interval(np.array([1.0, 1.0, 5.0, 7.0]), np.array(list("aabb"))) == (1.0, 6.0)
-
-
-# --- means over classes ---------------------------------------------------------------------------
 
 
 def test_two_objects_each_have_few_resamples():

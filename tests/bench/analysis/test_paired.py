@@ -39,9 +39,6 @@ def pair(a, b, metric="ssim", values=None):
     return Pair("2048", "chair", A, B, *qualities, len(a))
 
 
-# --- p values -------------------------------------------------------------------------------------
-
-
 def test_all_signs_of_few_objects_are_counted():
     """By their definition: the share of signs whose mean is as far from 0 as the observed one."""
     differences = np.array([0.3, -0.1, 0.25, 0.4, 0.05, 0.2])
@@ -76,9 +73,6 @@ def test_holm_by_hand():
     assert math.isnan(corrected[0])
     assert corrected[1:] == [1.0, 1.0]
     assert holm([]) == []
-
-
-# --- cells ----------------------------------------------------------------------------------------
 
 
 def test_the_difference_is_b_less_a_and_the_better_side_is_named():
@@ -116,9 +110,6 @@ def test_p_values_are_corrected_for_all_cells_together():
     cells = paired_differences([pair(a, a + 0.1)] * 7)
     assert {cell.p_holm for cell in cells} == {7 / 128}
     assert {cell.ahead for cell in cells} == {"tie"}
-
-
-# --- the command ----------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -87,8 +87,6 @@ def test_where_nothing_can_be_found():
     assert why_no_retrieval(gallery_of(TRUTH, "sofa")).startswith("0 obj")
 
 
-# --- the class ------------------------------------------------------------------------------------
-
 HEAD = ClassHead(("car", "lamp", "sofa"), np.eye(3)[:, :2], np.array([0.0, 0.0, math.log(2)]))
 
 

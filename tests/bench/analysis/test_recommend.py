@@ -98,9 +98,6 @@ def test_the_interval_of_costs_is_over_objects():
     assert line.endswith("; the interval of its cost reaches beyond the budget")
 
 
-# --- regret ---------------------------------------------------------------------------------------
-
-
 def test_regret_against_an_oracle():
     """Affordable: splat, poisson, pc2pix; the best of each object: 0.9, 0.7, 0.7, 0.8."""
     advice = advise(comparison(FIELD), Request(20, 250))
@@ -139,9 +136,6 @@ def test_no_regret_with_one_method_and_none_blind_of_one_object():
     assert np.isnan([*nothing.regret, *nothing.regret_blind]).all()
 
 
-# --- good enough ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("min_ssim", "on_average", "surely"),
     [
@@ -169,9 +163,6 @@ def test_both_limits_have_to_be_met_by_one_method():
     assert good.endswith("; over the budget")
     enough = Request(20, budget_ms=250, min_ssim=0.7)
     assert advise(comparison(FIELD), enough).meets(enough)
-
-
-# --- texts ----------------------------------------------------------------------------------------
 
 
 def test_in_short_and_in_full():

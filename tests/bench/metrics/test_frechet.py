@@ -41,9 +41,6 @@ def traces(x, y):
     return x.var(axis=0, ddof=1).sum() + y.var(axis=0, ddof=1).sum()
 
 
-# --- conformance ----------------------------------------------------------------------------------
-
-
 def draw_pair(kind, dim, n1, n2):
     seed = 1000 * dim + n1
     a, b, j = normal(seed, n1, dim), normal(seed + 500, n2, dim), np.arange(dim)
@@ -75,9 +72,6 @@ def test_conforms_to_reference(case):
     # 1e-8 relative is asked for; the absolute part, from the error budget, is for distances near 0.
     rounding = ROUNDING * (case["exact_trace1"] + case["exact_trace2"])
     assert frechet_distance(x, y) == pytest.approx(case["exact_fid"], rel=1e-8, abs=rounding)
-
-
-# --- independent implementation, closed form, invariants ------------------------------------------
 
 
 def by_sqrtm(x, y):
@@ -152,9 +146,6 @@ def test_factor_squares_to_the_covariance(n, d):
         found.factor.T @ found.factor, np.cov(x, rowvar=False), rtol=0, atol=1e-12
     )
     assert centred_to_frechet(found, centred(2 * x)) == frechet_distance(x, 2 * x)
-
-
-# --- the interval ---------------------------------------------------------------------------------
 
 
 def views_of_objects(seed, n_objects, n_views, d, offset=0.0):
@@ -286,9 +277,6 @@ def test_variances_of_classes_add_up():
 )
 def test_no_interval(left_out, fewest):
     assert np.isnan(jackknife_interval(1.0, left_out, fewest)).all()
-
-
-# --- merged moments -------------------------------------------------------------------------------
 
 
 def spread(seed, n, d):

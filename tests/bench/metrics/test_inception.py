@@ -71,9 +71,6 @@ def off(found, expected):
     return np.abs(np.asarray(found, np.float64) - expected).max() / np.abs(expected).max()
 
 
-# --- conformance ----------------------------------------------------------------------------------
-
-
 @needs_reference
 def test_has_the_published_keys():
     published = json.loads((REFERENCE / "inception_keys.json").read_text())
@@ -112,9 +109,6 @@ def test_every_stage_conforms_in_float64(model, reference):
         assert off(found, reference[name][:1]) < FLOAT64, name
 
 
-# --- closed form and independent implementation ---------------------------------------------------
-
-
 @pytest.mark.parametrize("size", [2, 128, 299, 640])
 def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     """By TensorFlow 1: read at multiples of the ratio, the last pixel held beyond the edge."""
@@ -130,9 +124,6 @@ def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     # positions are float32 as in TensorFlow: off by up to 640 * 2^-24 = 4e-5 pixels, in two axes,
     # of up to 255 levels a pixel
     np.testing.assert_allclose(found, expected, rtol=0, atol=0.03)
-
-
-# --- invariants -----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -170,9 +161,6 @@ def test_names_the_images_it_refuses(model, shape, dtype):
         given = given.permute(0, 3, 1, 2) if dtype == np.float32 else given.permute(0, 2, 3, 1)
     with pytest.raises(ValueError, match=re.escape(f"{given.dtype} {list(given.shape)}")):
         model(given)
-
-
-# --- the weight file ------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

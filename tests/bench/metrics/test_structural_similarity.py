@@ -34,9 +34,6 @@ def assert_close(found: Ssim, expected: Ssim) -> None:
 C1, C2, C3 = 2.55**2, 7.65**2, 7.65**2 / 2  # by the protocol, not the code's own
 
 
-# --- images, by the recipes of the reference file -------------------------------------------------
-
-
 def rnd(seed, h=128, w=128, c=3):
     return np.random.default_rng(seed).integers(0, 256, size=(h, w, c), dtype=np.uint8)
 
@@ -111,9 +108,6 @@ def test_conforms_to_reference(case):
     assert_close(ssim(a, b), Ssim(exact["ssim"], exact["l"], exact["c"], exact["s"]))
 
 
-# --- independent implementations ------------------------------------------------------------------
-
-
 def two_pass(a, b):
     """The definition, window by window about its own mean, in the longest float there is."""
     size = min(*a.shape[:2], 11)
@@ -181,9 +175,6 @@ def test_agrees_with_two_pass_longdouble(name):
     assert_close(ssim(a[None], b[None]), two_pass(a, b))
 
 
-# --- invariants -----------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def stacks():
     a = np.stack([*(chairish(k) for k in (-9, 0, 5)), disc(), rnd(0), const(255), hgrad()])
@@ -224,9 +215,6 @@ def test_depends_on_neither_batch_nor_threads_nor_memory_layout(stacks):
 def test_does_not_depend_on_the_orientation(stacks, change):
     a, b = stacks
     assert_close(ssim(change(a), change(b)), ssim(a, b))
-
-
-# --- within a box ---------------------------------------------------------------------------------
 
 
 def map_of(a, b):

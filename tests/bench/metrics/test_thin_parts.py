@@ -34,9 +34,6 @@ def score(truth, drawn):
     return recall[0], precision[0]
 
 
-# --- what is thin ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("upright", [False, True])
 @pytest.mark.parametrize(("width", "is_thin"), [(1, True), (3, True), (4, False)])
 def test_bars_along_the_axes(width, is_thin, upright):
@@ -74,8 +71,6 @@ def test_a_leg_and_its_joint_are_evaluated():
     distance = ndimage.distance_transform_edt(~thin((seat | leg)[None])[0])
     assert np.array_equal(found, (distance <= 2) & (seat | leg))
 
-
-# --- scores, worked by hand -----------------------------------------------------------------------
 
 LEG = box(40, 80, 60, 63)  # 40 x 3 px, all of it thin, hence evaluated
 

@@ -126,9 +126,6 @@ def drawn(world):
     ]
 
 
-# --- the loop -------------------------------------------------------------------------------------
-
-
 def test_one_call_after_the_other():
     """A cold call, one warm-up that does not count, two rounds; the device is idle at each start,
     and what it still does counts."""
@@ -210,9 +207,6 @@ def test_a_single_view_is_drawn_alone_only():
     ]
 
 
-# --- failures -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("bad", "stage", "warm_ups", "reason", "kept"),
     [
@@ -270,9 +264,6 @@ def test_what_the_user_has_to_fix_is_raised(stage, error):
     load = raising(error) if stage == "load" else lambda: fake
     with pytest.raises(type(error)):
         take_samples(FAKE, load, [subject(1)], SMALL, world.clock)
-
-
-# --- units ----------------------------------------------------------------------------------------
 
 
 def units(**changes):
@@ -387,9 +378,6 @@ def test_a_measurement_of_a_real_method():
 CALLS = [("prepare", 0), ("draw", 1), ("draw", 1), ("draw", 3)]
 
 
-# --- what it is measured with ---------------------------------------------------------------------
-
-
 PEAK = """
 import numpy as np
 from bench.suites.speed.measure import peak_mib
@@ -419,8 +407,6 @@ def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch, used):
     finish_gpu()
     assert waited == [True] * used
 
-
-# --- files ----------------------------------------------------------------------------------------
 
 MEASUREMENT = replace(
     lost(Unit("k", SMALL, "blank", "2048", Unchanged(), (), 1, 20, 0, "cpu"), ""),

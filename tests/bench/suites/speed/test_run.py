@@ -74,9 +74,6 @@ def read(path):
         return list(csv.DictReader(file))
 
 
-# --- a run ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     out = tmp_path / "run"
@@ -136,9 +133,6 @@ def test_the_command_line_tells_what_was_done(tmp_path, taken, command):
     assert taken == [("blank", "2048", 1), ("blank", "2048", 2)]
     manifest = read_manifest(tmp_path / "run")
     assert (manifest["views"], manifest["objects"]) == (5, ["chair/test-0000"])
-
-
-# --- going on -------------------------------------------------------------------------------------
 
 
 def test_what_was_measured_is_kept(tmp_path, taken, capsys):
@@ -204,9 +198,6 @@ def test_fresh_starts_over(tmp_path, taken):
     assert len(list((tmp_path / "run.old-1" / "measurements").iterdir())) == 4
 
 
-# --- options --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [
@@ -225,9 +216,6 @@ def test_options_without_a_meaning_are_refused(tmp_path, taken, option, value, m
         run(options, SMALL)
     assert not (tmp_path / "run").exists()
     assert taken == []
-
-
-# --- workers --------------------------------------------------------------------------------------
 
 
 def threads_here(name):

@@ -79,9 +79,6 @@ PAPER = {
 }
 
 
-# --- numbers --------------------------------------------------------------------------------------
-
-
 def test_medians_in_milliseconds():
     assert {name: found.value for name, found in SLOW.values.items()} == pytest.approx(
         {
@@ -209,9 +206,6 @@ def test_only_what_was_taken_alike_is_compared():
     assert {method_of(r) for r in rows if r.metric.endswith("speedup")} == {"slow"}
 
 
-# --- text -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("cheaper", "views", "message"),
     [
@@ -278,9 +272,6 @@ def test_markdown_of_the_amortised():
     ):
         assert line in text.splitlines()
     assert "splat" not in text
-
-
-# --- figure ---------------------------------------------------------------------------------------
 
 
 def drawn(summaries):

@@ -81,9 +81,6 @@ def test_what_is_expected_where_nothing_special_is_stated(method, case, expected
     assert expectation(method, BY_ID[case]) == expected
 
 
-# --- the verdict ----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("expected", "seen", "kind"),
     [

@@ -87,9 +87,6 @@ def test_values_are_stated(outcomes):
     )
 
 
-# --- metrics that are wrong are found out ---------------------------------------------------------
-
-
 def by_sqrtm(x, y):
     """The usual way: as it is, complex or negative values included."""
     s1, s2 = (np.atleast_2d(np.cov(z, rowvar=False)) for z in (x, y))

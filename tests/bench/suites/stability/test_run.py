@@ -39,9 +39,6 @@ def matrix(*outcomes):
     return matrix_of("stability_methods", "Methods", "One chair.", outcomes)
 
 
-# --- a run ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     out = tmp_path / "run"
@@ -93,9 +90,6 @@ def test_options_without_a_meaning_are_refused(tmp_path, option, value):
     with pytest.raises(BadInput, match=named):
         run(options)
     assert not (tmp_path / "run").exists()
-
-
-# --- matrices -------------------------------------------------------------------------------------
 
 
 def test_a_matrix_survives_its_file(tmp_path):
