@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -119,44 +118,48 @@ def test_straight_curves_cross_where_they_do():
             assert made.ahead == ("splat-net",) * 3 + ("pc2pix",) * 2
 
 
-def test_of_a_falling_axis_too_low_is_the_lower_end_and_lines_are_straight_in_the_logarithm():
-    leads = [(0.3, 0.1, 0.5), (0.1, -0.1, 0.3), (-0.1, -0.3, 0.1), (-0.3, -0.5, -0.1)]
-    (crossover,) = paired(leads, "points").crossings
-    # 2048, 1024, 512, 256: the lower end passes through 0 halfway between the first two, the lead
-    # between the second and the third, the upper end between the last two
-    expected = (2**9.5, 2**8.5, 2**10.5)
-    assert (crossover.at, crossover.low, crossover.high) == pytest.approx(expected, rel=1e-12)
-
-
-def test_an_interval_that_holds_zero_to_the_end():
-    leads = [(0.2, 0.1, 0.3), (0.05, -0.05, 0.15), (-0.05, -0.15, 0.05)]
-    made = paired(leads)
-    assert made.ahead == ("splat-net", UNDECIDED, UNDECIDED)
-    (crossover,) = made.crossings
-    assert crossover.at == pytest.approx(0.075)
-    assert crossover.low == pytest.approx(0.05 * 2 / 3)
-    assert crossover.high == 0.10
-
-
-def test_back_and_forth():
-    leads = [(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)]
-    first, second = paired(leads).crossings
-    assert [c.after for c in (first, second)] == [0, 1]
-    # the interval is 0.1 wide and the lead falls by 0.2 in 0.05
-    assert (first.low, first.at, first.high) == pytest.approx((0.0125, 0.025, 0.0375))
-    assert (second.low, second.at, second.high) == pytest.approx((0.0625, 0.075, 0.0875))
-
-
-def test_without_intervals_nobody_is_ahead_but_curves_cross():
-    made = paired([0.1, -0.3])
-    assert made.ahead == (UNDECIDED, UNDECIDED)
-    (crossover,) = made.crossings
-    assert crossover.at == pytest.approx(0.0125)
-    assert math.isnan(crossover.low)
-    assert math.isnan(crossover.high)
-    assert paired([NAN, -0.3]).ahead == (NO_VALUE, UNDECIDED)
-    # nor where it ends at 0
-    assert paired([(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)]).ahead == (UNDECIDED, UNDECIDED)
+@pytest.mark.parametrize(
+    ("family", "leads", "ahead", "crossings"),
+    [
+        # 2048, 1024, 512, 256, on a logarithmic axis: the lower end passes through 0 halfway
+        # between the first two, the lead between the next, the upper end between the last two
+        (
+            "points",
+            [(0.3, 0.1, 0.5), (0.1, -0.1, 0.3), (-0.1, -0.3, 0.1), (-0.3, -0.5, -0.1)],
+            ("splat-net", UNDECIDED, UNDECIDED, "pc2pix"),
+            [(1, 2**9.5, 2**8.5, 2**10.5)],
+        ),
+        # an interval that holds 0 to the end
+        (
+            "noise",
+            [(0.2, 0.1, 0.3), (0.05, -0.05, 0.15), (-0.05, -0.15, 0.05)],
+            ("splat-net", UNDECIDED, UNDECIDED),
+            [(1, 0.075, 0.05 * 2 / 3, 0.10)],
+        ),
+        # the interval is 0.1 wide and the lead falls by 0.2 in 0.05
+        (
+            "noise",
+            [(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)],
+            ("splat-net", "pc2pix", "splat-net"),
+            [(0, 0.025, 0.0125, 0.0375), (1, 0.075, 0.0625, 0.0875)],
+        ),
+        # without intervals nobody is ahead but curves cross
+        ("noise", [0.1, -0.3], (UNDECIDED, UNDECIDED), [(0, 0.0125, NAN, NAN)]),
+        ("noise", [NAN, -0.3], (NO_VALUE, UNDECIDED), []),
+        # nor is anybody where an interval ends at 0
+        (
+            "noise",
+            [(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)],
+            (UNDECIDED, UNDECIDED),
+            [(0, 0.025, 0.0, 0.05)],
+        ),
+    ],
+)
+def test_who_is_ahead_and_where_that_changes(family, leads, ahead, crossings):
+    made = paired(leads, family)
+    assert made.ahead == ahead
+    found = [(c.after, c.at, c.low, c.high) for c in made.crossings]
+    np.testing.assert_allclose(found, np.reshape(crossings, (-1, 4)), rtol=1e-12)
 
 
 def test_distances_are_ahead_where_they_are_smaller():
@@ -187,20 +190,19 @@ def test_every_family_that_the_conditions_make_up():
         for name in ("chair", "sofa")
         for condition in ("1024", "2048", "noise-0.05", "density-3")
     ]
+    families = [
+        ("points", ("2048", "1024")),
+        ("noise", ("2048", "noise-0.05")),
+        ("density", ("1024", "density-3")),
+    ]
     made = paired_comparisons(compared, ["ssim"])
     assert [(c.class_name, c.family.id, c.family.conditions) for c in made] == [
-        (name, *family)
-        for name in ("chair", "sofa")
-        for family in (
-            ("points", ("2048", "1024")),
-            ("noise", ("2048", "noise-0.05")),
-            ("density", ("1024", "density-3")),
-        )
+        (name, *family) for name in ("chair", "sofa") for family in families
     ]
     every = condition_curves(compared, ["ssim"])
     assert [c.method for c in every] == ["pc2pix", "surface-apss", "blank"] * 6
     assert [e.value for e in every[0].estimates] == [0.55, 0.55]
-    assert len(every[0].estimates) == len(every[0].family.steps)
+    assert len(every[0].family.steps) == 2
     assert condition_curves([scored("512", scores)], ["ssim"]) == ()
 
 

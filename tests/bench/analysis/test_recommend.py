@@ -183,32 +183,25 @@ def test_in_short_and_in_full():
 
 
 def test_what_cannot_be_met_names_the_nearest():
-    within, good, sure = in_words(Request(20, 5, 0.9), in_full=True)
+    request = Request(20, 5, 0.9)
+    within, good, sure = in_words(request, in_full=True)
     assert within.startswith("2048: no method within 5.0 ms; the cheapest: splat, ssim 0.550 [")
     assert ", 21.0 ms [" in within
-    assert good.startswith(
-        "2048: no method with an ssim of at least 0.9; the nearest: surface-apss"
-    )
+    least = "2048: no method with an ssim of at least 0.9"
+    assert good.startswith(f"{least}; the nearest: surface-apss")
     assert sure.endswith(": none")
-
-
-def test_without_any_candidate():
     floors = comparison({name: FIELD[name] for name in ("true-mesh", "constant", "blank")})
-    request = Request(20, 5, 0.9)
     assert not advise(floors, request).meets(request)
-    assert in_words(request, floors) == [
-        "2048: no method within 5.0 ms",
-        "2048: no method with an ssim of at least 0.9",
-    ]
+    assert in_words(request, floors) == ["2048: no method within 5.0 ms", least]
 
 
 def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
-    odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, class_name="a\nb")
     plain = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
-    first, *lines = in_words(Request(1, 5), odd, plain)
-    assert first.startswith("Costs of 1 view are reckoned from the share of one")
-    assert lines[0].startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
-    assert lines[1].startswith("2048, chair: best")
+    odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, class_name="a\nb")
+    reckoned, first, second = in_words(Request(1, 5), odd, plain)
+    assert reckoned.startswith("Costs of 1 view are reckoned from the share of one")
+    assert first.startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
+    assert second.startswith("2048, chair: best")
 
 
 @pytest.mark.parametrize(
