@@ -198,26 +198,6 @@ def test_fresh_starts_over(tmp_path, taken):
     assert len(list((tmp_path / "run.old-1" / "measurements").iterdir())) == 4
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "message"),
-    [
-        ("workers", 2, "--workers: has no meaning for the suite speed"),
-        ("inception_weights", "download", "--inception-weights: has no meaning"),
-        ("limit", 0, "--limit 0: must be at least 1"),
-        ("views", 0, "--views 0: must be at least 1"),
-        ("methods", ("splot",), "unknown method 'splot'"),
-        ("conditions", ("2049",), "unknown condition '2049'"),
-        ("dataset", "nowhere", "unknown dataset 'nowhere'"),
-    ],
-)
-def test_options_without_a_meaning_are_refused(tmp_path, taken, option, value, message):
-    options = replace(stated(tmp_path / "run"), **{option: value})
-    with pytest.raises(BadInput, match=message):
-        run(options, SMALL)
-    assert not (tmp_path / "run").exists()
-    assert taken == []
-
-
 def threads_here(name):
     return os.environ.get(name), os.environ.get("GLIBC_TUNABLES")
 

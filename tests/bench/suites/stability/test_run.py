@@ -73,25 +73,6 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
         tables(read_scored(out))
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("conditions", ("2048",)),
-        ("views", 3),
-        ("limit", 1),
-        ("inception_weights", "download"),
-        ("dataset", "procedural:validation"),
-        ("methods", ("splot",)),
-    ],
-)
-def test_options_without_a_meaning_are_refused(tmp_path, option, value):
-    options = replace(Options("stability", out=tmp_path / "run"), **{option: value})
-    named = "unknown method 'splot'" if option == "methods" else f"--{option.replace('_', '-')}"
-    with pytest.raises(BadInput, match=named):
-        run(options)
-    assert not (tmp_path / "run").exists()
-
-
 def test_a_matrix_survives_its_file(tmp_path):
     odd = replace(HOLDS, observed='a "quoted", line\nbroken | text', kind="unexpected")
     made = matrix(HOLDS, odd)
