@@ -31,11 +31,13 @@ def changed(mean, most=0):
 
 def test_cases_are_about_others_that_are_there():
     assert len(BY_ID) == len(CASES)
-    for case in CASES:
-        if case.like is not None:
-            other = BY_ID[case.like]
-            assert len(case.views) % len(other.views) == 0
-            assert other.like is None
+    for case in (case for case in CASES if case.like is not None):
+        assert len(case.views) % len(BY_ID[case.like].views) == 0
+        assert BY_ID[case.like].like is None
+    assert STATED.keys() == {method.id for method in METHODS}
+    for stated in STATED.values():
+        for case, expected in stated.items():
+            assert BY_ID[case].like or not isinstance(expected, Agrees | Changes)
 
 
 def test_what_has_to_be_there():
@@ -57,13 +59,6 @@ def test_views_that_should_agree_are_the_same_direction():
     assert BY_ID["batch-doubled"].views == VIEWS + VIEWS
     assert {view.elevation_deg for view in BY_ID["elevation+90"].views} == {90.0}
     assert View(30.0, -90.0) in BY_ID["elevation-90"].views
-
-
-def test_statements_are_about_cases_that_exist():
-    assert STATED.keys() == {method.id for method in METHODS}
-    for stated in STATED.values():
-        for case, expected in stated.items():
-            assert BY_ID[case].like or not isinstance(expected, Agrees | Changes)
 
 
 @pytest.mark.parametrize(
@@ -121,12 +116,8 @@ def test_verdicts(expected, seen, kind, monkeypatch):
 
 def test_outcomes_say_what_was_expected_and_what_came():
     made = outcome(replace(changed(1.25, 7), case="shuffled", method="splat", notes="3 faces"))
-    assert (made.case, made.group, made.subject, made.kind) == (
-        "shuffled",
-        "metamorphic",
-        "splat",
-        "unexpected",
-    )
+    named = (made.case, made.group, made.subject, made.kind)
+    assert named == ("shuffled", "metamorphic", "splat", "unexpected")
     assert made.expected == "as plain: mean change up to 0.01 grey levels, at most 1"
     assert made.observed == "pictures, 25.0 % not white; change 1.25, at most 7; 3 faces"
     made = outcome(replace(FAILED, case="coplanar", method="surface-apss"))

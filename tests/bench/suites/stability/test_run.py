@@ -44,9 +44,8 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     out = tmp_path / "run"
     assert [made.name for made in finished.tables] == list(NAMES)
     methods = finished.tables[0]
-    assert {(o.case, o.subject) for o in methods.rows} == {
-        (case.id, method) for case in CASES for method in ("blank", "true-mesh")
-    }
+    expected = {(case.id, method) for case in CASES for method in ("blank", "true-mesh")}
+    assert {(o.case, o.subject) for o in methods.rows} == expected
     assert {o.kind for o in methods.rows} == {"holds"}
     for name in NAMES:
         assert (out / "tables" / f"{name}.md").stat().st_size > 100
@@ -57,11 +56,14 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     manifest = read_manifest(out)
     assert manifest["finished"]
     assert manifest["cases"] == [case.id for case in CASES]
-    before = [(p.name, p.read_bytes()) for p in sorted((out / "journal").iterdir())]
-    tables_before = {p.name: p.read_bytes() for p in (out / "tables").iterdir()}
+
+    def files():
+        paths = [*(out / "journal").iterdir(), *(out / "tables").iterdir()]
+        return {path: path.read_bytes() for path in paths}
+
+    before = files()
     run(replace(OPTIONS, out=out))
-    assert [(p.name, p.read_bytes()) for p in sorted((out / "journal").iterdir())] == before
-    assert {p.name: p.read_bytes() for p in (out / "tables").iterdir()} == tables_before
+    assert files() == before
 
     verdict = check(out)
     assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 2, ())
@@ -114,10 +116,10 @@ def test_every_kind_has_a_colour_of_its_own(tmp_path):
 
 
 def test_a_sheet_has_every_image_in_its_place():
-    red = np.zeros((128, 128, 3), np.uint8) + np.array([255, 0, 0], np.uint8)
+    red = np.full((128, 128, 3), (255, 0, 0), np.uint8)
     made = sheet([[None, red], [red, None]])
     assert made.shape == (256, 128 * ACROSS, 3)
     assert (made[:128, :128] == MISSING).all()
-    assert (made[:128, 128:256] == red).all()
-    assert (made[128:, :128] == red).all()
+    for place in (made[:128, 128:256], made[128:, :128]):
+        assert (place == red).all()
     assert (made[:, 256:] == 255).all()
