@@ -10,7 +10,7 @@ from bench.analysis.intervals import mean_interval, median_interval
 from bench.metrics.frechet import frechet_distance, frechet_interval
 from bench.records.record import GROUND_TRUTH, to_frame
 
-from ..builders import FeaturesAtHand, make_failed, make_record
+from ..builders import FeaturesAtHand, feature_index, make_failed, make_record
 from .comparisons import quality
 
 # Seconds to prepare and to draw a view, and the ssim of two views, of each object.
@@ -98,7 +98,7 @@ def test_who_could_be_chosen():
     assert candidates(methods) == ["splat", "pc2pix@gone.safetensors", "poisson"]
 
 
-OBJECTS, VIEWS, WIDTH = "abcde", 4, 3
+OBJECTS, VIEWS, WIDTH = "abcde", 2, 3
 RNG = np.random.default_rng(0)
 FEATURES = {
     name: RNG.normal(scale=scale, size=(len(OBJECTS) * VIEWS, WIDTH)).astype(np.float32)
@@ -108,17 +108,10 @@ SHOWN = np.repeat(list(OBJECTS), VIEWS)
 
 
 def features(without=""):
-    """The features above, splat's without an object."""
-    rows, values = [], []
-    for name, array in FEATURES.items():
-        for i, obj in enumerate(SHOWN):
-            if name == "splat" and obj in without:
-                continue
-            condition = "" if name == GROUND_TRUTH else "2048"
-            rows.append((name, condition, "chair", obj, i % VIEWS))
-            values.append(array[i])
-    index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
-    return FeaturesAtHand(index, np.array(values))
+    """The features above, splat's without those objects."""
+    index = feature_index(list(FEATURES)[1:], {"chair": OBJECTS})
+    kept = (index["method"] != "splat") | ~index["object"].isin([*without])
+    return FeaturesAtHand(index[kept], np.concatenate([*FEATURES.values()])[kept])
 
 
 def distances(without="", objects=OBJECTS):

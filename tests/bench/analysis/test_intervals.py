@@ -5,12 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bench.analysis.intervals import (
-    RESAMPLES,
-    interval_of_means,
-    mean_interval,
-    median_interval,
-)
+from bench.analysis.intervals import RESAMPLES, interval_of_means, mean_interval, median_interval
 
 VALUES = np.array([0.3, 0.7, 0.2, 0.9, 0.45])
 CLASS_OF_TWO = np.array([0.0, 1.0])

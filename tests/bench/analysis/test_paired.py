@@ -14,14 +14,7 @@ import pytest
 from scipy.special import ndtr
 
 from bench.analysis.comparison import Estimate, Quality
-from bench.analysis.paired import (
-    Pair,
-    Side,
-    holm,
-    paired_differences,
-    sign_flip_p,
-    smallest_p,
-)
+from bench.analysis.paired import Pair, Side, holm, paired_differences, sign_flip_p, smallest_p
 
 from ..builders import write_run
 

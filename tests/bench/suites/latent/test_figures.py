@@ -31,7 +31,7 @@ def test_clouds_stand_above_images():
     assert cells.shape == (4, 2)
     assert [axis.get_title() for axis in cells[0]] == ["tile 0", "tile 1"]
     assert [axis.get_ylabel() for axis in cells[:, 0]] == [
-        *("one\ndecoded", "one\ndrawn", "two\ndecoded", "two\ndrawn"),
+        *("one\ndecoded", "one\ndrawn", "two\ndecoded", "two\ndrawn")
     ]
     for row, strip in zip((0, 2), strips, strict=True):
         for column, one in enumerate(strip.tiles):

@@ -148,7 +148,7 @@ def test_one_call_after_the_other():
     numbers = {(c[1], c[3]) for c in world.calls if c[0] == "prepare"}
     assert numbers == {(n, np.random.default_rng(n).random()) for n in (1, 2)}
     assert [entry if entry == "finish" else entry[0] for entry in world.log[:6]] == [
-        *("finish", "load", "finish", "finish", "prepare", "finish"),
+        *("finish", "load", "finish", "finish", "prepare", "finish")
     ]
 
     single, batch = CALL_S + VIEW_S + FINISH_S, CALL_S + 3 * VIEW_S + FINISH_S

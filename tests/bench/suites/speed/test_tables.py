@@ -286,7 +286,7 @@ def test_a_panel_for_each_condition_and_number_of_threads():
         for threads in (1, 2)
     ]
     assert [axis.get_title() for axis in amortised_figure(summaries, SUITE).axes] == [
-        *("2048, 1 thread", "2048, 2 threads", "512, 1 thread", "512, 2 threads"),
+        *("2048, 1 thread", "2048, 2 threads", "512, 1 thread", "512, 2 threads")
     ]
     assert amortised_figure([LOST], SUITE) is None
 

@@ -40,16 +40,6 @@ def test_cases_are_about_others_that_are_there():
             assert BY_ID[case].like or not isinstance(expected, Agrees | Changes)
 
 
-def test_what_has_to_be_there():
-    wanted = {f"{n}-points" for n in (0, 1, 2, 3, 4, 16, 100_000, 1_000_000)}
-    wanted |= {"all-equal", "collinear", "coplanar", "two-clusters", "half", "dropout-99"}
-    wanted |= {f"outlier-{v}" for v in ("1e3", "1e6", "1e30", "nan", "inf", "-inf")}
-    wanted |= {f"scale-{v}" for v in ("1e3", "1e-3", "1e9", "1e-9", "1e30", "1e-30")}
-    wanted |= {"shift-1e3", "shift-1e6", "float16", "float64", "int", "non-contiguous"}
-    wanted |= {"rows-twice", "shuffled", "noise-0", "noise-10", "turned", "batch-split"}
-    assert wanted <= BY_ID.keys()
-
-
 def test_views_that_should_agree_are_the_same_direction():
     for case in ("azimuth+180", "azimuth+720"):
         for view, other in zip(BY_ID[case].views, BY_ID[BY_ID[case].like].views, strict=True):
