@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from PIL import Image
@@ -62,11 +62,6 @@ def measured(untrained, tmp_path_factory):
         return run(stated(untrained, directory), SMALL)
 
 
-def read(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 FILES = [
     *("latent_arithmetic.csv", "latent_arithmetic.md", "latent_arithmetic_values.csv"),
     *("latent_interpolation.csv", "latent_interpolation.md", "latent_interpolation_values.csv"),
@@ -95,24 +90,20 @@ def test_tables_are_the_means_of_the_values(measured):
     for table in measured.tables:
         assert (folder / f"{table.name}.csv").read_text() == table.to_csv()
         assert (folder / f"{table.name}.md").read_text() == table.to_markdown()
-        found = {}
-        for row in read(folder / f"{table.name}_values.csv"):
-            found.setdefault((row["what"], row["metric"]), []).append(float(row["value"]))
-        for row in (r for r in read(folder / f"{table.name}.csv") if r["kind"] == "all"):
-            values = found[row["what"], row["metric"]]
-            assert len(values) == int(row["n"]) == 3
+        values = pd.read_csv(folder / f"{table.name}_values.csv").groupby(["what", "metric"])
+        means, counts = values["value"].mean(), values["value"].count()
+        for row in pd.read_csv(folder / f"{table.name}.csv").query("kind == 'all'").itertuples():
+            assert counts[row.what, row.metric] == row.n == 3
             # six digits each
-            assert float(row["value"]) == pytest.approx(np.mean(values), rel=1e-4, abs=1e-7)
-
-
-def means_of(measured, name):
-    rows = read(measured.directory / "tables" / f"{name}.csv")
-    return {(r["what"], r["metric"]): float(r["value"]) for r in rows if r["kind"] == "all"}
+            assert row.value == pytest.approx(means[row.what, row.metric], rel=1e-4, abs=1e-7)
 
 
 def test_paths(measured):
-    value = means_of(measured, "latent_interpolation")
-    metrics = {what: {m for w, m in value if w == what} for what in ("code", "noise", "truth")}
+    rows = pd.read_csv(measured.directory / "tables" / "latent_interpolation.csv")
+    value = rows.query("kind == 'all'").set_index(["what", "metric"])["value"]
+    metrics = {
+        what: {m for w, m in value.index if w == what} for what in ("code", "noise", "truth")
+    }
     assert metrics["code"] - metrics["noise"] == {"end-cloud", "end-ssim"}
     assert metrics["truth"] == {"family-confidence", "family-confidence-min"}
     for what in ("code", "noise", "cross-fade"):

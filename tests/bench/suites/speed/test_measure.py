@@ -246,42 +246,37 @@ def raising(error):
 
 def test_a_method_that_cannot_be_loaded_fails_everywhere():
     load = raising(AttributeError("no such thing\nat all"))
-    assert take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock) == (
-        [],
-        [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)],
-    )
+    failures = [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)]
+    found = take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
+    assert found == ([], failures)
 
 
-@pytest.mark.parametrize(
-    ("stage", "error"),
-    [
-        ("load", BadInput("no weights")),
-        ("load", MissingDependency("no OpenGL")),
-        ("prepare", MissingDependency("no OpenGL")),
-    ],
-)
-def test_what_the_user_has_to_fix_is_raised(stage, error):
+@pytest.mark.parametrize("error", [BadInput("no weights"), MissingDependency("no OpenGL")])
+def test_what_the_user_has_to_fix_is_raised(error):
     world = World()
-    fake = Fake(world)
-    fake.prepare = raising(error)
-    load = raising(error) if stage == "load" else lambda: fake
     with pytest.raises(type(error)):
-        take_samples(FAKE, load, [subject(1)], SMALL, world.clock)
+        take_samples(FAKE, raising(error), [subject(1)], SMALL, world.clock)
+    fake = Fake(world)
+    fake.prepare = raising(MissingDependency("no OpenGL"))
+    with pytest.raises(MissingDependency):
+        take_samples(FAKE, lambda: fake, [subject(1)], SMALL, world.clock)
+
+
+UNITS = {
+    "suite": SMALL,
+    "methods": ("blank", "splat"),
+    "conditions": ("2048", "512"),
+    "objects": (Tetrahedron("a"), Tetrahedron("b")),
+    "threads": (1, 2),
+    "views": 3,
+    "seed": 0,
+    "device": "cpu",
+    "circumstances": {"versions": {"numpy": "2"}},
+}
 
 
 def units(**changes):
-    given = {
-        "suite": SMALL,
-        "methods": ("blank", "splat"),
-        "conditions": ("2048", "512"),
-        "objects": (Tetrahedron("a"), Tetrahedron("b")),
-        "threads": (1, 2),
-        "views": 3,
-        "seed": 0,
-        "device": "cpu",
-        "circumstances": {"versions": {"numpy": "2"}},
-    }
-    return speed_units(**given | changes)
+    return speed_units(**UNITS | changes)
 
 
 def test_a_unit_for_each_method_condition_and_number_of_threads():

@@ -140,6 +140,7 @@ def test_what_was_measured_is_kept(tmp_path, taken, capsys):
 
     again = run(stated(out), SMALL)
     assert again.summary.startswith("0 measurements taken, 4 from before, ")
+    assert "from before" not in capsys.readouterr().err
     assert len(taken) == 4
     assert {p: p.stat().st_mtime_ns for p in (out / "measurements").iterdir()} == before
     assert (out / "tables" / "speed.csv").read_bytes() == message
