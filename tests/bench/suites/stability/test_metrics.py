@@ -156,6 +156,7 @@ def test_a_refusal_has_a_name(monkeypatch, metric, kind):
         (lambda a, b: 1.0, 0, "ZeroDivisionError"),
     ],
 )
+@pytest.mark.filterwarnings("ignore")  # the filter is its own
 def test_whatever_goes_wrong_is_an_outcome(monkeypatch, judge, given, observed):
     found = outcome_of(
         monkeypatch,
