@@ -232,7 +232,9 @@ def test_fetches_once_then_reads_the_cache(weights, published, monkeypatch):
     serve(monkeypatch, None)
     assert find_weights("download") == published
     assert find_weights(None) == published
-    published.write_bytes(weights[:-1])  # a damaged one is fetched anew
+    published.write_bytes(weights[:-1])  # a damaged one is fetched anew, where that is asked for
+    with pytest.raises(WeightsUnavailable, match="not in the cache"):
+        find_weights(None)
     serve(monkeypatch, weights)
     assert find_weights("download").read_bytes() == weights
 

@@ -19,12 +19,6 @@ def painted(*boxes, color=(120, 80, 40)):
     return image
 
 
-def test_contrast_is_to_white():
-    image = np.array([[[[255, 255, 255], [0, 0, 0], [255, 255, 0], [120, 80, 40]]]], np.uint8)
-    assert contrast(image).tolist() == [[[0.0, 255.0, 85.0, 175.0]]]
-    assert foreground(image).tolist() == [[[False, True, True, True]]]
-
-
 def by_definition(truth, drawing):
     """Pixel by pixel, in exact whole numbers: three times the contrast, twice the threshold."""
     both = either = 0
