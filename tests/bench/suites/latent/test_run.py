@@ -231,12 +231,8 @@ def test_two_methods(untrained, tmp_path):
 def test_weights_without_their_decoder(untrained, tmp_path):
     bare, out = tmp_path / "bare.safetensors", tmp_path / "run"
     shutil.copy(untrained, bare)
-    with pytest.raises(BadInput) as refused:
+    with pytest.raises(BadInput, match="bare-decoder.safetensors: there is no decoder for these"):
         run(stated(bare, out), SMALL)
-    assert str(refused.value) == (
-        f"{tmp_path}/bare-decoder.safetensors: there is no decoder for these weights; "
-        f"make it with 'bench train decoder --weights {bare}'"
-    )
     assert not out.exists()
 
 

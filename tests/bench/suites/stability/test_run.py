@@ -109,7 +109,7 @@ def test_every_kind_has_a_colour_of_its_own(tmp_path):
     outcomes = [replace(HOLDS, subject=kind, kind=kind) for kind in KINDS]
     save(matrix_figure(matrix(*outcomes)), tmp_path / "m.png")
     pixels = image.imread(tmp_path / "m.png")[..., :3].reshape(-1, 3)
-    found = {tuple(np.rint(255 * p).astype(int)) for p in np.unique(pixels, axis=0)}
+    found = {tuple(pixel) for pixel in np.rint(255 * np.unique(pixels, axis=0)).astype(int)}
     colours = {tuple(bytes.fromhex(colour[1:])) for colour, _ in COLOURS.values()}
     assert colours <= found
     assert len(colours) == len(COLOURS)
