@@ -231,7 +231,7 @@ def test_two_methods(untrained, tmp_path):
 def test_weights_without_their_decoder(untrained, tmp_path):
     bare, out = tmp_path / "bare.safetensors", tmp_path / "run"
     shutil.copy(untrained, bare)
-    with pytest.raises(BadInput, match="bare-decoder.safetensors: there is no decoder for these"):
+    with pytest.raises(BadInput, match="there is no decoder for these weights"):
         run(stated(bare, out), SMALL)
     assert not out.exists()
 
