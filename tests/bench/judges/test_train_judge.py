@@ -79,6 +79,16 @@ def test_the_best_validation_is_what_is_kept(data, monkeypatch):
     assert all(torch.equal(kept[2], later) for later in kept[3:])
 
 
+def test_the_rate_rises_before_it_falls(data):
+    trainer = module._Trainer(data, data, JudgeConfig(steps=200, seed=0))
+    rates = [trainer.rate(done) for done in range(200)]
+    top = round(module.WARM_UP * 200)
+    risen = module.LEARNING_RATE * np.arange(1, top + 1) / top
+    assert rates[: top - 1] == pytest.approx(risen[:-1], rel=1e-12)
+    cosine = module.LEARNING_RATE * (1 + np.cos(np.pi * np.arange(200) / 200)) / 2
+    assert rates[top:] == pytest.approx(cosine[top:], rel=1e-12)
+
+
 def test_too_little_to_train_on(tmp_path):
     with pytest.raises(BadInput, match="--objects 47 --views 8 --steps 9: give at least 48"):
         train_judge(47, 8, 9, 0, tmp_path / "never")

@@ -184,7 +184,7 @@ def test_warm_ups_do_not_count():
         (3, 100, 0.0, 3),  # at least
         (1, 5, 1e9, 5),  # at most
         # A round of two clouds takes 2 (10.125 + 2 * 1.375 + 1.875) = 29.5 s, the first 0.125 more.
-        (1, 100, 29.5, 1),
+        (1, 100, 29.625, 1),
         (1, 100, 29.75, 2),
         (1, 100, 60.0, 3),
     ],
