@@ -4,19 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.analysis.comparison import (
-    NAN,
-    candidates,
-    compare,
-    lead,
-    milliseconds,
-)
+from bench.analysis.comparison import NAN, candidates, compare, lead, milliseconds
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.metrics.frechet import frechet_distance, frechet_interval
 from bench.records.record import GROUND_TRUTH, to_frame
 
-from ..builders import FeaturesAtHand, make_failed, make_record
+from ..builders import FeaturesAtHand, feature_index, make_failed, make_record
 from .comparisons import quality
 
 # Seconds to prepare and to draw a view, and the ssim of two views, of each object.
@@ -93,16 +87,10 @@ def test_objects_without_true_images_are_left_out():
 
 def test_a_comparison_for_each_condition_and_class():
     frame = to_frame(records())
-    made = compare(
-        pd.concat([frame, frame.assign(condition="512"), frame.assign(**{"class": "car"})]),
-        {},
-        ["ssim"],
-    )
-    assert [(c.condition, c.class_name) for c in made] == [
-        ("2048", "chair"),
-        ("512", "chair"),
-        ("2048", "car"),
-    ]
+    others = frame.assign(condition="512"), frame.assign(**{"class": "car"})
+    made = compare(pd.concat([frame, *others]), {}, ["ssim"])
+    found = [(c.condition, c.class_name) for c in made]
+    assert found == [("2048", "chair"), ("512", "chair"), ("2048", "car")]
 
 
 def test_who_could_be_chosen():
@@ -110,9 +98,7 @@ def test_who_could_be_chosen():
     assert candidates(methods) == ["splat", "pc2pix@gone.safetensors", "poisson"]
 
 
-# --- Fréchet distances ----------------------------------------------------------------------------
-
-OBJECTS, VIEWS, WIDTH = "abcde", 4, 3
+OBJECTS, VIEWS, WIDTH = "abcde", 2, 3
 RNG = np.random.default_rng(0)
 FEATURES = {
     name: RNG.normal(scale=scale, size=(len(OBJECTS) * VIEWS, WIDTH)).astype(np.float32)
@@ -122,32 +108,23 @@ SHOWN = np.repeat(list(OBJECTS), VIEWS)
 
 
 def features(without=""):
-    """The features above, splat's without an object."""
-    rows, values = [], []
-    for name, array in FEATURES.items():
-        for i, obj in enumerate(SHOWN):
-            if name == "splat" and obj in without:
-                continue
-            condition = "" if name == GROUND_TRUTH else "2048"
-            rows.append((name, condition, "chair", obj, i % VIEWS))
-            values.append(array[i])
-    index = pd.DataFrame(rows, columns=["method", "condition", "class", "object", "view"])
-    return FeaturesAtHand(index, np.array(values))
+    """The features above, splat's without those objects."""
+    index = feature_index(list(FEATURES)[1:], {"chair": OBJECTS})
+    kept = (index["method"] != "splat") | ~index["object"].isin([*without])
+    return FeaturesAtHand(index[kept], np.concatenate([*FEATURES.values()])[kept])
 
 
 def distances(without="", objects=OBJECTS):
     made = [
-        (make_failed if method == "splat" and obj in without else make_record)(
-            method, obj=obj, view=view
-        )
+        make_failed("splat", obj=obj, view=view)
+        if method == "splat" and obj in without
+        else make_record(method, obj=obj, view=view)
         for method in ("splat", "poisson", "blank")
         for obj in objects
         for view in range(VIEWS)
     ]
-    comparison = only(
-        to_frame(made), ["fd-views"], {"fd-views": MeasuredFeatures(features(without))}
-    )
-    return comparison.qualities["fd-views"]
+    measured = {"fd-views": MeasuredFeatures(features(without))}
+    return only(to_frame(made), ["fd-views"], measured).qualities["fd-views"]
 
 
 def test_distances_are_those_of_the_tables():
@@ -177,23 +154,22 @@ def test_the_distance_of_failed_images_is_that_of_blank_ones():
 
 
 def test_a_lead_in_distance_is_the_jackknife_of_the_difference():
-    made = distances()
-    a, b = made["splat"], made["poisson"]
+    a, b = (distances()[method] for method in ("splat", "poisson"))
     found = lead(a, b)
-    truth = FEATURES[GROUND_TRUTH]
 
     def difference(rows):
-        return frechet_distance(FEATURES["poisson"][rows], truth[rows]) - frechet_distance(
-            FEATURES["splat"][rows], truth[rows]
+        truth, splat, poisson = (
+            FEATURES[name][rows] for name in (GROUND_TRUTH, "splat", "poisson")
         )
+        return frechet_distance(poisson, truth) - frechet_distance(splat, truth)
 
     without = np.array([difference(obj != SHOWN) for obj in OBJECTS])
     # Efron and Stein 1981, as the standard deviation of the pseudo-values
     pseudo = 5 * difference(SHOWN != "") - 4 * without
     reach = 1.96 * pseudo.std(ddof=1) / np.sqrt(5)
     assert found.value == pytest.approx(b.estimate.value - a.estimate.value, abs=1e-12)
-    assert found.high - found.value == pytest.approx(reach, abs=1e-9)
-    assert found.value - found.low == pytest.approx(reach, abs=1e-9)
+    ends = (found.value - reach, found.value + reach)
+    assert (found.low, found.high) == pytest.approx(ends, abs=1e-9)
     assert lead(b, a).value == -found.value
 
 
@@ -203,9 +179,6 @@ def test_too_few_objects_give_a_distance_without_an_interval(objects):
     assert np.isfinite(made.estimate.value)
     assert np.isnan(made.estimate[1:]).all()
     assert np.isnan(lead(made, made)[1:]).all()
-
-
-# --- leads, ranks, numbers ------------------------------------------------------------------------
 
 
 def test_a_lead_is_paired():
@@ -222,9 +195,6 @@ def test_ranks_are_values_as_they_are_printed():
     assert np.isnan(quality("ssim", [NAN]).rank)
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.4239, "0.42"), (7.31, "7.3"), (61.42, "61.4"), (1240.4, "1240"), (NAN, "-")],
-)
-def test_milliseconds(value, text):
-    assert milliseconds(value) == text
+def test_milliseconds():
+    texts = {0.4239: "0.42", 7.31: "7.3", 61.42: "61.4", 1240.4: "1240", NAN: "-"}
+    assert [milliseconds(value) for value in texts] == list(texts.values())

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -61,9 +60,6 @@ def along(family, curves, spread=0.0, **changes):
     ]
 
 
-# --- where a curve passes through 0 ---------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
@@ -99,9 +95,6 @@ def test_sign_changes_by_going_along(values):
         assert after < at <= after + 1
 
 
-# --- paired comparisons ---------------------------------------------------------------------------
-
-
 def test_straight_curves_cross_where_they_do():
     """0.8 - x and 0.6 + x/2 meet at 2/15, whatever the steps; the crossing reaches as far as the
     same interval around each lead holds 0: for [low, high] / 1.5."""
@@ -125,55 +118,50 @@ def test_straight_curves_cross_where_they_do():
             assert made.ahead == ("splat-net",) * 3 + ("pc2pix",) * 2
 
 
-def test_of_a_falling_axis_too_low_is_the_lower_end_and_lines_are_straight_in_the_logarithm():
-    leads = [(0.3, 0.1, 0.5), (0.1, -0.1, 0.3), (-0.1, -0.3, 0.1), (-0.3, -0.5, -0.1)]
-    (crossover,) = paired(leads, "points").crossings
-    # 2048, 1024, 512, 256: the lower end passes through 0 halfway between the first two, the lead
-    # between the second and the third, the upper end between the last two
-    expected = (2**9.5, 2**8.5, 2**10.5)
-    assert (crossover.at, crossover.low, crossover.high) == pytest.approx(expected, rel=1e-12)
-
-
-def test_an_interval_that_holds_zero_to_the_end():
-    leads = [(0.2, 0.1, 0.3), (0.05, -0.05, 0.15), (-0.05, -0.15, 0.05)]
-    made = paired(leads)
-    assert made.ahead == ("splat-net", UNDECIDED, UNDECIDED)
-    (crossover,) = made.crossings
-    assert crossover.at == pytest.approx(0.075)
-    assert crossover.low == pytest.approx(0.05 * 2 / 3)
-    assert crossover.high == 0.10
-
-
-def test_back_and_forth():
-    leads = [(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)]
-    first, second = paired(leads).crossings
-    assert [c.after for c in (first, second)] == [0, 1]
-    # the interval is 0.1 wide and the lead falls by 0.2 in 0.05
-    assert (first.low, first.at, first.high) == pytest.approx((0.0125, 0.025, 0.0375))
-    assert (second.low, second.at, second.high) == pytest.approx((0.0625, 0.075, 0.0875))
-
-
-def test_without_intervals_nobody_is_ahead_but_curves_cross():
-    made = paired([0.1, -0.3])
-    assert made.ahead == (UNDECIDED, UNDECIDED)
-    (crossover,) = made.crossings
-    assert crossover.at == pytest.approx(0.0125)
-    assert math.isnan(crossover.low)
-    assert math.isnan(crossover.high)
-    assert paired([NAN, -0.3]).ahead == (NO_VALUE, UNDECIDED)
-    # nor where it ends at 0
-    assert paired([(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)]).ahead == (UNDECIDED, UNDECIDED)
-
-
-def test_distances_are_ahead_where_they_are_smaller():
-    curves = {"splat-net": lambda x: 10 + 100 * x, "surface-apss": lambda x: 20.0}
-    (made,) = paired_comparisons(along("noise", curves, metric="fd-views"), ["fd-views"])
-    assert [of.value for of in made.leads] == pytest.approx([10, 5, 0, -5, -10], abs=1e-9)
-    assert made.ahead[0] == "splat-net"
-    assert made.ahead[-1] == "surface-apss"
-
-
-# --- which ----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("family", "leads", "ahead", "crossings"),
+    [
+        # 2048, 1024, 512, 256, on a logarithmic axis: the lower end passes through 0 halfway
+        # between the first two, the lead between the next, the upper end between the last two
+        (
+            "points",
+            [(0.3, 0.1, 0.5), (0.1, -0.1, 0.3), (-0.1, -0.3, 0.1), (-0.3, -0.5, -0.1)],
+            ("splat-net", UNDECIDED, UNDECIDED, "pc2pix"),
+            [(1, 2**9.5, 2**8.5, 2**10.5)],
+        ),
+        # an interval that holds 0 to the end
+        (
+            "noise",
+            [(0.2, 0.1, 0.3), (0.05, -0.05, 0.15), (-0.05, -0.15, 0.05)],
+            ("splat-net", UNDECIDED, UNDECIDED),
+            [(1, 0.075, 0.05 * 2 / 3, 0.10)],
+        ),
+        # the interval is 0.1 wide and the lead falls by 0.2 in 0.05
+        (
+            "noise",
+            [(0.1, 0.05, 0.15), (-0.1, -0.15, -0.05), (0.1, 0.05, 0.15)],
+            ("splat-net", "pc2pix", "splat-net"),
+            [(0, 0.025, 0.0125, 0.0375), (1, 0.075, 0.0625, 0.0875)],
+        ),
+        # without intervals nobody is ahead but curves cross
+        ("noise", [0.1, -0.3], (UNDECIDED, UNDECIDED), [(0, 0.0125, NAN, NAN)]),
+        ("noise", [NAN, -0.3], (NO_VALUE, UNDECIDED), []),
+        # nor is anybody where an interval ends at 0
+        (
+            "noise",
+            [(0.1, 0.0, 0.2), (-0.1, -0.2, 0.0)],
+            (UNDECIDED, UNDECIDED),
+            [(0, 0.025, 0.0, 0.05)],
+        ),
+    ],
+)
+def test_who_is_ahead_and_where_that_changes(family, leads, ahead, crossings):
+    made = paired(leads, family)
+    assert made.ahead == ahead
+    found = [(c.after, c.at, c.low, c.high) for c in made.crossings]
+    assert len(found) == len(crossings)
+    for one, expected in zip(found, crossings, strict=True):
+        assert one == pytest.approx(expected, rel=1e-12, abs=1e-15, nan_ok=True)
 
 
 def test_pairs():
@@ -191,31 +179,24 @@ def test_pairs():
 
 def test_every_family_that_the_conditions_make_up():
     scores = {"pc2pix": [0.5, 0.6], "surface-apss": [0.4, 0.7], "blank": [0.1, 0.2]}
+    worth = {"1024": 0.5, "2048": 0.75, "noise-0.05": 0.25, "density-3": 0.125}
     compared = [
-        scored(condition, scores, class_name=name)
+        scored(condition, scores | {"pc2pix": [value, value]}, class_name=name)
         for name in ("chair", "sofa")
-        for condition in ("1024", "2048", "noise-0.05", "density-3")
+        for condition, value in worth.items()
+    ]
+    families = [
+        ("points", ("2048", "1024")),
+        ("noise", ("2048", "noise-0.05")),
+        ("density", ("1024", "density-3")),
     ]
     made = paired_comparisons(compared, ["ssim"])
     assert [(c.class_name, c.family.id, c.family.conditions) for c in made] == [
-        (name, *family)
-        for name in ("chair", "sofa")
-        for family in (
-            ("points", ("2048", "1024")),
-            ("noise", ("2048", "noise-0.05")),
-            ("density", ("1024", "density-3")),
-        )
+        (name, *family) for name in ("chair", "sofa") for family in families
     ]
     every = condition_curves(compared, ["ssim"])
     assert [c.method for c in every] == ["pc2pix", "surface-apss", "blank"] * 6
-    assert [e.value for e in every[0].estimates] == [0.55, 0.55]
-    assert len(every[0].estimates) == len(every[0].family.steps)
+    assert [[e.value for e in c.estimates] for c in every[:9:3]] == [
+        [worth[condition] for condition in conditions] for _, conditions in families
+    ]
     assert condition_curves([scored("512", scores)], ["ssim"]) == ()
-
-
-def test_estimates_are_of_the_conditions_in_the_order_of_the_family():
-    scores = {"512": 0.3, "2048": 0.1, "1024": 0.2}
-    compared = [scored(c, {"splat": [v, v]}) for c, v in scores.items()]
-    (made,) = condition_curves(compared, ["ssim"])
-    assert made.family.conditions == ("2048", "1024", "512")
-    assert [e.value for e in made.estimates] == [0.1, 0.2, 0.3]

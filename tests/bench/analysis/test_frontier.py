@@ -38,8 +38,6 @@ def test_pareto_by_its_definition(pairs):
     assert pareto(cost, quality).tolist() == by_definition(cost, quality)
 
 
-# --- verdicts -------------------------------------------------------------------------------------
-
 FIELD = {
     "splat": (1, 1, (0.5, 0.6, 0.7, 0.6)),
     "poisson": (100, 1, (0.8, 0.9, 0.7, 0.8)),
@@ -92,27 +90,32 @@ def test_the_frontier_depends_on_the_number_of_views():
     assert many["pc2pix"] == ("tied", "surface-apss")
 
 
-def test_of_distances_less_is_better():
-    distances = {
-        "splat": (1, 0, (9.0, 9.2, 9.1, 9.1)),
-        "poisson": (100, 0, (5.0, 5.1, 5.2, 5.1)),
-        "pc2pix": (200, 0, (7.0, 7.1, 7.2, 7.1)),
-    }
-    assert verdicts(places(comparison(distances, "fd-views"), ["fd-views"], 1)) == {
-        "splat": ("frontier", ""),
-        "poisson": ("frontier", ""),
-        "pc2pix": ("dominated", "poisson"),
-    }
-
-
-def test_what_no_table_shows_decides_nothing():
-    nearly = {
-        "pc2pix": (100, 0, (0.9, 0.8, 0.7)),
-        "pc2pix@unfolded": (200, 0, (0.9 + 1e-6, 0.8 + 1e-6, 0.7 + 1e-6)),
-        "pc2pix@paper": (300, 0, (0.9 - 1e-6, 0.8 - 1e-6, 0.7 - 1e-6)),
-    }
-    found = verdicts(places(comparison(nearly), ["ssim"], 1))
-    assert [verdict for verdict, _ in found.values()] == ["frontier", "tied", "tied"]
+@pytest.mark.parametrize(
+    ("metric", "methods", "expected"),
+    [
+        (  # of distances less is better
+            "fd-views",
+            {
+                "splat": (1, 0, (9.0, 9.2, 9.1, 9.1)),
+                "poisson": (100, 0, (5.0, 5.1, 5.2, 5.1)),
+                "pc2pix": (200, 0, (7.0, 7.1, 7.2, 7.1)),
+            },
+            [("frontier", ""), ("frontier", ""), ("dominated", "poisson")],
+        ),
+        (  # what no table shows decides nothing
+            "ssim",
+            {
+                "pc2pix": (100, 0, (0.9, 0.8, 0.7)),
+                "pc2pix@unfolded": (200, 0, (0.9 + 1e-6, 0.8 + 1e-6, 0.7 + 1e-6)),
+                "pc2pix@paper": (300, 0, (0.9 - 1e-6, 0.8 - 1e-6, 0.7 - 1e-6)),
+            },
+            [("frontier", ""), ("tied", "pc2pix"), ("tied", "pc2pix")],
+        ),
+    ],
+)
+def test_verdicts_of_one_view(metric, methods, expected):
+    found = verdicts(places(comparison(methods, metric), [metric], 1))
+    assert list(found.values()) == expected
 
 
 def test_one_object_shows_nothing_clearly():
@@ -122,14 +125,9 @@ def test_one_object_shows_nothing_clearly():
     assert "tied" in found
 
 
-# --- fewer points ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("condition", "count"), [("2048", 2048), ("512", 512), ("noise-0.05", None), ("odd", None)]
-)
-def test_point_counts(condition, count):
-    assert point_count(condition) == count
+def test_point_counts():
+    names = ("2048", "512", "noise-0.05", "odd")
+    assert [point_count(name) for name in names] == [2048, 512, None, None]
 
 
 def test_what_fewer_points_lose_and_save():

@@ -98,9 +98,6 @@ def test_the_interval_of_costs_is_over_objects():
     assert line.endswith("; the interval of its cost reaches beyond the budget")
 
 
-# --- regret ---------------------------------------------------------------------------------------
-
-
 def test_regret_against_an_oracle():
     """Affordable: splat, poisson, pc2pix; the best of each object: 0.9, 0.7, 0.7, 0.8."""
     advice = advise(comparison(FIELD), Request(20, 250))
@@ -111,17 +108,11 @@ def test_regret_against_an_oracle():
 
 
 def test_regret_of_a_choice_made_without_the_object():
-    """Sums without a, b, c: of splat 1.1, 1.5, 1.6, of poisson 1.4, 1.5, 1.3.
-
-    So for a poisson is chosen, which loses 0.3; for b the first of two equals, which are equal
-    there too; for c splat, which loses 0.3.
-    """
-    field = {
-        "splat": (1, 0, (1.0, 0.6, 0.5)),
-        "poisson": (2, 0, (0.7, 0.6, 0.8)),
-        "blank": (0, 0, (0, 0, 0)),
-    }
-    advice = advise(comparison(field), Request(1, 10))
+    """Sums without a, b, c: of splat 1.1, 1.5, 1.6, of poisson 1.4, 1.5, 1.3. So for a poisson is
+    chosen, which loses 0.3; for b the first of two equals, which are equal there too; for c splat,
+    which loses 0.3."""
+    field = {"splat": (1, 0, (1.0, 0.6, 0.5)), "poisson": (2, 0, (0.7, 0.6, 0.8))}
+    advice = advise(comparison(field | {"blank": (0, 0, (0, 0, 0))}), Request(1, 10))
     assert name_of(advice.best) == "splat"  # means 0.7 and 0.7: of equals the cheaper
     assert advice.regret.value == pytest.approx((0 + 0 + 0.3) / 3, abs=1e-15)
     assert advice.regret_blind.value == pytest.approx((0.3 + 0 + 0.3) / 3, abs=1e-15)
@@ -137,9 +128,6 @@ def test_no_regret_with_one_method_and_none_blind_of_one_object():
     assert np.isnan(advice.regret_blind).all()
     nothing = advise(comparison(FIELD), Request(20, 1))
     assert np.isnan([*nothing.regret, *nothing.regret_blind]).all()
-
-
-# --- good enough ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -171,9 +159,6 @@ def test_both_limits_have_to_be_met_by_one_method():
     assert advise(comparison(FIELD), enough).meets(enough)
 
 
-# --- texts ----------------------------------------------------------------------------------------
-
-
 def test_in_short_and_in_full():
     assert in_words(Request(20, 250)) == [
         "2048: best within 250 ms: pc2pix, ssim 0.750 [0.700, 0.800], 210 ms [210, 210] a cloud, "
@@ -192,32 +177,25 @@ def test_in_short_and_in_full():
 
 
 def test_what_cannot_be_met_names_the_nearest():
-    within, good, sure = in_words(Request(20, 5, 0.9), in_full=True)
+    request = Request(20, 5, 0.9)
+    within, good, sure = in_words(request, in_full=True)
     assert within.startswith("2048: no method within 5.0 ms; the cheapest: splat, ssim 0.550 [")
     assert ", 21.0 ms [" in within
-    assert good.startswith(
-        "2048: no method with an ssim of at least 0.9; the nearest: surface-apss"
-    )
+    least = "2048: no method with an ssim of at least 0.9"
+    assert good.startswith(f"{least}; the nearest: surface-apss")
     assert sure.endswith(": none")
-
-
-def test_without_any_candidate():
     floors = comparison({name: FIELD[name] for name in ("true-mesh", "constant", "blank")})
-    request = Request(20, 5, 0.9)
     assert not advise(floors, request).meets(request)
-    assert in_words(request, floors) == [
-        "2048: no method within 5.0 ms",
-        "2048: no method with an ssim of at least 0.9",
-    ]
+    assert in_words(request, floors) == ["2048: no method within 5.0 ms", least]
 
 
 def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
-    odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, class_name="a\nb")
     plain = comparison({"splat": FIELD["splat"], "blank": FIELD["blank"]})
-    first, *lines = in_words(Request(1, 5), odd, plain)
-    assert first.startswith("Costs of 1 view are reckoned from the share of one")
-    assert lines[0].startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
-    assert lines[1].startswith("2048, chair: best")
+    odd = comparison({"splat\x1b": FIELD["splat"], "blank": FIELD["blank"]}, class_name="a\nb")
+    reckoned, first, second = in_words(Request(1, 5), odd, plain)
+    assert reckoned.startswith("Costs of 1 view are reckoned from the share of one")
+    assert first.startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
+    assert second.startswith("2048, chair: best")
 
 
 @pytest.mark.parametrize(

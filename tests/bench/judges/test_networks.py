@@ -93,9 +93,6 @@ def off(answers, angles):
     return np.median(np.abs((turn + 180) % 360 - 180)), np.median(np.abs(tilt))
 
 
-# --- the judge ------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def judge_network():
     return load_judge_network(JUDGE_WEIGHTS)
@@ -131,9 +128,6 @@ def test_the_judge_sees_luma_by_rec_601_and_no_colour(judge_network, chairs):
     assert (images.max(-1) != images.min(-1)).any(), "the pictures are coloured"
     grey = np.repeat(greyscale(images)[..., None], 3, axis=-1)
     assert np.array_equal(judge(judge_network, grey), judge(judge_network, images))
-
-
-# --- fd-views -------------------------------------------------------------------------------------
 
 
 def test_features_tell_the_direction_of_view(chairs):

@@ -71,9 +71,6 @@ def off(found, expected):
     return np.abs(np.asarray(found, np.float64) - expected).max() / np.abs(expected).max()
 
 
-# --- conformance ----------------------------------------------------------------------------------
-
-
 @needs_reference
 def test_has_the_published_keys():
     published = json.loads((REFERENCE / "inception_keys.json").read_text())
@@ -112,9 +109,6 @@ def test_every_stage_conforms_in_float64(model, reference):
         assert off(found, reference[name][:1]) < FLOAT64, name
 
 
-# --- closed form and independent implementation ---------------------------------------------------
-
-
 @pytest.mark.parametrize("size", [2, 128, 299, 640])
 def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     """By TensorFlow 1: read at multiples of the ratio, the last pixel held beyond the edge."""
@@ -130,9 +124,6 @@ def test_resize_agrees_with_interpolation_on_a_grid(model, size):
     # positions are float32 as in TensorFlow: off by up to 640 * 2^-24 = 4e-5 pixels, in two axes,
     # of up to 255 levels a pixel
     np.testing.assert_allclose(found, expected, rtol=0, atol=0.03)
-
-
-# --- invariants -----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -158,21 +149,22 @@ def test_is_frozen_and_looks_at_each_image_alone(model, image):
 
 
 @pytest.mark.parametrize(
-    ("shape", "dtype"),
-    [((1, 64, 64, 3), np.float32), ((1, 3, 64, 64), np.uint8), ((64, 64, 3), np.uint8)],
+    ("shape", "dtype", "planes"),
+    [
+        ((1, 64, 64, 3), np.float32, (0, 3, 1, 2)),
+        ((1, 3, 64, 64), np.uint8, (0, 2, 3, 1)),
+        ((64, 64, 3), np.uint8, (0, 1, 2)),
+    ],
 )
-def test_names_the_images_it_refuses(model, shape, dtype):
+def test_names_the_images_it_refuses(model, shape, dtype, planes):
     images = np.zeros(shape, dtype)
-    with pytest.raises(ValueError, match=re.escape(f"{images.dtype} {list(shape)}")):
-        inception_features(model, images)
-    given = torch.from_numpy(images)
-    if len(shape) == 4:
-        given = given.permute(0, 3, 1, 2) if dtype == np.float32 else given.permute(0, 2, 3, 1)
-    with pytest.raises(ValueError, match=re.escape(f"{given.dtype} {list(given.shape)}")):
-        model(given)
-
-
-# --- the weight file ------------------------------------------------------------------------------
+    given = torch.from_numpy(images).permute(planes)
+    for ask, of in (
+        (lambda: inception_features(model, images), images),
+        (lambda: model(given), given),
+    ):
+        with pytest.raises(ValueError, match=re.escape(f"{of.dtype} {list(of.shape)}")):
+            ask()
 
 
 @pytest.fixture(scope="module")
@@ -224,13 +216,9 @@ def test_refuses_another_file_before_unpickling_it(monkeypatch, tmp_path):
     with pytest.raises(BadInput) as caught:
         load_inception(path)
     message = str(caught.value)
-    for part in (
-        str(path),
-        hashlib.sha256(b"anything").hexdigest(),
-        "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2",
-        inception_weights.WEIGHTS_URL,
-    ):
-        assert part in message
+    published = "6726825d0af5f729cebd5821db510b11b1cfad8faad88a03f1befd49fb9129b2"
+    found = hashlib.sha256(b"anything").hexdigest()
+    assert all(p in message for p in (str(path), found, published, inception_weights.WEIGHTS_URL))
     assert "\n" not in message
     with pytest.raises(BadInput, match="missing"):
         load_inception(tmp_path / "missing.pth")
@@ -244,7 +232,9 @@ def test_fetches_once_then_reads_the_cache(weights, published, monkeypatch):
     serve(monkeypatch, None)
     assert find_weights("download") == published
     assert find_weights(None) == published
-    published.write_bytes(weights[:-1])  # a damaged one is fetched anew
+    published.write_bytes(weights[:-1])  # a damaged one is fetched anew, where that is asked for
+    with pytest.raises(WeightsUnavailable, match="not in the cache"):
+        find_weights(None)
     serve(monkeypatch, weights)
     assert find_weights("download").read_bytes() == weights
 
@@ -254,23 +244,25 @@ def test_says_how_to_get_the_weights_and_asks_the_network_on_request_only(publis
     with pytest.raises(WeightsUnavailable, match="--inception-weights download"):
         find_weights(None)
     assert requests == []
-    with pytest.raises(WeightsUnavailable, match="no route to host") as caught:
-        find_weights("download")
-    assert inception_weights.WEIGHTS_URL in str(caught.value)
 
 
-def test_keeps_nothing_of_a_download_that_is_not_the_file(published, monkeypatch):
-    serve(monkeypatch, b"<html>Please log in</html>")
-    with pytest.raises(WeightsUnavailable, match="26 bytes"):
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (None, "no route to host"),
+        (b"<html>Please log in</html>", "26 bytes"),
+        ("weights", "cannot keep"),
+    ],
+)
+def test_keeps_nothing_of_a_download_that_fails(weights, published, monkeypatch, answer, message):
+    if answer == "weights":
+        published.parent.parent.write_bytes(b"")  # a file where the folder should be
+        answer = weights
+    serve(monkeypatch, answer)
+    with pytest.raises(WeightsUnavailable, match=message) as caught:
         find_weights("download")
+    assert answer is not None or inception_weights.WEIGHTS_URL in str(caught.value)
     assert not published.exists()
-
-
-def test_says_so_where_the_cache_cannot_be_written(weights, published, monkeypatch):
-    published.parent.parent.write_bytes(b"")  # a file where the folder should be
-    serve(monkeypatch, weights)
-    with pytest.raises(WeightsUnavailable, match="cannot keep"):
-        find_weights("download")
 
 
 def test_weights_are_found_without_torch():

@@ -12,13 +12,6 @@ def features(seed, n, d):
     return np.random.default_rng(seed).standard_normal((n, d)).astype(np.float32)
 
 
-def test_worked_by_hand():
-    """d = 1: k(0, 0) = k(0, a) = 1, k(1, 1) = 8, k(1, 2) = 27."""
-    x, y = np.array([[0.0], [1.0]]), np.array([[1.0], [2.0]])
-    # within x: k(0, 1) = 1; within y: k(1, 2) = 27; across: k(0, 1), k(0, 2), k(1, 1), k(1, 2)
-    assert kernel_distance(x, y) == pytest.approx(1 + 27 - 2 * (1 + 1 + 8 + 27) / 4, abs=1e-12)
-
-
 @pytest.mark.parametrize(("n", "m", "d"), [(2, 2, 1), (4, 6, 5), (30, 30, 2048)])
 def test_the_mean_over_pairs_spelled_out(n, m, d):
     """Of sets of one size it is what torch-fidelity 0.4 computes (`metric_kid.py`: mmd2 with

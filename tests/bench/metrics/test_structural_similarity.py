@@ -34,9 +34,6 @@ def assert_close(found: Ssim, expected: Ssim) -> None:
 C1, C2, C3 = 2.55**2, 7.65**2, 7.65**2 / 2  # by the protocol, not the code's own
 
 
-# --- images, by the recipes of the reference file -------------------------------------------------
-
-
 def rnd(seed, h=128, w=128, c=3):
     return np.random.default_rng(seed).integers(0, 256, size=(h, w, c), dtype=np.uint8)
 
@@ -111,9 +108,6 @@ def test_conforms_to_reference(case):
     assert_close(ssim(a, b), Ssim(exact["ssim"], exact["l"], exact["c"], exact["s"]))
 
 
-# --- independent implementations ------------------------------------------------------------------
-
-
 def two_pass(a, b):
     """The definition, window by window about its own mean, in the longest float there is."""
     size = min(*a.shape[:2], 11)
@@ -150,13 +144,11 @@ def shape(v, side=60):
 
 HARD = {
     "coloured-flat-against-noise": (disc(30, 30, 20)[:60, :60], rnd(1, 60, 60)),
-    "mid-grey-against-texture": (shape(128), rnd(2, 60, 60)),
     "dark-grey-against-texture": (shape(3), rnd(3, 60, 60)),
     "one-pixel-in-one-image": (shape(77), specks(shape(77), 100, 31)),
     "one-pixel-against-noise": (specks(shape(130), 100, 31), rnd(4, 60, 60)),
     # every window differs from flat by one level in one pixel, often in a corner
     "faint-specks-on-black-against-noise": (specks(shape(0), 11, 5), rnd(5, 60, 60)),
-    "faint-specks-on-white-against-noise": (specks(shape(254), 11, 5), rnd(6, 60, 60)),
     "faint-against-faint": (specks(shape(90), 11, 5), specks(shape(200), 11, 2)),
     # The middle of every tile, pixels 17 and 41, differs from the flat colour around it, which is
     # therefore not 0 after the tile is centred: rounding leaves a variance of up to 1e-11.
@@ -168,7 +160,6 @@ HARD = {
     "even-window": (rnd(9, 10, 60), rnd(10, 10, 60)),
     "flat-even-window": (shape(61, 8), rnd(11, 8, 8)),
     "window-of-two": (rnd(12, 2, 30), rnd(13, 2, 30)),
-    "window-of-one": (rnd(14, 1, 30), rnd(15, 1, 30)),
     "one-row-of-windows": (rnd(16, 11, 60), rnd(17, 11, 60)),
     "tile-and-one-window": (rnd(18, 35, 36), rnd(19, 35, 36)),
     "four-channels": (rnd(20, 40, 50, 4), rnd(21, 40, 50, 4)),
@@ -181,32 +172,14 @@ def test_agrees_with_two_pass_longdouble(name):
     assert_close(ssim(a[None], b[None]), two_pass(a, b))
 
 
-# --- invariants -----------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def stacks():
+def test_depends_on_neither_order_nor_batch_nor_threads_nor_memory_layout():
+    """Bit for bit."""
     a = np.stack([*(chairish(k) for k in (-9, 0, 5)), disc(), rnd(0), const(255), hgrad()])
     b = np.stack([*(chairish(k) for k in (-7, 0, 9)), disc(50), rnd(1), disc(), vgrad()])
-    return a, b
-
-
-def test_is_symmetric_and_in_range(stacks):
-    a, b = stacks
-    per_image = ssim_per_image(a, b)
-    np.testing.assert_array_equal(np.array(per_image), np.array(ssim_per_image(b, a)))
-    assert np.array(per_image).max() <= 1.0 + 1e-12  # the rounding of a mean of values of at most 1
-    assert np.array(per_image).min() > -1.0
-    assert min(per_image.luminance.min(), per_image.contrast.min()) > 0
-
-
-def test_depends_on_neither_batch_nor_threads_nor_memory_layout(stacks):
-    """Bit for bit."""
-    a, b = stacks
     with threadpool_limits(1):
         together = np.array(ssim_per_image(a, b))
     with threadpool_limits(2):
-        np.testing.assert_array_equal(np.array(ssim_per_image(a, b)), together)
+        np.testing.assert_array_equal(np.array(ssim_per_image(b, a)), together)
     alone = np.array([ssim(a[i : i + 1], b[i : i + 1]) for i in range(len(a))]).T
     np.testing.assert_array_equal(together, alone)
     # the mean of a stack is the mean over its images
@@ -216,32 +189,11 @@ def test_depends_on_neither_batch_nor_threads_nor_memory_layout(stacks):
     assert ssim(a.repeat(2, axis=0)[::2], b) == ssim(a, b)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [lambda x: x[:, ::-1], lambda x: x[:, :, ::-1], lambda x: x.transpose(0, 2, 1, 3)],
-    ids=["upside-down", "mirrored", "transposed"],
-)
-def test_does_not_depend_on_the_orientation(stacks, change):
-    a, b = stacks
-    assert_close(ssim(change(a), change(b)), ssim(a, b))
-
-
-# --- within a box ---------------------------------------------------------------------------------
-
-
 def map_of(a, b):
     """The SSIM map [118, 118] of one pair, mean over channels, by scikit-image."""
-    _, full = structural_similarity(
-        a,
-        b,
-        full=True,
-        channel_axis=-1,
-        gaussian_weights=True,
-        sigma=1.5,
-        use_sample_covariance=False,
-        data_range=255,
-        truncate=3.5,
-    )
+    weights = {"gaussian_weights": True, "sigma": 1.5, "truncate": 3.5}
+    weights |= {"use_sample_covariance": False, "data_range": 255}
+    _, full = structural_similarity(a, b, full=True, channel_axis=-1, **weights)
     return full[5:-5, 5:-5].mean(axis=-1)
 
 
@@ -265,12 +217,6 @@ def test_a_box_without_windows_has_no_value():
     boxes = np.array([[0, 0, 0, 0], [0, 5, 0, 128], [60, 70, 123, 128], [5, 6, 122, 123]])
     pair = np.repeat(rnd(6)[None], 4, axis=0), np.repeat(rnd(7)[None], 4, axis=0)
     assert np.isnan(ssim_per_image_and_box(*pair, boxes)[1]).tolist() == [True, True, True, False]
-
-
-def test_identical_images_score_exactly_one_in_any_box():
-    a = np.stack([rnd(8), disc(), const(255)])
-    boxes = np.array([[7, 99, 3, 64], [24, 105, 24, 105], [0, 128, 60, 61]])
-    assert ssim_per_image_and_box(a, a, boxes)[1].tolist() == [1.0, 1.0, 1.0]
 
 
 def test_boxes_of_another_number():

@@ -31,7 +31,7 @@ def test_clouds_stand_above_images():
     assert cells.shape == (4, 2)
     assert [axis.get_title() for axis in cells[0]] == ["tile 0", "tile 1"]
     assert [axis.get_ylabel() for axis in cells[:, 0]] == [
-        *("one\ndecoded", "one\ndrawn", "two\ndecoded", "two\ndrawn"),
+        *("one\ndecoded", "one\ndrawn", "two\ndecoded", "two\ndrawn")
     ]
     for row, strip in zip((0, 2), strips, strict=True):
         for column, one in enumerate(strip.tiles):
@@ -43,8 +43,7 @@ def test_truths_have_a_row_where_there_are_any():
     cells = drawn([Strip("one", (tile(0, truth=True), tile(1)))])
     assert cells.shape == (3, 2)
     assert cells[2, 0].get_ylabel() == "one\ntrue"
-    assert len(shown(cells[2, 0])) == 1
-    assert shown(cells[2, 1]) == []
+    assert [len(shown(axis)) for axis in cells[2]] == [1, 0]
 
 
 def test_a_cloud_is_drawn_where_it_is():

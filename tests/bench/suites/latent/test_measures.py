@@ -9,7 +9,6 @@ from scipy.spatial.distance import cdist
 
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.views import load_views_network
-from bench.metrics.structural_similarity import ssim
 from bench.suites.latent.measures import (
     chamfer_distances,
     cloud_steps,
@@ -18,7 +17,6 @@ from bench.suites.latent.measures import (
     distances_to_nearer_end,
     family_confidence,
     image_steps,
-    ssim_values,
     unevenness,
 )
 
@@ -82,13 +80,7 @@ def test_family_confidence():
         np.testing.assert_allclose(family_confidence(network, images), [0.5] * 3, rtol=1e-6)
 
 
-def test_ssim_values_are_the_benchmarks():
-    a, b = np.random.default_rng(3).integers(0, 256, (2, 2, 32, 32, 3), dtype=np.uint8)
-    assert ssim_values(a, b).mean() == pytest.approx(ssim(a, b).ssim, rel=1e-12)
-
-
 def test_cosine():
     assert cosine(np.array([3.0, 4.0]), np.array([6.0, 8.0])) == pytest.approx(1)
-    assert cosine(np.array([3.0, 4.0]), np.array([-4.0, 3.0])) == 0
     assert cosine(np.array([1.0, 0.0]), np.array([-1.0, 1.0])) == pytest.approx(-math.sqrt(0.5))
     assert math.isnan(cosine(np.zeros(2), np.ones(2)))

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from bench.suites.speed.summary import BreakEven, Cost, break_even
 
-RECONSTRUCTION = Cost(prepare=1000.0, draw_one=60.0, draw_batch=1000.0, batch=20)
 NETWORK = Cost(prepare=10.0, draw_one=110.0, draw_batch=1200.0, batch=20)
 
 
@@ -23,19 +22,6 @@ def test_calls_are_as_measured_and_grow_evenly_between():
     assert cost.per_image(2) == pytest.approx(8.5)
     single = Cost(prepare=5.0, draw_one=2.0, draw_batch=2.0, batch=1)
     assert [single.total(v) for v in (1, 2, 10)] == [7, 9, 25]
-
-
-def test_reconstruct_once_draw_many_against_a_network_per_view():
-    """Beyond a batch 1000 + 50 V against 10 + 60 V: equal at 99."""
-    assert break_even(RECONSTRUCTION, NETWORK) == BreakEven("from", (pytest.approx(99),))
-    assert break_even(NETWORK, RECONSTRUCTION) == BreakEven("up to", (pytest.approx(99),))
-
-
-def test_break_even_within_the_first_batch():
-    """11 + 2 V against 3 + 4 V up to the batch of 10: equal at 4; beyond, the order stays."""
-    slow_start, quick_start = Cost(11.0, 2.0, 20.0, 10), Cost(3.0, 4.0, 40.0, 10)
-    assert break_even(slow_start, quick_start) == BreakEven("from", (pytest.approx(4),))
-    assert break_even(quick_start, slow_start) == BreakEven("up to", (pytest.approx(4),))
 
 
 def test_two_break_evens():

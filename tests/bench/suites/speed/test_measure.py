@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ import torch
 
 import bench.suites.speed.run
 from bench.catalogue.methods import Method
-from bench.catalogue.suites import SPEED, SUITES
+from bench.catalogue.suites import SPEED
 from bench.running.environment import code_sha256
-from bench.running.protocol import Protocol, plan
+from bench.running.protocol import plan
 from bench.running.work import cloud_of, rng_of
 from bench.suites.speed.measure import (
     Clock,
@@ -41,6 +42,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 
+from ...builders import make_protocol
 from ...harness_objects import Refusing, Tetrahedron
 
 SIZE = (IMAGE_SIZE, IMAGE_SIZE)
@@ -95,6 +97,7 @@ class Fake:
         return rng.random((len(views), *SIZE, 3), np.float32)
 
 
+CALLS = [("prepare", 0), ("draw", 1), ("draw", 1), ("draw", 3)]
 FAKE = Method("fake", load=lambda device: None, identity=str, version=1, source="")
 MESH = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros((1, 3)))
 VIEWS = {n: tuple(View(float(10 * n + i), 0.0) for i in range(3)) for n in (1, 2)}
@@ -120,13 +123,11 @@ def take(suite=SMALL, method=FAKE, points=(1, 2), **fake):
 
 def drawn(world):
     """The calls by what they are of: points, and the numbers of the views."""
-    return [
-        (c[0], *c[1:2], *((tuple(int(v.azimuth_deg) for v in c[2]),) if c[0] == "draw" else ()))
-        for c in world.calls
-    ]
-
-
-# --- the loop -------------------------------------------------------------------------------------
+    calls = []
+    for call in world.calls:
+        numbers = [tuple(int(v.azimuth_deg) for v in call[2])] if call[0] == "draw" else []
+        calls.append((*call[:2], *numbers))
+    return calls
 
 
 def test_one_call_after_the_other():
@@ -147,7 +148,7 @@ def test_one_call_after_the_other():
     numbers = {(c[1], c[3]) for c in world.calls if c[0] == "prepare"}
     assert numbers == {(n, np.random.default_rng(n).random()) for n in (1, 2)}
     assert [entry if entry == "finish" else entry[0] for entry in world.log[:6]] == [
-        *("finish", "load", "finish", "finish", "prepare", "finish"),
+        *("finish", "load", "finish", "finish", "prepare", "finish")
     ]
 
     single, batch = CALL_S + VIEW_S + FINISH_S, CALL_S + 3 * VIEW_S + FINISH_S
@@ -170,11 +171,11 @@ def test_one_call_after_the_other():
     ]
 
 
-@pytest.mark.parametrize(("warm_ups", "calls"), [(0, 0), (3, 3 * 2 * 2)])
-def test_warm_ups_do_not_count(warm_ups, calls):
-    world, samples, _ = take(replace(SMALL, warm_ups=warm_ups))
-    assert len(world.calls) == len(samples) + calls
-    assert len(samples) == 3 + 2 * 2 * 4
+def test_warm_ups_do_not_count():
+    for warm_ups in (0, 3):
+        world, samples, _ = take(replace(SMALL, warm_ups=warm_ups))
+        assert len(samples) == 3 + 2 * 2 * 4
+        assert len(world.calls) == len(samples) + warm_ups * 2 * 2
 
 
 @pytest.mark.parametrize(
@@ -183,7 +184,7 @@ def test_warm_ups_do_not_count(warm_ups, calls):
         (3, 100, 0.0, 3),  # at least
         (1, 5, 1e9, 5),  # at most
         # A round of two clouds takes 2 (10.125 + 2 * 1.375 + 1.875) = 29.5 s, the first 0.125 more.
-        (1, 100, 29.5, 1),
+        (1, 100, 29.625, 1),
         (1, 100, 29.75, 2),
         (1, 100, 60.0, 3),
     ],
@@ -194,10 +195,10 @@ def test_rounds_until_there_are_enough(least, most, seconds, rounds):
     assert {s.round for s in samples} == set(range(rounds + 1))
 
 
-@pytest.mark.parametrize("sees_mesh", [True, False])
-def test_only_the_ceiling_sees_the_mesh(sees_mesh):
-    world, _, _ = take(method=replace(FAKE, sees_mesh=sees_mesh))
-    assert {c[2] for c in world.calls if c[0] == "prepare"} == {sees_mesh}
+def test_only_the_ceiling_sees_the_mesh():
+    for sees_mesh in (True, False):
+        world, _, _ = take(method=replace(FAKE, sees_mesh=sees_mesh))
+        assert {c[2] for c in world.calls if c[0] == "prepare"} == {sees_mesh}
 
 
 def test_a_single_view_is_drawn_alone_only():
@@ -205,12 +206,8 @@ def test_a_single_view_is_drawn_alone_only():
     one = replace(subject(1), views=VIEWS[1][:1])
     suite = replace(SMALL, least_rounds=1, most_rounds=1, warm_ups=0)
     samples, _ = take_samples(FAKE, lambda: Fake(world), [one], suite, world.clock)
-    assert [(s.round, s.stage, s.views) for s in samples[1:]] == [
-        *((0, "prepare", 0), (0, "draw", 1), (1, "prepare", 0), (1, "draw", 1)),
-    ]
-
-
-# --- failures -------------------------------------------------------------------------------------
+    calls = [(number, *call) for number in (0, 1) for call in CALLS[:2]]
+    assert [(s.round, s.stage, s.views) for s in samples[1:]] == calls
 
 
 @pytest.mark.parametrize(
@@ -249,57 +246,44 @@ def raising(error):
 
 def test_a_method_that_cannot_be_loaded_fails_everywhere():
     load = raising(AttributeError("no such thing\nat all"))
-    assert take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock) == (
-        [],
-        [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)],
-    )
+    failures = [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)]
+    found = take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
+    assert found == ([], failures)
 
 
-@pytest.mark.parametrize(
-    ("stage", "error"),
-    [
-        ("load", BadInput("no weights")),
-        ("load", MissingDependency("no OpenGL")),
-        ("prepare", MissingDependency("no OpenGL")),
-    ],
-)
-def test_what_the_user_has_to_fix_is_raised(stage, error):
+@pytest.mark.parametrize("error", [BadInput("no weights"), MissingDependency("no OpenGL")])
+def test_what_the_user_has_to_fix_is_raised(error):
     world = World()
-    fake = Fake(world)
-    fake.prepare = raising(error)
-    load = raising(error) if stage == "load" else lambda: fake
     with pytest.raises(type(error)):
-        take_samples(FAKE, load, [subject(1)], SMALL, world.clock)
+        take_samples(FAKE, raising(error), [subject(1)], SMALL, world.clock)
+    fake = Fake(world)
+    fake.prepare = raising(MissingDependency("no OpenGL"))
+    with pytest.raises(MissingDependency):
+        take_samples(FAKE, lambda: fake, [subject(1)], SMALL, world.clock)
 
 
-# --- units ----------------------------------------------------------------------------------------
+UNITS = {
+    "suite": SMALL,
+    "methods": ("blank", "splat"),
+    "conditions": ("2048", "512"),
+    "objects": (Tetrahedron("a"), Tetrahedron("b")),
+    "threads": (1, 2),
+    "views": 3,
+    "seed": 0,
+    "device": "cpu",
+    "circumstances": {"versions": {"numpy": "2"}},
+}
 
 
 def units(**changes):
-    given = {
-        "suite": SMALL,
-        "methods": ("blank", "splat"),
-        "conditions": ("2048", "512"),
-        "objects": (Tetrahedron("a"), Tetrahedron("b")),
-        "threads": (1, 2),
-        "views": 3,
-        "seed": 0,
-        "device": "cpu",
-        "circumstances": {"versions": {"numpy": "2"}},
-    }
-    return speed_units(**given | changes)
+    return speed_units(**UNITS | changes)
 
 
 def test_a_unit_for_each_method_condition_and_number_of_threads():
     made = units()
-    assert [(u.method, u.condition, u.threads) for u in made] == [
-        (method, condition, threads)
-        for method in ("blank", "splat")
-        for condition in ("2048", "512")
-        for threads in (1, 2)
-    ]
-    assert made[0].perturbation == Unchanged()
-    assert made[2].perturbation == Stride(4)
+    found = [(u.method, u.condition, u.threads) for u in made]
+    assert found == [*product(("blank", "splat"), ("2048", "512"), (1, 2))]
+    assert [made[0].perturbation, made[2].perturbation] == [Unchanged(), Stride(4)]
     assert len({u.key for u in made}) == len(made)
     assert made == units()
 
@@ -340,54 +324,34 @@ def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
 
 
 def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path):
-    same = {
-        "methods": ("splat",),
-        "conditions": ("noise-0.10",),
-        "objects": tuple(ProceduralObject("chair", "test", number) for number in (0, 1)),
-        "views": 4,
-        "seed": 3,
-        "device": "cpu",
-    }
-    protocol = Protocol(
-        suite=SUITES[0],
-        dataset="procedural",
-        features=(),
-        feature_identity={},
-        environment={},
-        **same,
-    )
+    objects = tuple(ProceduralObject("chair", "test", number) for number in (0, 1))
+    same = {"methods": ("splat",), "conditions": ("noise-0.10",), "objects": objects}
+    same |= {"views": 4, "seed": 3}
     (unit,) = units(threads=(1,), **same)
     subjects, failures = subjects_of(unit)
     assert failures == []
-    for job, found in zip(plan(protocol, tmp_path).items, subjects, strict=True):
+    for job, found in zip(plan(make_protocol(**same), tmp_path).items, subjects, strict=True):
         assert found.id == f"chair/{job.object.object_id}"
         assert np.array_equal(found.cloud.points, cloud_of(job).points)
         assert found.views == job.views
         assert found.rng().random() == rng_of(job).random()
 
 
-def test_a_measurement_of_a_real_method():
+def test_a_measurement_of_a_real_method(monkeypatch):
+    memory = iter((50.0, 75.0))
+    monkeypatch.setattr("bench.suites.speed.measure.peak_mib", lambda: next(memory))
     objects = (Refusing("b"), Tetrahedron("a"))
     found = measure(Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu"))
     assert (found.key, found.method, found.condition) == ("k", "blank", "2048")
     assert (found.threads, found.views, found.clouds, found.device) == (1, 3, 2, "cpu")
     assert found.failures == (Failure("chair/b", "input: no such shape; draw one"),)
-    assert [(s.round, s.stage, s.views) for s in found.samples] == [
-        (0, "load", 0),
-        (0, "prepare", 0),
-        (0, "draw", 1),
-        *[(n, *call) for n in (1, 2) for call in CALLS],
-    ]
+    warm = [(number, *call) for number in (1, 2) for call in CALLS]
+    calls = [(0, "load", 0), (0, "prepare", 0), (0, "draw", 1), *warm]
+    assert [(s.round, s.stage, s.views) for s in found.samples] == calls
     assert {s.cloud for s in found.samples[1:]} == {"chair/a"}
     assert all(s.wall_s >= 0 and s.core_s >= 0 for s in found.samples)
-    assert 0 < found.idle_mib <= found.peak_mib
+    assert (found.idle_mib, found.peak_mib) == (50.0, 75.0)
     assert found.elsewhere_cores >= 0
-
-
-CALLS = [("prepare", 0), ("draw", 1), ("draw", 1), ("draw", 3)]
-
-
-# --- what it is measured with ---------------------------------------------------------------------
 
 
 PEAK = """
@@ -411,16 +375,14 @@ def test_peak_memory_is_that_of_the_process():
     assert abs(after - during) < 1.0
 
 
-@pytest.mark.parametrize("used", [False, True])
-def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch, used):
+def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch):
     waited = []
     monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(True))
-    monkeypatch.setattr(torch.cuda, "is_initialized", lambda: used)
-    finish_gpu()
-    assert waited == [True] * used
+    for used in (False, True):
+        monkeypatch.setattr(torch.cuda, "is_initialized", lambda used=used: used)
+        finish_gpu()
+        assert waited == [True] * used
 
-
-# --- files ----------------------------------------------------------------------------------------
 
 MEASUREMENT = replace(
     lost(Unit("k", SMALL, "blank", "2048", Unchanged(), (), 1, 20, 0, "cpu"), ""),

@@ -36,16 +36,9 @@ ROW = FormatRow(
     overflowed="",
     refused="",
 )
-REFUSED = replace(
-    ROW,
-    case="scaled-1e9",
-    code_error_largest=None,
-    code_error_mean=None,
-    grey_error_largest=None,
-    grey_error_mean=None,
-    overflowed="input of encoder.points.0",
-    refused="encode",
-)
+NO_ERRORS = {f"{what}_error_{of}": None for what in ("code", "grey") for of in ("largest", "mean")}
+OVERFLOWED = {"overflowed": "input of encoder.points.0", "refused": "encode"}
+REFUSED = replace(ROW, case="scaled-1e9", **NO_ERRORS, **OVERFLOWED)
 
 
 @pytest.mark.slow
@@ -123,15 +116,18 @@ def test_words_and_tables():
     held, refused = format_outcomes([ROW, REFUSED])
     assert (held.subject, held.case) == ("float16 (chair)", "plain")
     assert held.expected == "code within 0.098 sd, picture within 0.49 grey levels on average"
-    assert held.observed == (
-        "code within 0.001 sd; picture within 0.04 grey levels on average, 7 at most"
-    )
+    error = "code within 0.001 sd; picture within 0.04 grey levels on average, 7 at most"
+    assert held.observed == error
     assert refused.expected == "overflow in input of encoder.points.0, refused at encode"
     assert refused.observed == refused.expected
     table = formats_table([ROW, REFUSED])
-    rows = list(csv.DictReader(io.StringIO(table.to_csv())))
-    assert [row["case"] for row in rows] == ["plain", "scaled-1e9"]
-    assert (rows[0]["largest"], rows[0]["grey_error_mean"]) == ("68.4375", "0.04")
-    assert (rows[1]["grey_error_mean"], rows[1]["refused"]) == ("", "encode")
+    first, second = csv.DictReader(io.StringIO(table.to_csv()))
+    found = [first[name] for name in ("case", "largest", "grey_error_mean")]
+    assert found == ["plain", "68.4375", "0.04"]
+    assert [second[n] for n in ("case", "grey_error_mean", "refused")] == [
+        "scaled-1e9",
+        "",
+        "encode",
+    ]
     assert "| 0.001 | 0.04 | 7 | 68.4 |" in table.to_markdown()
     assert "| not finite | not finite | not finite |" in table.to_markdown()
