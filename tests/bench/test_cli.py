@@ -60,6 +60,10 @@ def run_refused(command, *arguments):
         (("--views", "-2"), "--views -2: must be at least 1"),
         (("--workers", "0"), "--workers 0: must be at least 1"),
         (("--methods", "pc2pix@no.safetensors"), "no.safetensors: no such weights file; train one"),
+        (
+            ("--methods", "pc2pix@no.pt"),
+            "no.pt: weights are .safetensors files; 'bench train gan' ",
+        ),
         (("--dataset", "shapenet"), "unknown dataset 'shapenet': use procedural, "),
         (("--dataset", "folder:"), "unknown dataset 'folder:': use procedural, "),
         (("--dataset", "folder:gone"), "gone: no such folder; give the folder that holds your "),

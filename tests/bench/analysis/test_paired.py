@@ -138,6 +138,24 @@ def test_two_runs(command, two_runs):
     assert {path.name for path in folder.iterdir()} == made
 
 
+def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
+    """Of the objects one has no thin part: neither its recall nor its blank image's is a number."""
+    for folder, recall in zip(two_runs, (0.4, 0.7), strict=True):
+        records = pd.read_parquet(folder / "records.parquet")
+        records["thin_recall"] = np.where(records["method"] == "blank", 0.0, recall)
+        records.loc[records["object"] == records["object"].iloc[0], "thin_recall"] = math.nan
+        records.to_parquet(folder / "records.parquet")
+    asked = ("--metric", "thin-recall", "--methods", "splat")
+    assert command("compare", *map(str, two_runs), *asked)[0] == 0
+    objects = records["object"].nunique()
+    for row in rows_of(two_runs[1] / "comparisons" / "first-second"):
+        values = [
+            float(row[name]) for name in ("value_a", "value_b", "difference", "ci_low", "ci_high")
+        ]
+        assert values == pytest.approx([0.4, 0.7, 0.3, 0.3, 0.3])
+        assert int(row["objects"]) == objects - 1
+
+
 def test_two_methods_of_a_run(command, two_runs, tmp_path):
     first, out = two_runs[0], tmp_path / "here"
     chosen = ("--methods", "splat,blank", "--metric", "ssim", "--out", str(out))
