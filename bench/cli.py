@@ -18,23 +18,26 @@ from bench.commands.options import SETTINGS, Group
 
 COMMANDS = {  # name: module and name in it, first line of its help
     "run": ("run:run", "Run a suite, or go on with one that was stopped; print its tables."),
-    "plan": ("plan:plan", "What a run costs: time, disk, memory; and what saves."),
-    "merge": ("results:merge", "Put shards ('bench run --shard k/N') together into the whole run."),
+    "plan": ("plan:plan", "Estimate time, disk and memory of a run, and what saves."),
+    "merge": ("results:merge", "Join shards ('bench run --shard k/N') to the whole run."),
     "list": (
         "listing:list_all",
         "Suites, methods and variants, conditions, metrics, datasets.",
     ),
-    "table": ("results:table", "Make the tables again, from the records alone."),
-    "check": ("results:check", "Compare a run with the golden values: exit 1 if one differs."),
-    "report": ("results:report", "Make one HTML file of a run: tables, curves, pictures; offline."),
-    "compare": ("results:compare", "Two runs, or two methods of one, object by object."),
-    "recommend": ("results:recommend", "Which method to take for a budget, or a quality."),
-    "score": ("score:score_run", "Take metrics of other packages of a finished run's pictures."),
-    "render": ("render:render_cloud", "Draw a point cloud in a file."),
-    "shrink": ("render:shrink_record", "Make a failed record's cloud small; it still has to fail."),
+    "table": ("results:table", "Make the tables of a run again, from its records."),
+    "check": ("results:check", "Compare a run with the golden values; exit 1 if one differs."),
+    "report": ("results:report", "Make one HTML file of a run: tables, curves, images; offline."),
+    "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
+    "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
+    "score": ("score:score_run", "Measure a finished run with metrics of other packages."),
+    "render": ("render:render_cloud", "Draw the point cloud of a file."),
+    "shrink": (
+        "render:shrink_record",
+        "Reduce the cloud of a failed record; it still has to fail.",
+    ),
     "train": ("train:app", "Train the networks."),
-    "data": ("data:app", "Look at datasets."),
-    "doctor": ("doctor:doctor", "Check that everything a run needs is here."),
+    "data": ("data:app", "Inspect datasets."),
+    "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # Click's, which some Typers contain
 

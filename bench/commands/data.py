@@ -184,7 +184,7 @@ def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
     return [f"angles       {message}; {against}"], []
 
 
-app = typer.Typer(cls=Group, help="Look at datasets.", **SETTINGS)
+app = typer.Typer(cls=Group, help="Inspect datasets.", **SETTINGS)
 
 
 @app.callback()
@@ -203,7 +203,7 @@ def inspect_data(
     sample: Annotated[int, typer.Option(help="Objects read of each class.")] = 10,
     workers: WorkersOption = None,
 ) -> None:
-    """What is understood of a dataset: exit 1 where something is missing or odd."""
+    """Show what a dataset holds. Exit 1 if something is missing or odd."""
     found = inspect(location, sample, worker_count(workers) or cores())
     for line in found.lines:
         print(visible(line))

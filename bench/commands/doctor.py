@@ -63,7 +63,7 @@ def examine() -> Iterator[Finding]:
 
 
 def doctor() -> None:
-    """Check that everything a run needs is here: exit 0 if so, 1 if not."""
+    """Check that everything that a run needs is installed. Exit 0 if so, 1 if not."""
     healthy = True
     for finding in examine():
         healthy &= finding.ok

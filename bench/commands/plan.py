@@ -291,5 +291,5 @@ def plan(
         typer.Option(metavar="FILE", help="CSV file for the measured times. Default: not kept."),
     ] = None,
 ) -> None:
-    """What a run costs, or what is left of one: time, disk, memory; and what saves."""
+    """Estimate time, disk and memory of a run, or of the rest of one, and what saves."""
     print(forecast(options, pilot, names(also) or (), samples))

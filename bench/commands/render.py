@@ -184,10 +184,11 @@ def render_cloud(
         ),
     ] = False,
 ) -> None:
-    """Draw a point cloud in a file: exit 1 where the method fails, of several where all do.
+    """Draw the point cloud of a file. Exit 1 if the method fails; of several, if all fail.
 
-    A method gets all points, 120 s and 4 GiB. Of many points pc2pix takes 8 x 1,024, surface-fit
-    what the image can show; for other reconstructions 100,000 are half a minute's work.
+    Each method gets all points, 120 seconds and 4 GiB of memory. pc2pix uses at most 8 x 1,024
+    points. Surface reconstruction of 100,000 points takes about half a minute, surface-fit less;
+    --points takes fewer.
     """
     methods = names(method) or ()
     file = CloudFile(cloud, as_is, up, front, points)
@@ -227,7 +228,8 @@ def shrink_record(
         Path | None, typer.Option("--out", "-o", help="Folder. Default: DIR/shrunk/RECORD.")
     ] = None,
 ) -> None:
-    """Make a failed record's cloud as small as it can be and still fail: exit 1 if it does not."""
+    """Reduce the cloud of a failed record to the points that make it fail. Exit 1 if it does not
+    fail here."""
     from bench.rendering import shrink as shrinking
     from bench.running.environment import cores
 

@@ -28,7 +28,7 @@ def merge(
     ],
     out: Annotated[Path, typer.Option(help="The folder of the whole run.")],
 ) -> None:
-    """Put shards ('bench run --shard k/N') together into the whole run."""
+    """Join shards ('bench run --shard k/N') to the whole run."""
     from bench.commands.publish import merge_shards, printed
 
     merged = merge_shards(directories, out)
@@ -42,7 +42,7 @@ def merge(
 
 
 def table(directory: RunDirectory) -> None:
-    """Make the tables again, from the records alone."""
+    """Make the tables of a run again, from its records."""
     from bench.commands.publish import printed
     from bench.tables.build import read_scored, write_outputs
 
@@ -79,7 +79,7 @@ def check(
         ),
     ] = False,
 ) -> None:
-    """Compare a run with the golden values: exit 0 if all agree, 1 if one does not."""
+    """Compare a run with the golden values. Exit 0 if all agree, 1 if one does not."""
     from bench.checking import golden as checks
 
     if claims:
@@ -135,7 +135,7 @@ def compare(
         ),
     ] = None,
 ) -> None:
-    """Two runs, or two methods of one, object by object: what differs and what is a tie."""
+    """Compare two runs, or two methods of one, object by object: differences and ties."""
     from bench.report.differences import write_differences
     from bench.tables.differences import methods_of_run, runs
     from bench.tables.table import table_files
@@ -177,7 +177,7 @@ def recommend(
         float | None, typer.Option(help="Least SSIM that is good enough, 0 to 1. Default: none.")
     ] = None,
 ) -> None:
-    """Which method to take for a budget, or a quality: exit 1 if none will do."""
+    """Recommend a method for a budget, or for a quality. Exit 1 if no method meets it."""
     run = read_scored(directory)
     manifest = run.manifest
     request = make_request(manifest["views"] if views is None else views, budget_ms, min_ssim)

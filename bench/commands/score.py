@@ -96,7 +96,7 @@ def score_run(
         typer.Option(help="Metrics, comma-separated. Default: all of installed packages."),
     ] = None,
 ) -> None:
-    """Take metrics of other packages of a finished run's images; print their tables."""
+    """Measure a finished run with metrics of other packages; print their tables."""
     chosen = names(metrics) or metric_ids()
     if not chosen:
         raise BadInput("no installed package adds a metric; see docs/adding-a-metric.md")
