@@ -59,7 +59,7 @@ class Inference:
     """One cloud drawn in one format.
 
     code      whitened, float64 [latent_dim], in standard deviations of the training codes
-    images  float64 [V, 128, 128, 3] in [0, 1], not rounded to grey levels
+    images    float64 [V, 128, 128, 3] in [0, 1], not rounded to grey levels
     layers    in the order in which they ran
     """
 

@@ -68,7 +68,7 @@ def typed(command: str) -> list[str]:
     """The same with something in place of each name in capitals, and small."""
     text = f" {command} "
     for name, given in GIVEN.items():
-        text = text.replace(f" {name} ", f" {given} ").replace(f" {name} ", f" {given} ")
+        text = re.sub(rf"(?<= ){re.escape(name)}(?= )", given, text)
     return shlex.split(f"{text} {FURTHER.get(command, '')}")
 
 

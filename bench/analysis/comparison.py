@@ -65,7 +65,7 @@ class Comparison:
     objects            the G objects that have true images, sorted
     prepare_s, draw_s  float64 [G] by method, in the run's order: seconds for the cloud and for a
                        view, NaN where the method failed
-    images           (there, asked for) by method
+    images             (there, asked for) by method
     qualities          by metric and method
     """
 

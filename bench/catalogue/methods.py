@@ -233,11 +233,8 @@ def find_method(method_id: str) -> Method:
         load = partial(loaders.renderer, setting.parameter.renderer, **setting.fields)
         return replace(method, id=method_id, load=load, source=source)
     name, _, weights = method_id.partition("@")
-    if (suffix := Path(weights).suffix) and (network := OWN_WEIGHTS.get(name)):
-        if suffix != ".safetensors":
-            raise BadInput(
-                f"{weights}: weights are .safetensors files; '{network.command}' writes one"
-            )
+    network, suffix = OWN_WEIGHTS.get(name), Path(weights).suffix
+    if network and suffix == ".safetensors":
         if not is_regular_file(Path(weights)):
             raise BadInput(f"{weights}: no such weights file; train one with '{network.command}'")
         return Method(
@@ -249,9 +246,11 @@ def find_method(method_id: str) -> Method:
             weights_file=partial(Path, weights),
         )
     own = (*METHODS, *COST_VARIANTS)
-    if any(method.id == method_id for method in own) or method_id not in plugin_ids():
-        return find(method_id, own, "method")
-    return _plugin(method_id)
+    if all(method.id != method_id for method in own) and method_id in plugin_ids():
+        return _plugin(method_id)
+    if network and suffix:
+        raise BadInput(f"{weights}: weights are .safetensors files; '{network.command}' writes one")
+    return find(method_id, own, "method")
 
 
 @cache

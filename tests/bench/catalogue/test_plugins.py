@@ -15,6 +15,7 @@ MODULE = """
 from bench.catalogue.methods import Method
 from bench.catalogue.plugins import ImageMetric
 METHOD = Method("good", lambda device: None, str, 3, "a stranger's")
+DOTTED = Method("pc2pix@v1.2", lambda device: None, str, 4, "no file, though it has a dot")
 OTHER_METHOD = Method("other-id", lambda device: None, str, 1, "")
 METRIC = ImageMetric("good", lambda truth, drawn: drawn[:, 0, 0, 0] * 1.0, 3, True, "a stranger's")
 OTHER_METRIC = ImageMetric("other-id", None, 1, True, "")
@@ -24,6 +25,7 @@ TEXT = "text"
 ANNOUNCED = """
 [pc2pix_bench.methods]
 good = stranger:METHOD
+pc2pix@v1.2 = stranger:DOTTED
 other = stranger:OTHER_METHOD
 text = stranger:TEXT
 missing = stranger:MISSING
@@ -65,7 +67,9 @@ def stranger(no_stranger, tmp_path, monkeypatch):
 
 def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stranger, command):
     assert find_method("good").version == find_metric("good").version == 3
-    assert methods.plugin_ids() == ("blank", "broken", "good", "missing", "other", "text")
+    assert find_method("pc2pix@v1.2").version == 4
+    ids = ("blank", "broken", "good", "missing", "other", "pc2pix@v1.2", "text")
+    assert methods.plugin_ids() == ids
     assert metric_ids() == ("a/b", "good", "missing", "other", "text")
     (ours,) = (method for method in METHODS if method.id == "blank")
     assert find_method("blank") is ours
