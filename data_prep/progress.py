@@ -6,6 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # a progress that is not live needs no rich
+    from rich.progress import Progress
 
 PLAIN_EVERY_S = 15.0
 
@@ -23,15 +27,25 @@ def progress(title: str, total: int, *, quiet: bool = False) -> Iterator[Callabl
     """
     if quiet:
         yield lambda failed: None
-    elif sys.stderr.isatty():
+    elif is_live():
         with _live(title, total) as advance:
             yield advance
     else:
         yield _plain(title, total)
 
 
-@contextmanager
-def _live(title: str, total: int) -> Iterator[Callable[[int], None]]:
+def is_live() -> bool:
+    """Whether stderr is a terminal on which lines can be drawn again."""
+    if not sys.stderr.isatty():
+        return False
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    return console.is_terminal and not console.is_dumb_terminal
+
+
+def bars() -> Progress:
+    """Bars on stderr, with a column for what has failed: the field `failed` of a task."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -42,7 +56,7 @@ def _live(title: str, total: int) -> Iterator[Callable[[int], None]]:
         TimeRemainingColumn,
     )
 
-    columns = (
+    return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -50,10 +64,15 @@ def _live(title: str, total: int) -> Iterator[Callable[[int], None]]:
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
+        console=Console(stderr=True),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bars:
-        task = bars.add_task(title, total=total, failed=0)
-        yield lambda failed: bars.update(task, advance=1, failed=failed)
+
+
+@contextmanager
+def _live(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    with bars() as shown:
+        task = shown.add_task(title, total=total, failed=0)
+        yield lambda failed: shown.update(task, advance=1, failed=failed)
 
 
 def _plain(title: str, total: int) -> Callable[[int], None]:

@@ -32,7 +32,8 @@ class Method:
     `load` gets the device ("auto", "cpu" or "cuda") and returns the renderer; `version` is raised
     by hand when a change alters its images (finished work is then done again); `identity` gives
     whatever else its images depend on: the versions of its libraries, the checksum of its
-    weights. Only the ceiling has `sees_mesh`.
+    weights. Only the ceiling has `sees_mesh`; what has not `sees_cloud` draws the same under every
+    condition, and is drawn once.
     """
 
     id: str
@@ -41,6 +42,7 @@ class Method:
     version: int
     source: str
     sees_mesh: bool = False
+    sees_cloud: bool = True
     weights_file: Callable[[], Path] | None = None  # of a network
 
 
@@ -158,6 +160,7 @@ METHODS = (
         version=1,
         source="the ceiling: the mesh behind the cloud",
         sees_mesh=True,
+        sees_cloud=False,
     ),
     Method(
         "constant",
@@ -165,6 +168,7 @@ METHODS = (
         identity=loaders.constant_identity,
         version=1,
         source="a second floor: the one picture that SSIM likes best on the training set",
+        sees_cloud=False,
     ),
     Method(
         "blank",
@@ -172,6 +176,7 @@ METHODS = (
         identity=loaders.versions,
         version=1,
         source="the floor: white pictures; failures are scored as these",
+        sees_cloud=False,
     ),
 )
 RECOMMENDED = "splat-net@tiny"  # docs/trade.md; draws where no method is named

@@ -35,6 +35,7 @@ class Suite:
     frontier         metrics that cost is traded for; where there are any, one worker does all, so
                      that times are taken with nothing beside them
     crossings        metrics by which methods are compared along `bench.catalogue.families`
+    headline         metrics of the table that a run shows while it goes on, and at its end
     """
 
     id: str
@@ -52,6 +53,7 @@ class Suite:
     frontier: tuple[str, ...] = ()
     class_metrics: tuple[str, ...] = ()
     crossings: tuple[str, ...] = ()
+    headline: tuple[str, ...] = ("ssim", "fd-views")
 
     @property
     def extractors(self) -> tuple[str, ...]:

@@ -27,8 +27,9 @@ from bench.records.features import Features
 from bench.records.journal import read_finished
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
-from bench.tables.build import class_orderings, read_scored
+from bench.tables.build import class_orderings
 from bench.tables.classes import NETWORK, SURFACE
+from bench.tables.scored import read_scored
 from bench.tables.table import BOLD, TABLES, Cell, Grid, grid
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole

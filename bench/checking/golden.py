@@ -20,10 +20,11 @@ from bench.catalogue.suites import STABILITY
 from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
 from bench.suites.stability.tables import read_outcomes
-from bench.tables.build import class_orderings, crossings, read_scored, tables
+from bench.tables.build import class_orderings, crossings, tables
 from bench.tables.orderings import PAPER_NETWORK
 from bench.tables.published import golden, golden_path
 from bench.tables.quality import PAPER_METHODS, Row
+from bench.tables.scored import read_scored
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole

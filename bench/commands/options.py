@@ -57,6 +57,22 @@ def worker_count(workers: int | None) -> int | None:
     return workers
 
 
+class Format(StrEnum):
+    """How full tables are printed."""
+
+    md = "md"
+    csv = "csv"
+    json = "json"
+
+
+FormatOption = Annotated[
+    Format | None,
+    typer.Option(
+        "--format",
+        help="Print all tables, for people (md) or for scripts (csv, json). Default: the headline "
+        "table alone.",
+    ),
+]
 DEVICE = "Where networks run; auto: on a GPU if there is one."
 WorkersOption = Annotated[
     int | None, typer.Option(help="Worker processes. Default: one for each core.")
@@ -158,6 +174,12 @@ def _shard(text: str | None) -> Any:
     return read_shard(text) if text else None
 
 
+def _budget(text: str | None) -> float | None:
+    from bench.running.schedule import seconds_of
+
+    return None if text is None else seconds_of(text)
+
+
 RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
     "suite": "The suite, see 'bench list'.",
     "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
@@ -166,6 +188,13 @@ RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
     "conditions": "Conditions, comma-separated. Default: the suite's.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "
     "suite's number.",
+    "budget": Stated(
+        "Time for the whole run: objects that would not be done in time are left for later, when "
+        "the same command goes on. Default: no limit.",
+        metavar="90s|2m|1.5h",
+        kind=str | None,
+        convert=_budget,
+    ),
     "views": "Images of each object. Default: the suite's number.",
     "workers": Stated(
         "Worker processes, one thread each. Default: one for each core; one where a suite compares "

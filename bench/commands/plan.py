@@ -273,7 +273,7 @@ def _kind(method: str) -> str:
     return "reconstruction" if base in RECONSTRUCTIONS else base
 
 
-@takes(Options, RUN_OPTIONS, leave_out=("fresh", "ray"))
+@takes(Options, RUN_OPTIONS, leave_out=("fresh", "ray", "budget"))
 def plan(
     options: Options,
     pilot: Annotated[

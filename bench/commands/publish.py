@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+from bench.catalogue.lookup import find
+from bench.catalogue.suites import SUITES
+from bench.commands.options import Format
+from bench.commands.terminal import Terminal, shown
 from bench.records.artifacts import Artifact
+from bench.records.features import ArtifactFeatures
 from bench.records.journal import read_finished, read_manifest
-from bench.report.build import write_report
+from bench.records.parquet import artifacts_of, records_of_item
+from bench.records.record import GROUND_TRUTH, to_frame
+from bench.report.build import REPORT, write_report
 from bench.report.classes import write_class_figures
 from bench.report.families import write_beyond_figures
 from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
 from bench.running.protocol import Options
-from bench.running.run import Finished, Measured, run, timed
-from bench.tables.build import Outputs, scored_run, write_outputs
+from bench.running.run import Finished, Measured, SoFar, run, timed
+from bench.tables.build import Outputs, write_outputs
 from bench.tables.classes import CLASSES
 from bench.tables.figure import FIGURES
+from bench.tables.headline import headline
 from bench.tables.published import published
+from bench.tables.quality import Row
+from bench.tables.scored import score, scored_run
+from bench.tables.table import TABLES, Table, write_tables
 
 
 def run_suite(options: Options) -> Finished[Outputs]:
@@ -27,9 +41,31 @@ def run_suite(options: Options) -> Finished[Outputs]:
 
     Raises BadInput for anything the user has to fix; what was done until then is kept.
     """
-    finished = run(options, publish)
+    finished = run(options, publish, partial(Terminal, interim))
     _report(finished.outputs)
     return finished
+
+
+def interim(so_far: SoFar) -> Table[Row]:
+    """The headline table of the objects that are complete; written into the folder of tables."""
+    manifest, items = so_far.manifest, so_far.jobs
+    suite = find(str(manifest["suite"]), SUITES, "suite")
+    suite = replace(suite, class_metrics=suite.headline if suite.class_metrics else ())
+    records = [
+        record
+        for job in items
+        if job.item.method != GROUND_TRUTH
+        for record in records_of_item(job.item, so_far.records(job))
+    ]
+    artifacts = artifacts_of(so_far.directory, items)
+    features = {
+        metric: ArtifactFeatures(metric, artifacts, int(manifest["views"]))
+        for metric in suite.headline
+        if metric in manifest["feature_identity"]
+    }
+    made = headline(score(so_far.directory, suite, manifest, to_frame(records), features))
+    write_tables(so_far.directory, [made])
+    return made
 
 
 def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
@@ -48,10 +84,34 @@ def publish(measured: Measured) -> Outputs:
     return outputs
 
 
-def printed(outputs: Outputs) -> list[str]:
-    """What a command prints of a run, in Markdown."""
-    of_all = (table.to_markdown() for table in outputs.tables)
-    return [*of_all, outputs.cost, *(table.to_markdown() for table in outputs.further)]
+def print_outputs(outputs: Outputs, format_: Format | None) -> None:
+    """Print all tables of a run; without a format the headline table, and where the others are."""
+    directory = outputs.run.directory
+    if format_ is None:
+        print("\n".join(shown(outputs.headline)))
+        print(f"report: {directory / REPORT}\ntables: {directory / TABLES}")
+    elif format_ is Format.md:
+        of_all = (table.to_markdown() for table in outputs.tables)
+        print("\n".join([*of_all, outputs.cost, *(t.to_markdown() for t in outputs.further)]))
+    else:
+        print(in_format([*outputs.tables, *outputs.further], format_), end="")
+
+
+def in_format(tables: Sequence[Table[Any]], format_: Format) -> str:
+    """Tables as one text. In CSV those with the same columns have one header, and an empty line
+    stands before others; JSON is a list of tables with their rows, null where there is no value."""
+    if format_ is Format.md:
+        return "\n".join(table.to_markdown() for table in tables)
+    if format_ is Format.json:
+        made = [
+            {"name": table.name, "title": table.title, "rows": table.to_rows()} for table in tables
+        ]
+        return json.dumps(made, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    rows: dict[str, list[str]] = {}
+    for table in tables:
+        header, _, values = table.to_csv().partition("\n")
+        rows.setdefault(header, []).append(values)
+    return "\n".join(f"{header}\n{''.join(values)}" for header, values in rows.items())
 
 
 def _report(outputs: Outputs) -> None:

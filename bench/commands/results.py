@@ -12,10 +12,11 @@ import typer
 
 from bench.analysis.comparison import Estimate, decimals, milliseconds
 from bench.analysis.recommend import METRIC, Advice, Choice, Request, advise, at_condition
-from bench.commands.options import RunDirectory, names
+from bench.commands.options import FormatOption, RunDirectory, names
 from bench.running.protocol import file_name
-from bench.tables.build import how_timed, read_scored
+from bench.tables.build import how_timed
 from bench.tables.markdown import visible
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
 
@@ -27,13 +28,13 @@ def merge(
         list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a run.")
     ],
     out: Annotated[Path, typer.Option(help="The folder of the whole run.")],
+    format_: FormatOption = None,
 ) -> None:
     """Join shards ('bench run --shard k/N') to the whole run."""
-    from bench.commands.publish import merge_shards, printed
+    from bench.commands.publish import merge_shards, print_outputs
 
     merged = merge_shards(directories, out)
-    for text in printed(merged.outputs):
-        print(text)
+    print_outputs(merged.outputs, format_)
     print(
         f"{merged.jobs} jobs of {len(directories)} shards, {merged.copied} copied now\n"
         f"results in {merged.directory}",
@@ -41,13 +42,13 @@ def merge(
     )
 
 
-def table(directory: RunDirectory) -> None:
+def table(directory: RunDirectory, format_: FormatOption = None) -> None:
     """Make the tables of a run again, from its records."""
-    from bench.commands.publish import printed
-    from bench.tables.build import read_scored, write_outputs
+    from bench.commands.publish import print_outputs
+    from bench.tables.build import write_outputs
+    from bench.tables.scored import read_scored
 
-    for text in printed(write_outputs(read_scored(directory))):
-        print(text)
+    print_outputs(write_outputs(read_scored(directory)), format_)
 
 
 def report(
@@ -58,7 +59,8 @@ def report(
 ) -> None:
     """Make one HTML file of a run: tables, curves, images, worst cases, failures; offline."""
     from bench.report.build import write_report
-    from bench.tables.build import make_outputs, read_scored
+    from bench.tables.build import make_outputs
+    from bench.tables.scored import read_scored
 
     print(write_report(make_outputs(read_scored(directory)), out))
 

@@ -15,8 +15,8 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
-from bench.commands.options import RUN_OPTIONS, takes
-from bench.commands.publish import Outputs, printed, run_suite
+from bench.commands.options import RUN_OPTIONS, FormatOption, takes
+from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import Cell
@@ -147,21 +147,31 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Say what would run; do not run it.")
     ] = False,
+    format_: FormatOption = None,
 ) -> None:
-    """Run a suite, or go on with one that was stopped; print its tables."""
+    """Run a suite, or go on with one that was stopped; print its headline table."""
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:
         print(describe_run(options))
         return
-    if isinstance(suite, Suite):
-        finished = run_suite(options)
-        shown, summary, directory = printed(finished.outputs), _summary(finished), options.directory
-    else:
+    if not isinstance(suite, Suite):
         done = import_module(f"bench.suites.{suite.id}.run").run(options)
-        shown, summary, directory = done.printed, done.summary, done.directory
-    for text in shown:
-        print(text)
-    print(f"{summary}\nresults in {directory}", file=sys.stderr)
+        texts = done.printed if format_ is None else [in_format(done.tables, format_)]
+        print("\n".join(texts))
+        print(f"{done.summary}\nresults in {done.directory}", file=sys.stderr)
+        return
+    finished = run_suite(options)
+    print_outputs(finished.outputs, format_)
+    print(f"{_summary(finished)}\nresults in {options.directory}", file=sys.stderr)
+    if finished.objects < finished.planned:
+        print(
+            f"bench: {'interrupted' if finished.interrupted else 'the budget is used up'}: "
+            f"{finished.objects} of {finished.planned} objects are complete; the same command"
+            f"{'' if finished.interrupted else ' without --budget'} goes on with the others",
+            file=sys.stderr,
+        )
+    if finished.interrupted:
+        raise typer.Exit(130)
 
 
 def _summary(finished: Finished[Outputs]) -> str:

@@ -21,8 +21,8 @@ from bench.commands.options import RunDirectory, names
 from bench.records.artifacts import Item
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
-from bench.tables.build import read_scored
 from bench.tables.quality import Row, image_rows, quality_table
+from bench.tables.scored import read_scored
 from bench.tables.table import Table, write_tables
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from bench.records.artifacts import Artifact
 from data_prep.failures import BadInput
 
 ImageKey = tuple[str, int]  # object, view
@@ -36,6 +37,30 @@ class Features(Protocol):
     ) -> NDArray[Any]:
         """Theirs [n, d], in the order of `images`. Raises KeyError for one that is not there."""
         ...
+
+
+class ArtifactFeatures:
+    """The features in the artifacts of a run that goes on; each array is read when asked for."""
+
+    def __init__(self, extractor: str, artifacts: Sequence[Artifact], views: int) -> None:
+        self._extractor, self._views = extractor, views
+        self._cells: dict[tuple[str, str, str], dict[str, Artifact]] = {}
+        for artifact in artifacts:
+            *cell, obj = artifact.item
+            self._cells.setdefault((cell[0], cell[1], cell[2]), {})[obj] = artifact
+
+    def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
+        """The images there are, sorted; none in a cell that is not there."""
+        objects = sorted(self._cells.get((method, condition, class_name), ()))
+        return [(obj, view) for obj in objects for view in range(self._views)]
+
+    def of(
+        self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
+    ) -> NDArray[Any]:
+        """Theirs [n, d], in the order of `images`. Raises KeyError for one that is not there."""
+        there = self._cells.get((method, condition, class_name), {})
+        read = {obj: there[obj].array(self._extractor) for obj in {obj for obj, _ in images}}
+        return np.stack([read[obj][view] for obj, view in images])
 
 
 class _Span(NamedTuple):

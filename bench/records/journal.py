@@ -22,7 +22,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
@@ -164,6 +164,11 @@ class Journal:
             self.damage.append(f"{job.artifact}: missing or altered; its job is done again")
             return None
         return outcome
+
+    def usable_of(self, jobs: Iterable[Job]) -> dict[str, JobOutcome]:
+        """What became, by key, of those jobs that count."""
+        once = {job.key: job for job in jobs}
+        return {key: found for key, job in once.items() if (found := self.usable(job))}
 
     def close(self) -> None:
         """Close the journal file of this start."""

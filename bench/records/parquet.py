@@ -6,7 +6,7 @@ What tables, reports and merged runs are made from, and what scripts may read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import Any
@@ -45,15 +45,14 @@ def write_records(
 ) -> None:
     """Write `records.parquet`, whole or not at all: the records of all jobs, sorted.
 
-    records  gives those of a job, all of its item; they are asked for some jobs at a time, so that
-             memory does not grow with their number
+    records  gives those of a job; they are asked for some jobs at a time, so that memory does not
+             grow with their number. A job may stand for several conditions: the records get that
+             of the item
 
     Sorted by method, condition, class, object and view, whatever the order of the jobs.
     """
-    rows = (
-        record
-        for job in sorted(jobs, key=lambda job: job.item)
-        for record in sorted(records(job), key=lambda record: record.view)
+    rows = chain.from_iterable(
+        records_of_item(job.item, records(job)) for job in sorted(jobs, key=lambda job: job.item)
     )
     with (
         whole_file(directory / RECORDS) as new,
@@ -64,6 +63,12 @@ def write_records(
             writer.write_table(
                 pa.Table.from_pandas(frame, schema=_RECORDS_SCHEMA, preserve_index=False)
             )
+
+
+def records_of_item(item: Item, records: Iterable[Record]) -> list[Record]:
+    """The records of the job that an item was done by, as those of the item, by view."""
+    own = (replace(record, condition=item.condition) for record in records)
+    return sorted(own, key=lambda record: record.view)
 
 
 def read_records(directory: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:

@@ -30,8 +30,9 @@ from bench.report.pareto import cost_plots
 from bench.report.robustness import curves
 from bench.report.stored import Sources, open_sources
 from bench.report.styles import looks
-from bench.tables.build import Outputs, how_timed, in_order
+from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
+from bench.tables.scored import in_order
 from bench.tables.table import Table, Tags
 from data_prep.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 
 from bench.catalogue.suites import Limits
@@ -52,23 +52,35 @@ def do_jobs(
     `start` gives the executor for so many jobs; it is closed here. Raises MissingDependency where
     going on makes no sense.
     """
-    outcomes = {job.key: found for job in jobs if (found := journal.usable(job))}
+    outcomes = journal.usable_of(jobs)
     missing = [job for job in jobs if job.key not in outcomes]
     if not missing:
         return outcomes
     if outcomes:
         say(f"{title}: {len(outcomes)} of {len(jobs)} are there from before")
     failures = 0
-    with (
-        progress(title, len(missing)) as advance,
-        closing(start(len(missing))) as executor,
-        closing(feed(missing, executor)) as stream,
-    ):
-        for result in stream:
-            if result.unusable:
-                raise MissingDependency(result.unusable)
-            journal.append(result)
+    with progress(title, len(missing)) as advance:
+        for result in results(missing, len(missing), journal, start):
             outcomes[result.key] = JobOutcome.of(result)
             failures += result.artifact_sha256 is None
             advance(failures)
     return outcomes
+
+
+def results(
+    jobs: Iterable[Job | None],
+    count: int,
+    journal: Journal,
+    start: Callable[[int], Executor[Job, Result]],
+) -> Generator[Result, None, None]:
+    """Do jobs, at most `count`; each result as it comes, written into the journal.
+
+    `jobs` as in `bench.running.isolation.feed`, `start` as in `do_jobs`. Raises MissingDependency
+    where going on makes no sense.
+    """
+    with closing(start(count)) as executor, closing(feed(jobs, executor)) as stream:
+        for result in stream:
+            if result.unusable:
+                raise MissingDependency(result.unusable)
+            journal.append(result)
+            yield result

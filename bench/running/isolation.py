@@ -72,11 +72,18 @@ class Executor(Protocol[TaskIn, DoneOut]):
         ...
 
 
-def feed(tasks: Iterable[Task], executor: Executor[Task, Done]) -> Generator[Done, None, None]:
-    """What becomes of each task, as it comes; tasks are taken as there is room."""
+def feed(
+    tasks: Iterable[Task | None], executor: Executor[Task, Done]
+) -> Generator[Done, None, None]:
+    """What becomes of each task, as it comes; tasks are taken as there is room.
+
+    None among the tasks: the next one waits for the end of one that is under way.
+    """
     queue, under_way = iter(tasks), 0
     while True:
         for task in islice(queue, max(0, executor.room - under_way)):
+            if task is None:
+                break
             executor.submit(task)
             under_way += 1
         if not under_way:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,6 +82,7 @@ def objects_to_search(manifest: Mapping[str, Any]) -> int:
     return len(manifest["objects"]) * (read_shard(name).count if name else 1)
 
 
+EVERY = ""  # stands in a key where the condition makes no difference
 SCORES_VERSION = 1  # raise when a change alters a score
 
 
@@ -109,15 +110,60 @@ class Protocol:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """The ground truths, which everything else needs, and the items of the benchmark."""
+class ObjectJobs:
+    """The jobs of an object: the ground truth, which the others need, and the items.
 
-    references: tuple[Job, ...]
+    Items that are the same under every condition share a key: one job does them all.
+    """
+
+    truth: Job
     items: tuple[Job, ...]
+
+    @property
+    def name(self) -> str:
+        """Class and name, as in the manifest."""
+        return "/".join(self.truth.item.object)
+
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """Each job once."""
+        return (self.truth, *{job.key: job for job in self.items}.values())
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All jobs of a run, in the order of its files."""
+
+    objects: tuple[ObjectJobs, ...]
+
+    @property
+    def references(self) -> tuple[Job, ...]:
+        """The ground truths."""
+        return tuple(obj.truth for obj in self.objects)
+
+    @property
+    def items(self) -> tuple[Job, ...]:
+        """What the methods draw."""
+        return tuple(job for obj in self.objects for job in obj.items)
+
+    @property
+    def in_turns(self) -> tuple[ObjectJobs, ...]:
+        """The objects in the order of their start: the first of each class, then the second."""
+        number: dict[str, int] = {}
+        ranked = []
+        for obj in self.objects:
+            class_name = obj.truth.object.class_name
+            number[class_name] = number.get(class_name, 0) + 1
+            ranked.append((number[class_name], obj))
+        return tuple(obj for _, obj in sorted(ranked, key=lambda pair: pair[0]))
+
+    def of(self, objects: Container[str]) -> Plan:
+        """The part of some objects, by name."""
+        return Plan(tuple(obj for obj in self.objects if obj.name in objects))
 
 
 def plan(protocol: Protocol, directory: Path) -> Plan:
-    """All jobs of a run, in the order in which they are started: object by object.
+    """All jobs of a run, object by object.
 
     Raises BadInput for unknown methods and conditions, for bare clouds, which cannot be scored, and
     for more views than objects have images.
@@ -125,29 +171,31 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
     _refuse_bare_clouds(protocol)
     conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
     identities = {m: method_identity(m, protocol.device) for m in protocol.methods}
-    references, items = [], []
+    objects = []
     for obj in protocol.objects:
         rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
         views = obj.views(protocol.views, rng)
         common = _common_identity(protocol, obj, views)
         truth = _job(protocol, directory, obj, views, GROUND_TRUTH, "", Unchanged(), [common], None)
-        references.append(truth)
-        items += [
-            _job(
-                protocol,
-                directory,
-                obj,
-                views,
-                method,
-                condition.id,
-                condition.perturbation,
-                [common, identities[method], repr(condition.perturbation), SCORES_VERSION],
-                truth.artifact,
-            )
-            for condition in conditions
-            for method in protocol.methods
-        ]
-    return Plan(tuple(references), tuple(items))
+        items = []
+        for condition in conditions:
+            for method in protocol.methods:
+                sees_cloud = find_method(method).sees_cloud
+                seen = condition.perturbation if sees_cloud else Unchanged()
+                job = _job(
+                    protocol,
+                    directory,
+                    obj,
+                    views,
+                    method,
+                    condition.id if sees_cloud else EVERY,
+                    seen,
+                    [common, identities[method], repr(seen), SCORES_VERSION],
+                    truth.artifact,
+                )
+                items.append(replace(job, condition=condition.id))
+        objects.append(ObjectJobs(truth, tuple(items)))
+    return Plan(tuple(objects))
 
 
 def _refuse_bare_clouds(protocol: Protocol) -> None:
@@ -272,6 +320,7 @@ class Options:
     methods: tuple[str, ...] | None = None
     conditions: tuple[str, ...] | None = None
     limit: int | None = None
+    budget: float | None = None  # seconds
     views: int | None = None
     workers: int | None = None
     device: str = "auto"

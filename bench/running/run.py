@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import typing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -27,11 +28,12 @@ from bench.records.journal import (
 from bench.records.parquet import JobRow, artifacts_of, write_features, write_jobs, write_records
 from bench.records.record import GROUND_TRUTH, Record
 from bench.running import environment as manifests
-from bench.running.executors import JobPool, do_jobs
+from bench.running.executors import JobPool, results
 from bench.running.isolation import Executor
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Plan, Protocol, describe, plan, protocol_of, workers_of
 from bench.running.ray import LOCAL, RayPool, connected, requirements
+from bench.running.schedule import Budget, Schedule, guess_s
 from data_prep.failures import BadInput
 from data_prep.progress import say
 
@@ -101,10 +103,17 @@ def refuse_small(suite: str, what: str) -> BadInput:
     return BadInput(f"{what}: the suite {suite} takes minutes and has no plan; run it")
 
 
+def _any_complete(options: Options, todo: Plan) -> bool:
+    """Whether an earlier start has completed an object."""
+    if options.fresh:
+        return False
+    lines = read_lines(options.directory)
+    return any(all(job.key in lines for job in obj.jobs) for obj in todo.objects)
+
+
 def _there(directory: Path, todo: Plan) -> frozenset[str]:
     journal = Journal(directory, read_lines(directory))
-    every = (*todo.references, *todo.items)
-    outcomes = {job.key: found for job in every if (found := journal.usable(job))}
+    outcomes = journal.usable_of((*todo.references, *todo.items))
     return frozenset(outcomes) | _unscorable(todo, outcomes).keys()
 
 
@@ -161,14 +170,53 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Finished(Generic[Outputs]):
-    """A complete run: where it is, what was made of it, and how many items were done when.
+class SoFar:
+    """What is complete of a run that goes on.
 
-    shares  of the workers' time, see `bench.records.job.shares`
+    manifest  as it would be, were that all
+    jobs      of the complete objects: ground truths, then items
+    records   gives those of an item
+    planned   how many objects the whole run has
+    """
+
+    directory: Path
+    manifest: dict[str, Any]
+    jobs: Sequence[JobRow]
+    records: Callable[[JobRow], Sequence[Record]]
+    planned: int
+
+
+class Observer(typing.Protocol):
+    """Who is told how a run goes on."""
+
+    def job(self, left: int, failed: int) -> None:
+        """A job has ended: how many are left, and how many have failed since the start."""
+        ...
+
+    def object(self, so_far: SoFar) -> None:
+        """One more object is complete."""
+        ...
+
+
+# Gets title and number of the jobs to be done.
+Watch = Callable[[str, int], AbstractContextManager[Observer]]
+
+
+@dataclass(frozen=True)
+class Finished(Generic[Outputs]):
+    """A run that is complete, or of which some objects are: where it is, what was made of it, and
+    how many items were done when.
+
+    objects, planned  complete, and of the whole run
+    interrupted       whether Ctrl-C ended it
+    shares            of the workers' time, see `bench.records.job.shares`
     """
 
     directory: Path
     outputs: Outputs
+    objects: int
+    planned: int
+    interrupted: bool
     done: int
     reused: int
     failed: int
@@ -176,20 +224,34 @@ class Finished(Generic[Outputs]):
     shares: dict[str, float]
 
 
-def run(options: Options, publish: Callable[[Measured], Outputs]) -> Finished[Outputs]:
-    """Carry out a run, or what is left of it.
+def run(
+    options: Options, publish: Callable[[Measured], Outputs], watch: Watch
+) -> Finished[Outputs]:
+    """Carry out a run, or what is left of it, for as long as its budget allows.
 
-    `publish` makes the outputs from the Parquet files; the run counts as finished after it. Raises
-    BadInput for anything the user has to fix; what was done until then is kept.
+    `publish` makes the outputs from the Parquet files; the run counts as finished after it. Where
+    the budget or Ctrl-C ends it, it is a run of the objects that are complete; the same options go
+    on with the others. Raises BadInput for anything the user has to fix, and KeyboardInterrupt
+    where no object is complete; what was done until then is kept.
     """
     begun = time.perf_counter()
     suite = find(options.suite, SUITES, "suite")
-    directory = options.directory
+    if options.budget is not None and options.shard is not None:
+        raise BadInput(
+            f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
+            "leave one of the two"
+        )
     protocol, skipped = protocol_of(suite, options)
-    todo = plan(protocol, directory)  # refuses weights that cannot be used
+    todo = plan(protocol, options.directory)  # refuses weights that cannot be used
     with executor_factory(options, protocol) as factory:
-        manifest = describe(protocol, factory.workers, skipped) | {"cluster": factory.cluster}
-        return _carry_out(options, directory, protocol, todo, factory, manifest, begun, publish)
+        budget = Budget(options.budget, guess_s(todo.objects[0], factory.workers))
+        if options.budget is not None and not _any_complete(options, todo):
+            budget.check()
+        manifest = describe(protocol, factory.workers, skipped) | {
+            "cluster": factory.cluster,
+            "planned": len(todo.objects),  # "objects" are those that are complete, at the end
+        }
+        return _carry_out(options, protocol, todo, factory, budget, manifest, begun, publish, watch)
 
 
 @contextmanager
@@ -213,49 +275,93 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
 
 def _carry_out(
     options: Options,
-    directory: Path,
     protocol: Protocol,
     todo: Plan,
     factory: ExecutorFactory,
+    budget: Budget,
     manifest: dict[str, Any],
     begun: float,
     publish: Callable[[Measured], Outputs],
+    watch: Watch,
 ) -> Finished[Outputs]:
-    suite, start = protocol.suite, factory.start
+    suite, directory = protocol.suite, options.directory
     seconds: dict[str, float] = {}
     with open_run(directory, manifest, options.fresh) as journal:
-        with timed("ground truth", seconds):
-            truths = do_jobs(todo.references, journal, "ground truth", start)
-            _check_any_truth(todo, truths)
+        there = journal.usable_of(job for obj in todo.objects for job in obj.jobs)
+        schedule = Schedule(todo, there, budget)
+
+        def so_far() -> SoFar:
+            """And the manifest says what is complete."""
+            part = todo.of(frozenset(schedule.complete))
+            manifest["objects"] = [obj.name for obj in part.objects]
+            unscorable = _unscorable(part, schedule.outcomes)
+
+            def records(row: JobRow) -> Sequence[Record]:
+                lost = unscorable.get(row.key)
+                return failed(*lost).records if lost else journal.lines.result(row.key).records
+
+            rows = _in_order(part, schedule.outcomes)
+            return SoFar(directory, manifest, rows, records, len(todo.objects))
+
         with timed("items", seconds):
-            unscorable = _unscorable(todo, truths)
-            drawable = [job for job in todo.items if job.key not in unscorable]
-            outcomes = do_jobs(drawable, journal, suite.id, start)
-            outcomes |= {key: JobOutcome(None, reason) for key, (_, reason) in unscorable.items()}
-
-        def records(row: JobRow) -> Sequence[Record]:
-            lost = unscorable.get(row.key)
-            return failed(*lost).records if lost else journal.lines.result(row.key).records
-
+            interrupted = _do(schedule, journal, factory, suite.id, so_far, watch)
+        _check_any_truth(todo, schedule.outcomes)
+        made = so_far()
         extractors = [metric for metric, _ in protocol.features]
-        rows = _in_order(todo, truths | outcomes)
-        outputs = publish(write_parquet(directory, suite.id, rows, records, extractors, seconds))
-        timing = (of.timing for every in (truths, outcomes) for of in every.values())
+        write_manifest(directory, manifest)  # the tables are of these objects
+        outputs = publish(
+            write_parquet(directory, suite.id, made.jobs, made.records, extractors, seconds)
+        )
+        timing = (outcome.timing for outcome in schedule.outcomes.values())
         of_workers = shares(timing, factory.workers * (time.perf_counter() - begun))
         manifest |= {
             "stage_seconds": seconds,
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
-    done = _count_new(todo, unscorable, journal)
+    items = [job for job in made.jobs if job.item.method != GROUND_TRUTH]
+    done = _count_new(todo, items, journal)
     return Finished(
         directory,
         outputs,
+        objects=len(schedule.complete),
+        planned=len(todo.objects),
+        interrupted=interrupted,
         done=done,
-        reused=len(todo.items) - done,
-        failed=sum(outcomes[job.key].artifact_sha256 is None for job in todo.items),
+        reused=len(items) - done,
+        failed=sum(job.artifact_sha256 is None for job in items),
         seconds=seconds,
         shares=of_workers,
     )
+
+
+def _do(
+    schedule: Schedule,
+    journal: Journal,
+    factory: ExecutorFactory,
+    title: str,
+    so_far: Callable[[], SoFar],
+    watch: Watch,
+) -> bool:
+    """Do the jobs; whether Ctrl-C came in between. Raises KeyboardInterrupt where that leaves
+    nothing complete."""
+    if not schedule.left:
+        return False
+    if schedule.outcomes:
+        say(f"{title}: {len(schedule.outcomes)} jobs are there from before")
+    failures = 0
+    try:
+        with watch(title, schedule.left) as observer:
+            for result in results(schedule.jobs(), schedule.left, journal, factory.start):
+                failures += result.artifact_sha256 is None
+                complete = schedule.take(result)
+                observer.job(schedule.left, failures)
+                if complete:
+                    observer.object(so_far())
+    except KeyboardInterrupt:
+        if not schedule.complete:
+            raise
+        return True
+    return False
 
 
 def write_parquet(
@@ -290,33 +396,35 @@ def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
     seconds[stage] = round(seconds.get(stage, 0.0) + time.perf_counter() - start, 1)
 
 
-def _check_any_truth(todo: Plan, truths: Mapping[str, JobOutcome]) -> None:
+def _check_any_truth(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> None:
     """One bad object among many is a failed record; if none can be drawn, the input is wrong."""
-    if any(truth.artifact_sha256 for truth in truths.values()):
+    truths = [outcomes[job.key] for job in todo.references if job.key in outcomes]
+    if any(truth.artifact_sha256 for truth in truths):
         return
-    first = truths[todo.references[0].key].reason.removeprefix("input: ")
+    first = truths[0].reason.removeprefix("input: ")
     raise BadInput(f"none of the {len(truths)} objects can be drawn; the first: {first}")
 
 
 def _unscorable(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> dict[str, tuple[Job, str]]:
     """By key, items whose ground truth has failed: the item, and the reason of the failure."""
-    reasons: dict[Path | None, str] = {
-        job.artifact: found.reason
-        for job in todo.references
-        if (found := outcomes.get(job.key)) and found.artifact_sha256 is None
-    }
     return {
-        job.key: (job, reasons[job.reference]) for job in todo.items if job.reference in reasons
+        job.key: (job, found.reason)
+        for obj in todo.objects
+        if (found := outcomes.get(obj.truth.key)) and found.artifact_sha256 is None
+        for job in obj.items
     }
 
 
-def _count_new(todo: Plan, unscorable: Container[str], journal: Journal) -> int:
+def _count_new(todo: Plan, items: Iterable[JobRow], journal: Journal) -> int:
     """Items that this start has done; one without a ground truth is done with that."""
-    truths: dict[Path | None, str] = {job.artifact: job.key for job in todo.references}
-    outcome_keys = (truths[j.reference] if j.key in unscorable else j.key for j in todo.items)
-    return sum(key in journal.added for key in outcome_keys)
+    truths = {obj.truth.item.object: obj.truth.key for obj in todo.objects}
+    return sum(
+        (job.key if job.key in journal.lines else truths[job.item.object]) in journal.added
+        for job in items
+    )
 
 
 def _in_order(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> list[JobRow]:
     every = (*todo.references, *todo.items)
-    return [JobRow(job.key, job.item, outcomes[job.key].artifact_sha256) for job in every]
+    shas = ((job, outcomes.get(job.key)) for job in every)  # None: the ground truth has failed
+    return [JobRow(job.key, job.item, found and found.artifact_sha256) for job, found in shas]

@@ -37,6 +37,7 @@ def methods_of(
     Raises BadInput for one of these, for counts below 1 and for unknown methods.
     """
     given = vars(options)
+    meaningless = {"budget": "which is not done object by object", **meaningless}
     refuse(suite.id, [(name, given[name], why) for name, why in meaningless.items()])
     refuse_below_one(options)
     methods = tuple(dict.fromkeys(options.methods or suite.methods))

@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import Comparison, compare
 from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
-from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.frontier import Place, Thinned, places, thinned
-from bench.analysis.recognition import read_class_head
-from bench.catalogue.lookup import find
-from bench.catalogue.metrics import (
-    IMAGE_METRICS,
-    JUDGE,
-    RECOGNITION_METRICS,
-    find_extractor,
-)
-from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
-from bench.judges import VIEWS_WEIGHTS
-from bench.records.features import Features
-from bench.records.journal import read_finished
-from bench.records.parquet import read_features, read_records
+from bench.catalogue.metrics import JUDGE
 from bench.tables import markdown
-from bench.tables.classes import class_table, with_confidence
+from bench.tables.classes import class_table
 from bench.tables.crossings import Step, crossings_table
 from bench.tables.frontier import frontier_table, points_table
+from bench.tables.headline import headline
 from bench.tables.orderings import Ordering, orderings
 from bench.tables.published import published
 from bench.tables.quality import (
@@ -41,9 +27,8 @@ from bench.tables.quality import (
     set_table,
     with_objectives,
 )
-from bench.tables.table import TABLES, Table, grid, write_tables
-from data_prep.failures import BadInput
-from data_prep.fingerprints import file_sha256
+from bench.tables.scored import ScoredRun
+from bench.tables.table import Table, grid, write_tables
 from data_prep.whole_files import write_whole
 
 COST = "cost.md"
@@ -62,35 +47,6 @@ BEYOND_TITLES = (
     *OWN_TITLES[:2],
     ("table_detail", "Detail: the outline and the thin parts (higher is better)"),
 )
-VIEWS = "fd-views"
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredRun:
-    """A run whose images were scored: its records in the order of the tables and its features,
-    read once, with the comparisons and distances that have been computed.
-
-    features  by extractor
-    skipped   reasons of the extractors without features
-    """
-
-    directory: Path
-    suite: Suite
-    manifest: dict[str, Any]
-    records: pd.DataFrame
-    features: dict[str, MeasuredFeatures]
-    skipped: dict[str, str]
-    _compared: dict[tuple[str, ...], list[Comparison]] = field(default_factory=dict, repr=False)
-
-    def measured(self, metrics: Sequence[str]) -> list[str]:
-        """Those of these metrics of images and of sets that the run has."""
-        return [m for m in metrics if m in IMAGE_METRICS or m in self.features]
-
-    def compared(self, metrics: Sequence[str]) -> list[Comparison]:
-        """The methods on the same objects, by these metrics."""
-        if tuple(metrics) not in self._compared:
-            self._compared[tuple(metrics)] = compare(self.records, self.features, metrics)
-        return self._compared[tuple(metrics)]
 
 
 def tables(run: ScoredRun) -> list[Table[Row]]:
@@ -166,6 +122,7 @@ class Outputs:
     """What is made of the records and features of a run; see the functions of the same names."""
 
     run: ScoredRun
+    headline: Table[Row]
     tables: tuple[Table[Row], ...]
     cost: str
     trade: tuple[Table[Place], Table[Thinned]] | None
@@ -183,6 +140,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
     """All tables of a run."""
     return Outputs(
         run,
+        headline=headline(run),
         tables=tuple(tables(run)),
         cost=cost_table(run.records, how_timed(run.manifest)),
         trade=trade(run),
@@ -195,7 +153,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
 def write_outputs(run: ScoredRun) -> Outputs:
     """Make the tables of a run and write them into its folder."""
     made = make_outputs(run)
-    write_tables(run.directory, [*made.tables, *made.further])
+    write_tables(run.directory, [made.headline, *made.tables, *made.further])
     write_whole(run.directory / COST, made.cost.encode())
     return made
 
@@ -234,79 +192,3 @@ def cost_table(records: pd.DataFrame, remark: str) -> str:
         lines.append(line)
     title = "# Cost: median milliseconds to prepare a cloud + to draw a view (one thread)"
     return markdown.document([title, remark, grid(["method", *conditions], lines)])
-
-
-def _suite(directory: Path, manifest: Mapping[str, Any]) -> Suite:
-    """The suite of a run. Raises BadInput for one that makes its tables itself."""
-    made_by_the_run = [suite.id for suite in (LATENT, STABILITY, SPEED)]
-    if manifest.get("suite") in made_by_the_run:
-        raise BadInput(
-            f"{directory}: a run of {manifest['suite']} writes its tables itself; they are in "
-            f"{directory / TABLES}"
-        )
-    return find(str(manifest.get("suite")), SUITES, "suite")
-
-
-def read_scored(directory: Path) -> ScoredRun:
-    """A finished run whose images were scored. Raises BadInput for anything else."""
-    return scored_run(directory, read_finished(directory))
-
-
-def scored_run(directory: Path, manifest: dict[str, Any]) -> ScoredRun:
-    """A run with this manifest, whose records and features are written.
-
-    Raises BadInput where they cannot be read, for a manifest that does not describe them, and for a
-    suite that makes its tables itself.
-    """
-    suite = _suite(directory, manifest)
-    if lacking := [name for name in ("methods", "conditions", "objects") if name not in manifest]:
-        raise BadInput(
-            f"{directory}: its manifest has no {', '.join(lacking)}; start the run again with its "
-            "command"
-        )
-    records = in_order(read_records(directory), manifest, ("condition", "method"))
-    features: dict[str, MeasuredFeatures] = {}
-    skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
-    for metric in suite.extractors:
-        found = read_features(directory, metric)
-        if metric not in skipped and found is None:
-            skipped[metric] = "skipped: no features in this run"
-        elif found is not None:
-            features[metric] = MeasuredFeatures(found)
-    for metric in set(suite.class_metrics) & RECOGNITION_METRICS.keys():
-        if reason := _why_unrecognised(manifest, features, records):
-            skipped[metric] = f"skipped: {reason}"
-        else:
-            head = read_class_head(VIEWS_WEIGHTS)
-            records = with_confidence(records, features[VIEWS], head)
-    return ScoredRun(directory, suite, manifest, records, features, skipped)
-
-
-def _why_unrecognised(
-    manifest: Mapping[str, Any], features: Mapping[str, Features], records: pd.DataFrame
-) -> str:
-    """Why the bundled classifier cannot be asked about the features of a run; empty if it can."""
-    if VIEWS not in features:
-        return f"no features of {VIEWS} in this run"
-    bundled = f"{find_extractor(VIEWS).version} {file_sha256(VIEWS_WEIGHTS)}"
-    if manifest.get("feature_identity", {}).get(VIEWS) != bundled:
-        return f"the features are not of the bundled weights of {VIEWS}; start the run again"
-    known = read_class_head(VIEWS_WEIGHTS).classes
-    strange = [name for name in dict.fromkeys(records["class"]) if name not in known]
-    if strange:
-        return f"the classifier of {VIEWS} does not know {', '.join(strange)}"
-    return ""
-
-
-def in_order(records: pd.DataFrame, manifest: Mapping[str, Any], by: Sequence[str]) -> pd.DataFrame:
-    """Records by some columns, methods and conditions in the order of the manifest; stable."""
-    ranks = {
-        column: {name: i for i, name in enumerate(manifest[plural])}
-        for column, plural in (("method", "methods"), ("condition", "conditions"))
-    }
-    return records.sort_values(
-        list(by),
-        key=lambda values: values.map(ranks[str(values.name)]) if values.name in ranks else values,
-        kind="stable",
-        ignore_index=True,
-    )

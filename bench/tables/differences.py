@@ -23,7 +23,7 @@ from bench.analysis.paired import (
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, is_similarity
 from bench.tables import markdown
-from bench.tables.build import ScoredRun, read_scored
+from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import (
     BOLD,
     NOTHING,

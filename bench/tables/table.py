@@ -327,6 +327,15 @@ class Table(Generic[R]):
             ([column.field(row) for column in self.columns] for row in self.rows),
         )
 
+    def to_rows(self) -> list[dict[str, object]]:
+        """For scripts: values by column, unrounded; None for a float that is not finite."""
+
+        def value(column: Column, row: R) -> object:
+            of = column.of(row)
+            return None if isinstance(of, float) and not math.isfinite(of) else of
+
+        return [{c.name: value(c, row) for c in self.columns} for row in self.rows]
+
     def to_markdown(self) -> str:
         """For people."""
         return markdown.document([f"# {self.title}", *self._blocks()])

@@ -25,7 +25,8 @@ from bench.records.parquet import (
 )
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.running.protocol import Options, Protocol
-from bench.tables.build import scored_run, write_outputs
+from bench.tables.build import write_outputs
+from bench.tables.scored import scored_run
 from data_prep.conditions import CONDITIONS, Unchanged
 from data_prep.scene import View
 from data_prep.whole_files import write_whole

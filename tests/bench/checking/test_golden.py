@@ -15,8 +15,9 @@ from bench.catalogue.suites import SUITES
 from bench.checking.golden import Verdict, bless, check
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.journal import read_manifest, write_manifest
-from bench.tables.build import read_scored, write_outputs
+from bench.tables.build import write_outputs
 from bench.tables.published import golden, published
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from ..builders import SUITE, write_run

@@ -18,7 +18,8 @@ from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.journal import read_manifest
 from bench.report.build import read_page
 from bench.running.protocol import Options
-from bench.tables.build import make_outputs, read_scored, tables
+from bench.tables.build import make_outputs, tables
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES

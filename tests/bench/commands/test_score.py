@@ -11,8 +11,8 @@ from bench.catalogue.plugins import ImageMetric
 from bench.commands.score import checked_scores, score, scored
 from bench.records.artifacts import Item
 from bench.report.stored import open_sources
-from bench.tables.build import read_scored
 from bench.tables.quality import image_rows
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 TWO = np.zeros((2, 128, 128, 3), np.uint8)

@@ -14,7 +14,8 @@ from builders import make_failed, read_all, write_all
 from playwright.sync_api import sync_playwright
 
 from bench.report.build import write_report
-from bench.tables.build import make_outputs, read_scored
+from bench.tables.build import make_outputs
+from bench.tables.scored import read_scored
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [

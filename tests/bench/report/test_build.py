@@ -23,7 +23,8 @@ from bench.records.journal import read_manifest, write_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.report.build import write_report
 from bench.running.protocol import artifact_path
-from bench.tables.build import make_outputs, read_scored
+from bench.tables.build import make_outputs
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
 

@@ -22,7 +22,8 @@ from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import Options, Shard, protocol_of
-from bench.tables.build import read_scored, tables
+from bench.tables.build import tables
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, MissingDependency
 
 from ..builders import assert_equal_runs, file_bytes, finished_options

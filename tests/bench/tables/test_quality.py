@@ -16,7 +16,7 @@ from bench.metrics import frechet_distance
 from bench.metrics.frechet import frechet_interval
 from bench.records.journal import write_manifest
 from bench.records.record import GROUND_TRUTH, to_frame
-from bench.tables.build import cost_table, read_scored, tables, write_outputs
+from bench.tables.build import cost_table, tables, write_outputs
 from bench.tables.quality import (
     as_published,
     control_table,
@@ -26,6 +26,7 @@ from bench.tables.quality import (
     set_table,
     with_objectives,
 )
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 from ..builders import (

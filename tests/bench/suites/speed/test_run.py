@@ -18,7 +18,8 @@ from bench.running.protocol import Options
 from bench.suites.speed.measure import Unit, lost
 from bench.suites.speed.run import run
 from bench.suites.speed.samples import Sample
-from bench.tables.build import read_scored, tables
+from bench.tables.build import tables
+from bench.tables.scored import read_scored
 from data_prep.conditions import Unchanged
 from data_prep.failures import BadInput
 

@@ -17,8 +17,9 @@ from bench.suites.stability.figures import ACROSS, COLOURS, MISSING, matrix_figu
 from bench.suites.stability.run import run
 from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
-from bench.tables.build import read_scored, tables
+from bench.tables.build import tables
 from bench.tables.figure import save
+from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
 HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")

@@ -1,0 +1,87 @@
+"""How a run goes on, for whoever looks on: a live table on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from types import TracebackType
+from typing import Any
+
+from bench.running.run import SoFar
+from bench.tables.plain import plain
+from bench.tables.quality import Row
+from bench.tables.table import TABLES, Table
+from data_prep.progress import bars, is_live, progress, say
+
+WIDEST, MOST_LINES = 100, 40
+SHARE = 0.05  # of the time of a run that goes into tables in between, at most
+
+
+def shown(table: Table[Row], lines: int = MOST_LINES) -> list[str]:
+    """The headline table as text, as wide as the terminal and at most 100 columns."""
+    width = min(WIDEST, shutil.get_terminal_size((WIDEST, MOST_LINES)).columns)
+    return [table.title, *plain(table.grids(), width, lines - 1)]
+
+
+class Terminal(AbstractContextManager["Terminal"]):
+    """An observer of a run (`bench.running.run.Observer`).
+
+    make  the headline table of what is complete. It is made anew as objects are completed, unless
+          that would take more than a twentieth of the time
+    """
+
+    def __init__(self, make: Callable[[SoFar], Table[Row]], title: str, total: int) -> None:
+        self._make, self._title, self._total = make, title, total
+        self._left = total
+        self._again = 0.0  # when the table may be made again
+        self._live: Any = None
+        self._around = ExitStack()
+
+    def __enter__(self) -> Terminal:
+        if is_live():
+            from rich.live import Live
+
+            self._bars = bars()
+            self._task = self._bars.add_task(self._title, total=self._total, failed=0)
+            self._live = Live(self._bars, console=self._bars.console)
+            self._around.enter_context(self._live)
+        else:
+            self._advance = self._around.enter_context(progress(self._title, self._total))
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._around.close()
+
+    def job(self, left: int, failed: int) -> None:
+        """A job has ended."""
+        ended, self._left = self._left - left, left
+        if self._live is not None:
+            self._bars.update(self._task, advance=ended, failed=failed)
+            return
+        for _ in range(ended):
+            self._advance(failed)
+
+    def object(self, so_far: SoFar) -> None:
+        """One more object is complete."""
+        start = time.monotonic()
+        if start < self._again:
+            return
+        table = self._make(so_far)
+        if self._live is not None:
+            from rich.console import Group
+            from rich.text import Text
+
+            room = self._live.console.height - 4
+            text = Text("\n".join(shown(table, min(room, MOST_LINES))), no_wrap=True)
+            self._live.update(Group(text, Text(), self._bars))
+        elif not self._again:
+            say(f"headline table so far: {so_far.directory / TABLES / table.name}.md")
+        now = time.monotonic()
+        self._again = now + (now - start) / SHARE

@@ -1,0 +1,48 @@
+"""The table that a run shows while it goes on, and at its end: few metrics, all methods.
+
+Of one class, methods down and conditions across; of several, the mean over classes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from threadpoolctl import threadpool_limits
+
+from bench.analysis.comparison import decimals
+from bench.catalogue.metrics import is_similarity
+from bench.tables.classes import AVERAGE, class_table
+from bench.tables.quality import Row, all_methods, image_table, set_table, with_objectives
+from bench.tables.scored import ScoredRun
+from bench.tables.table import Block, Table, columns_of
+
+HEADLINE = "headline"
+
+
+def headline(run: ScoredRun) -> Table[Row]:
+    """The metrics that the suite has for it, of the objects that are complete."""
+    suite, metrics = run.suite, run.suite.headline
+    images = tuple(metric for metric in metrics if is_similarity(metric))
+    sets = tuple(metric for metric in metrics if not is_similarity(metric))
+    shown = replace(suite, image_metrics=images, set_metrics=sets)
+    of_features = run.features, run.skipped
+    with threadpool_limits(1):
+        if suite.class_metrics:
+            of_classes = replace(shown, class_metrics=metrics)
+            made = class_table(run.records, *of_features, of_classes, {}).rows
+            rows = [row for row in made if row.class_name == AVERAGE]
+        else:
+            rows = [
+                *image_table("", "", run.records, shown, {}).rows,
+                *set_table("", "", run.records, *of_features, shown, {}).rows,
+            ]
+    objects = len(run.manifest["objects"])
+    planned = run.manifest.get("planned", objects)
+    title = f"{' and '.join(metrics)}: {objects} of {planned} objects"
+
+    def layout(rows: Sequence[Row]) -> Iterator[Block]:
+        yield from all_methods(rows, decimals)
+
+    table = Table(HEADLINE, title, columns_of(Row), tuple(rows), layout)
+    return with_objectives(table, dict(run.manifest.get("objectives", {})))

@@ -1,0 +1,98 @@
+"""Grids as plain text for a terminal, no wider and no longer than asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.cells import cell_len, set_cell_size
+
+from bench.tables.markdown import visible
+from bench.tables.table import BEST, Cell, Grid
+
+WIDEST_NAME = 30
+GAP = "  "
+NOTES = 3  # of all grids
+FEWEST_LINES = 10
+MARKS = "*: best of those that compete; ±: the wider half of the 95 % interval over objects"
+
+
+def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
+    """Lines of at most `width` columns, at most `lines` of them, but 10 at least.
+
+    All grids have lines of the same names. They stand side by side or one below the other, with
+    intervals where there is room; what has no room is left out, and a line says how much.
+    """
+    shown = [grid for grid in grids if not grid.void]
+    notes = [visible(note) for grid in grids for note in grid.notes]
+    end = [_cut(note, width) for note in (MARKS, *notes[:NOTES])]
+    if len(notes) > NOTES:
+        end.append(f"... {len(notes) - NOTES} more remarks, in the tables")
+    rows: list[str] = []
+    for intervals in (True, False):
+        for beside in (True, False):
+            fits, rows = _rows(shown, intervals, beside, width)
+            if fits and len(rows) + len(end) <= lines:
+                return [*rows, *end]
+    most = max(FEWEST_LINES, lines) - len(end) - 1
+    return [*rows[:most], f"... {len(rows) - most} more lines, in the tables", *end]
+
+
+def _rows(
+    grids: Sequence[Grid], intervals: bool, beside: bool, width: int
+) -> tuple[bool, list[str]]:
+    """The lines, and whether no grid had to be divided."""
+    fits, rows = True, []
+    for some in [grids] if beside else [[grid] for grid in grids]:
+        names = [visible(line.name) for line in some[0].lines] if some else []
+        wide = min(WIDEST_NAME, max(map(cell_len, names), default=0))
+        first = ["", *(set_cell_size(_cut(name, wide), wide) for name in ("", *names))]
+        left = max(1, width - wide - len(GAP))
+        groups = [group for grid in some for group in _groups(grid, intervals, left)]
+        whole = len(groups) == len(some)
+        if beside and whole and sum(len(group[0]) + len(GAP) for group in groups) <= left:
+            rows += _joined([first, *groups])
+            continue
+        fits &= whole and not beside
+        for group in groups:
+            rows += _joined([first, group])
+    return fits, rows
+
+
+def _groups(grid: Grid, intervals: bool, width: int) -> list[list[str]]:
+    """Title, heads and values of a grid, all lines of one width; in several parts where they are
+    wider than `width`."""
+    columns = []
+    for place, head in enumerate(grid.columns):
+        texts = [visible(head.name), *(_text(line.cells[place], intervals) for line in grid.lines)]
+        wide = max(map(len, texts))
+        columns.append([text.rjust(wide) for text in texts])
+    at_once = max(1, (width + len(GAP)) // (len(GAP) + max(len(c[0]) for c in columns)))
+    parts = [columns[start : start + at_once] for start in range(0, len(columns), at_once)]
+    better = "higher" if grid.higher else "lower"
+    title = _cut(f"{visible(grid.caption.partition(',')[0])}, {better} is better", width)
+    groups = []
+    for part in parts:
+        rows = [GAP.join(texts) for texts in zip(*part, strict=True)]
+        wide = max(len(title), len(rows[0]))
+        groups.append([title.ljust(wide), *(row.rjust(wide) for row in rows)])
+    return groups
+
+
+def _joined(blocks: Sequence[Sequence[str]]) -> list[str]:
+    return [GAP.join(texts).rstrip() for texts in zip(*blocks, strict=True)]
+
+
+def _text(cell: Cell, intervals: bool) -> str:
+    """A value, a star where it is the best, and how far its interval reaches."""
+    text = visible(cell.text) + ("*" if cell.special is BEST else " ")
+    if not intervals or cell.value is None or cell.interval is None:
+        return text
+    low, high = map(float, cell.interval)
+    digits = len(cell.text.partition(".")[2])
+    return f"{text} ±{max(cell.value - low, high - cell.value):.{digits}f}"
+
+
+def _cut(text: str, width: int) -> str:
+    if cell_len(text) <= width:
+        return text
+    return set_cell_size(text, max(0, width - 1)).rstrip() + "…"
