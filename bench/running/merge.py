@@ -90,6 +90,12 @@ def _read_part(directory: Path) -> Part:
     name = manifest.get("shard", WHOLE)
     if name is WHOLE:
         raise BadInput(f"{directory}: is a whole run, no shard; give what '--shard k/N' has made")
+    complete, planned = len(manifest["objects"]), manifest.get("planned")
+    if planned is not None and complete < planned:
+        raise BadInput(
+            f"{directory}: {complete} of its {planned} objects are complete; run the shard again "
+            "with its command, which goes on with the others"
+        )
     return Part(directory, read_shard(name), manifest)
 
 
@@ -152,6 +158,7 @@ def _describe(parts: Sequence[Part]) -> dict[str, Any]:
     kept = {name: value for name, value in first.items() if name not in ("worker_shares", "git")}
     return kept | {
         "objects": objects,
+        "planned": len(objects),
         "shard": WHOLE,
         "merged": [{name: part.manifest.get(name) for name in OWN} for part in parts],
         "machine": first.get("machine", {}) | {"cpu": "; ".join(processors)},

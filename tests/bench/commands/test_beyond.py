@@ -62,7 +62,7 @@ def test_table_and_check_know_the_leads(written, command, monkeypatch):
     path.write_bytes(before.replace(b"pc2pix", b"pc2pax", 1))
     (message,) = bench.checking.golden.check(written).regressions
     assert "crossings.csv: not what the records give" in message
-    status, out, err = command("table", written)
+    status, out, err = command("table", written, "--format", "md")
     assert (status, err) == (0, "")
     assert path.read_bytes() == before
     assert (written / "tables" / "crossings.md").read_text() in out

@@ -12,7 +12,7 @@ import trimesh
 
 import bench.catalogue.metrics
 import bench.running.run
-import bench.tables.build
+import bench.tables.scored
 from bench.commands.publish import run_suite
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.records.journal import read_manifest
@@ -66,7 +66,7 @@ def planned_only(no_machine, monkeypatch, tmp_path):
     def stop(*arguments):
         raise BadInput("far enough")
 
-    monkeypatch.setattr(bench.running.run, "do_jobs", stop)
+    monkeypatch.setattr(bench.running.run, "results", stop)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
 
 
@@ -75,7 +75,7 @@ def measured(folder, classifier, tiny_weights, tmp_path_factory):
     directory = tmp_path_factory.mktemp("classes") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(directory.parent))  # no weights for fid
-        for module in (bench.catalogue.metrics, bench.tables.build):
+        for module in (bench.catalogue.metrics, bench.tables.scored):
             patch.setattr(module, "VIEWS_WEIGHTS", classifier[0])
         methods = ("surface-apss", f"pc2pix@{tiny_weights}", "true-mesh", "blank")
         dataset = f"folder:{folder}"
@@ -105,7 +105,7 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
 def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path):
     other = tmp_path / "other.safetensors"
     other.write_bytes(to_file(ViewsNetwork(classifier[1].labels)))
-    monkeypatch.setattr(bench.tables.build, "VIEWS_WEIGHTS", other)
+    monkeypatch.setattr(bench.tables.scored, "VIEWS_WEIGHTS", other)
     scored = read_scored(measured.directory)
     assert "class_confidence" not in scored.records
     assert scored.skipped["class-confidence"] == (

@@ -84,12 +84,15 @@ def test_dry_run_of_a_finished_run_leaves_it_as_it_is(one_run, command, argument
 def test_dry_run_counts_what_is_left_of_a_begun_run(one_run, command, arguments):
     (journal,) = (one_run / "journal").glob("*.jsonl")
     lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join(lines[:22]) + lines[22][:100])  # of 27, four gone, one torn
-    key = json.loads(lines[4].partition(b" ")[2])["key"]
+    found = [json.loads(line.partition(b" ")[2]) for line in lines]
+    splat = [i for i, line in enumerate(found) if line["records"][0]["method"] == "splat"]
+    kept = [line for i, line in enumerate(lines) if i not in splat[:4]]  # of 6
+    journal.write_bytes(b"".join(kept) + lines[splat[3]][:100])  # three gone, one torn
+    key = found[splat[4]]["key"]
     next((one_run / "artifacts").rglob(f"{key}.npz")).write_bytes(b"not what was written")
     before = tree(one_run)
     _, out, _ = command(*arguments, "--dry-run", "--out", one_run)
-    assert "items: 6 to be done, 18 there" in out
+    assert "items: 5 to be done, 19 there" in out
     assert tree(one_run) == before  # the journal is not repaired
 
 

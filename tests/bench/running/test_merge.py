@@ -58,8 +58,8 @@ def test_merged_shards_are_the_run_in_one_piece(finished, made, tmp_path, comman
     whole = tmp_path / "whole"
     status, out, err = command("merge", *made[::-1], "--out", whole)
     assert status == 0
-    assert "Table 3: SSIM" in out
-    assert "27 jobs of 2 shards, 27 copied now" in err
+    assert out.startswith("ssim and fd-views: 3 of 3 objects\n")
+    assert "27 jobs of 2 shards, 21 copied now" in err  # 6 items are as others
     assert_equal_runs(whole, finished[0])
     assert file_bytes(whole / "figures") == file_bytes(finished[0] / "figures")
     assert read_jobs(whole) == read_jobs(finished[0])
@@ -115,6 +115,7 @@ def test_a_missing_shard_and_one_that_is_there_twice_are_named(shards, tmp_path,
         ({"seed": 7}, "shard-2: not of one run with .*shard-1: its seed is 7, there 0"),
         ({"conditions": ["2048"]}, "its conditions is "),
         ({"finished": None}, "shard-2: the run is not finished"),
+        ({"planned": 5}, "shard-2: 1 of its 5 objects are complete; run the shard again"),
         ({"versions": "1.0"}, r"its versions is \{'torch': '1.0'\}, there \{'torch': '2"),
         ({"objects": ["chair/test-0000"]}, "chair/test-0000: is in several shards"),
         ({"objects": ["chair/a", "chair/b", "chair/c"]}, "objects: 1/2 has 2, 2/2 has 3"),
@@ -150,7 +151,7 @@ def test_harmed_shards_are_refused_and_nothing_counts_as_finished(shards, tmp_pa
 def test_failed_jobs_and_their_reasons_come_along(shards, tmp_path):
     """A shard in which one job failed: without artifact, its records say why."""
     jobs = read_jobs(shards[1])
-    chosen = jobs[3]
+    chosen = jobs[2]  # of a network: it depends on the condition
     result = read_lines(shards[1]).result(chosen.key)
     lost = {"outcome": "failed", "reason": "apss: no faces", "ssim": None}
     records = tuple(replace(record, **lost) for record in result.records)

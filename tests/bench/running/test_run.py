@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 import bench.running.run
-import bench.tables.build
+import bench.tables.scored
 from bench.commands.publish import run_suite
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
@@ -47,7 +47,7 @@ def journal(directory):
 def test_files_of_a_run(finished):
     directory, _ = finished
     names = {str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file()}
-    tables = ("table3_ssim", "table4_fid", "table_detail", "table_control")
+    tables = ("headline", "table3_ssim", "table4_fid", "table_detail", "table_control")
     assert {name for name in names if not name.startswith("artifacts/")} == {
         *("manifest.json", "records.parquet", "jobs.parquet", "cost.md", "report.html", "lock"),
         "journal/0001.jsonl",
@@ -55,7 +55,8 @@ def test_files_of_a_run(finished):
         *(f"tables/{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *(f"figures/{name}.png" for name in ("robustness", "pictures", "thin-parts")),
     }
-    assert len(names) == 21 + 3 + 24  # and an artifact for each ground truth and item
+    # And an artifact for each ground truth and item; for what depends on no condition one.
+    assert len(names) == 23 + 3 + 3 * (2 * 2 + 2)
     for name in ("robustness", "pictures", "thin-parts"):
         with Image.open(directory / "figures" / f"{name}.png") as image:
             assert np.asarray(image.convert("L")).std() > 10
@@ -109,15 +110,19 @@ def test_ceiling_and_floor(finished):
 
 def test_what_is_printed(finished):
     directory, done = finished
-    for name in ("table3_ssim.md", "table4_fid.md", "table_detail.md", "table_control.md"):
-        assert (directory / "tables" / name).read_text() in done.stdout
-    assert (directory / "cost.md").read_text() in done.stdout
-    *progress, summary, shares, where = done.stderr.splitlines()
-    pattern = r"(ground truth|chair-robustness): \d+/\d+ done, 0 failed, \d+ s, about \d+ s left"
+    title, *shown, report, tables = done.stdout.splitlines()
+    assert title == "ssim and fd-views: 3 of 3 objects"
+    assert sum(line.startswith("splat ") for line in shown) == 1
+    assert len(shown) < 38
+    assert max(map(len, shown)) <= 100
+    assert report == f"report: {directory / 'report.html'}"
+    assert tables == f"tables: {directory / 'tables'}"
+    first, *progress, summary, shares, where = done.stderr.splitlines()
+    assert first == f"headline table so far: {directory / 'tables' / 'headline.md'}"
+    pattern = r"chair-robustness: \d+/21 done, 0 failed, \d+ s, about \d+ s left"
     assert all(re.fullmatch(pattern, line) for line in progress)
-    for end in ("ground truth: 3/3 done, ", "chair-robustness: 24/24 done, "):
-        assert sum(line.startswith(end) for line in progress) == 1
-    assert summary.startswith("24 items done, 0 from before, 0 failed (ground truth ")
+    assert progress[-1].startswith("chair-robustness: 21/21 done, ")
+    assert summary.startswith("24 items done, 0 from before, 0 failed (items ")
     numbers = ", ".join(rf"{name} (\d+)%" for name in SHARES)
     parts = re.fullmatch(f"time of the workers: {numbers}", shares)
     assert parts
@@ -133,7 +138,7 @@ def test_the_manifest_tells_what_was_run(finished, tiny_weights):
     assert (manifest["views"], manifest["seed"], manifest["workers"]) == (2, 0, 2)
     assert {"gl", "render", "pyrender", "numpy"} <= manifest["environment"].keys()
     assert manifest["finished"] >= manifest["started"]
-    assert set(manifest["stage_seconds"]) == {"ground truth", "items", "tables", "figures"}
+    assert set(manifest["stage_seconds"]) == {"items", "tables", "figures"}
     assert manifest["versions"]["numpy"] == np.__version__
     assert list(manifest["skipped_metrics"]) == ["fid"]
 
@@ -243,7 +248,7 @@ def no_networks(monkeypatch):
     """Without set metrics, workers need no torch and start in a second."""
     suites = [replace(bench.running.run.SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.running.run, "SUITES", suites)
-    monkeypatch.setattr(bench.tables.build, "SUITES", suites)
+    monkeypatch.setattr(bench.tables.scored, "SUITES", suites)
 
 
 @pytest.mark.slow

@@ -440,7 +440,7 @@ def test_rows_have_the_order_of_the_manifest_and_the_published_values(tmp_path):
 
 def test_tables_are_reproduced_to_the_byte(tmp_path):
     run = write_run(tmp_path)
-    names = ("table3_ssim", "table4_fid", "table_control", "table_detail")
+    names = ("headline", "table3_ssim", "table4_fid", "table_control", "table_detail")
     before = {path.name: path.read_bytes() for path in (run / "tables").iterdir()}
     assert set(before) == {f"{name}.{kind}" for name in names for kind in ("csv", "md")}
     shutil.rmtree(run / "tables")
