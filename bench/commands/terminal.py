@@ -45,7 +45,7 @@ class Terminal(AbstractContextManager["Terminal"]):
 
             self._bars = bars()
             self._task = self._bars.add_task(self._title, total=self._total, failed=0)
-            self._live = Live(self._bars, console=self._bars.console)
+            self._live = Live(self._bars, console=self._bars.console, transient=True)
             self._around.enter_context(self._live)
         else:
             self._advance = self._around.enter_context(progress(self._title, self._total))

@@ -13,7 +13,7 @@ WIDEST_NAME = 30
 GAP = "  "
 NOTES = 3  # of all grids
 FEWEST_LINES = 10
-MARKS = "*: best of those that compete; ±: the wider half of the 95 % interval over objects"
+MARKS = "* best of those that compete; ± the wider half of the 95 % interval over objects"
 
 
 def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
@@ -63,9 +63,12 @@ def _groups(grid: Grid, intervals: bool, width: int) -> list[list[str]]:
     wider than `width`."""
     columns = []
     for place, head in enumerate(grid.columns):
-        texts = [visible(head.name), *(_text(line.cells[place], intervals) for line in grid.lines)]
-        wide = max(map(len, texts))
-        columns.append([text.rjust(wide) for text in texts])
+        cells = [line.cells[place] for line in grid.lines]
+        values = _aligned([visible(cell.text) + "* "[cell.special is not BEST] for cell in cells])
+        halves = [_half(cell) if intervals else "" for cell in cells]
+        wide = max(map(len, halves), default=0)
+        texts = [value + half.ljust(wide) for value, half in zip(values, halves, strict=True)]
+        columns.append(_aligned([visible(head.name), *texts]))
     at_once = max(1, (width + len(GAP)) // (len(GAP) + max(len(c[0]) for c in columns)))
     parts = [columns[start : start + at_once] for start in range(0, len(columns), at_once)]
     better = "higher" if grid.higher else "lower"
@@ -82,14 +85,19 @@ def _joined(blocks: Sequence[Sequence[str]]) -> list[str]:
     return [GAP.join(texts).rstrip() for texts in zip(*blocks, strict=True)]
 
 
-def _text(cell: Cell, intervals: bool) -> str:
-    """A value, a star where it is the best, and how far its interval reaches."""
-    text = visible(cell.text) + ("*" if cell.special is BEST else " ")
-    if not intervals or cell.value is None or cell.interval is None:
-        return text
+def _aligned(texts: Sequence[str]) -> list[str]:
+    wide = max(map(len, texts), default=0)
+    return [text.rjust(wide) for text in texts]
+
+
+def _half(cell: Cell) -> str:
+    """How far the interval of a value reaches, in the digits of the value."""
+    if cell.value is None or cell.interval is None:
+        return ""
     low, high = map(float, cell.interval)
     digits = len(cell.text.partition(".")[2])
-    return f"{text} ±{max(cell.value - low, high - cell.value):.{digits}f}"
+    half = f"{max(cell.value - low, high - cell.value):.{digits}f}"
+    return f"±{half.removeprefix('0') if digits else half}"
 
 
 def _cut(text: str, width: int) -> str:
