@@ -10,10 +10,11 @@ image alone, and its answers are features too, which no distance is taken of.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
@@ -81,11 +82,21 @@ def _fid(weights: str) -> Extractor:
     return lambda images: inception_features(model, images)
 
 
+@functools.cache
 def _views(weights: str) -> Extractor:
+    import numpy as np
+
     from bench.judges.views import load_views_network, view_features
 
     model = load_views_network(Path(weights))
-    return lambda images: view_features(model, images)
+    last: list[NDArray[Any]] = []  # images and their features: of grey images fd-views-grey asks
+
+    def features(images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        if not (last and np.array_equal(last[0], images)):
+            last[:] = images.copy(), view_features(model, images)
+        return last[1]
+
+    return features
 
 
 def _views_grey(weights: str) -> Extractor:
