@@ -127,7 +127,10 @@ class ObjectJobs:
     @property
     def jobs(self) -> tuple[Job, ...]:
         """Each job once."""
-        return (self.truth, *{job.key: job for job in self.items}.values())
+        once: dict[str, Job] = {}
+        for job in self.items:
+            once.setdefault(job.key, job)
+        return (self.truth, *once.values())
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,10 @@ def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
             if fits and len(rows) + len(end) <= lines:
                 return [*rows, *end]
     most = max(FEWEST_LINES, lines) - len(end) - 1
-    return [*rows[:most], f"... {len(rows) - most} more lines, in the tables", *end]
+    if len(rows) <= most:
+        return [*rows, *end]
+    cut = _cut(f"... {len(rows) - most} more lines, in the tables", width)
+    return [*rows[:most], cut, *end]
 
 
 def _rows(
@@ -45,7 +48,7 @@ def _rows(
     for some in [grids] if beside else [[grid] for grid in grids]:
         names = [visible(line.name) for line in some[0].lines] if some else []
         wide = min(WIDEST_NAME, max(map(cell_len, names), default=0))
-        first = ["", *(set_cell_size(_cut(name, wide), wide) for name in ("", *names))]
+        first = [set_cell_size(_cut(name, wide), wide) for name in ("", "", *names)]
         left = max(1, width - wide - len(GAP))
         groups = [group for grid in some for group in _groups(grid, intervals, left)]
         whole = len(groups) == len(some)
@@ -69,8 +72,11 @@ def _groups(grid: Grid, intervals: bool, width: int) -> list[list[str]]:
         wide = max(map(len, halves), default=0)
         texts = [value + half.ljust(wide) for value, half in zip(values, halves, strict=True)]
         columns.append(_aligned([visible(head.name), *texts]))
-    at_once = max(1, (width + len(GAP)) // (len(GAP) + max(len(c[0]) for c in columns)))
-    parts = [columns[start : start + at_once] for start in range(0, len(columns), at_once)]
+    parts: list[list[list[str]]] = [[]]
+    for column in columns:
+        if parts[-1] and sum(len(c[0]) + len(GAP) for c in parts[-1]) + len(column[0]) > width:
+            parts.append([])
+        parts[-1].append(column)
     better = "higher" if grid.higher else "lower"
     title = _cut(f"{visible(grid.caption.partition(',')[0])}, {better} is better", width)
     groups = []
