@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
 import time
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,13 @@ from PIL import Image
 
 import bench.running.run
 import bench.tables.scored
-from bench.commands.publish import run_suite
+from bench.commands.publish import interim, publish, run_suite
+from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import Options, Shard, protocol_of
+from bench.running.run import run
+from bench.running.schedule import Budget
 from bench.tables.build import tables
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, MissingDependency
@@ -249,6 +254,74 @@ def no_networks(monkeypatch):
     suites = [replace(bench.running.run.SUITES[0], set_metrics=(), control_metrics=())]
     monkeypatch.setattr(bench.running.run, "SUITES", suites)
     monkeypatch.setattr(bench.tables.scored, "SUITES", suites)
+
+
+class OneMore(Budget):
+    """Time for one object a start."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        self._first = None
+
+    def allows(self, complete, under_way):
+        self._first = complete if self._first is None else self._first
+        return complete + math.ceil(under_way) < self._first + 1
+
+
+class Interrupted(Terminal):
+    """Ctrl-C as soon as an object is complete."""
+
+    def object(self, so_far):
+        super().object(so_far)
+        raise KeyboardInterrupt
+
+
+@pytest.mark.slow
+def test_some_objects_now_and_the_others_later(
+    finished, same_machine, tiny_weights, tmp_path, monkeypatch, command
+):
+    """Ctrl-C, a budget, no limit: each start goes on from where the last one came, what it leaves
+    is a run of the objects that are complete, and the end is that of a run never stopped."""
+    directory = tmp_path / "run"
+    options = finished_options(tiny_weights, directory)
+    first = run(options, publish, partial(Interrupted, interim))
+    assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
+    assert read_manifest(directory)["objects"] == ["chair/test-0000"]
+    interim_table = (directory / "tables" / "headline.md").read_text()
+    assert interim_table.startswith("# ssim and fd-views: 1 of 3 objects\n")
+    assert set(records(directory)["object"]) == {"test-0000"}
+
+    monkeypatch.setattr(bench.running.run, "Budget", OneMore)
+    second = run_suite(replace(options, budget=100.0))
+    assert (second.interrupted, second.objects, second.reused) == (False, 2, 8)
+    assert read_manifest(directory)["finished"]
+    status, out, err = command("table", directory)
+    assert (status, err) == (0, "")
+    assert out.startswith("ssim and fd-views: 2 of 3 objects\n")
+    assert {row.n for table in tables(read_scored(directory)) for row in table.rows} == {4}
+    assert (directory / "report.html").stat().st_mtime_ns > (
+        directory / "records.parquet"
+    ).stat().st_mtime_ns
+
+    monkeypatch.undo()
+    monkeypatch.setattr(
+        "bench.running.protocol.environment", lambda: read_manifest(finished[0])["environment"]
+    )
+    monkeypatch.setenv("XDG_CACHE_HOME", str(finished[0].parent))
+    last = run_suite(options)
+    assert (last.objects, last.planned, last.reused) == (3, 3, 16)
+    assert_equal_runs(directory, finished[0])
+
+
+def test_budgets_that_cannot_be_kept_are_refused_before_any_work(
+    same_machine, tiny_weights, tmp_path
+):
+    options = finished_options(tiny_weights, tmp_path / "run", budget=5.0)
+    with pytest.raises(BadInput, match=r"--budget 5s: too short for one object .* at least \d+s"):
+        run_suite(options)
+    with pytest.raises(BadInput, match=r"--budget: has no meaning with --shard 1/2"):
+        run_suite(replace(options, shard=Shard(1, 2)))
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow

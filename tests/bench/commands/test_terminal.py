@@ -1,0 +1,92 @@
+"""What a run shows while it goes on, with a table of our own."""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from bench.commands.terminal import MOST_LINES, SHARE, Terminal, shown
+from bench.running.run import SoFar
+from bench.tables.quality import Row, quality_table
+
+
+def make_row(method="splat", value=0.5, condition="2048"):
+    return Row("s", method, condition, "chair", "ssim", value, 0.4, 0.6, 2, 2, 0.0, value, "")
+
+
+def table(objects):
+    rows = [make_row("splat", value=0.5 + objects / 100), make_row("blank", value=0.25)]
+    return quality_table("headline", f"ssim: {objects} of 9 objects", rows, 3)
+
+
+def so_far(objects):
+    return SoFar(Path("run"), {"objects": ["a"] * objects}, [], list, 9)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_elsewhere_one_line_names_the_file(clock, capsys):
+    with Terminal(lambda part: table(len(part.manifest["objects"])), "items", 4) as terminal:
+        terminal.job(3, 0)
+        terminal.object(so_far(1))
+        terminal.job(1, 1)  # two are done: one had nothing to be scored against
+        terminal.object(so_far(2))
+        clock[0] += 20
+        terminal.job(0, 1)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == [
+        "headline table so far: run/tables/headline.md",
+        "items: 4/4 done, 1 failed, 20 s, about 0 s left",
+    ]
+
+
+def test_tables_in_between_take_a_twentieth_of_the_time(clock):
+    made = []
+
+    def make(part):
+        made.append(clock[0])
+        clock[0] += 3
+        return table(1)
+
+    with Terminal(make, "items", 100) as terminal:
+        for _ in range(200):
+            clock[0] += 1
+            terminal.object(so_far(1))
+    waits = [later - before - 3 for before, later in pairwise(made)]
+    assert made[0] == 101
+    assert waits == [3 / SHARE] * len(waits)
+    assert len(waits) > 1
+
+
+@pytest.mark.parametrize(("terminal", "live"), [("xterm", True), ("dumb", False)])
+def test_on_a_terminal_the_table_is_drawn(monkeypatch, capsys, terminal, live):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setenv("TERM", terminal)
+    with Terminal(lambda part: table(1), "items", 2) as view:
+        view.job(1, 0)
+        view.object(so_far(1))
+        view.job(0, 0)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert ("ssim: 1 of 9 objects" in err) == live
+    assert ("0.510" in err) == live
+    assert ("headline table so far" in err) == (not live)
+
+
+def test_no_wider_and_longer_than_the_terminal(monkeypatch):
+    rows = [make_row(f"method-{i}", condition=f"c-{j}") for i in range(60) for j in range(9)]
+    made = quality_table("headline", "ssim: 1 of 9 objects", rows, 3)
+    for columns, width in ((60, 60), (100, 100), (500, 100)):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        lines = shown(made)
+        assert len(lines) == MOST_LINES
+        assert max(map(len, lines)) <= width
