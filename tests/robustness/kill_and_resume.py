@@ -4,7 +4,7 @@
 
 One run is left alone; its tables are the measure, its duration the span of the instants. Each other
 run is killed, with all its workers, as often as `--kills` says, started again after each, and left
-to its end. Then its tables have to be the same bytes, its journal has to hold each key once, and
+to its end; with `--budget` the starts that are killed have it, and the last has none. Then its tables have to be the same bytes, its journal has to hold each key once, and
 all of them. Prints a line a run and a summary; exit status 1 if one of them differs.
 """
 
@@ -29,10 +29,10 @@ PROTOCOL = (
 )
 
 
-def command(out: Path) -> list[str]:
+def command(out: Path, more: Sequence[str] = ()) -> list[str]:
     """The command line of a run."""
     main = "from bench.cli import main; main()"
-    return [sys.executable, "-c", main, "run", *PROTOCOL, "--out", str(out)]
+    return [sys.executable, "-c", main, "run", *PROTOCOL, *more, "--out", str(out)]
 
 
 def run_to_the_end(out: Path) -> float:
@@ -42,10 +42,10 @@ def run_to_the_end(out: Path) -> float:
     return time.perf_counter() - start
 
 
-def run_and_kill(out: Path, after_s: float) -> bool:
-    """Run, and kill the whole process group after `after_s`; False if it had ended by then."""
+def run_and_kill(out: Path, after_s: float, more: Sequence[str] = ()) -> bool:
+    """Run with `more` options, and kill the whole process group after `after_s`; False if it had ended by then."""
     with subprocess.Popen(
-        command(out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command(out, more), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     ) as process:
         try:
             process.wait(timeout=after_s)
@@ -75,8 +75,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--kills", type=int, default=1, help="of each run")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--budget", help="of the starts that are killed, as in bench run")
     chosen = parser.parse_args(arguments)
     rng = random.Random(chosen.seed)
+    budget = ("--budget", chosen.budget) if chosen.budget else ()
     different = killed = 0
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "alone"
@@ -88,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             instants = [rng.uniform(0.0, span) for _ in range(chosen.kills)]
             cut = []
             for instant in instants:
-                killed += run_and_kill(out, instant)
+                killed += run_and_kill(out, instant, budget)
                 journal = out / "journal"
                 cut.append(len(recorded(out)) if journal.is_dir() else 0)
             run_to_the_end(out)
