@@ -75,9 +75,9 @@ def forecast(
 
 def plan_of(run: RunStatus, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterator[Block]:
     """Headline, a table by method, wall time and memory, and what would save."""
-    protocol, left = run.protocol, run.left
+    protocol, left = run.protocol, run.jobs_left
     total = core_s(pilot, left, run.workers)
-    items = sum(left.values()) - left[GROUND_TRUTH, ""]
+    items = sum(run.left.values()) - run.left[GROUND_TRUTH, ""]
     there = len(run.todo.items) - items
     measured = {(s.class_name, s.object_id) for s in pilot.samples}
     workers = "one worker" if run.workers == 1 else f"{run.workers} workers"
@@ -93,7 +93,7 @@ def plan_of(run: RunStatus, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterato
     on_gpu = _on_gpu(protocol)
     starting = loading_s(pilot, left, run.workers)
     yield grid(
-        ["method", "items", "core-s an item", "core-hours", "GPU-hours", "disk, MB", "worker, MiB"],
+        ["method", "jobs", "core-s a job", "core-hours", "GPU-hours", "disk, MB", "worker, MiB"],
         [
             *(
                 _line(method, pilot, _only(left, (method,)), method in on_gpu)
@@ -102,7 +102,7 @@ def plan_of(run: RunStatus, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterato
             ["start and loading", "", "", _digits(starting / 3600), NO_VALUE, "", ""],
             [
                 Cell("all", special=BOLD),
-                f"{items:,}",
+                f"{sum(left.values()) - left[GROUND_TRUTH, '']:,}",
                 "",
                 _hours(total),
                 _gpu_hours(pilot, _only(left, on_gpu)) if on_gpu else NO_VALUE,
@@ -209,7 +209,7 @@ def _savings(
     run: RunStatus, pilot: Pilot, also: tuple[str, ...], whole: float
 ) -> Iterator[tuple[str, float, str]]:
     """Changes of the run, the seconds of a core that it would take with them, and their price."""
-    protocol, left = run.protocol, run.left
+    protocol, left = run.protocol, run.jobs_left
     if protocol.shard is None:  # a limit would distribute the objects of a shard anew
         classes = Counter(obj.class_name for obj in protocol.objects)
         for limit in [n for n in LIMITS if n < max(classes.values())][-3:]:

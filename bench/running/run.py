@@ -31,7 +31,16 @@ from bench.running import environment as manifests
 from bench.running.executors import JobPool, results
 from bench.running.isolation import Executor
 from bench.running.pilot import Cell
-from bench.running.protocol import Options, Plan, Protocol, describe, plan, protocol_of, workers_of
+from bench.running.protocol import (
+    ObjectJobs,
+    Options,
+    Plan,
+    Protocol,
+    describe,
+    plan,
+    protocol_of,
+    workers_of,
+)
 from bench.running.ray import LOCAL, RayPool, connected, requirements
 from bench.running.schedule import Budget, Schedule, guess_s
 from data_prep.failures import BadInput
@@ -56,19 +65,27 @@ class RunStatus:
 
     @property
     def left(self) -> dict[Cell, int]:
-        """How many jobs are to be done, by method and condition; zeros included."""
+        """How many items are to be done, by method and condition; zeros included."""
         return count((*self.todo.references, *self.todo.items), self.there)
+
+    @property
+    def jobs_left(self) -> dict[Cell, int]:
+        """The same in jobs: one that does an item under every condition counts at the first."""
+        return count(self._jobs(self.todo.objects), self.there)
 
     def left_of_first(self, objects: int) -> dict[Cell, int]:
         """The same with `--limit`: of each class only so many, as the dataset orders them."""
         taken: dict[str, int] = {}
-        first: set[tuple[str, str]] = set()
-        for job in self.todo.references:
-            number = taken[job.object.class_name] = taken.get(job.object.class_name, 0) + 1
+        first = []
+        for obj in self.todo.objects:
+            class_name = obj.truth.object.class_name
+            number = taken[class_name] = taken.get(class_name, 0) + 1
             if number <= objects:
-                first.add(job.item.object)
-        jobs = (*self.todo.references, *self.todo.items)
-        return count((job for job in jobs if job.item.object in first), self.there)
+                first.append(obj)
+        return count(self._jobs(first), self.there)
+
+    def _jobs(self, objects: Iterable[ObjectJobs]) -> list[Job]:
+        return [job for obj in objects for job in obj.jobs]
 
 
 def count(jobs: Iterable[Job], there: frozenset[str]) -> dict[Cell, int]:

@@ -224,7 +224,7 @@ def test_plan_has_hours_gpu_hours_disk_and_memory(tmp_path, monkeypatch):
     assert "| ground-truth | 8 | 45 | 0.1 [0.1, 0.1] | - | 1 | 256 |" in lines
     assert "| pc2pix | 40 | 180 | 2 [2, 2] | 0.5 | 5 | 512 |" in lines
     assert "| start and loading |  |  | 0.01 | - |  |  |" in lines
-    assert "| **all** | 80 |  | 2.1 [2.1, 2.1] | 0.5 | 6 | 512 |" in lines
+    assert "| **all** | 48 |  | 2.1 [2.1, 2.1] | 0.5 | 6 | 512 |" in lines
     assert any(line.startswith("With 2 workers: **63 min** [63 min, 63 min], ") for line in lines)
     assert not any("pilot's items failed" in line for line in lines)
     refused = make_run(tmp_path, device="cpu")
@@ -236,7 +236,7 @@ def test_plan_of_the_rest_and_of_failures(tmp_path):
     run = make_run(tmp_path, there=10)
     text = text_of(run, make_pilot(run, reason="draw: no"))
     assert f"70 items to do, 10 there in `{tmp_path}`." in text
-    assert "40 of the pilot's items failed; they are counted as they were." in text
+    assert "24 of the pilot's items failed; they are counted as they were." in text
     few = make_run(tmp_path, objects=1, there=10)
     assert "With 2 workers: **63 s** [63 s, 63 s], " in text_of(few, make_pilot(few))
 
@@ -249,7 +249,7 @@ def test_plan_says_what_would_save(tmp_path):
         "about ±0.080 in place of ±0.057 |"
     ) in text
     assert re.search(r"^\| without pc2pix \| 0.26 \| 5 \| 95% \| the most expensive", text, re.M)
-    assert re.search(r"^\| without fid \| 4.2 \| 1.1 \| 21% \|", text, re.M)
+    assert re.search(r"^\| without fid \| 4.6 \| 0.7 \| 13% \|", text, re.M)
     assert "`--also` with some of `pc2pix@" in text
 
 
