@@ -45,7 +45,10 @@ def run_to_the_end(out: Path) -> float:
 def run_and_kill(out: Path, after_s: float, more: Sequence[str] = ()) -> bool:
     """Run with `more` options, and kill the whole process group after `after_s`; False if it had ended by then."""
     with subprocess.Popen(
-        command(out, more), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command(out, more),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     ) as process:
         try:
             process.wait(timeout=after_s)
