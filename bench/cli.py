@@ -136,6 +136,9 @@ def _all() -> None:
 
 def main() -> None:
     """Entry point of the console script `bench`."""
+    for name in ("stdout", "stderr"):  # closed by the caller: there is nobody to tell
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
     app(prog_name="bench")
 
 

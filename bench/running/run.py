@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -367,8 +367,11 @@ def _do(
         say(f"{title}: {len(schedule.outcomes)} jobs are there from before")
     failures = 0
     try:
-        with watch(title, schedule.left) as observer:
-            for result in results(schedule.jobs(), schedule.left, journal, factory.start):
+        with (
+            watch(title, schedule.left) as observer,
+            closing(results(schedule.jobs(), schedule.left, journal, factory.start)) as stream,
+        ):
+            for result in stream:
                 failures += result.artifact_sha256 is None
                 complete = schedule.take(result)
                 observer.job(schedule.left, failures)

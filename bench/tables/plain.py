@@ -23,21 +23,23 @@ def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
     intervals where there is room; what has no room is left out, and a line says how much.
     """
     shown = [grid for grid in grids if not grid.void]
-    notes = [visible(note) for grid in grids for note in grid.notes]
-    end = [_cut(note, width) for note in (MARKS, *notes[:NOTES])]
+    notes = [_cut(visible(note), width) for grid in grids for note in grid.notes]
     if len(notes) > NOTES:
-        end.append(f"... {len(notes) - NOTES} more remarks, in the tables")
+        notes[NOTES:] = [f"... {len(notes) - NOTES} more remarks, in the tables"]
+    cells = [cell for grid in shown for line in grid.lines for cell in line.cells]
+    marked = any(cell.special is BEST or cell.interval for cell in cells)
+    end = [*([_cut(MARKS, width)] if marked else []), *notes]
     rows: list[str] = []
     for intervals in (True, False):
         for beside in (True, False):
             fits, rows = _rows(shown, intervals, beside, width)
             if fits and len(rows) + len(end) <= lines:
                 return [*rows, *end]
-    most = max(FEWEST_LINES, lines) - len(end) - 1
-    if len(rows) <= most:
-        return [*rows, *end]
-    cut = _cut(f"... {len(rows) - most} more lines, in the tables", width)
-    return [*rows[:most], cut, *end]
+    most = max(FEWEST_LINES, lines) - len(end)
+    if len(rows) > most:
+        left = len(rows) - most + 1
+        rows[most - 1 :] = [_cut(f"... {left} more lines, in the tables", width)]
+    return [*rows, *end]
 
 
 def _rows(

@@ -198,17 +198,34 @@ def test_help_names_all_commands(command):
 def test_table_makes_the_same_bytes_again_from_records_and_features(finished, copied, command):
     for folder in ("tables", "artifacts", "journal"):
         shutil.rmtree(copied / folder)
-    once, twice = command("table", copied), command("table", copied)
+    full = ("table", copied, "--format", "md")
+    once, twice = command(*full), command(*full)
     assert once == twice
     assert once[0] == 0
     assert once[2] == ""
-    for name in ("table3_ssim", "table4_fid", "table_detail", "table_control"):
+    for name in ("headline", "table3_ssim", "table4_fid", "table_detail", "table_control"):
         for kind in ("csv", "md"):
             path = f"tables/{name}.{kind}"
             assert (copied / path).read_bytes() == (finished[0] / path).read_bytes()
-        assert (copied / f"tables/{name}.md").read_text() in once[1]
+        assert ((copied / f"tables/{name}.md").read_text() in once[1]) == (name != "headline")
     (copied / "features" / "fd-views.parquet").unlink()
     assert "skipped: no features in this run" in command("table", copied)[1]
+
+
+def test_tables_for_scripts(finished, copied, command):
+    """All values of the tables, in CSV under one header, in JSON unrounded."""
+    status, text, err = command("table", copied, "--format", "csv")
+    assert (status, err) == (0, "")
+    found = pd.read_csv(io.StringIO(text))
+    names = ("table3_ssim", "table4_fid", "table_detail", "table_control")
+    files = [pd.read_csv(finished[0] / "tables" / f"{name}.csv") for name in names]
+    pd.testing.assert_frame_equal(found, pd.concat(files, ignore_index=True), check_dtype=False)
+    made = json.loads(command("table", copied, "--format", "json")[1])
+    assert [table["name"] for table in made] == [*names]
+    rows = [row for table in made for row in table["rows"]]
+    assert len(rows) == len(found)
+    for row, value in zip(rows, found["value"], strict=True):
+        assert row["value"] is None if np.isnan(value) else abs(row["value"] - value) < 1e-6
 
 
 @pytest.mark.parametrize("buffered", [True, False])

@@ -4,8 +4,9 @@
 
 One run is left alone; its tables are the measure, its duration the span of the instants. Each other
 run is killed, with all its workers, as often as `--kills` says, started again after each, and left
-to its end; with `--budget` the starts that are killed have it, and the last has none. Then its tables have to be the same bytes, its journal has to hold each key once, and
-all of them. Prints a line a run and a summary; exit status 1 if one of them differs.
+to its end; with `--budget` the starts that are killed have it, and the last has none. Then its
+tables have to be the same bytes, its journal has to hold each key once, and all of them. Prints a
+line a run and a summary; exit status 1 if one of them differs.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ def run_to_the_end(out: Path) -> float:
 
 
 def run_and_kill(out: Path, after_s: float, more: Sequence[str] = ()) -> bool:
-    """Run with `more` options, and kill the whole process group after `after_s`; False if it had ended by then."""
+    """Run with `more` options, and kill the whole process group after `after_s`; False if it had
+    ended by then."""
     with subprocess.Popen(
         command(out, more),
         stdout=subprocess.DEVNULL,

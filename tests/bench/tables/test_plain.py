@@ -89,7 +89,6 @@ def test_missing_values_notes_and_metrics_that_were_not_measured():
         "              ssim, higher is better",
         "                                2048",
         "surface-apss                      -",
-        MARKS,
         "a: 20 x timeout",
         "skipped: weights; see docs",
     ]
