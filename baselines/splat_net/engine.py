@@ -10,10 +10,11 @@ import functools
 import torch
 from torch import Tensor, nn
 
-from baselines.splat_net.network import Block, SplatNet, composite
+from baselines.splat_net.network import PLANES, Block, SplatNet
+from baselines.splat_net.window import Windows, whole_images
 from learning.convolution import Convolution, Precision, dtype_of, normalisation
 
-GROUP = 20  # images that pass together: fewer leave the processor waiting between operations
+GROUP = 10  # images that pass together: in more, windows are wider; in fewer, calls cost more
 
 
 class FoldedSplatNet:
@@ -31,23 +32,29 @@ class FoldedSplatNet:
         """Kernels laid out for a group are slow with a single image."""
         return _Layers(self.network, self.dtype, self.size, 1)
 
-    def __call__(self, channels: Tensor) -> Tensor:
-        """Images float32 [P, S, S, 3] in 0..1 by the first head, of channels [P, C, S, S] of
-        `dtype`."""
+    def __call__(self, channels: Tensor, windows: Windows | None = None) -> Tensor:
+        """Images float32 [P, h, w, 3] in 0..1 by the first head, of channels [P, C, h, w] of
+        `dtype` in windows; without these of whole images."""
         layers = self.for_one if len(channels) == 1 else self.for_many
-        output = layers(channels)
-        _, (image, *_) = composite(output, self.network.config.heads)
-        return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
+        windows = windows or whole_images(range(len(channels)), self.size)
+        planes = layers(channels, windows).float().sigmoid_()
+        alpha, missing = planes[:, 0], planes[:, 1:].expand(-1, 3, -1, -1)
+        white = alpha.new_ones(())
+        images = torch.empty((*alpha.shape, 3), device=planes.device)
+        for image, colour in zip(images.unbind(3), missing.unbind(1), strict=True):
+            torch.addcmul(white, alpha, colour, value=-1, out=image)
+        return images
 
 
 class _Layers:
     """All convolutions, for groups of `group` images of a size."""
 
     def __init__(self, network: SplatNet, dtype: torch.dtype, size: int, group: int) -> None:
-        self.dtype = dtype
         widths = network.config.widths
         like = [group, network.config.inputs.channels, size, size]
         with torch.no_grad():
+            nothing = torch.zeros([1, *like[1:]], dtype=dtype, device=network.last.weight.device)
+            self.nothing = nothing.contiguous(memory_format=torch.channels_last)
             self.first = _folded(network.first, like, dtype)
             self.down: list[tuple[Convolution, Convolution]] = []
             self.up: list[tuple[Convolution, list[Convolution]]] = []
@@ -61,22 +68,34 @@ class _Layers:
             self.middle = _folded(network.middle, [group, wide, size, size], dtype)
             for place, (lift, level) in enumerate(zip(network.lift, network.up, strict=True)):
                 width = widths[len(widths) - 1 - place]
-                below = _plain(lift, [group, width, size, size], dtype)
+                below = _lifting(lift, [group, width, size, size], dtype)
                 size *= 2
                 inner = [group, widths[len(widths) - 2 - place], size, size]
                 blocks = [_folded(block, inner, dtype) for block in level]  # type: ignore[attr-defined]
                 self.up.append((below, blocks))
-            self.last = _plain(network.last, [group, widths[0], size, size], dtype, padding=1)
+            self.last = _last(network, [group, widths[0], size, size], dtype)
 
-    def __call__(self, channels: Tensor) -> Tensor:
+    @functools.cached_property
+    def empty(self) -> Tensor:
+        """What the level below the finest begins with [1, S / 2, S / 2, c] in an image without
+        points."""
+        return _channels_last(self.down[0][0](self.first(self.nothing)))
+
+    def __call__(self, channels: Tensor, windows: Windows) -> Tensor:
+        below = windows.below()
         x = self.first(channels)
         passed = []
         for halving, block in self.down:
             passed.append(x)
-            x = block(halving(x))
+            x = halving(x)
+            if len(passed) == 1:
+                x = _channels_first(below.paste(_channels_last(x), self.empty))
+            x = block(x)
         x = self.middle(x)
         for lift, blocks in self.up:
             y = passed.pop()
+            if not passed:
+                x = _channels_first(below.cut(_channels_last(x)))
             _add_doubled(y, lift(x))
             for block in blocks:
                 y = block(y)
@@ -84,11 +103,22 @@ class _Layers:
         return self.last(x)
 
 
+def _channels_last(x: Tensor) -> Tensor:
+    return x.permute(0, 2, 3, 1)
+
+
+def _channels_first(x: Tensor) -> Tensor:
+    return x.permute(0, 3, 1, 2)
+
+
 def _add_doubled(y: Tensor, x: Tensor) -> None:
-    """Add x [B, c, H, W], nearest up-sampled, to y [B, c, 2H, 2W] in place; both channels last."""
-    b, c, h, w = x.shape
-    wide = y.permute(0, 2, 3, 1).view(b, h, 2, w, 2, c)
-    wide += x.permute(0, 2, 3, 1)[:, :, None, :, None]
+    """Add x, nearest up-sampled, to y [B, c, 2H, 2W] in place; both channels last.
+
+    x [B, 2 c, H, W] has each pixel's channels twice, so that what is added to a row is one run.
+    """
+    b, c, h, w = y.shape
+    rows = y.permute(0, 2, 3, 1).view(b, h // 2, 2, w * c)
+    rows += x.permute(0, 2, 3, 1).view(b, h // 2, 1, w * c)
 
 
 def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolution:
@@ -99,7 +129,19 @@ def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolutio
     return Convolution(kernel, shift, like, dtype, stride=stride, padding=1, relu=True)
 
 
-def _plain(conv: nn.Module, like: list[int], dtype: torch.dtype, padding: int = 0) -> Convolution:
+def _lifting(conv: nn.Module, like: list[int], dtype: torch.dtype) -> Convolution:
+    """Gives each channel twice, for `_add_doubled`."""
     assert isinstance(conv, nn.Conv2d)
     assert conv.bias is not None
-    return Convolution(conv.weight.double(), conv.bias.double(), like, dtype, padding=padding)
+    kernel, bias = conv.weight.double().repeat(2, 1, 1, 1), conv.bias.double().repeat(2)
+    return Convolution(kernel, bias, like, dtype)
+
+
+def _last(network: SplatNet, like: list[int], dtype: torch.dtype) -> Convolution:
+    """Alpha and the first head, of which 1 - s(x) = s(-x) is what is wanted, s the sigmoid."""
+    conv = network.last
+    assert conv.bias is not None
+    count = 1 + PLANES[network.config.heads[0]]
+    sign = torch.tensor([1.0] + [-1.0] * (count - 1), dtype=torch.float64)
+    kernel = conv.weight[:count].double() * sign[:, None, None, None]
+    return Convolution(kernel, conv.bias[:count].double() * sign, like, dtype, padding=1)

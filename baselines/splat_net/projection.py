@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels
+from baselines.splat_net.window import Box, Windows, whole_images
 from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world
 from data_prep.scene import IMAGE_SIZE, View
 
@@ -85,57 +85,104 @@ def cameras(views: Sequence[View]) -> Tensor:
     return torch.from_numpy(np.linalg.inv(poses)[:, :3].astype(np.float32))
 
 
-def project(
-    surfels: Surfels,
-    cameras: Tensor,
-    inputs: Inputs,
-    size: int = IMAGE_SIZE,
-    dtype: torch.dtype = torch.float32,
-) -> Tensor:
-    """Channels [P, inputs.channels, size, size], channels last, of P clouds and P cameras.
+def project(surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE) -> Tensor:
+    """Channels of whole images, see `Projection`."""
+    windows = whole_images(range(len(cameras)), size)
+    return Projection(surfels, cameras, inputs, size).channels(windows)
+
+
+class Projection:
+    """The points of P clouds as P cameras see them.
 
     surfels  with one leading dimension: P, or 1 where all cameras see the same cloud
     cameras  [P, 3, 4]
     size     of the images, a multiple of 16
-    dtype    of the result; everything before it is float32
 
-    All zero where no point is near. Points behind the camera or off the image are not seen.
-    Depth is given as nearness, 0 for `FARTHEST` or nothing to about 1.1; counts n as log(1 + n).
+    Points behind the camera or off the image are not seen.
     """
-    points = _to_camera(surfels.points, cameras)  # [P, N, 3]
-    seen = _Pixels(points, size)
-    whole = torch.empty(
-        (len(cameras), size, size, inputs.channels), dtype=dtype, device=cameras.device
-    )
-    planes = iter(whole.unbind(3))
-    narrowest = widest = seen.nearest()
-    width = 1
-    for place, window in enumerate(inputs.windows):
-        window = _scaled(window, size)
-        widest, width = _spread(widest, window - width + 1, torch.minimum), window
-        narrowest = widest if place == 0 else narrowest
-        next(planes).copy_(_nearness(_depth_of(widest)))
-    if inputs.far:
-        far = _spread(seen.farthest(), width, torch.maximum)
-        next(planes).copy_(_nearness(far.abs()))  # EMPTY where there is none
-    if inputs.density:
-        count = seen.count()
-        next(planes).copy_(torch.log1p(count))
-        for window in DENSITY_WINDOWS[1:]:
-            next(planes).copy_(torch.log1p(_spread(count, _scaled(window, size), torch.add)))
-    if inputs.flattened:
-        for moved in surfels.flattened.unbind(-2):
-            flat = _Pixels(_to_camera(moved, cameras), size)
+
+    def __init__(
+        self, surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE
+    ) -> None:
+        self.inputs, self.size = inputs, size
+        points = _to_camera(surfels.points, cameras)
+        self.seen = _Pixels(points, size)
+        moved = surfels.flattened.unbind(-2) if inputs.flattened else ()
+        self.flattened = [_Pixels(_to_camera(some, cameras), size) for some in moved]
+        self.nearest = self.seen.nearest()
+        self.farthest = self.seen.farthest() if inputs.far else None
+        self.count = self.seen.count() if inputs.density else None
+        self.flat = [(some.nearest_depth(), some.count()) for some in self.flattened]
+        self.attributes = _attributes(surfels, cameras, points) if inputs.normals else None
+
+    def boxes(self) -> list[Box]:
+        """Of each image the box beyond which all channels are zero.
+
+        It is around the middle where no point is seen.
+        """
+        every = [self.seen, *self.flattened]
+        seen = torch.cat([some.seen for some in every], dim=1)
+        rows = torch.cat([some.row for some in every], dim=1)
+        columns = torch.cat([some.column for some in every], dim=1)
+        reach = _reach(self.inputs, self.size)
+        ends = []
+        for place in (rows, columns):
+            first = torch.where(seen, place, torch.inf).amin(dim=1)
+            last = torch.where(seen, place, -torch.inf).amax(dim=1)
+            none = first > last
+            first, last = (torch.where(none, self.size / 2, end).int() for end in (first, last))
+            ends += [(first - reach).clamp(min=0), (last + 1 + reach).clamp(max=self.size)]
+        return [Box(*box) for box in torch.stack(ends, dim=1).tolist()]
+
+    def channels(self, windows: Windows, dtype: torch.dtype = torch.float32) -> Tensor:
+        """Channels [n, inputs.channels, h, w] of windows, channels last, in a type; everything
+        before is float32.
+
+        All zero where no point is near. Depth is given as nearness, 0 for `FARTHEST` or nothing to
+        about 1.1; counts n as log(1 + n).
+        """
+        inputs, size = self.inputs, self.size
+        nearest = windows.cut(self.nearest)
+        whole = torch.empty((*nearest.shape, inputs.channels), dtype=dtype, device=nearest.device)
+        normals = inputs.channels - 4 * len(HOPS) * inputs.normals  # the first channel of them
+        # first one after the other: planes that are written one by one with gaps take longer
+        count, *shape = nearest.shape
+        apart = torch.empty((count, normals, *shape), device=nearest.device)
+        planes = iter(apart.unbind(1))
+        narrowest = widest = nearest
+        width = 1
+        for place, window in enumerate(inputs.windows):
+            window = _scaled(window, size)
+            widest, width = _spread(widest, window - width + 1, torch.minimum), window
+            narrowest = widest if place == 0 else narrowest
+            _nearness(_depth_of(widest), next(planes))
+        if self.farthest is not None:
+            far = _spread(windows.cut(self.farthest), width, torch.maximum)
+            _nearness(far.abs(), next(planes))  # EMPTY where there is none
+        if self.count is not None:
+            count = windows.cut(self.count)
+            torch.log1p(count, out=next(planes))
+            for window in DENSITY_WINDOWS[1:]:
+                torch.log1p(_spread(count, _scaled(window, size), torch.add), out=next(planes))
+        for depth, count in self.flat:
             window = _scaled(inputs.windows[0], size)
-            near = _spread(flat.nearest_depth(), window, torch.minimum)
-            next(planes).copy_(_nearness(near))
-            next(planes).copy_(torch.log1p(flat.count()))
-    if inputs.normals:
-        attributes = _attributes(surfels, cameras, points)
-        start = inputs.channels - 4 * len(HOPS)
-        whole[..., start : start + 4] = _look_up(attributes[0], narrowest)
-        whole[..., start + 4 :] = _look_up(attributes[1], widest)
-    return whole.permute(0, 3, 1, 2)
+            _nearness(_spread(windows.cut(depth), window, torch.minimum), next(planes))
+            torch.log1p(windows.cut(count), out=next(planes))
+        whole[..., :normals] = apart.permute(0, 2, 3, 1)
+        if self.attributes is not None:
+            first, others = self.attributes
+            numbers = windows.numbers
+            whole[..., normals : normals + 4] = _look_up(first, narrowest, numbers)
+            whole[..., normals + 4 :] = _look_up(others, widest, numbers)
+        return whole.permute(0, 3, 1, 2)
+
+
+def _reach(inputs: Inputs, size: int) -> int:
+    """How many pixels from a point's own pixel it still changes channels."""
+    half = _scaled(inputs.windows[-1], size) // 2
+    if inputs.density:  # whose points are shared with the next pixel
+        half = max(half, _scaled(DENSITY_WINDOWS[-1], size) // 2 + 1)
+    return half
 
 
 def _scaled(window: int, size: int) -> int:
@@ -143,19 +190,21 @@ def _scaled(window: int, size: int) -> int:
 
 
 def _to_camera(points: Tensor, cameras: Tensor) -> Tensor:
-    return points @ cameras[:, :, :3].mT + cameras[:, None, :, 3]
+    """[..., N, 3] -> [P, 3, N]."""
+    return cameras[:, :, :3] @ points.mT + cameras[:, :, 3:]
 
 
 class _Pixels:
-    """Where points [P, N, 3], in the camera's frame, fall: one table of S * S pixels an image."""
+    """Where points [P, 3, N], in the camera's frame, fall: one table of S * S pixels an image."""
 
     def __init__(self, points: Tensor, size: int) -> None:
         self.size = size
-        depth = -points[..., 2]
+        x, y, z = points.unbind(1)
+        depth = -z
         ahead = depth > NEAREST
         scale = FOCAL_PX * size / IMAGE_SIZE / torch.where(ahead, depth, 1.0)
-        self.column = size / 2 + points[..., 0] * scale
-        self.row = size / 2 - points[..., 1] * scale
+        self.column = size / 2 + x * scale
+        self.row = size / 2 - y * scale
         within = (self.column >= 0) & (self.column < size) & (self.row >= 0) & (self.row < size)
         self.seen = ahead & within
         # what is not seen goes to a pixel that nobody looks at
@@ -214,7 +263,7 @@ class _Pixels:
 def _spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """`combine` (minimum, maximum or add) over a square of `window` pixels around each pixel.
 
-    plane [P, S, S] -> [P, S, S]; beyond the edge there is nothing. Rows first, then columns, each
+    plane [P, h, w] -> [P, h, w]; beyond the edge there is nothing. Rows first, then columns, each
     from parts of 1, 2, 4, ... pixels, so that 9 pixels take four steps.
     """
     for dim in (2, 1):
@@ -256,30 +305,33 @@ def _depth_of(nearest: Tensor) -> Tensor:
     return (nearest >> 32).int().view(torch.float32)
 
 
-def _nearness(depth: Tensor) -> Tensor:
-    return ((FARTHEST - depth) / 2).clamp_(0.0, 1.5)
+def _nearness(depth: Tensor, out: Tensor) -> None:
+    torch.mul(depth, -0.5, out=out).add_(FARTHEST / 2).clamp_(0.0, 1.5)
 
 
 def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-    """Normals towards the camera, and variation: [P * (N + 1), 4] of the first scale, and
-    [P * (N + 1), 4 (scales - 1)] of the others.
+    """Normals towards the camera, and variation: [P, N + 1, 4] of the first scale, and
+    [P, N + 1, 4 (scales - 1)] of the others. points [P, 3, N] are in the camera's frame.
 
     A row of zeros stands behind each cloud, for pixels without a point.
     """
-    turn = cameras[:, None, :, :3].mT  # [P, 1, 3, 3]
-    normals = surfels.normals @ turn  # [P, N, scales, 3]
-    away = (normals * points[:, :, None]).sum(dim=-1, keepdim=True) > 0
+    scales = surfels.normals.shape[-2]
+    turned = cameras[:, :, :3] @ surfels.normals.permute(0, 3, 2, 1).flatten(2)
+    normals = turned.unflatten(2, (scales, -1))  # [P, 3, scales, N]
+    away = (normals * points[:, :, None]).sum(dim=1, keepdim=True) > 0
     normals = torch.where(away, -normals, normals)
-    variation = surfels.variation[..., None].expand(*normals.shape[:-1], 1)
-    both = torch.cat([normals, 3 * variation], dim=-1).flatten(2)  # [P, N, 4 scales]
-    both = functional.pad(both, (0, 0, 0, 1)).flatten(0, 1)
-    return both[:, :4], both[:, 4:]
+    count, _, _, number = normals.shape
+    both = normals.new_zeros(count, scales, 4, number + 1)
+    both[:, :, :3, :-1] = normals.transpose(1, 2)
+    both[:, :, 3, :-1] = 3 * surfels.variation.mT
+    first, others = both.flatten(1, 2).split([4, 4 * (scales - 1)], dim=1)
+    return first.mT.contiguous(), others.mT.contiguous()
 
 
-def _look_up(attributes: Tensor, nearest: Tensor) -> Tensor:
-    """[P, S, S, numbers]: what the point has that each pixel's disc comes from."""
-    count = len(nearest)
-    rows = len(attributes) // count
-    first = torch.arange(0, len(attributes), rows, device=nearest.device)
+def _look_up(attributes: Tensor, nearest: Tensor, numbers: Sequence[int]) -> Tensor:
+    """[n, h, w, attributes]: what the point has that each pixel's disc comes from."""
+    rows = attributes.shape[1]
+    first = torch.tensor([i * rows for i in numbers], device=nearest.device)
     index = (nearest & 0xFFFFFFFF) + first[:, None, None]
-    return attributes.index_select(0, index.flatten()).view(*nearest.shape, -1)
+    found = attributes.flatten(0, 1).index_select(0, index.flatten())
+    return found.view(*nearest.shape, -1)

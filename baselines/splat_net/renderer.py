@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from baselines.splat_net.engine import GROUP, FoldedSplatNet, Precision
 from baselines.splat_net.network import SMALLEST
-from baselines.splat_net.projection import cameras, project
+from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
 from baselines.splat_net.weights import Weights
+from baselines.splat_net.window import Box, in_groups
 from data_prep.failures import StageFailure
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 
-POINTS_TOGETHER = 2**19  # of all images of a group: a bound on memory for large clouds
+BEYOND = 5  # pixels that a window has around its channels: the network draws 1 or 2 beyond them,
+# more where points are few; an image that needs still more is drawn again, whole
+WHITE = 1 - 0.5 / 255  # and above: no grey level is lost
+VIEWS_TOGETHER = 20
+POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large clouds
 
 
 class SplatNetRenderer:
@@ -25,6 +31,10 @@ class SplatNetRenderer:
                has it; points and their projection are float32 always. ValueError for another
     size       of the images, a multiple of 16. ValueError for another. The network was trained
                for 128
+
+    The finest level of the network computes a window around the points only, beyond which the image
+    is white. Where something is drawn at a window's edge, the whole image is computed: up to a grey
+    level the result is that of whole images. Weights that draw a background cost twice as much.
 
     The order of the points does not matter: the same image, bit for bit. Results do not depend on
     the other views of a call, or the number of threads, beyond the rounding of the precision.
@@ -70,14 +80,38 @@ class SplatNetRenderer:
     ) -> Images:
         """Images float32 [V, size, size, 3] in 0..1; no randomness. No views: an empty array."""
         del rng
-        images = np.empty((len(views), self.size, self.size, 3), np.float32)
-        group = max(1, min(GROUP, POINTS_TOGETHER // len(state)))
-        for start in range(0, len(views), group):
-            seen = views[start : start + group]
-            at = cameras(seen).to(self.device)
-            channels = project(state, at, self.inputs, self.size, self.folded.dtype)
-            drawn = self.folded(channels)
-            if not drawn.isfinite().all():
-                raise StageFailure("draw", "the picture is not finite")
-            images[start : start + group] = drawn.cpu().numpy()
+        images = np.ones((len(views), self.size, self.size, 3), np.float32)
+        at = cameras(views).to(self.device)
+        most = max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // len(state)))
+        for start in range(0, len(views), most):
+            seen = Projection(state, at[start : start + most], self.inputs, self.size)
+            some = images[start : start + most]
+            boxes = dict(enumerate(box.grown(BEYOND, self.size) for box in seen.boxes()))
+            self._draw(seen, boxes, some)
+            everything = Box(0, self.size, 0, self.size)
+            cut_off = [i for i, box in boxes.items() if _is_cut_off(some[i], box)]
+            self._draw(seen, dict.fromkeys(cut_off, everything), some)
         return images
+
+    def _draw(self, seen: Projection, boxes: Mapping[int, Box], images: Images) -> None:
+        """The boxes of images, by number: what the network draws in them, into `images`."""
+        for windows in in_groups(boxes, self.size, GROUP):
+            drawn = self.folded(seen.channels(windows, self.folded.dtype), windows)
+            if not drawn.sum().isfinite():  # of values in 0..1
+                raise StageFailure("draw", "the picture is not finite")
+            parts = zip(windows.numbers, windows.corners, drawn.cpu().numpy(), strict=True)
+            for number, (top, left), part in parts:
+                box = boxes[number]
+                box.of(images[number])[:] = box.moved(-top, -left).of(part)
+
+
+def _is_cut_off(image: NDArray[np.float32], box: Box) -> bool:
+    """Whether something is drawn at the box's edge, and the image goes on beyond."""
+    inside, size = box.of(image), len(image)
+    edges = (
+        (box.top > 0, inside[0]),
+        (box.bottom < size, inside[-1]),
+        (box.left > 0, inside[:, 0]),
+        (box.right < size, inside[:, -1]),
+    )
+    return any(goes_on and edge.min() < WHITE for goes_on, edge in edges)

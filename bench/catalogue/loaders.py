@@ -64,7 +64,7 @@ class Network:
 
 
 PC2PIX = Network("pc2pix", ("torch",), 4, "bench train gan")
-SPLAT_NET = Network("baselines.splat_net", ("torch", "scipy"), 1, "bench train splat-net")
+SPLAT_NET = Network("baselines.splat_net", ("torch", "scipy"), 2, "bench train splat-net")
 
 
 def unfolded(device: str) -> Renderer:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
+from baselines.splat_net.projection import ALL_INPUTS, Inputs, Projection, cameras, project
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels, stack
+from baselines.splat_net.window import Windows, whole_images
 from data_prep.camera import camera_to_world
 from data_prep.camera import project as pixels_of
 from data_prep.scene import View
@@ -154,6 +155,49 @@ def test_one_cloud_for_all_cameras_or_one_each_and_clouds_do_not_mix():
 def test_bfloat16_is_the_last_step():
     surfels = stack([made_up(200)])
     exact = project(surfels, cameras(VIEWS), ALL_INPUTS)
-    coarse = project(surfels, cameras(VIEWS), ALL_INPUTS, dtype=torch.bfloat16)
+    projection = Projection(surfels, cameras(VIEWS), ALL_INPUTS)
+    coarse = projection.channels(whole_images(range(len(VIEWS)), 128), torch.bfloat16)
     assert coarse.is_contiguous(memory_format=torch.channels_last)
     assert torch.equal(coarse, exact.bfloat16())
+
+
+def test_windows_are_parts_of_whole_images():
+    """Of some images, in another order; around all that is seen of them."""
+    surfels, seen = stack([made_up(300, spread=0.2)]), cameras(VIEWS)
+    projection = Projection(surfels, seen, ALL_INPUTS)
+    boxes = projection.boxes()
+    height, width = (max(boxes[i][k + 1] - boxes[i][k] for i in (2, 0)) for k in (0, 2))
+    corners = [(min(boxes[i].top, 128 - height), min(boxes[i].left, 128 - width)) for i in (2, 0)]
+    found = projection.channels(Windows([2, 0], corners, height, width, 128))
+    assert 16 < height < 128
+    whole = project(surfels, seen, ALL_INPUTS)
+    for part, i, (top, left) in zip(found, (2, 0), corners, strict=True):
+        assert torch.equal(part, whole[i, :, top : top + height, left : left + width])
+
+
+@pytest.mark.parametrize("size", [64, 128, 256])
+@pytest.mark.parametrize("inputs", [ALL_INPUTS, Inputs((1,), *[False] * 4), Inputs((1, 15))])
+def test_boxes_hold_all_that_is_not_zero(size, inputs):
+    surfels = stack([made_up(80, spread=0.2)])
+    boxes = Projection(surfels, cameras(VIEWS), inputs, size).boxes()
+    channels = project(surfels, cameras(VIEWS), inputs, size)
+    for box, image in zip(boxes, channels, strict=True):
+        rows, columns = (image != 0).any(dim=0).nonzero().T
+        assert box.top <= rows.min() <= rows.max() < box.bottom
+        assert box.left <= columns.min() <= columns.max() < box.right
+
+
+def test_boxes_by_hand():
+    """A pixel and five around it, for the widest density; in the middle where nothing is seen."""
+    normals, variation = [[0.0] * 3] * len(HOPS), [0.0] * len(HOPS)
+
+    def box(place, size):
+        surfels = one_point(place, normals, variation)
+        (found,) = Projection(surfels, cameras([View(0, 0)]), ALL_INPUTS, size).boxes()
+        return found
+
+    # 64 - 58 x 4 / 4 columns, for the camera looks along +Z and +X is on its left
+    assert box([0.51, 0.0, 0.0], 128) == (59, 70, 29, 40)
+    assert box([0.0, 1.09, 0.0], 128) == (0, 6, 59, 70)
+    assert box([0.0, 9.0, 0.0], 128) == (59, 70, 59, 70)
+    assert box([0.0, 0.0, 0.0], 256) == (119, 138, 119, 138)  # windows of 17 pixels, and one more

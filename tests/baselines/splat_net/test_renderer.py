@@ -4,14 +4,20 @@ import numpy as np
 import pytest
 import torch
 
+from baselines.splat_net import load
 from baselines.splat_net import renderer as renderer_module
 from baselines.splat_net.engine import GROUP
 from baselines.splat_net.network import NetworkConfig, composite
-from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
+from baselines.splat_net.projection import ALL_INPUTS, Inputs, Projection, cameras, project
 from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import HOPS, find_surfels, stack
 from baselines.splat_net.weights import Weights
+from baselines.splat_net.window import Box, in_groups
+from data_prep.conditions import CONDITIONS
+from data_prep.datasets import ProceduralObject
 from data_prep.failures import StageFailure
+from data_prep.images import to_uint8
+from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
 
 from .conftest import lived_in, make_cloud
@@ -49,6 +55,89 @@ def test_images_are_the_networks(cloud, size):
     np.testing.assert_allclose(found, expected.permute(0, 2, 3, 1), rtol=0, atol=CLOSE)
 
 
+@pytest.fixture(scope="module")
+def chair():
+    mesh = ProceduralObject("chair", "validation", 0).load()
+    return sample_surface(mesh, np.random.default_rng(0))
+
+
+def whole_images(renderer, state, views):
+    """By the network as it was trained, at all pixels."""
+    channels = project(state, cameras(views), renderer.inputs)
+    with torch.inference_mode():
+        _, (image,) = composite(renderer.network(channels), renderer.network.config.heads)
+    return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1).numpy()
+
+
+@pytest.mark.parametrize("weights", ["chair", "chair-grey", "chair-tiny"])
+@pytest.mark.parametrize(
+    "condition", ["2048", "1024", "512", "noise-0.05", "noise-0.10", "128", "outliers-0.05"]
+)
+def test_windows_change_no_pixel_by_more_than_a_grey_level(chair, weights, condition):
+    renderer = load(weights)
+    (perturbation,) = (known.perturbation for known in CONDITIONS if known.id == condition)
+    state = renderer.prepare(perturbation.apply(chair, np.random.default_rng(1)))
+    views = [View(40.0 * i, 20.0 * i - 40) for i in range(5)]
+    found, expected = renderer.draw(state, views), whole_images(renderer, state, views)
+    levels = np.abs(to_uint8(found).astype(int) - to_uint8(expected))
+    assert levels.max() <= 1
+    assert expected.min() < 0.5  # something is drawn
+
+
+def test_most_of_a_chair_is_drawn_in_windows(chair, monkeypatch):
+    """A wide one; nothing is drawn twice."""
+    pixels = []
+
+    def counting(*options):
+        for windows in in_groups(*options):
+            pixels.append(len(windows.numbers) * windows.height * windows.width)
+            yield windows
+
+    monkeypatch.setattr(renderer_module, "in_groups", counting)
+    renderer = load("chair")
+    views = [View(18.0 * i, 4.0 * i - 40) for i in range(20)]
+    renderer.draw(renderer.prepare(chair), views)
+    assert sum(pixels) < 0.9 * 20 * 128 * 128
+
+
+def test_what_reaches_beyond_its_window_is_drawn_whole(chair, monkeypatch):
+    """Two of four views have windows that are far too small."""
+    renderer = load("chair")
+    state = renderer.prepare(chair)
+    views = [View(0, 0), View(90, 20), View(-180, -40), View(30, 30)]
+    expected = renderer.draw(state, views)
+    found = Projection.boxes
+
+    def too_small(self):
+        boxes = found(self)
+        boxes[1] = Box(60, 70, 60, 70)
+        boxes[2] = boxes[2]._replace(bottom=80)
+        return boxes
+
+    monkeypatch.setattr(Projection, "boxes", too_small)
+    levels = np.abs(to_uint8(renderer.draw(state, views)).astype(int) - to_uint8(expected))
+    assert levels.max() <= 1
+
+
+def test_the_order_of_the_views_does_not_matter(chair):
+    """They pass by the width of their windows."""
+    renderer = load("chair-tiny")
+    state = renderer.prepare(chair)
+    views = [View(17.0 * i, 3.0 * i - 30) for i in range(23)]
+    order = np.random.default_rng(0).permutation(len(views))
+    together = renderer.draw(state, [views[i] for i in order])
+    np.testing.assert_allclose(together, renderer.draw(state, views)[order], rtol=0, atol=CLOSE)
+    for i in (0, 11):
+        alone = renderer.draw(state, [views[i]])
+        np.testing.assert_allclose(alone[0], together[order == i][0], rtol=0, atol=CLOSE)
+
+
+def test_where_no_point_is_seen_the_image_is_white(chair):
+    renderer = load("chair")
+    away = PointCloud(chair.points + np.float32([0, 100, 0]))
+    assert (to_uint8(renderer.draw(renderer.prepare(away), VIEWS)) == 255).all()
+
+
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("flattened", [False, True])
 def test_surfaces_are_found_where_a_channel_needs_them(cloud, normals, flattened):
@@ -72,14 +161,14 @@ def test_neighbours_and_groups_do_not_matter(cloud, precision, atol):
     assert renderer.draw(state, views).tobytes() == together.tobytes()
 
 
-def test_groups_of_large_clouds_are_small(renderer, cloud, monkeypatch):
+def test_few_views_of_large_clouds_are_seen_at_once(renderer, cloud, monkeypatch):
     sizes = []
 
     def counting(surfels, at, *options):
         sizes.append(len(at))
-        return project(surfels, at, *options)
+        return Projection(surfels, at, *options)
 
-    monkeypatch.setattr(renderer_module, "project", counting)
+    monkeypatch.setattr(renderer_module, "Projection", counting)
     state = renderer.prepare(cloud)
     for limit, expected in ((10 * 2048, [5]), (2 * 2048, [2, 2, 1]), (1, [1] * 5)):
         sizes.clear()
