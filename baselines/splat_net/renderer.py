@@ -81,10 +81,10 @@ class SplatNetRenderer:
         """Images float32 [V, size, size, 3] in 0..1; no randomness. No views: an empty array."""
         del rng
         images = np.ones((len(views), self.size, self.size, 3), np.float32)
-        at = cameras(views).to(self.device)
         most = max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // len(state)))
         for start in range(0, len(views), most):
-            seen = Projection(state, at[start : start + most], self.inputs, self.size)
+            at = cameras(views[start : start + most]).to(self.device)
+            seen = Projection(state, at, self.inputs, self.size)
             some = images[start : start + most]
             boxes = dict(enumerate(self.boxes(seen)))
             self._draw(seen, boxes, some)

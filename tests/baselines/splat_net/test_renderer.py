@@ -132,6 +132,10 @@ def test_the_order_of_the_views_does_not_matter(chair):
         np.testing.assert_allclose(alone[0], together[order == i][0], rtol=0, atol=CLOSE)
 
 
+def test_no_views_give_no_images(renderer, cloud):
+    assert renderer.draw(renderer.prepare(cloud), []).shape == (0, 128, 128, 3)
+
+
 def test_where_no_point_is_seen_the_image_is_white(chair):
     renderer = load("chair")
     away = PointCloud(chair.points + np.float32([0, 100, 0]))
