@@ -1,6 +1,7 @@
 """The network for inference: normalisation folded into convolutions, kernels prepared once.
 
-What it draws is what `SplatNet` draws in evaluation mode, up to the rounding of the precision.
+What it draws is what `SplatNet` draws in evaluation mode, up to the rounding of the precision. The
+finest level may be computed in windows only (`baselines.splat_net.window`).
 """
 
 from __future__ import annotations

@@ -81,17 +81,21 @@ class SplatNetRenderer:
         """Images float32 [V, size, size, 3] in 0..1; no randomness. No views: an empty array."""
         del rng
         images = np.ones((len(views), self.size, self.size, 3), np.float32)
-        at = cameras(views).to(self.device)
         most = max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // len(state)))
         for start in range(0, len(views), most):
-            seen = Projection(state, at[start : start + most], self.inputs, self.size)
+            at = cameras(views[start : start + most]).to(self.device)
+            seen = Projection(state, at, self.inputs, self.size)
             some = images[start : start + most]
-            boxes = dict(enumerate(box.grown(BEYOND, self.size) for box in seen.boxes()))
+            boxes = dict(enumerate(self.boxes(seen)))
             self._draw(seen, boxes, some)
             everything = Box(0, self.size, 0, self.size)
             cut_off = [i for i, box in boxes.items() if _is_cut_off(some[i], box)]
             self._draw(seen, dict.fromkeys(cut_off, everything), some)
         return images
+
+    def boxes(self, seen: Projection) -> list[Box]:
+        """Of each image the part that is computed, and all if something is drawn at its edge."""
+        return [box.grown(BEYOND, self.size) for box in seen.boxes()]
 
     def _draw(self, seen: Projection, boxes: Mapping[int, Box], images: Images) -> None:
         """The boxes of images, by number: what the network draws in them, into `images`."""

@@ -82,7 +82,8 @@ class Windows:
         [1, size, size, c], around them.
 
         A convolution of stride 2 has made the parts. It looks at the pixel before their first row
-        and column: where the image goes on, these are wrong, and those of `empty` right.
+        and column: where the image goes on, these are wrong, and those of `empty` right. All is as
+        in a whole image if the channels are zero up to three pixels from the windows' edges.
         """
         if self.whole:
             return parts
