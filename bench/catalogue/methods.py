@@ -107,9 +107,8 @@ METHODS = (
     _splat_net(
         "splat-net@tiny",
         weights="chair-tiny",
-        source="splat-net without normals, of half the width, in bfloat16 "
+        source="splat-net without normals, of half the width "
         "(baselines/splat_net/weights/chair-tiny.md)",
-        precision="bfloat16",
     ),
     Method(
         "surface-apss",
