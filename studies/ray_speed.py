@@ -148,7 +148,7 @@ def differing(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]
 def summary(whole: list[Compared]) -> str:
     """A line for each condition, and one for all."""
     head = f"{'':<12}{'faces':>9}{'OpenGL':>8}{'rays':>7}{'ratio':>7}  {'':<12}"
-    lines = [f"{head}{'dSSIM, mean':>12}{'worst':>9}{f'> {LEVELS} levels':>12}"]
+    lines = [f"{head}{'dSSIM, mean':>12}{'mean |.|':>10}{'worst':>9}{f'> {LEVELS} levels':>12}"]
     for name in (*dict.fromkeys(one.condition for one in whole), "all"):
         chosen = [one for one in whole if name in (one.condition, "all")]
         ratios = [one.ratio for one in chosen]
@@ -158,7 +158,7 @@ def summary(whole: list[Compared]) -> str:
             f"{median(one.opengl_s for one in chosen):7.2f}s"
             f"{median(one.rays_s for one in chosen):6.2f}s{median(ratios):7.2f}  "
             f"{f'{min(ratios):.2f}-{max(ratios):.2f}':<12}{change.mean():12.1e}"
-            f"{np.abs(change).max():9.1e}"
+            f"{np.abs(change).mean():10.1e}{np.abs(change).max():9.1e}"
             f"{np.concatenate([one.differing for one in chosen]).mean():12.3%}"
         )
     return "\n".join(lines)

@@ -35,7 +35,7 @@ def test_summary_has_a_line_for_each_condition_and_one_for_all():
     assert both.split() == ["all", "200", "5.00s", "1.50s", "4.00", "2.00-6.00", *CHANGE]
 
 
-CHANGE = ["-1.0e-05", "3.0e-05", "0.200%"]
+CHANGE = ["-1.0e-05", "2.0e-05", "3.0e-05", "0.200%"]
 
 
 def test_jobs_are_those_of_a_run():
