@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from data_prep.draw_mesh import draw_mesh
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
-from data_prep.render import render
 from data_prep.scene import Images, Mesh, Points, View
 
 
@@ -33,7 +33,7 @@ class DrawsReconstruction:
     ) -> Images:
         """Render the reconstructed mesh; no randomness."""
         del rng
-        return to_float(render(state.mesh, views))
+        return to_float(draw_mesh(state.mesh, views))
 
 
 def check_points(points: Points, least: int, what: str) -> None:

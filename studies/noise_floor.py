@@ -15,12 +15,12 @@ precision  the feature networks in float64 instead of float32, with images as th
            in float64 and in bfloat16, with float32 features.
 turn       every view by 0.1 degree more of azimuth, true and drawn images alike: 0.1 px at the
            rim of the unit sphere.
-renderer   the true images by a ray-caster of the same camera and shading (`ray_caster`), not by
+renderer   the true images by rays with the same camera and shading (`data_prep.rays`), not by
            OpenGL: with the same 4 samples a pixel, with 4 elsewhere, and with 16. The images of
            methods stay as they are; for `true-mesh`, which draws by the renderer, they are those of
            the ray-caster and the truth is OpenGL's.
 
-Needs embreex. About six minutes on one thread; not the place to measure time.
+About six minutes on one thread; not the place to measure time.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
+from data_prep.rays import OPENGL, cast
 from data_prep.sampling import random_views, sample_surface
 from data_prep.scene import Mesh, PointCloud, UInt8Images, View
 from pc2pix.number_formats import Format, infer
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
 from studies.images import TURN_DEG, draw_all, render_all, turned
-from studies.ray_caster import MIRRORED, OPENGL, cast, grid
 from studies.tables import markdown
 
 METHODS = ("pc2pix", "pc2pix@acgan", "splat", "constant", "blank")
@@ -64,6 +64,16 @@ CEILING = "true-mesh"
 DISTANCES = ("fd-views", "fd-views-grey")
 METRICS = (*IMAGE_METRICS, *DISTANCES, *CONTROL_METRICS)
 BATCH = 20
+
+
+def grid(side: int) -> tuple[tuple[float, float], ...]:
+    """The centres (column, row) of side x side equal squares in a pixel."""
+    places = [(i + 0.5) / side for i in range(side)]
+    return tuple((column, row) for row in places for column in places)
+
+
+# 4 samples as good as those of OpenGL, but elsewhere.
+MIRRORED = tuple((column, 1 - row) for column, row in OPENGL)
 SAMPLES = {  # by source
     "renderer, same samples": OPENGL,
     "renderer, mirrored samples": MIRRORED,
@@ -437,7 +447,6 @@ PAGE = """\
 
 How far the metrics of the benchmark move by what should not matter. Made by
 
-    pip install 'pc2pix-bench[ray-caster]'
     python -m studies.noise_floor --chairs {chairs} --views {views} --seeds {seeds} \
 --condition {condition}
 

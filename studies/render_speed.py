@@ -6,11 +6,10 @@ For procedural chairs (validation split) and for spheres of more and more faces,
 time: what a call of `data_prep.render.render` costs once (set-up: vertices, upload), and for each
 view (drawing, which ends with the resolved image; and reading it back); whole calls, as views/s;
 and how many times their time the same images take by pyrender itself
-(`studies.plain_pyrender`), and, where embreex is installed, by the ray-caster
-(`studies.ray_caster`, 4 samples a pixel, building its tree included). Each of the three has a
-process of its own (two GL contexts in one process slow each other down); they take turns (A, B, C,
-A, B, C ...), and numbers are medians over the rounds, with the smallest and largest ratio of a
-round.
+(`studies.plain_pyrender`), and by rays (`data_prep.rays`, building the tree included). Each of the
+three has a process of its own (two GL contexts in one process slow each other down); they take
+turns (A, B, C, A, B, C ...), and numbers are medians over the rounds, with the smallest and largest
+ratio of a round.
 
 Then whole calls in one process and in as many as asked for at once, each with one thread: all
 views/s on the clock. Leave the machine alone meanwhile.
@@ -25,7 +24,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from importlib.util import find_spec
+from dataclasses import replace
 from multiprocessing.pool import Pool
 from statistics import median
 from typing import Any, NamedTuple
@@ -37,11 +36,11 @@ from bench.running.isolation import WORKER_ENVIRONMENT
 from data_prep import render as renderer
 from data_prep.datasets import ProceduralObject
 from data_prep.randomness import generator
+from data_prep.rays import cast
 from data_prep.render import gl_renderer, render
 from data_prep.sampling import random_views
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 from studies.plain_pyrender import render_plainly
-from studies.ray_caster import OPENGL, cast
 from studies.turns import load
 
 CHAIRS = 24
@@ -87,11 +86,8 @@ def main() -> None:
 
 
 def renderers() -> list[Draw]:
-    """Ours, pyrender's, and the ray-caster where it is installed."""
-    found: list[Draw] = [render, render_plainly]
-    if find_spec("embreex"):
-        found.append(lambda mesh, views: cast(mesh, views, OPENGL))
-    return found
+    """Ours, pyrender's, and rays; a mesh of its own for each call, for the last tree is kept."""
+    return [render, render_plainly, lambda mesh, views: cast(replace(mesh), views)]
 
 
 @functools.cache
@@ -124,21 +120,21 @@ def describe(meshes: Sequence[Mesh]) -> str:
 
 HEADER = (
     f"{'':<24}{'set-up':>8}{'drawing':>9}{'reading':>9}{'views/s':>9}"
-    f"{'pyrender':>11}  {'of a round':<13}{'ray-caster':>11}  of a round\n"
+    f"{'pyrender':>11}  {'of a round':<13}{'rays':>11}  of a round\n"
     f"{'':<24}{'ms':>8}{'ms/view':>9}{'ms/view':>9}{'':>9}{'x time':>11}  {'':<13}{'x time':>11}"
 )
 
 
 def line(what: int, pools: Sequence[Pool], views: int, rounds: int) -> str:
     """One line of the table; the first pool is ours."""
-    own, plain, *rays = in_turns(pools, what, views, rounds)
+    own, *others = in_turns(pools, what, views, rounds)
     parts = pools[0].apply(_parts, (what, views, rounds))
     set_up, drawing, reading = (1e3 * median(taken) for taken in zip(*parts, strict=True))
     count = min(views, renderer.SHEET_VIEWS)
     text = f"{name_of(what):<24}{set_up:8.2f}{drawing / count:9.3f}{reading / count:9.3f}"
     text += f"{len(meshes_of(what)) * views / median(own):9.0f}"
-    for others in (plain, *rays):
-        ratios = [b / a for a, b in zip(own, others, strict=True)]
+    for other in others:
+        ratios = [b / a for a, b in zip(own, other, strict=True)]
         text += f"{median(ratios):11.2f}  {f'{min(ratios):.2f}-{max(ratios):.2f}':<13}"
     return text.rstrip()
 

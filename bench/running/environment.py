@@ -30,6 +30,7 @@ PACKAGES = (
     "pymeshlab",
     "pyrender",
     "PyOpenGL",
+    "embreex",
     "trimesh",
     "numpy",
     "scipy",

@@ -13,9 +13,9 @@ import pytest
 
 from bench.catalogue.methods import find_method
 from bench.running.isolation import WORKER_ENVIRONMENT
+from data_prep.draw_mesh import draw_mesh
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
-from data_prep.render import render
 from data_prep.scene import PointCloud, View
 
 from .clouds import chair_cloud, lattice_sphere
@@ -49,7 +49,7 @@ def test_images_of_any_views(cloud: PointCloud, name: str) -> None:
     assert rng.bit_generator.state == random, "chance is used"
     np.testing.assert_array_equal(cloud.points, before)
     if name in SURFACES:
-        np.testing.assert_array_equal(images, to_float(render(state.mesh, VIEWS)))
+        np.testing.assert_array_equal(images, to_float(draw_mesh(state.mesh, VIEWS)))
 
 
 @pytest.mark.parametrize("name", [name for name in METHODS if name != "true-mesh"])
