@@ -54,7 +54,7 @@ def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
     """
     parts = manifest.get("merged") or [manifest]
     machines = [part.get("machine") or {} for part in parts]
-    processors = (f"{m.get('cpu')}; {m.get('instructions')}" for m in machines)
+    processors = (f"{m.get('cpu')}, {m.get('instructions', 'unknown')}" for m in machines)
     versions = manifest.get("versions", {})
     return {
         "gl": str(manifest.get("environment", {}).get("gl")),
@@ -305,15 +305,15 @@ def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
         if here.get(name) != golden.get(name)
     ]
     if other:
-        return f"another environment, values of objects may differ by rounding: {', '.join(other)}"
-    return "environment of the golden values: objects are compared to the last digit"
+        return f"another environment than the golden values', wider tolerances: {', '.join(other)}"
+    return "same environment as the golden values: objects are compared to the last digit"
 
 
 def _of_object(moved: Moved, stored: StoredImages, golden: pd.Series) -> str:
     now = checksum(stored.images(moved.item))
     return (
         f"{'/'.join(moved.item.object)} {number(moved.found)}, golden {number(moved.golden)}"
-        + " (same images)" * (now == golden[moved.item])
+        + " (same images)" * (now != "" and now == golden[moved.item])
     )
 
 

@@ -57,10 +57,10 @@ Values of single objects repeat to the last digit in the environment that they w
 is left is the rounding of the file. Elsewhere they move farther than the mean of 24:
 
 * The turn by 0.1 degree, by `studies.object_noise` on 24 chairs x 20 views at 2048 and noise-0.10
-  (both networks, `splat-net`, `splat`, `constant`, `blank`): the largest move of a chair was 0.00071
-  (ssim), 0.000076 (luminance), 0.00033 (contrast), 0.00061 (structure), 0.0013 (ssim-object), 0.0015
-  (silhouette-iou), 0.30 (thin-recall) and 0.12 (thin-precision). Three times that is allowed. Few
-  views of a chair show thin parts: these two say little of one chair.
+  (both networks, `splat-net`, `splat`, `constant`, `blank`): the largest move of a chair was
+  0.00071 (ssim), 0.000076 (luminance), 0.00033 (contrast), 0.00061 (structure), 0.0013
+  (ssim-object), 0.0015 (silhouette-iou), 0.30 (thin-recall) and 0.12 (thin-precision). Three times
+  that is allowed. Few views of a chair show thin parts: these two say little of one chair.
 * For APSS, three times the standard deviations of a chair stated above. One point in fifty moved by
   one rounding error, by the same study, moved a chair by at most 0.0092 (ssim), 0.0012 (luminance),
   0.0081 (contrast), 0.0054 (structure), 0.013 (ssim-object) and 0.0074 (silhouette-iou): at most

@@ -207,12 +207,12 @@ def make_manifest(**changes):
 def write_run(directory: Path, **changes) -> Path:
     """A finished run without running anything: random scores, images and features, nothing failed.
 
-    Features are random too, so that the judge sees any view: its answers are of length 3 + 1.
+    They depend on the item only, so that a part of a run has the same. Features are random too, so
+    that the judge sees any view: its answers are of length 3 + 1.
     """
     manifest = make_manifest(**changes)
     write_manifest(directory, manifest)
-    rng = np.random.default_rng(0)
-    jobs, records, same = [], [], {}
+    jobs, records = [], []
     for name in manifest["objects"]:
         class_name, _, object_id = name.partition("/")
         obj = Tetrahedron(object_id, class_name)
@@ -222,23 +222,23 @@ def write_run(directory: Path, **changes) -> Path:
         for method in manifest["methods"]:
             for condition in manifest["conditions"]:
                 ideal = method == "true-mesh"
+                seen = "" if method in FLOORS else condition
+                seed = [*f"{method} {seen} {name}".encode()]
+                rng = np.random.default_rng(seed)
                 job = _placed(make_job(directory, obj, method, condition), directory)
                 features = truth if ideal else rng.random((2, 4), np.float32)
-                write_artifact(job, len(jobs), **dict.fromkeys(EXTRACTORS, features))
-                for view in range(2):
-                    scores = {score: 1.0 if ideal else rng.random() for score in SCORES}
-                    if method in FLOORS:  # they see no cloud
-                        scores = same.setdefault((method, name, view), scores)
-                    records.append(
-                        make_record(
-                            method,
-                            condition,
-                            obj.object_id,
-                            view,
-                            class_name=class_name,
-                            **scores,
-                        )
+                write_artifact(job, seed, **dict.fromkeys(EXTRACTORS, features))
+                records += (
+                    make_record(
+                        method,
+                        condition,
+                        obj.object_id,
+                        view,
+                        class_name=class_name,
+                        **{score: 1.0 if ideal else rng.random() for score in SCORES},
                     )
+                    for view in range(2)
+                )
                 jobs.append(job)
     write_all(directory, records)
     write_jobs(directory, [JobRow(job.key, job.item, "0" * 64) for job in jobs])

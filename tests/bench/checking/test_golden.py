@@ -26,7 +26,7 @@ GOLDEN = (*DETAIL, *SSIM, *DISTANCES, *CONTROL)
 
 
 OBJECT_VALUES = 3 * len((*SSIM, *DETAIL))  # of a method at a condition
-SAME = "environment of the golden values: objects are compared to the last digit"
+SAME = "same environment as the golden values: objects are compared to the last digit"
 
 
 def alter_records(run, column, change, method="splat", condition="512"):
