@@ -1,8 +1,9 @@
 """A run compared with known values: our golden values, and the paper's.
 
 Golden values are ours, made by one run of the default protocol; each carries a tolerance and the
-reason for it. The paper's values are never a criterion: other data, other weights. What can be
-compared is which of the two methods is ahead in each cell.
+reason for it. Those of the whole run are compared with a whole run, those of objects
+(`bench.checking.objects`) with any part of one. The paper's values are never a criterion: other
+data, other weights. What can be compared is which of the two methods is ahead in each cell.
 """
 
 from __future__ import annotations
@@ -17,14 +18,22 @@ import numpy as np
 import pandas as pd
 
 from bench.catalogue.suites import STABILITY
+from bench.checking.objects import (
+    GoldenObjects,
+    Moved,
+    compare_objects,
+    read_objects,
+    write_objects,
+)
 from bench.checking.tolerances import tolerance
 from bench.records.journal import read_finished
+from bench.running.protocol import Options
 from bench.suites.stability.tables import read_outcomes
 from bench.tables.build import class_orderings, crossings, tables
 from bench.tables.orderings import PAPER_NETWORK
 from bench.tables.published import golden, golden_path
 from bench.tables.quality import PAPER_METHODS, Row
-from bench.tables.scored import read_scored
+from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
@@ -35,15 +44,26 @@ PROTOCOL = ["dataset", "objects", "views", "seed"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of a check: how many values were compared, and a line for each regression."""
+    """What came of a check.
+
+    compared     how many values
+    regressions  a line for each
+    remarks      lines that are no criterion
+    moved        the values of objects that moved
+    """
 
     compared: int
     regressions: tuple[str, ...]
     remarks: tuple[str, ...]
+    moved: tuple[Moved, ...] = ()
 
 
 def check(directory: Path) -> Verdict:
     """Compare a finished run with the golden values of its suite.
+
+    Where there are golden values by object, the run may have a part of the objects, methods and
+    conditions, and others, which are left out. Means and distances of the whole run are compared
+    where all objects are there.
 
     Raises BadInput where `directory` is not a finished run, and where the golden values belong to
     another protocol (dataset, objects, views or seed): then there is nothing to compare with. A run
@@ -53,11 +73,35 @@ def check(directory: Path) -> Verdict:
     if manifest["suite"] == STABILITY.id:
         return _check_stated(directory)
     run, expected = read_scored(directory), golden(manifest["suite"])
-    _same_protocol(directory, manifest, expected)
+    objects = read_objects(manifest["suite"])
+    whole = _is_whole(directory, manifest, expected, objects)
     made = tables(run)
-    found = {_cell(row): row.value for table in made for row in table.rows}
     written: list[Table[Any]] = [*made, *filter(None, (class_orderings(run), crossings(run)))]
     compared, regressions = 0, _stale_tables(directory, written)
+    if whole:
+        compared, moved = _compare_means(made, manifest, expected)
+        regressions += moved
+    remarks = _against_paper(made)
+    if objects is None:
+        return Verdict(compared, tuple(regressions), tuple(remarks))
+    if not whole:
+        remarks.append("not all golden objects: means and distances of the run are not compared")
+    by_object = compare_objects(run, objects)
+    regressions += by_object.lines
+    return Verdict(
+        compared + by_object.compared,
+        tuple(regressions),
+        (*remarks, *_left_out(manifest, objects), by_object.remark),
+        by_object.moved,
+    )
+
+
+def _compare_means(
+    made: Sequence[Table[Row]], manifest: dict[str, Any], expected: pd.DataFrame
+) -> tuple[int, list[str]]:
+    """How many golden values of the whole run were compared, and a line for each that moved."""
+    found = {_cell(row): row.value for table in made for row in table.rows}
+    compared, regressions = 0, []
     methods, conditions = set(manifest["methods"]), set(manifest["conditions"])
     for row in expected.to_dict("records"):
         if row["method"] not in methods or row["condition"] not in conditions:
@@ -70,18 +114,32 @@ def check(directory: Path) -> Verdict:
                 f"{row['metric']} of {row['method']} at {row['condition']}: {got}, golden "
                 f"{row['value']:.6f} +- {row['tolerance']:.6f} ({row['reason']})"
             )
-    return Verdict(compared, tuple(regressions), tuple(_against_paper(made)))
+    return compared, regressions
 
 
-def bless(directory: Path) -> Path:
+def _left_out(manifest: dict[str, Any], golden_objects: GoldenObjects) -> list[str]:
+    """What of a run has no golden values by object."""
+    of = golden_objects.names
+    lines = []
+    for kind in ("methods", "conditions", "objects"):
+        if strange := [name for name in manifest[kind] if name not in of[kind]]:
+            lines.append(f"without golden values, left out: {kind} {', '.join(strange)}")
+    return lines
+
+
+def bless(directory: Path) -> list[Path]:
     """Make this run's values the golden ones of its suite (for developers; see CONTRIBUTING).
 
     Metrics without a tolerance have none: fid, whose weights the default protocol does not need.
+    The files that were written. Raises BadInput where this is not the whole default run, or its
+    images are gone.
     """
     manifest = read_finished(directory)
+    run = read_scored(directory)
+    _refuse_other_protocol(run)
     protocol = _protocol(manifest)
     lines = []
-    every = (row for table in tables(read_scored(directory)) for row in table.rows)
+    every = (row for table in tables(run) for row in table.rows)
     once = {_cell(row): row for row in every}  # a metric may stand in two tables
     for row in once.values():
         rule = tolerance(row.method, row.metric)
@@ -94,9 +152,34 @@ def bless(directory: Path) -> Path:
             | {"value": f"{row.value:.6f}", "tolerance": f"{allowed:.6f}"}
             | {"reason": rule.reason}
         )
+    # Of 390 objects of thirteen classes, the thumbnails alone would be 3 MB.
+    by_object = write_objects(run, protocol) if len(run.suite.classes) == 1 else []
     path = golden_path(manifest["suite"])
     write_whole(path, pd.DataFrame(lines).to_csv(index=False, lineterminator="\n").encode())
-    return path
+    return [path, *by_object]
+
+
+def _refuse_other_protocol(run: ScoredRun) -> None:
+    suite, manifest = run.suite, run.manifest
+    default = Options(suite.id)
+    objects = suite.endless_limit * len(suite.classes)
+    wanted = {
+        "dataset": default.dataset,
+        "objects": objects,
+        "views": suite.views,
+        "seed": default.seed,
+    }
+    have = _protocol(manifest)
+    other = [f"{n} {have[n]} (default: {wanted[n]})" for n in PROTOCOL if have[n] != wanted[n]]
+    for kind, names in (("methods", suite.methods), ("conditions", suite.conditions)):
+        for word, some, others in (("no", names, manifest[kind]), ("also", manifest[kind], names)):
+            if lacking := [name for name in some if name not in others]:
+                other.append(f"{word} {kind} {', '.join(lacking)}")
+    if other:
+        raise BadInput(
+            f"{run.directory}: golden values are of the whole default run, this one has "
+            f"{'; '.join(other)}; run 'bench run --suite {suite.id}' and give its folder"
+        )
 
 
 def _protocol(manifest: dict[str, Any]) -> dict[str, Any]:
@@ -108,15 +191,39 @@ def _protocol(manifest: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _same_protocol(directory: Path, manifest: dict[str, Any], expected: pd.DataFrame) -> None:
+def _is_whole(
+    directory: Path,
+    manifest: dict[str, Any],
+    expected: pd.DataFrame,
+    objects: GoldenObjects | None,
+) -> bool:
+    """Whether a run has all golden objects and no others, so that its means can be compared.
+
+    Raises BadInput where it has another protocol. Without golden values by object that is also
+    another number of objects; with them, one golden object is enough.
+    """
     have = _protocol(manifest)
     want = {name: expected[name].iloc[0] for name in PROTOCOL}
-    other = [f"{n} {have[n]} (golden: {want[n]})" for n in PROTOCOL if have[n] != want[n]]
+    compared = [name for name in PROTOCOL if objects is None or name != "objects"]
+    other = [f"{n} {have[n]} (golden: {want[n]})" for n in compared if have[n] != want[n]]
+    whole = have["objects"] == want["objects"]
+    if objects is not None:
+        if objects.protocol != want:
+            raise BadInput(
+                f"{golden_path(manifest['suite'])}: of another protocol than the golden values by "
+                "object beside it; restore both with git, or write them with "
+                "'bench check DIR --bless'"
+            )
+        there, named = set(manifest["objects"]), objects.names["objects"]
+        whole = there == named
+        if there.isdisjoint(named):
+            other.append("none of its objects is golden")
     if other:
         raise BadInput(
             f"{directory}: no golden values for this protocol: {', '.join(other)}; "
             f"check a run of 'bench run --suite {manifest['suite']}' with its defaults"
         )
+    return whole
 
 
 def _stale_tables(directory: Path, made: Sequence[Table[Any]]) -> list[str]:

@@ -83,6 +83,7 @@ def check(
 ) -> None:
     """Compare a run with the golden values. Exit 0 if all agree, 1 if one does not."""
     from bench.checking import golden as checks
+    from bench.commands.moved import write_moved
 
     if claims:
         _check_claims(directories)
@@ -93,7 +94,8 @@ def check(
         )
     (directory,) = directories
     if bless:
-        print(f"golden values written to {checks.bless(directory)}")
+        for path in checks.bless(directory):
+            print(f"golden values written to {path}")
         return
     verdict = checks.check(directory)
     for line in verdict.remarks:
@@ -101,6 +103,13 @@ def check(
     for line in verdict.regressions:
         print(f"REGRESSION {line}")
     print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
+    try:
+        drawn = write_moved(directory, verdict.moved)
+    except CannotWrite as error:  # the verdict counts also where the folder is read-only
+        drawn = None
+        print(f"bench: {error}", file=sys.stderr)
+    if drawn:
+        print(f"the objects that moved most: {drawn}")
     if verdict.regressions:
         raise typer.Exit(1)
 

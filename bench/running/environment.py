@@ -37,6 +37,7 @@ PACKAGES = (
     "pandas",
     "pyarrow",
 )
+VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
 
 
 def circumstances() -> dict[str, Any]:
@@ -49,6 +50,7 @@ def circumstances() -> dict[str, Any]:
         "machine": {
             "platform": platform.platform(),
             "cpu": _cpu(),
+            "instructions": _instructions(),
             "cores": cores(),
             "memory_gib": round(
                 os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1
@@ -80,12 +82,29 @@ def versions() -> dict[str, str]:
 
 
 def _cpu() -> str:
+    return _of_processor("model name") or platform.processor()
+
+
+def _instructions() -> str:
+    """What libraries choose their code by, so that they round differently: a name like "AMD EPYC"
+    stands for many processors."""
+    vector = [
+        name
+        for name in (_of_processor("flags") or _of_processor("Features")).split()
+        if name.startswith(VECTOR)
+    ]
+    which = f"family {_of_processor('cpu family')}, model {_of_processor('model')}"
+    return f"{which}: {' '.join(vector)}"
+
+
+def _of_processor(name: str) -> str:
+    """What Linux says about the first processor; empty where it says nothing."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
-        return platform.processor()
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.processor()
+        return ""
+    fields = (line.partition(":") for line in lines)
+    return next((value.strip() for key, _, value in fields if key.strip() == name), "")
 
 
 def _git() -> dict[str, Any]:

@@ -11,9 +11,10 @@ import numpy as np
 import pandas as pd
 from harness_objects import Tetrahedron
 
+from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES
-from bench.records.artifacts import Item
+from bench.records.artifacts import Item, artifact_path
 from bench.records.job import Job
 from bench.records.journal import write_manifest
 from bench.records.parquet import (
@@ -204,26 +205,29 @@ def make_manifest(**changes):
 
 
 def write_run(directory: Path, **changes) -> Path:
-    """A finished run without running anything: random scores and features, nothing failed.
+    """A finished run without running anything: random scores, images and features, nothing failed.
 
-    Features are random too, so that the judge sees any view: its answers are of length 3 + 1.
+    They depend on the item only, so that a part of a run has the same. Features are random too, so
+    that the judge sees any view: its answers are of length 3 + 1.
     """
     manifest = make_manifest(**changes)
     write_manifest(directory, manifest)
-    rng = np.random.default_rng(0)
     jobs, records = [], []
     for name in manifest["objects"]:
         class_name, _, object_id = name.partition("/")
         obj = Tetrahedron(object_id, class_name)
         truth = np.random.default_rng([*name.encode()]).random((2, 4), np.float32)
-        jobs.append(make_truth(directory / "artifacts", obj))
+        jobs.append(_placed(make_truth(directory, obj), directory))
         write_artifact(jobs[-1], **dict.fromkeys(EXTRACTORS, truth))
         for method in manifest["methods"]:
             for condition in manifest["conditions"]:
                 ideal = method == "true-mesh"
-                job = make_job(directory / "artifacts", obj, method, condition)
+                seen = "" if method in FLOORS else condition
+                seed = [*f"{method} {seen} {name}".encode()]
+                rng = np.random.default_rng(seed)
+                job = _placed(make_job(directory, obj, method, condition), directory)
                 features = truth if ideal else rng.random((2, 4), np.float32)
-                write_artifact(job, **dict.fromkeys(EXTRACTORS, features))
+                write_artifact(job, seed, **dict.fromkeys(EXTRACTORS, features))
                 records += (
                     make_record(
                         method,
@@ -242,3 +246,8 @@ def write_run(directory: Path, **changes) -> Path:
         write_features(directory, extractor, [job.made for job in jobs])
     write_outputs(scored_run(directory, manifest))
     return directory
+
+
+def _placed(job: Job, directory: Path) -> Job:
+    """The job with its artifact where a run has it."""
+    return replace(job, artifact=artifact_path(directory, job.key))

@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import bench.checking.golden
-import bench.tables.published
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.suites import SUITES
@@ -18,9 +15,9 @@ from bench.records.journal import read_manifest, write_manifest
 from bench.tables.build import write_outputs
 from bench.tables.published import golden, published
 from bench.tables.scored import read_scored
-from data_prep.failures import BadInput
 
 from ..builders import SUITE, write_run
+from .conftest import be_default
 
 SSIM, DETAIL = SUITES[0].image_metrics, SUITES[0].detail_metrics
 DISTANCES = ("fd-views", "fd-views-grey")  # fid is skipped
@@ -28,28 +25,8 @@ CONTROL = SUITES[0].control_metrics
 GOLDEN = (*DETAIL, *SSIM, *DISTANCES, *CONTROL)
 
 
-@pytest.fixture
-def results(tmp_path, monkeypatch):
-    folder = tmp_path / "results"
-    monkeypatch.setattr(bench.tables.published, "RESULTS", folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def blessed(tmp_path_factory):
-    """A folder with a finished run, and results whose golden values are its own."""
-    folder = tmp_path_factory.mktemp("blessed")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.tables.published, "RESULTS", folder / "results")
-        bless(write_run(folder / "run"))
-    return folder
-
-
-@pytest.fixture
-def run(blessed, tmp_path, results):
-    """Copies of both, to be altered."""
-    shutil.copytree(blessed / "results", results)
-    return Path(shutil.copytree(blessed / "run", tmp_path / "run"))
+OBJECT_VALUES = 3 * len((*SSIM, *DETAIL))  # of a method at a condition
+SAME = "same environment as the golden values: objects are compared to the last digit"
 
 
 def alter_records(run, column, change, method="splat", condition="512"):
@@ -62,10 +39,11 @@ def alter_records(run, column, change, method="splat", condition="512"):
 
 def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_path):
     part = write_run(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
-    assert check(part) == Verdict(len(GOLDEN), (), ())
-    count = 3 * 2 * len(GOLDEN)  # methods x conditions x metrics
-    assert check(run) == Verdict(count, (), ())
-    assert command("check", run) == (0, f"{count} golden values compared, 0 regressions\n", "")
+    assert check(part) == Verdict(len(GOLDEN) + OBJECT_VALUES, (), (SAME,))
+    count = 3 * 2 * (len(GOLDEN) + OBJECT_VALUES)  # methods x conditions
+    assert check(run) == Verdict(count, (), (SAME,))
+    said = f"{SAME}\n{count} golden values compared, 0 regressions\n"
+    assert command("check", run) == (0, said, "")
 
 
 def test_golden_values_are_the_tables_with_tolerances(run):
@@ -101,7 +79,8 @@ def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run, resu
     below = replace(first.rows[0], metric="kd-views", value=-2.0)
     table = replace(first, rows=(*first.rows, below))
     monkeypatch.setattr(bench.checking.golden, "tables", lambda directory: [table, table])
-    frame = pd.read_csv(bless(run))
+    path, *_ = bless(run)
+    frame = pd.read_csv(path)
     assert len(frame) == len(table.rows)
     (found,) = frame[frame["metric"] == "kd-views"].to_dict("records")
     assert found["value"] == -2.0
@@ -179,12 +158,14 @@ def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, met
     move_golden(1.02)
     status, out, err = command("check", run)
     assert (status, err) == (1, "")
-    verdict, total = out.splitlines()
+    remark, verdict, total = out.splitlines()
+    assert remark == SAME
     assert verdict.startswith(f"REGRESSION {metric} of splat at 512: {value:.6f}, golden ")
     moved = value + sign * 1.02 * tolerance
     assert float(verdict.split("golden ")[1].split()[0]) == pytest.approx(moved, abs=2e-6)
     assert verdict.endswith(f"+- {tolerance:.6f} ({reason})")
-    assert total == f"{6 * len(GOLDEN)} golden values compared, 1 regressions"
+    compared = 6 * (len(GOLDEN) + OBJECT_VALUES)
+    assert total == f"{compared} golden values compared, 1 regressions"
 
 
 def test_an_altered_record_is_a_regression(run, command):
@@ -193,7 +174,9 @@ def test_an_altered_record_is_a_regression(run, command):
     assert status == 1
     assert "REGRESSION ssim of splat at 512: " in out
     write_outputs(read_scored(run))  # the tables did not say what the records say
-    assert len(check(run).regressions) == 1
+    mean, by_object = check(run).regressions
+    assert "+-" in mean
+    assert "3 of 3 objects moved" in by_object
 
 
 @pytest.mark.parametrize(
@@ -214,6 +197,9 @@ def test_a_value_that_is_gone_is_a_regression(run, harm, metrics):
     write_outputs(read_scored(run))
     lines = check(run).regressions
     assert all(", golden " in line for line in lines)
+    by_object = [line.split(" of ")[0] for line in lines if "objects moved" in line]
+    assert by_object == [metric for metric in (*SSIM, *DETAIL) if metric in metrics]
+    lines = [line for line in lines if "objects moved" not in line]
     assert [line.split(",")[0] for line in lines] == [
         f"{metric} of splat at 512: nothing" for metric in metrics
     ]
@@ -230,7 +216,7 @@ def test_table_files_have_to_say_what_the_records_say(run, command, harm, name):
         path.write_text(path.read_text().replace("0.", "0.9", 1))
     status, out, _ = command("check", run)
     assert status == 1
-    assert out.splitlines()[0] == (
+    assert out.splitlines()[1] == (
         f"REGRESSION {path}: not what the records give; 'bench table {run}' restores it"
     )
     assert command("table", run)[0] == 0
@@ -243,7 +229,7 @@ def test_table_files_have_to_say_what_the_records_say(run, command, harm, name):
         ({"dataset": "folder:x"}, "dataset folder:x (golden: procedural)"),
         ({"views": 3}, "views 3 (golden: 2)"),
         ({"seed": 1}, "seed 1 (golden: 0)"),
-        ({"objects": ["chair/a", "chair/b"]}, "objects 2 (golden: 3)"),
+        ({"objects": ["chair/x", "chair/y"]}, "none of its objects is golden"),
         ({"seed": 1, "views": 3}, "views 3 (golden: 2), seed 1 (golden: 0)"),
     ],
 )
@@ -280,15 +266,46 @@ def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
     assert err == f"bench: {run}: the run is not finished; start it again with its command\n"
 
 
-def test_bless_says_where_and_replaces_what_was_golden(tmp_path, run, results, command):
-    other = write_run(tmp_path / "other", seed=5)
-    with pytest.raises(BadInput, match="seed 5"):
-        check(other)
-    said = f"golden values written to {results}/golden/{SUITE}.csv\n"
-    assert command("check", "--bless", other) == (0, said, "")
-    assert check(other).regressions == ()
-    with pytest.raises(BadInput, match="seed 0"):
-        check(run)
+def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, results, command):
+    for path in results.glob("golden/*-objects.*"):
+        path.unlink()
+    assert check(run) == Verdict(6 * len(GOLDEN), (), ())
+    part = write_run(tmp_path / "part", objects=["chair/a", "chair/b"])
+    status, out, err = command("check", part)
+    assert (status, out) == (2, "")
+    assert "no golden values for this protocol: objects 2 (golden: 3); " in err
+
+
+def test_bless_says_where_and_replaces_what_was_golden(run, results, command):
+    alter_records(run, "ssim", lambda values: values + 0.25)
+    write_outputs(read_scored(run))
+    assert len(check(run).regressions) == 2  # the mean, and the objects
+    names = (f"{SUITE}.csv", *(f"{SUITE}-objects.{end}" for end in ("csv", "png", "json")))
+    said = "".join(f"golden values written to {results}/golden/{name}\n" for name in names)
+    assert command("check", "--bless", run) == (0, said, "")
+    assert check(run).regressions == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seed": 5}, "seed 5 (default: 0)"),
+        ({"dataset": "folder:x"}, "dataset folder:x (default: procedural)"),
+        ({"objects": ["chair/a"]}, "objects 1 (default: 3)"),
+        ({"views": 3, "methods": ["blank"]}, "views 3 (default: 2); no methods splat, true-mesh"),
+        ({"conditions": ["2048", "1024"]}, "no conditions 512; also conditions 1024"),
+    ],
+)
+def test_bless_needs_the_whole_default_run(tmp_path, run, results, command, change, message):
+    before = {path: path.read_bytes() for path in results.glob("golden/*")}
+    other = write_run(tmp_path / "other", **change)
+    status, out, err = command("check", "--bless", other)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {other}: golden values are of the whole default run, this one has {message}; "
+        f"run 'bench run --suite {SUITE}' and give its folder\n"
+    )
+    assert {path: path.read_bytes() for path in results.glob("golden/*")} == before
 
 
 def test_fid_is_never_golden(tmp_path, results):
@@ -310,7 +327,7 @@ def test_published_values_are_those_of_the_paper():
     assert published("another-suite") == {}
 
 
-def test_remarks_say_which_approach_is_ahead(tmp_path, results, command):
+def test_remarks_say_which_approach_is_ahead(tmp_path, results, command, monkeypatch):
     paper = results / "paper" / f"{SUITE}.csv"
     paper.parent.mkdir(parents=True)
     paper.write_text(
@@ -321,7 +338,9 @@ def test_remarks_say_which_approach_is_ahead(tmp_path, results, command):
         "3,chair,ssim,512,pc2pix,0.9\n"
         "3,chair,contrast,512,pc2pix,0.9\n"
     )
-    directory = write_run(tmp_path / "run", methods=["surface-apss", "pc2pix", "blank"])
+    methods = ["surface-apss", "pc2pix", "blank"]
+    be_default(monkeypatch, methods=methods)
+    directory = write_run(tmp_path / "run", methods=methods)
     for condition in ("2048", "512"):
         alter_records(directory, "ssim", lambda values: 0.8, "surface-apss", condition)
         alter_records(directory, "ssim", lambda values: 0.3, "pc2pix", condition)

@@ -1,0 +1,322 @@
+"""Golden values by object: any complete part of a run is compared with them, object by object.
+
+They lie beside the golden means of a suite:
+
+    SUITE-objects.csv  for each method, condition and object the means of the image metrics over its
+                       views, and the checksum of its images
+    SUITE-objects.png  the first view of each line, as a thumbnail, in the order of the lines
+    SUITE-objects.json protocol and environment of the run that they are of, and the checksums of
+                       the other two
+
+A method that sees no cloud has one line for all conditions. A field is empty where there is no
+value, and no image.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.catalogue.methods import find_method
+from bench.catalogue.metrics import column
+from bench.checking.thumbnails import NO_IMAGE, read_png, thumbnail, to_png
+from bench.checking.tolerances import object_tolerance
+from bench.records.artifacts import Item
+from bench.records.parquet import artifacts_of, read_jobs
+from bench.tables.published import golden_path
+from bench.tables.scored import ScoredRun, in_order
+from data_prep.failures import BadInput
+from data_prep.scene import UInt8Images
+from data_prep.whole_files import write_whole
+
+KEY = ["method", "condition", "class", "object"]
+IMAGES = "images"
+ANY = "any"  # condition of what sees no cloud
+WORST = 3  # objects named for each regression
+LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
+
+
+def environment_of(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """What images depend on beside the project's own code and weights.
+
+    Where two runs have the same, their values are the same to the last digit.
+    """
+    parts = manifest.get("merged") or [manifest]
+    machines = [part.get("machine") or {} for part in parts]
+    processors = (f"{m.get('cpu')}, {m.get('instructions', 'unknown')}" for m in machines)
+    versions = manifest.get("versions", {})
+    return {
+        "gl": str(manifest.get("environment", {}).get("gl")),
+        "cpu": " | ".join(dict.fromkeys(processors)),
+        # The processors of a cluster's nodes are not in the manifest.
+        "cluster": "yes" if manifest.get("cluster") else "no",
+        "device": str(manifest["device"]),
+        **{name: str(versions.get(name)) for name in LIBRARIES},
+    }
+
+
+def object_values(run: ScoredRun) -> pd.DataFrame:
+    """By method, condition, class and object (the index, in the order of the run), a column for
+    each image metric: its mean over the views that have a value; NaN where none has."""
+    metrics = [*run.suite.image_metrics, *run.suite.detail_metrics]
+    records = in_order(run.records, run.manifest, KEY)
+    columns = {column(metric): metric for metric in metrics}
+    scores = records[list(columns)].where(records["outcome"] == "ok")
+    return scores.rename(columns=columns).groupby([records[k] for k in KEY], sort=False).mean()
+
+
+class StoredImages:
+    """The images of a run's items, read when they are asked for."""
+
+    def __init__(self, directory: Path) -> None:
+        there = artifacts_of(directory, read_jobs(directory))
+        self._artifacts = {artifact.item: artifact for artifact in there}
+
+    def __contains__(self, item: Item) -> bool:
+        """Whether an item has images, also where their file is gone; failed ones have none."""
+        return item in self._artifacts
+
+    def images(self, item: Item) -> NDArray[np.uint8] | None:
+        """All views [V, H, W, 3]; None where there are none, or their file cannot be read."""
+        artifact = self._artifacts.get(item)
+        if artifact is None or not zipfile.is_zipfile(artifact.path):
+            return None
+        try:
+            return artifact.images()
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+            return None
+
+
+def checksum(images: NDArray[np.uint8] | None) -> str:
+    """Of the pixels of all views: 16 hexadecimal digits; empty where there are none."""
+    return "" if images is None else sha256(images.tobytes()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, eq=False)
+class GoldenObjects:
+    """Golden values by object.
+
+    protocol     dataset, objects, views and seed of their run
+    environment  of their run, see `environment_of`
+    lines        as in the file; the columns KEY and IMAGES are text
+    """
+
+    protocol: dict[str, Any]
+    environment: dict[str, str]
+    lines: pd.DataFrame
+
+    @property
+    def names(self) -> dict[str, set[str]]:
+        """Methods, conditions and objects, as in manifests; conditions are those of methods that
+        see a cloud."""
+        return {
+            "methods": set(self.lines["method"]),
+            "conditions": set(self.lines["condition"]) - {ANY},
+            "objects": set(self.lines["class"] + "/" + self.lines["object"]),
+        }
+
+    def part(self, manifest: Mapping[str, Any]) -> pd.DataFrame:
+        """The lines that a run should have, with its conditions in place of ANY: the index is KEY,
+        the column `line` the number of the line in the file."""
+        every = self.lines.assign(line=range(len(self.lines)))
+        once = every["condition"] == ANY
+        spread = [every[once].assign(condition=condition) for condition in manifest["conditions"]]
+        named = pd.concat([every[~once], *spread])
+        of_run = (
+            named["method"].isin(manifest["methods"])
+            & named["condition"].isin(manifest["conditions"])
+            & (named["class"] + "/" + named["object"]).isin(manifest["objects"])
+        )
+        return in_order(named[of_run], manifest, KEY).set_index(KEY)
+
+
+def _paths(suite: str) -> tuple[Path, Path, Path]:
+    means = golden_path(suite)
+    csv, png, about = (
+        means.with_name(f"{suite}-objects{suffix}") for suffix in (".csv", ".png", ".json")
+    )
+    return csv, png, about
+
+
+def read_objects(suite: str) -> GoldenObjects | None:
+    """The golden values of a suite by object; None where it has none.
+
+    Raises BadInput where a file is missing, or is not the one that was written with the others.
+    """
+    csv, png, about = _paths(suite)
+    if not any(path.is_file() for path in (csv, png, about)):
+        return None
+    remedy = "restore it with git, or write all of them with 'bench check DIR --bless'"
+    try:
+        stated = json.loads(about.read_text(encoding="utf-8"))
+        protocol, environment, sums = (stated[n] for n in ("protocol", "environment", "sha256"))
+        for path in (csv, png):
+            if sha256(path.read_bytes()).hexdigest() != sums[path.name]:
+                raise BadInput(f"{path}: damaged, or of another run than {about.name}; {remedy}")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, BadInput):
+            raise
+        path = about if not isinstance(error, OSError) else Path(error.filename)
+        raise BadInput(f"{path}: golden values by object are damaged; {remedy}") from error
+    text = dict.fromkeys([*KEY, IMAGES], str)
+    lines = pd.read_csv(csv, dtype=text, keep_default_na=False, na_values=[""])
+    return GoldenObjects(protocol, environment, lines.fillna({IMAGES: ""}))
+
+
+def golden_thumbnails(suite: str) -> UInt8Images:
+    """[lines, SIDE, SIDE, 3], in the order of the golden values by object.
+
+    Raises BadInput for a file that is not readable.
+    """
+    _, png, _ = _paths(suite)
+    return read_png(png)
+
+
+def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
+    """Make the values and images of a run the golden ones of its suite; the files.
+
+    Raises BadInput where its images are gone.
+    """
+    stored = StoredImages(run.directory)
+    first = run.manifest["conditions"][0]
+    sees_cloud = {method: find_method(method).sees_cloud for method in run.manifest["methods"]}
+    values = object_values(run).reset_index()
+    lines, thumbnails = [], []
+    for row in values.to_dict("records"):
+        item = Item(*(row[name] for name in KEY))
+        if not sees_cloud[item.method]:
+            if item.condition != first:
+                continue
+            row["condition"] = ANY
+        images = stored.images(item)
+        if images is None and item in stored:
+            raise BadInput(
+                f"{run.directory}: images of {item.method} at {item.condition} of "
+                f"{'/'.join(item.object)} cannot be read; start the run again with its command"
+            )
+        lines.append(row | {IMAGES: checksum(images)})
+        thumbnails.append(NO_IMAGE if images is None else thumbnail(images[0]))
+    csv, png, about = _paths(run.suite.id)
+    table = pd.DataFrame(lines).to_csv(index=False, lineterminator="\n", float_format="%.6f")
+    contents = {csv: table.encode(), png: to_png(thumbnails)}
+    stated = {
+        "protocol": dict(protocol),
+        "environment": environment_of(run.manifest),
+        "sha256": {path.name: sha256(data).hexdigest() for path, data in contents.items()},
+    }
+    contents[about] = (json.dumps(stated, indent=2, ensure_ascii=False) + "\n").encode()
+    for path, data in contents.items():
+        write_whole(path, data)
+    return list(contents)
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A value of an object that is not within its tolerance; NaN is no value.
+
+    line  of the golden file
+    """
+
+    item: Item
+    metric: str
+    found: float
+    golden: float
+    allowed: float
+    line: int
+
+    @property
+    def excess(self) -> float:
+        """How many times farther it moved than is allowed; infinite where a value is missing."""
+        by = abs(self.found - self.golden) / self.allowed
+        return by if math.isfinite(by) else math.inf
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What came of a comparison object by object.
+
+    remark    whether the golden values were made in the same environment
+    compared  how many values
+    lines     for each metric of a method at a condition that moved, what moved most
+    moved     every value that moved
+    """
+
+    remark: str
+    compared: int
+    lines: tuple[str, ...]
+    moved: tuple[Moved, ...]
+
+
+def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
+    """The values of a run, or of a part of one, with the golden ones.
+
+    Where the environment is the same, a value may differ by the digits that are not written;
+    elsewhere as `bench.checking.tolerances.object_tolerance` says.
+    """
+    expected = golden.part(run.manifest)
+    metrics = [name for name in golden.lines.columns if name not in (*KEY, IMAGES)]
+    found = object_values(run).reindex(index=expected.index, columns=metrics)
+    here = environment_of(run.manifest)
+    same = here == golden.environment
+    stored = StoredImages(run.directory)
+    lines: list[str] = []
+    moved: list[Moved] = []
+    for cell, of_cell in expected.groupby(KEY[:2], sort=False):
+        method, condition = map(str, cell)
+        of_run = found.loc[of_cell.index]
+        for metric in metrics:
+            allowed = object_tolerance(method, metric, same)
+            values = zip(
+                of_cell.index, of_run[metric], of_cell[metric], of_cell["line"], strict=True
+            )
+            beyond = [
+                Moved(Item(*key), metric, now, was, allowed, line)
+                for key, now, was, line in values
+                if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
+            ]
+            if not beyond:
+                continue
+            beyond.sort(key=lambda one: -one.excess)
+            worst = [_of_object(one, stored, of_cell[IMAGES]) for one in beyond[:WORST]]
+            more = "; ..." * (len(beyond) > WORST)
+            lines.append(
+                f"{metric} of {method} at {condition}: {len(beyond)} of {len(of_cell)} objects "
+                f"moved by more than {allowed:.6f}: {'; '.join(worst)}{more}"
+            )
+            moved += beyond
+    return Comparison(_remark(here, golden.environment), found.size, tuple(lines), tuple(moved))
+
+
+def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
+    other = [
+        f"{name} {here.get(name)} (golden: {golden.get(name)})"
+        for name in dict.fromkeys((*here, *golden))
+        if here.get(name) != golden.get(name)
+    ]
+    if other:
+        return f"another environment than the golden values', wider tolerances: {', '.join(other)}"
+    return "same environment as the golden values: objects are compared to the last digit"
+
+
+def _of_object(moved: Moved, stored: StoredImages, golden: pd.Series) -> str:
+    now = checksum(stored.images(moved.item))
+    return (
+        f"{'/'.join(moved.item.object)} {number(moved.found)}, golden {number(moved.golden)}"
+        + " (same images)" * (now != "" and now == golden[moved.item])
+    )
+
+
+def number(value: float) -> str:
+    """A value as it is shown to people."""
+    return f"{value:.6f}" if math.isfinite(value) else "nothing"

@@ -1,0 +1,463 @@
+"""Golden values by object, on runs of 7 objects x 3 methods x 2 conditions x 2 views."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+import bench.tables.published
+from bench.catalogue.metrics import IMAGE_METRICS, column
+from bench.catalogue.suites import SUITES
+from bench.checking.golden import bless, check
+from bench.checking.objects import environment_of, golden_thumbnails, read_objects
+from bench.checking.thumbnails import ACROSS, SIDE, read_png, thumbnail, to_png
+from bench.checking.tolerances import PRINTED, object_tolerance
+from bench.records.artifacts import Artifact, artifact_path
+from bench.records.journal import read_manifest, write_manifest
+from bench.records.parquet import JobRow, artifacts_of, read_jobs, write_jobs
+from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
+from bench.tables.build import write_outputs
+from bench.tables.published import golden
+from bench.tables.scored import read_scored
+from data_prep.failures import BadInput
+
+from ..builders import SUITE, make_job, write_artifact, write_run
+from .conftest import be_default
+
+OBJECTS = [f"chair/{name}" for name in "abcdefg"]
+SAME = "same environment as the golden values: objects are compared to the last digit"
+PART = "not all golden objects: means and distances of the run are not compared"
+
+
+@pytest.fixture(scope="module")
+def seven(tmp_path_factory):
+    """A folder with a finished run, and results whose golden values are its own."""
+    folder = tmp_path_factory.mktemp("seven")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench.tables.published, "RESULTS", folder / "results")
+        be_default(patch, objects=OBJECTS)
+        bless(write_run(folder / "run", objects=OBJECTS))
+    return folder
+
+
+@pytest.fixture
+def golden_results(seven, results, monkeypatch):
+    """A copy of these golden values, to be altered; the run that they are of is the default."""
+    be_default(monkeypatch, objects=OBJECTS)
+    return Path(shutil.copytree(seven / "results", results))
+
+
+@pytest.fixture
+def run(seven, golden_results, tmp_path):
+    """A copy of the run."""
+    return Path(shutil.copytree(seven / "run", tmp_path / "run"))
+
+
+@pytest.fixture
+def part(tmp_path, golden_results):
+    """A run of five of the objects."""
+    return write_run(tmp_path / "part", objects=OBJECTS[:5])
+
+
+def alter(run, by, score="ssim", method="splat", condition="512"):
+    """Add to the scores of some objects, in records and tables."""
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    chosen = (frame["method"] == method) & (frame["condition"] == condition)
+    frame.loc[chosen, score] += frame.loc[chosen, "object"].map(by).fillna(0.0)
+    frame.to_parquet(path)
+    write_outputs(read_scored(run))
+
+
+def set_manifest(run, **changes):
+    write_manifest(run, read_manifest(run) | changes)
+
+
+def values(run, objects, condition="512"):
+    """SSIM of splat for each object, from the records."""
+    frame = pd.read_parquet(run / "records.parquet")
+    frame = frame[(frame["method"] == "splat") & (frame["condition"] == condition)]
+    means = frame.groupby("object")["ssim"].mean()
+    return [means[name] for name in objects]
+
+
+@pytest.mark.parametrize("kind", ["run", "part"])
+def test_three_objects_of_one_method_at_one_condition(kind, request, command):
+    """Of 7 objects the mean moves by 0.00086, less than the 0.001 that a mean may."""
+    run = request.getfixturevalue(kind)
+    was = values(run, "bcd")
+    alter(run, dict.fromkeys("bcd", -0.002))
+    status, out, err = command("check", run)
+    assert (status, err) == (1, "")
+    *remarks, line, count, drawn = out.splitlines()
+    assert remarks == ([SAME] if kind == "run" else [PART, SAME])
+    beginning, _, worst = line.rpartition(": ")
+    objects = 7 if kind == "run" else 5
+    assert beginning == (
+        f"REGRESSION ssim of splat at 512: 3 of {objects} objects moved by more than 0.000001"
+    )
+    assert sorted(worst.split("; ")) == [
+        f"chair/{name} {before - 0.002:.6f}, golden {before:.6f} (same images)"
+        for name, before in zip("bcd", was, strict=True)
+    ]
+    assert count.endswith("golden values compared, 1 regressions")
+    assert drawn == f"the objects that moved most: {run}/figures/moved.png"
+
+
+def test_the_farthest_are_named_first_and_no_more_than_three(part):
+    alter(part, {"a": 0.01, "b": -0.05, "c": 0.03, "d": -0.02, "e": 0.04})
+    (line,) = check(part).regressions
+    assert "5 of 5 objects" in line
+    assert line.endswith("; ...")
+    worst = line.partition("0.000001: ")[2].split("; ")[:3]
+    assert [text.split()[0] for text in worst] == ["chair/b", "chair/e", "chair/c"]
+
+
+def test_a_clean_part_of_five_objects_passes(part, command):
+    count = 5 * 3 * 2 * len(IMAGE_METRICS)  # objects x methods x conditions
+    said = f"{PART}\n{SAME}\n{count} golden values compared, 0 regressions\n"
+    assert command("check", part) == (0, said, "")
+    assert not (part / "figures" / "moved.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "cells"),
+    [
+        ({"methods": ["splat", "blank"], "conditions": ["512"]}, 2),
+        ({"conditions": ["512"]}, 3),
+        ({"methods": ["blank"]}, 2),
+    ],
+)
+def test_a_part_of_methods_and_conditions(tmp_path, golden_results, changes, cells):
+    part = write_run(tmp_path / "part", objects=OBJECTS[:2], **changes)
+    verdict = check(part)
+    assert verdict.regressions == ()
+    assert verdict.compared == cells * 2 * len(IMAGE_METRICS)
+    alter(part, {"a": 0.002}, score="structure", method="blank")
+    (line,) = check(part).regressions
+    assert line.startswith("structure of blank at 512: 1 of 2 objects moved")
+
+
+def test_what_has_no_golden_value_is_named_and_left_out(tmp_path, golden_results, command):
+    run = write_run(
+        tmp_path / "run",
+        objects=["chair/a", "chair/new", "chair/b"],
+        methods=["splat", "constant", "blank"],
+        conditions=["1024", "512"],
+    )
+    status, out, _ = command("check", run)
+    assert status == 0
+    assert out.splitlines() == [
+        PART,
+        "without golden values, left out: methods constant",
+        "without golden values, left out: conditions 1024",
+        "without golden values, left out: objects chair/new",
+        SAME,
+        # blank is the same at every condition, so that it has golden values at 1024
+        f"{2 * 3 * len(IMAGE_METRICS)} golden values compared, 0 regressions",
+    ]
+
+
+def test_another_environment_widens_the_tolerance(part):
+    set_manifest(part, environment={"gl": "another driver"})
+    # 0.0022, three times the largest move of a chair by a turn of 0.1 degree
+    alter(part, dict.fromkeys("bcd", -0.002))
+    verdict = check(part)
+    assert verdict.regressions == ()
+    assert verdict.remarks == (
+        PART,
+        "another environment than the golden values', wider tolerances: "
+        "gl another driver (golden: None)",
+    )
+    alter(part, {"c": -0.001})
+    (line,) = check(part).regressions
+    assert line.startswith("ssim of splat at 512: 1 of 5 objects moved by more than 0.002200: ")
+    assert "chair/c" in line
+
+
+def test_what_an_environment_is():
+    manifest = {
+        "device": "auto",
+        "environment": {"gl": "driver", "render": "1"},
+        "machine": {"cpu": "A", "instructions": "avx"},
+        "versions": {"numpy": "2", "pandas": "3", "pc2pix-bench": "1"},
+        "cluster": None,
+    }
+    plain = environment_of(manifest)
+    assert (plain["gl"], plain["cpu"], plain["numpy"]) == ("driver", "A, avx", "2")
+    for other in (
+        {"environment": {"gl": "another"}},
+        {"machine": {"cpu": "A", "instructions": "avx2"}},
+        {"versions": {"numpy": "3"}},
+        {"device": "cuda"},
+        {"cluster": {"cpus": 4}},
+        {"merged": [{"machine": manifest["machine"]}, {"machine": {"cpu": "B"}}]},
+    ):
+        assert environment_of(manifest | other) != plain
+    for same in (
+        {"environment": {"gl": "driver", "render": "2"}},  # our own code: a regression shows
+        {"versions": {"numpy": "2", "pandas": "4", "pc2pix-bench": "2"}},
+        {"merged": [{"machine": manifest["machine"]}] * 2},
+    ):
+        assert environment_of(manifest | same) == plain
+
+
+def test_tolerances_of_objects():
+    for metric in IMAGE_METRICS:
+        assert object_tolerance("splat", metric, same_environment=True) == PRINTED == 1e-6
+        assert object_tolerance("true-mesh", metric, same_environment=False) == 1e-6
+        network = object_tolerance("pc2pix", metric, same_environment=False)
+        assert network > 1e-6
+        assert object_tolerance("surface-apss", metric, same_environment=False) >= network
+    # three times the deviation of a chair, 0.0156
+    assert object_tolerance("surface-apss", "ssim", same_environment=False) == 0.047
+
+
+def test_the_file_has_the_means_of_the_records(run, results):
+    lines = read_objects(SUITE).lines
+    assert lines[["method", "condition"]].drop_duplicates().to_numpy().tolist() == [
+        ["splat", "2048"], ["splat", "512"], ["true-mesh", "any"], ["blank", "any"]
+    ]  # fmt: skip
+    assert lines["object"].tolist() == 4 * [*"abcdefg"]
+    records = pd.read_parquet(run / "records.parquet").set_index(["method", "condition", "object"])
+    for line in lines.to_dict("records"):
+        condition = "2048" if line["condition"] == "any" else line["condition"]
+        of_item = records.loc[(line["method"], condition, line["object"])]
+        for metric in IMAGE_METRICS:
+            first, second = of_item[column(metric)]
+            assert line[metric] == pytest.approx((first + second) / 2, abs=5.1e-7)
+    assert lines["images"].nunique() == len(lines)
+    size = (results / "golden" / f"{SUITE}-objects.csv").stat().st_size
+    assert size < 120 * (len(lines) + 1)  # bytes
+
+
+def test_no_value_is_golden_too(run, golden_results):
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    frame.loc[frame["method"] == "blank", "thin_precision"] = np.nan
+    frame.to_parquet(path)
+    write_outputs(read_scored(run))
+    bless(run)
+    assert read_objects(SUITE).lines["thin-precision"].isna().sum() == 7
+    assert check(run).regressions == ()
+    drawn = (frame["method"] == "blank") & (frame["object"] == "c") & (frame["view"] == 1)
+    frame.loc[drawn & (frame["condition"] == "512"), "thin_precision"] = 0.25
+    frame.to_parquet(path)
+    write_outputs(read_scored(run))
+    (line,) = check(run).regressions
+    assert line == (
+        "thin-precision of blank at 512: 1 of 7 objects moved by more than 0.000001: "
+        "chair/c 0.250000, golden nothing (same images)"
+    )
+
+
+def halves(left, right):
+    """An image [128, 128, 3] of two colours."""
+    image = np.empty((128, 128, 3), np.uint8)
+    image[:, :64], image[:, 64:] = left, right
+    return image
+
+
+def paint(run):
+    """Every artifact gets an image of two colours of its own; all by item."""
+    painted = {}
+    for number, artifact in enumerate(artifacts_of(run, read_jobs(run))):
+        painted[artifact.item] = halves((number, 255 - number, 0), (0, number, 255 - number))
+        rewrite(artifact, painted[artifact.item])
+    return painted
+
+
+def rewrite(artifact: Artifact, image):
+    with np.load(artifact.path) as arrays:
+        features = {name: arrays[name] for name in arrays if name != "images"}
+    job = replace(make_job(artifact.path.parent), artifact=artifact.path)
+    write_artifact(job, images=np.stack([image, 255 - image]), **features)
+
+
+def item_of(run, obj, method="splat", condition="512"):
+    (job,) = (
+        job for job in read_jobs(run)
+        if job.item[:2] == (method, condition) and job.item.object_id == obj
+    )  # fmt: skip
+    return job.item
+
+
+def test_the_objects_that_moved_most_beside_their_golden_images(run, golden_results, command):
+    golden = paint(run)
+    bless(run)
+    alter(run, {"c": -0.3, "e": 0.2})
+    alter(run, {"a": 0.1}, method="blank", condition="2048")
+    red = halves((255, 0, 0), (0, 0, 0))
+    rewrite(Artifact(item_of(run, "c"), place_of(run, "c")), red)
+    place_of(run, "e").unlink()
+    status, out, _ = command("check", run)
+    assert status == 1
+    assert f"chair/c {values(run, 'c')[0]:.6f}, golden" in out
+    assert "; chair/e" in out
+    assert out.count("(same images)") == 1  # of blank
+    sheet = np.asarray(Image.open(run / "figures" / "moved.png"))
+    tiles = [*tiles_of(sheet, 6)]
+    for tile, image in (
+        (tiles[0], red),
+        (tiles[1], golden[item_of(run, "c")]),
+        (tiles[3], golden[item_of(run, "e")]),
+        (tiles[4], golden[item_of(run, "a", "blank", "2048")]),
+        (tiles[5], golden[item_of(run, "a", "blank", "2048")]),
+    ):
+        assert (tile == image.repeat(2, axis=0).repeat(2, axis=1)).all()
+    assert (tiles[2][0, 0] == PROBLEM_GROUND).all()  # no image any more
+
+    alter(run, {"c": 0.3, "e": -0.2})
+    alter(run, {"a": -0.1}, method="blank", condition="2048")
+    assert command("check", run)[0] == 0
+    assert not (run / "figures" / "moved.png").exists()
+
+
+def place_of(run, obj):
+    (job,) = (job for job in read_jobs(run) if job.item == item_of(run, obj))
+    return artifact_path(run, job.key)
+
+
+def tiles_of(sheet, count):
+    side = 256
+    wide, high = side + MARGIN, side + LABEL_HEIGHT + MARGIN
+    for i in range(count):
+        left, top = MARGIN + i % 4 * wide, MARGIN + i // 4 * high + LABEL_HEIGHT
+        yield sheet[top : top + side, left : left + side]
+
+
+def test_no_more_than_eight_objects_are_drawn(run, command):
+    for condition in ("2048", "512"):
+        alter(run, dict.fromkeys("abcdefg", 0.1), condition=condition)
+    assert command("check", run)[0] == 1
+    with Image.open(run / "figures" / "moved.png") as image:
+        assert image.size == (MARGIN + 4 * (256 + MARGIN), MARGIN + 4 * (256 + 18 + MARGIN))
+
+
+def test_a_failed_object_was_there(run, command):
+    """Its job has no artifact, its records no scores."""
+    jobs, lost = read_jobs(run), item_of(run, "d")
+    write_jobs(run, [JobRow(j.key, j.item, None) if j.item == lost else j for j in jobs])
+    path = run / "records.parquet"
+    frame = pd.read_parquet(path)
+    chosen = (frame["method"] == "splat") & (frame["condition"] == "512") & (frame["object"] == "d")
+    frame.loc[chosen, "outcome"] = "failed"
+    frame.to_parquet(path)
+    write_outputs(read_scored(run))
+    by_object = [line for line in check(run).regressions if "objects moved" in line]
+    assert len(by_object) == len(IMAGE_METRICS)
+    assert by_object[0].endswith(f"chair/d nothing, golden {values(run, 'd')[0]:.6f}")
+
+
+def test_a_read_only_folder_does_not_change_the_verdict(part, command):
+    alter(part, {"a": -0.002})
+    (part / "figures").mkdir()
+    (part / "figures" / "moved.png").mkdir()  # cannot be replaced by a file
+    status, out, err = command("check", part)
+    assert status == 1
+    assert "REGRESSION ssim of splat" in out
+    assert err.startswith(f"bench: {part}/figures/moved.png: cannot be written")
+
+
+@pytest.mark.parametrize(
+    ("name", "harm", "message"),
+    [
+        ("csv", lambda path: path.write_bytes(path.read_bytes()[:-20]), "damaged, or of another"),
+        ("png", lambda path: path.write_bytes(path.read_bytes()[:999]), "damaged, or of another"),
+        ("json", lambda path: path.write_text("{"), "are damaged"),
+        ("json", lambda path: path.write_text("[]"), "are damaged"),
+        ("csv", Path.unlink, "are damaged"),
+        ("json", Path.unlink, "are damaged"),
+    ],
+)  # fmt: skip
+def test_damaged_files_are_named_with_a_remedy(part, golden_results, command, name, harm, message):
+    path = golden_results / "golden" / f"{SUITE}-objects.{name}"
+    harm(path)
+    status, out, err = command("check", part)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"bench: {path}: ")
+    assert message in err
+    assert err.endswith(
+        "restore it with git, or write all of them with 'bench check DIR --bless'\n"
+    )
+
+
+def test_means_and_objects_are_of_one_protocol(part, golden_results, command):
+    path = golden_results / "golden" / f"{SUITE}-objects.json"
+    stated = json.loads(path.read_text())
+    stated["protocol"]["views"] = 3
+    path.write_text(json.dumps(stated))
+    status, out, err = command("check", part)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {golden_results}/golden/{SUITE}.csv: of another protocol than the golden values "
+        "by object beside it; restore both with git, or write them with 'bench check DIR --bless'\n"
+    )
+
+
+def test_nothing_is_blessed_without_its_images(run, golden_results, command):
+    before = {path: path.read_bytes() for path in golden_results.glob("golden/*")}
+    place_of(run, "d").unlink()
+    status, out, err = command("check", "--bless", run)
+    assert (status, out) == (2, "")
+    assert err == (
+        f"bench: {run}: images of splat at 512 of chair/d cannot be read; "
+        "start the run again with its command\n"
+    )
+    assert {path: path.read_bytes() for path in golden_results.glob("golden/*")} == before
+
+
+def test_thumbnails_are_means_of_blocks():
+    image = np.zeros((128, 128, 3), np.uint8)
+    image[0:2, 0:2, 0] = [[1, 2], [3, 4]]  # 2.5, rounded half up
+    image[126:, 126:, 2] = 255
+    small = thumbnail(image)
+    assert small.shape == (SIDE, SIDE, 3)
+    assert small[0, 0].tolist() == [3, 0, 0]
+    assert small[-1, -1].tolist() == [0, 0, 255]
+    assert small.sum(dtype=int) == 3 + 255
+
+
+def test_a_sheet_is_read_back_in_its_order(tmp_path):
+    count = ACROSS + 2
+    thumbnails = [np.full((SIDE, SIDE, 3), (i, 2 * i, 7 * i), np.uint8) for i in range(count)]
+    path = tmp_path / "sheet.png"
+    path.write_bytes(to_png(thumbnails))
+    found = read_png(path)
+    assert len(found) == 2 * ACROSS
+    assert (found[:count] == np.stack(thumbnails)).all()
+    assert (found[count:] == 255).all()
+    Image.new("RGB", (100, 100)).save(path)
+    with pytest.raises(BadInput, match="no sheet of thumbnails"):
+        read_png(path)
+    path.write_bytes(b"nothing")
+    with pytest.raises(BadInput, match="not a readable PNG"):
+        read_png(path)
+
+
+def test_the_golden_objects_of_this_project():
+    """Of the same run as the golden means: where every image has a value, the means over the
+    objects are those of the run."""
+    suite = SUITES[0]
+    objects = read_objects(suite.id)
+    if objects is None:
+        pytest.skip("written with the next 'bench check DIR --bless' of the default run")
+    frame = golden(suite.id)
+    for metric in ("ssim", "luminance", "contrast", "structure", "silhouette-iou"):
+        means = frame[frame["metric"] == metric].set_index(["method", "condition"])["value"]
+        every = objects.part({"methods": suite.methods, "conditions": suite.conditions,
+                              "objects": objects.names["objects"]})  # fmt: skip
+        found = every.groupby(["method", "condition"])[metric].mean()
+        assert set(found.index) == set(means.index)
+        # both are rounded to six digits
+        assert (found - means).abs().max() < 1.1e-6
+    assert objects.environment["gl"] != "None"
+    sheet = golden_thumbnails(suite.id)
+    assert len(objects.lines) <= len(sheet) < len(objects.lines) + ACROSS

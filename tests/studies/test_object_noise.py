@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.catalogue.metrics import IMAGE_METRICS
+from bench.metrics.image_scores import scores
+from data_prep.render import render
+from studies import object_noise
+from studies.images import turned
+from studies.noise_floor import make_scene
+from studies.object_noise import ROUNDING, TURN, means, moves, summary
+
+
+def white(views):
+    return np.full((views, 128, 128, 3), 255, np.uint8)
+
+
+def test_means_are_over_the_views_that_have_a_value() -> None:
+    drawn = np.stack([white(2), white(2)])
+    truth = drawn.copy()
+    truth[0, 0, 40:42, 20:100] = 0  # a thin bar, in one view only
+    found = means(truth, drawn)
+    assert found["thin-recall"].tolist() == [0.0, pytest.approx(np.nan, nan_ok=True)]
+    assert found["ssim"][0] == pytest.approx(scores(truth[0], drawn[0])["ssim"].mean(), abs=1e-12)
+    assert found["ssim"][1] == 1.0
+
+
+@pytest.mark.opengl
+def test_moves_of_white_images_are_those_of_the_truth(monkeypatch) -> None:
+    monkeypatch.setattr(object_noise, "METHODS", {TURN: ("blank",), ROUNDING: ("constant",)})
+    scene = make_scene(2, 2, 0, "2048")
+    made = moves(scene, "2048")
+    assert set(made) == {
+        (change, method, metric)
+        for change, method in ((TURN, "blank"), (ROUNDING, "constant"))
+        for metric in IMAGE_METRICS
+    }
+    for chair, (mesh, views) in enumerate(zip(scene.meshes, scene.views, strict=True)):
+        before, after = (
+            scores(render(mesh, seen), white(2))["ssim"].mean() for seen in (views, turned(views))
+        )
+        by = made[TURN, "blank", "ssim"][chair]
+        assert by == pytest.approx(after - before, abs=1e-12)
+        assert by != 0
+    assert (made[ROUNDING, "constant", "ssim"] == 0).all()  # it sees no cloud
+
+
+def test_the_summary_has_deviation_and_the_two_largest(monkeypatch) -> None:
+    monkeypatch.setattr(object_noise, "METHODS", {TURN: ("splat",), ROUNDING: ()})
+    nothing = np.full(3, np.nan)
+    made = {(TURN, "splat", metric): nothing for metric in IMAGE_METRICS}
+    made[TURN, "splat", "ssim"] = np.array([0.03, -0.04, np.nan])
+    cells = summary(made).splitlines()[-1].strip("| ").split(" | ")
+    # sqrt((0.03^2 + 0.04^2) / 2) = 0.03536
+    assert cells[:4] == ["turn", "splat", "0.035, 0.04, 0.03", "-"]
