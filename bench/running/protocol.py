@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
@@ -179,24 +179,28 @@ def plan(protocol: Protocol, directory: Path) -> Plan:
         rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
         views = obj.views(protocol.views, rng)
         common = _common_identity(protocol, obj, views)
-        truth = _job(protocol, directory, obj, views, GROUND_TRUTH, "", Unchanged(), [common], None)
+        identity = ["", common]
+        truth = _job(protocol, directory, obj, views, GROUND_TRUTH, "", Unchanged(), identity, None)
         items = []
         for condition in conditions:
             for method in protocol.methods:
                 sees_cloud = find_method(method).sees_cloud
                 seen = condition.perturbation if sees_cloud else Unchanged()
-                job = _job(
-                    protocol,
-                    directory,
-                    obj,
-                    views,
-                    method,
-                    condition.id if sees_cloud else UNCHANGED,
-                    seen,
-                    [common, identities[method], repr(seen), SCORES_VERSION],
-                    truth.artifact,
+                named = condition.id if sees_cloud else UNCHANGED
+                identity = [named, common, identities[method], repr(seen), SCORES_VERSION]
+                items.append(
+                    _job(
+                        protocol,
+                        directory,
+                        obj,
+                        views,
+                        method,
+                        condition.id,
+                        condition.perturbation,
+                        identity,
+                        truth.artifact,
+                    )
                 )
-                items.append(replace(job, condition=condition.id))
         objects.append(ObjectJobs(truth, tuple(items)))
     return Plan(tuple(objects))
 
@@ -228,7 +232,7 @@ def _job(
     identity: Sequence[Any],
     reference: Path | None,
 ) -> Job:
-    key = digest([protocol.suite.id, method, condition, *identity])
+    key = digest([protocol.suite.id, method, *identity])
     return Job(
         key=key,
         suite=protocol.suite.id,
