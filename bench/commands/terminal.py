@@ -16,7 +16,7 @@ from bench.tables.table import TABLES, Table
 from data_prep.progress import bars, is_live, progress, say
 
 WIDEST, MOST_LINES = 100, 40
-SHARE = 0.05  # of the time of a run that goes into tables in between, at most
+SHARE = 0.02  # of the time of a run that goes into tables in between, at most
 
 
 def shown(table: Table[Row], lines: int = MOST_LINES) -> list[str]:
@@ -29,7 +29,7 @@ class Terminal(AbstractContextManager["Terminal"]):
     """An observer of a run (`bench.running.run.Observer`).
 
     make  the headline table of what is complete. It is made anew as objects are completed, unless
-          that would take more than a twentieth of the time
+          that would take more than a fiftieth of the time
     """
 
     def __init__(self, make: Callable[[SoFar], Table[Row]], title: str, total: int) -> None:

@@ -95,7 +95,7 @@ def feed(
 
 Result = TypeVar("Result")
 
-TASKS_PER_WORKER = 400  # then a fresh process: what leaks, leaks no further
+TASKS_PER_WORKER = 500  # then a fresh process: what leaks, leaks no further
 WATCH_EVERY_S = 0.1
 LOOK_EVERY_S = 1.0  # whether the pool is well, while tasks are waited for
 PATIENCE_S = 10.0  # with workers that have nothing left to do, or ought to have ended
