@@ -372,13 +372,15 @@ def _do(
             closing(results(schedule.jobs(), schedule.left, journal, factory.start)) as stream,
         ):
             for result in stream:
-                failures += result.artifact_sha256 is None
+                before = schedule.left
                 complete = schedule.take(result)
+                if result.artifact_sha256 is None:  # with a ground truth its items fail
+                    failures += before - schedule.left
                 observer.job(schedule.left, failures)
-                if complete:
+                if complete and schedule.scored:
                     observer.object(so_far())
     except KeyboardInterrupt:
-        if not schedule.complete:
+        if not schedule.scored:
             raise
         return True
     return False

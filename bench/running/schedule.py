@@ -102,6 +102,7 @@ class Schedule:
     outcomes  by key, of the jobs that have ended
     complete  names of the objects whose jobs have all ended. Where the ground truth has failed,
               there is nothing to score, and the object is complete
+    scored    how many of these have a ground truth
     left      how many jobs are to be done, were there no budget
     """
 
@@ -112,6 +113,7 @@ class Schedule:
         self._open = {obj.name: {job.key for job in obj.jobs} for obj in self._objects}
         self.outcomes: dict[str, JobOutcome] = {}
         self.complete: list[str] = []
+        self.scored = 0
         self.left = sum(map(len, self._open.values()))
         for key, outcome in outcomes.items():
             self._put(key, outcome)
@@ -158,9 +160,11 @@ class Schedule:
         if key == obj.truth.key and outcome.artifact_sha256 is None:
             still_open.clear()
         self.left -= before - len(still_open)
-        if before and not still_open:
-            self.complete.append(obj.name)
-        return bool(before) and not still_open
+        if not before or still_open:
+            return False
+        self.complete.append(obj.name)
+        self.scored += self.outcomes[obj.truth.key].artifact_sha256 is not None
+        return True
 
     def _part_left(self, obj: ObjectJobs) -> float:
         return len(self._open[obj.name]) / len(obj.jobs)

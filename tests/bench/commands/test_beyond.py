@@ -113,7 +113,7 @@ def test_a_run(tmp_path, no_machine):
     assert (done.done, done.failed) == (6, 0)
     assert done.outputs.curves
     found = {path.name for name in ("tables", "figures") for path in (out / name).iterdir()}
-    tables = ("table_ssim", "table_frechet", "table_detail")
+    tables = ("headline", "table_ssim", "table_frechet", "table_detail")
     assert found == {
         *(f"{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *("beyond.png", "beyond.svg", "beyond-pictures.png"),

@@ -90,7 +90,7 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
     assert read_manifest(out)["objects"] == expected
     assert (measured.done, measured.failed) == (20, 0)
     found = {path.name for name in ("tables", "figures") for path in (out / name).iterdir()}
-    tables = ("table5_classes", "table5_orderings", "table_ssim", "table_detail")
+    tables = ("headline", "table5_classes", "table5_orderings", "table_ssim", "table_detail")
     assert found == {
         *(f"{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *("classes.png", "table5.png"),

@@ -164,13 +164,13 @@ def test_plan_of_a_new_run(command, tmp_path, no_cache):
     assert "pilot: 2 of 3 objects x 2 conditions x 3 methods" in err
     assert "12 items to do" in out
     assert "Measured just now on 2 objects with one worker" in out
-    for name, items in (("ground-truth", 3), ("splat", 6), ("blank", 6), ("**all**", 12)):
+    for name, items in (("ground-truth", 3), ("splat", 6), ("blank", 3), ("**all**", 9)):
         assert re.search(rf"^\| {re.escape(name)} \| {items} \|", out, re.M), name
     assert "| without splat |" in out
     assert "--limit" not in out  # there is no smaller one
     with (tmp_path / "samples.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * (1 + 3 * 2)
+    assert len(rows) == 2 * (1 + 2 * 2 + 1)
     assert {row["method"] for row in rows} == {GROUND_TRUTH, "splat", "blank", "splat@spread=1.5"}
 
 

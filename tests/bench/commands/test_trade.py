@@ -45,7 +45,7 @@ def test_one_worker_does_all_and_leaves_tables_and_figures(tmp_path, tiny_weight
     assert (traded.done, traded.failed) == (16, 0)
     assert read_manifest(traded.directory)["workers"] == 1
     assert ", nothing beside it; all 2 views of a cloud drawn in one call." in traded.outputs.cost
-    tables = ("table_ssim", "table_frechet", "table_detail", "frontier", "points")
+    tables = ("headline", "table_ssim", "table_frechet", "table_detail", "frontier", "points")
     figures = ("frontier", *(f"frontier-{metric}" for metric in SUITE.frontier[1:]))
     for folder, names, kinds in (
         ("tables", tables, ("csv", "md")),

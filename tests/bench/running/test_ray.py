@@ -71,7 +71,7 @@ def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):
     cluster.remove_node(lost, allow_graceful=False)
     end(process)
     keys = journal_keys(directory)
-    assert len(keys) == len(set(keys)) == 27
+    assert len(keys) == len(set(keys)) == 21
     assert_equal_runs(directory, finished[0])
 
 

@@ -117,7 +117,7 @@ def test_what_is_printed(finished):
     directory, done = finished
     title, *shown, report, tables = done.stdout.splitlines()
     assert title == "ssim and fd-views: 3 of 3 objects"
-    assert sum(line.startswith("splat ") for line in shown) == 1
+    assert any(line.startswith("splat ") for line in shown)
     assert len(shown) < 38
     assert max(map(len, shown)) <= 100
     assert report == f"report: {directory / 'report.html'}"
@@ -170,10 +170,14 @@ def test_damage_is_repaired_and_growth_added(finished, copied, same_machine, tin
     places[splat].write_bytes(places[splat].read_bytes()[:-1])
     conditions = ("2048", "noise-0.10", "512")
     again = run_suite(finished_options(tiny_weights, copied, conditions=conditions))
-    assert (again.done, again.reused, again.failed) == (12 + 1, 23, 0)
+    assert (again.done, again.reused, again.failed) == (
+        6 + 1,
+        29,
+        0,
+    )  # what depends on no condition is there
     new = Counter(line["key"] for line in journal(copied)["0002.jsonl"])
     assert new[truth] == new[splat] == 1
-    assert sum(new.values()) == 1 + 1 + 12
+    assert sum(new.values()) == 1 + 1 + 6
     err = capsys.readouterr().err
     for key in (truth, splat):
         assert f"{places[key]}: missing or altered; its job is done again\n" in err
@@ -230,7 +234,7 @@ def test_killed_three_times(finished, arguments, tmp_path):
                 os.killpg(process.pid, signal.SIGKILL)
         assert process.returncode == -signal.SIGKILL
         assert read_manifest(directory)["finished"] is None
-    assert lines_in_journal(directory) == 3 + 24
+    assert lines_in_journal(directory) == 3 + 18
     with start(arguments, directory) as process:
         _, err = process.communicate()
     assert process.returncode == 0, err
@@ -241,10 +245,10 @@ def test_killed_three_times(finished, arguments, tmp_path):
         {path.name: path.read_bytes() for path in place.glob("artifacts/*/[!.]*.npz")}
         for place in (finished[0], directory)
     ]
-    assert len(images[0]) == 3 + 24
+    assert len(images[0]) == 3 + 18
     assert images[0] == images[1]
     done = Counter(line["key"] for lines in journal(directory).values() for line in lines)
-    assert len(done) == 3 + 24
+    assert len(done) == 3 + 18
     assert set(done.values()) == {1}
 
 

@@ -96,6 +96,7 @@ def test_an_object_without_a_ground_truth_is_complete_with_it():
     assert order[:3] == ["a ground-truth", "b ground-truth", "b splat 2048"]
     assert len(order) == 5
     assert schedule.complete == ["chair/a", "chair/b"]
+    assert schedule.scored == 1
     assert schedule.left == 0
 
 
