@@ -1,13 +1,9 @@
 """Images of meshes by ray casting (Embree): those of `data_prep.render`, for many faces.
 
-The camera, the samples and the shading are those of `data_prep.render`; no code is shared. OpenGL's
-time grows with the number of faces of each view; here a tree over the faces is built once a mesh,
-and a view takes the time of its pixels. Measured and compared by `studies.ray_speed`.
-
-Measured and not used: Embree's `robust` flag (a quarter more time of casting, and images no nearer
-to OpenGL's); and what is no faster: rays in tiles instead of rows, packets of 8 and 16 rays and
-trees of high quality through Embree's C interface, long faces cut into short ones, and rays that
-end where the pixel's first sample met something.
+The camera, the samples and the shading are those of `data_prep.render`; no drawing code is
+shared. OpenGL's time grows with the number of faces of each view; here a tree over the faces is
+built once a mesh, and a view takes the time of its pixels. Measured and compared by
+`studies.ray_speed`.
 """
 
 from __future__ import annotations
@@ -19,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_prep.camera import FOCAL_PX, camera_to_world
+from data_prep.camera import FOCAL_PX, camera_to_world, project
 from data_prep.failures import MissingDependency
 from data_prep.render import FAR, NEAR
 from data_prep.scene import IMAGE_SIZE, Mesh, View
@@ -60,7 +56,7 @@ def cast(
     rays = _rays(np.asarray(samples, dtype=np.float64), size)
     for image, view in zip(images, views, strict=True):
         pose = camera_to_world(view)
-        window = _window(corners, pose, size)
+        window = _window(corners, view, size)
         start, rows, columns = (NEAR, ALL, ALL) if window is None else (0.0, *window)
         local = rays[rows, columns]
         if local.size:
@@ -95,7 +91,7 @@ def _rays(samples: NDArray[np.float64], size: int) -> NDArray[np.float32]:
 
 
 def _corners(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Corners [3, N] of boxes that hold all vertices [V, 3]: one box for each run of BOX_VERTICES.
+    """Corners [N, 3] of boxes that hold all vertices [V, 3]: one box for each run of BOX_VERTICES.
 
     Vertices that follow each other mostly lie close together. Where they do not the boxes are
     large, and some rays are cast in vain.
@@ -104,29 +100,26 @@ def _corners(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
     ends = [bound.reduceat(vertices, runs).T for bound in (np.minimum, np.maximum)]
     x, y, z = np.array(ends, dtype=np.float64).transpose(1, 0, 2)
     corners = np.broadcast_arrays(x[:, None, None], y[None, :, None], z[None, None])
-    return np.stack(corners).reshape(3, -1)
+    return np.stack(corners, -1).reshape(-1, 3)
 
 
-def _window(
-    corners: NDArray[np.float64], pose: NDArray[np.float64], size: int
-) -> tuple[slice, slice] | None:
-    """Rows and columns of the box of pixels around corners [3, N], within the image.
+def _window(corners: NDArray[np.float64], view: View, size: int) -> tuple[slice, slice] | None:
+    """Rows and columns of the box of pixels around corners [N, 3], within the image.
 
     None where a corner is nearer than NEAR: what is behind the camera has no image.
     """
-    x, y, z = pose[:3, :3].T @ corners - (pose[:3, :3].T @ pose[:3, 3])[:, None]
-    if z.max() > -NEAR:
+    pixels, depth = project(corners, view)
+    if depth.min() < NEAR:
         return None
-    focal = FOCAL_PX * size / IMAGE_SIZE
-    rows, columns = y / z * focal, -x / z * focal  # from the middle of the image
+    columns, rows = pixels.T * (size / IMAGE_SIZE)
     return _span(rows, size), _span(columns, size)
 
 
 def _span(places: NDArray[np.float64], size: int) -> slice:
-    """The whole pixels that `places`, counted from the middle, lie in."""
+    """The whole pixels that `places` lie in, within the image."""
     # Directions of rays have 32 bits: rounding moves one by less than 1e-4 px.
     first, last = np.floor(places.min() - 0.01), np.ceil(places.max() + 0.01)
-    low, high = np.clip([first + size / 2, last + size / 2], 0, size)
+    low, high = np.clip([first, last], 0, size)
     return slice(int(low), int(high))
 
 

@@ -1,7 +1,8 @@
 """Which tests share a worker: those of a file, those that would disturb each other, and those
-that share what takes long to make. And how many threads torch has in a test: one."""
+that share what takes long to make. And how many threads torch has in a test: one; and a clock."""
 
 import sys
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -18,6 +19,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         alone += [name for name in MADE_ONCE if name in getattr(item, "fixturenames", ())]
         group = alone[0] if alone else item.nodeid.partition("::")[0]
         item.add_marker(pytest.mark.xdist_group(group))
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What `time.monotonic` gives, to be moved on."""
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    return now
 
 
 @pytest.fixture(autouse=True)

@@ -34,7 +34,6 @@ class Terminal(AbstractContextManager["Terminal"]):
 
     def __init__(self, make: Callable[[SoFar], Table[Row]], title: str, total: int) -> None:
         self._make, self._title, self._total = make, title, total
-        self._left = total
         self._again = 0.0  # when the table may be made again
         self._live: Any = None
         self._around = ExitStack()
@@ -59,21 +58,21 @@ class Terminal(AbstractContextManager["Terminal"]):
     ) -> None:
         self._around.close()
 
-    def job(self, left: int, failed: int) -> None:
-        """A job has ended."""
-        ended, self._left = self._left - left, left
+    def jobs(self, ended: int, failed: int) -> None:
+        """So many more jobs have ended."""
         if self._live is not None:
             self._bars.update(self._task, advance=ended, failed=failed)
             return
         for _ in range(ended):
             self._advance(failed)
 
-    def object(self, so_far: SoFar) -> None:
+    def object(self, so_far: Callable[[], SoFar]) -> None:
         """One more object is complete."""
         start = time.monotonic()
         if start < self._again:
             return
-        table = self._make(so_far)
+        complete = so_far()
+        table = self._make(complete)
         if self._live is not None:
             from rich.console import Group
             from rich.text import Text
@@ -82,6 +81,6 @@ class Terminal(AbstractContextManager["Terminal"]):
             text = Text("\n".join(shown(table, min(room, MOST_LINES))), no_wrap=True)
             self._live.update(Group(text, Text(), self._bars))
         elif not self._again:
-            say(f"headline table so far: {so_far.directory / TABLES / table.name}.md")
+            say(f"headline table so far: {complete.directory / TABLES / table.name}.md")
         now = time.monotonic()
         self._again = now + (now - start) / SHARE

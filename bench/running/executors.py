@@ -59,8 +59,11 @@ def do_jobs(
     if outcomes:
         say(f"{title}: {len(outcomes)} of {len(jobs)} are there from before")
     failures = 0
-    with progress(title, len(missing)) as advance:
-        for result in results(missing, len(missing), journal, start):
+    with (
+        progress(title, len(missing)) as advance,
+        closing(results(missing, len(missing), journal, start)) as stream,
+    ):
+        for result in stream:
             outcomes[result.key] = JobOutcome.of(result)
             failures += result.artifact_sha256 is None
             advance(failures)

@@ -129,7 +129,7 @@ def measure(protocol: Protocol, objects: int, workers: int) -> Pilot:
         if not drawn:
             first = truths[0][1].reason
             raise BadInput(f"none of the pilot's objects can be drawn; the first: {first}")
-        jobs = [job for obj in todo.objects for job in obj.jobs if job.reference in drawn]
+        jobs = [job for job in todo.jobs if job.reference in drawn]
         items = _measure(jobs, sizes, workers, limits, "pilot")
     return Pilot(tuple(sample for _, sample in (*truths, *items)), tuple(sizes.values()))
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -150,19 +151,29 @@ class Plan:
         return tuple(job for obj in self.objects for job in obj.items)
 
     @property
+    def jobs(self) -> tuple[Job, ...]:
+        """Each job once, object by object."""
+        return tuple(job for obj in self.objects for job in obj.jobs)
+
+    @property
     def in_turns(self) -> tuple[ObjectJobs, ...]:
         """The objects in the order of their start: the first of each class, then the second."""
-        number: dict[str, int] = {}
-        ranked = []
-        for obj in self.objects:
-            class_name = obj.truth.object.class_name
-            number[class_name] = number.get(class_name, 0) + 1
-            ranked.append((number[class_name], obj))
-        return tuple(obj for _, obj in sorted(ranked, key=lambda pair: pair[0]))
+        return tuple(obj for _, obj in sorted(self._numbered(), key=lambda pair: pair[0]))
+
+    def first(self, objects: int) -> Plan:
+        """The part of so many objects of each class, as the dataset orders them."""
+        return Plan(tuple(obj for number, obj in self._numbered() if number <= objects))
 
     def of(self, objects: Container[str]) -> Plan:
         """The part of some objects, by name."""
         return Plan(tuple(obj for obj in self.objects if obj.name in objects))
+
+    def _numbered(self) -> Iterator[tuple[int, ObjectJobs]]:
+        """Each object with its number within its class, from 1."""
+        numbers: Counter[str] = Counter()
+        for obj in self.objects:
+            numbers[obj.truth.object.class_name] += 1
+            yield numbers[obj.truth.object.class_name], obj
 
 
 def plan(protocol: Protocol, directory: Path) -> Plan:

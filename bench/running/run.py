@@ -32,7 +32,6 @@ from bench.running.executors import JobPool, results
 from bench.running.isolation import Executor
 from bench.running.pilot import Cell
 from bench.running.protocol import (
-    ObjectJobs,
     Options,
     Plan,
     Protocol,
@@ -71,21 +70,11 @@ class RunStatus:
     @property
     def jobs_left(self) -> dict[Cell, int]:
         """The same in jobs: one that does an item under every condition counts at the first."""
-        return count(self._jobs(self.todo.objects), self.there)
+        return count(self.todo.jobs, self.there)
 
     def left_of_first(self, objects: int) -> dict[Cell, int]:
         """The same with `--limit`: of each class only so many, as the dataset orders them."""
-        taken: dict[str, int] = {}
-        first = []
-        for obj in self.todo.objects:
-            class_name = obj.truth.object.class_name
-            number = taken[class_name] = taken.get(class_name, 0) + 1
-            if number <= objects:
-                first.append(obj)
-        return count(self._jobs(first), self.there)
-
-    def _jobs(self, objects: Iterable[ObjectJobs]) -> list[Job]:
-        return [job for obj in objects for job in obj.jobs]
+        return count(self.todo.first(objects).jobs, self.there)
 
 
 def count(jobs: Iterable[Job], there: frozenset[str]) -> dict[Cell, int]:
@@ -130,7 +119,7 @@ def _any_complete(options: Options, todo: Plan) -> bool:
 
 def _there(directory: Path, todo: Plan) -> frozenset[str]:
     journal = Journal(directory, read_lines(directory))
-    outcomes = journal.usable_of((*todo.references, *todo.items))
+    outcomes = journal.usable_of(todo.jobs)
     return frozenset(outcomes) | _unscorable(todo, outcomes).keys()
 
 
@@ -193,25 +182,23 @@ class SoFar:
     manifest  as it would be, were that all
     jobs      of the complete objects: ground truths, then items
     records   gives those of an item
-    planned   how many objects the whole run has
     """
 
     directory: Path
     manifest: dict[str, Any]
     jobs: Sequence[JobRow]
     records: Callable[[JobRow], Sequence[Record]]
-    planned: int
 
 
 class Observer(typing.Protocol):
     """Who is told how a run goes on."""
 
-    def job(self, left: int, failed: int) -> None:
-        """A job has ended: how many are left, and how many have failed since the start."""
+    def jobs(self, ended: int, failed: int) -> None:
+        """So many more jobs have ended; how many have failed since the start."""
         ...
 
-    def object(self, so_far: SoFar) -> None:
-        """One more object is complete."""
+    def object(self, so_far: Callable[[], SoFar]) -> None:
+        """One more object is complete. `so_far` takes longer the more there are."""
         ...
 
 
@@ -304,8 +291,7 @@ def _carry_out(
     suite, directory = protocol.suite, options.directory
     seconds: dict[str, float] = {}
     with open_run(directory, manifest, options.fresh) as journal:
-        there = journal.usable_of(job for obj in todo.objects for job in obj.jobs)
-        schedule = Schedule(todo, there, budget)
+        schedule = Schedule(todo, journal.usable_of(todo.jobs), budget)
 
         def so_far() -> SoFar:
             """And the manifest says what is complete."""
@@ -318,7 +304,7 @@ def _carry_out(
                 return failed(*lost).records if lost else journal.lines.result(row.key).records
 
             rows = _in_order(part, schedule.outcomes)
-            return SoFar(directory, manifest, rows, records, len(todo.objects))
+            return SoFar(directory, manifest, rows, records)
 
         with timed("items", seconds):
             interrupted = _do(schedule, journal, factory, suite.id, so_far, watch)
@@ -374,11 +360,11 @@ def _do(
             for result in stream:
                 before = schedule.left
                 complete = schedule.take(result)
-                if result.artifact_sha256 is None:  # with a ground truth its items fail
-                    failures += before - schedule.left
-                observer.job(schedule.left, failures)
+                ended = before - schedule.left  # with a ground truth its items fail
+                failures += ended * (result.artifact_sha256 is None)
+                observer.jobs(ended, failures)
                 if complete and schedule.scored:
-                    observer.object(so_far())
+                    observer.object(so_far)
     except KeyboardInterrupt:
         if not schedule.scored:
             raise

@@ -128,13 +128,14 @@ class Schedule:
         for obj, ahead in zip_longest(self._objects, self._objects[1:]):
             if not self._open[obj.name]:
                 continue
+            begun = [one for one in begun if self._open[one.name]]
             if (self.complete or begun) and not self._budget.allows(
                 len(self.complete), sum(self._part_left(one) for one in begun)
             ):
                 return
             begun.append(obj)
             for one in (obj, ahead):
-                if one and one.truth.key not in self.outcomes.keys() | truths:
+                if one and one.truth.key not in self.outcomes and one.truth.key not in truths:
                     truths.add(one.truth.key)
                     yield one.truth
             while obj.truth.key not in self.outcomes:

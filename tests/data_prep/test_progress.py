@@ -1,17 +1,6 @@
 from __future__ import annotations
 
-import time
-
-import pytest
-
 from data_prep.progress import PLAIN_EVERY_S, progress
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    return now
 
 
 def test_plain_lines_now_and_then_and_at_the_end(clock, capsys):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,24 +22,17 @@ def table(objects):
 
 
 def so_far(objects):
-    return SoFar(Path("run"), {"objects": ["a"] * objects}, [], list, 9)
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    return now
+    return lambda: SoFar(Path("run"), {"objects": ["a"] * objects}, [], list)
 
 
 def test_elsewhere_one_line_names_the_file(clock, capsys):
     with Terminal(lambda part: table(len(part.manifest["objects"])), "items", 4) as terminal:
-        terminal.job(3, 0)
+        terminal.jobs(1, 0)
         terminal.object(so_far(1))
-        terminal.job(1, 1)  # two are done: one had nothing to be scored against
+        terminal.jobs(2, 1)  # two are done: one had nothing to be scored against
         terminal.object(so_far(2))
         clock[0] += 20
-        terminal.job(0, 1)
+        terminal.jobs(1, 1)
     out, err = capsys.readouterr()
     assert out == ""
     assert err.splitlines() == [
@@ -72,9 +64,9 @@ def test_on_a_terminal_the_table_is_drawn(monkeypatch, capsys, terminal, live):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", terminal)
     with Terminal(lambda part: table(1), "items", 2) as view:
-        view.job(1, 0)
+        view.jobs(1, 0)
         view.object(so_far(1))
-        view.job(0, 0)
+        view.jobs(1, 0)
     out, err = capsys.readouterr()
     assert out == ""
     assert ("ssim: 1 of 9 objects" in err) == live

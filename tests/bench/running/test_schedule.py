@@ -34,7 +34,7 @@ def done(job):
 class OneByOne:
     """An executor that ends a job a second, in the order of their coming."""
 
-    def __init__(self, schedule, room=2, refuse=(), seconds=1.0, clock=None):
+    def __init__(self, room=2, refuse=(), seconds=1.0, clock=None):
         self.room, self.waiting, self.order = room, [], []
         self.refuse, self.seconds, self.clock = refuse, seconds, clock or [0.0]
 
@@ -52,7 +52,7 @@ class OneByOne:
 
 
 def carried_out(schedule, **executor):
-    worker = OneByOne(schedule, **executor)
+    worker = OneByOne(**executor)
     for result in feed(schedule.jobs(), worker):
         schedule.take(result)
     return worker.order
