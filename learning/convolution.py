@@ -8,11 +8,13 @@ convolution is called.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 Precision = Literal["float32", "bfloat16"]
 DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": torch.bfloat16}
@@ -84,3 +86,18 @@ def _prepacks(weight: Tensor) -> bool:
     if not hasattr(torch.ops.mkldnn, "_convolution_pointwise"):
         return False
     return weight.dtype == torch.float32 or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+
+
+def fold_normalisation(network: nn.Module) -> None:
+    """Change `network`, in evaluation mode, in place for inference on the CPU.
+
+    Each BatchNorm that follows a convolution within a Sequential becomes part of it, and channels
+    lie last. The answers are the same but for rounding; the weights are no longer those of a file.
+    """
+    for chain in network.modules():
+        if not isinstance(chain, nn.Sequential):
+            continue
+        for i, (layer, behind) in enumerate(pairwise(chain)):
+            if isinstance(layer, nn.Conv2d) and isinstance(behind, nn.BatchNorm2d):
+                chain[i], chain[i + 1] = fuse_conv_bn_eval(layer, behind), nn.Identity()
+    network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]

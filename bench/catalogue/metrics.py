@@ -87,8 +87,10 @@ def _views(weights: str) -> Extractor:
     import numpy as np
 
     from bench.judges.views import load_views_network, view_features
+    from learning.convolution import fold_normalisation
 
     model = load_views_network(Path(weights))
+    fold_normalisation(model)
     last: list[NDArray[Any]] = []  # images and their features: of grey images fd-views-grey asks
 
     def features(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -110,8 +112,10 @@ def _views_grey(weights: str) -> Extractor:
 
 def _judge(weights: str) -> Extractor:
     from bench.judges.judge import judge, load_judge_network
+    from learning.convolution import fold_normalisation
 
     network = load_judge_network(Path(weights))
+    fold_normalisation(network)
     return lambda images: judge(network, images)
 
 
@@ -141,14 +145,14 @@ SET_METRICS = (
         "fd-views",
         _bundled_views,
         _views,
-        2,
+        3,
         "features of the bundled classifier of rendered views",
     ),
     FeatureSource(
         "fd-views-grey",
         _bundled_views,
         _views_grey,
-        2,
+        3,
         "the same on greyscaled pictures: colour does not count",
     ),
 )
@@ -160,7 +164,7 @@ EXTRACTORS = (
         JUDGE,
         _bundled_judge,
         _judge,
-        1,
+        2,
         "direction of view and shape code, as the bundled judge sees them",
     ),
 )

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import copy
 import itertools
 
 import pytest
 import torch
+from torch import nn
 from torch.nn import functional
 
 from learning import convolution
-from learning.convolution import Convolution
+from learning.convolution import Convolution, fold_normalisation
 
 
 @pytest.mark.parametrize("prepacks", [False, True])
@@ -38,3 +40,27 @@ def test_the_kernel_is_copied():
     conv = Convolution(kernel, None, (1, 1, 2, 2), torch.float32)
     kernel.zero_()
     assert (conv(torch.ones(1, 1, 2, 2)) == 1).all()
+
+
+def test_a_normalisation_behind_a_convolution_becomes_part_of_it():
+    torch.manual_seed(0)
+    inner = nn.Sequential(nn.Conv2d(4, 6, 3, bias=False), nn.BatchNorm2d(6), nn.ReLU())
+    # the first and the last one follow no convolution
+    network = nn.Sequential(nn.BatchNorm2d(4), inner, nn.BatchNorm2d(6))
+    for layer in network.modules():
+        if isinstance(layer, nn.BatchNorm2d):
+            layer.weight.data.uniform_(0.5, 2)
+            layer.bias.data.normal_()
+            layer.running_mean.normal_()
+            layer.running_var.uniform_(0.5, 2)
+    network.eval()
+    x = torch.randn(2, 4, 8, 8)
+    expected = copy.deepcopy(network).double()(x.double())
+    fold_normalisation(network)
+    assert [isinstance(one, nn.BatchNorm2d) for one in (network[0], inner[1], network[2])] == [
+        True,
+        False,
+        True,
+    ]
+    # 36 products of values up to 8, scaled by at most 2 / sqrt(0.5) three times: 2**-24 of each
+    torch.testing.assert_close(network(x).double(), expected, rtol=0, atol=36 * 8 * 22 * 2**-24)

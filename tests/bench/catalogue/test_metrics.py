@@ -19,7 +19,6 @@ from bench.catalogue.metrics import (
 from bench.catalogue.suites import SUITES
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.judge import CODE, JudgeNetwork, judge
-from bench.judges.views import load_views_network, view_features
 from bench.records.record import Record
 from data_prep.failures import BadInput
 
@@ -48,8 +47,7 @@ def test_grey_features_do_not_see_colour():
         find_extractor(name).load(str(VIEWS_WEIGHTS)) for name in ("fd-views", "fd-views-grey")
     )
     luma = ((IMAGES @ np.array([299, 587, 114]) + 500) // 1000).astype(np.uint8)  # Rec. 601
-    network = load_views_network(VIEWS_WEIGHTS)
-    expected = view_features(network, np.stack([luma] * 3, axis=-1))
+    expected = colour(np.stack([luma] * 3, axis=-1))
     np.testing.assert_array_equal(grey(IMAGES), expected)
     assert not np.allclose(colour(IMAGES), expected, atol=1e-3)
     np.testing.assert_array_equal(grey(np.stack([luma] * 3, axis=-1)), expected)
@@ -68,4 +66,5 @@ def test_the_judge_is_an_extractor_and_skipped_where_it_is_not_there(tmp_path, m
     assert source.weights(None) == path
     answers = source.load(str(path))(IMAGES)
     assert answers.shape == (3, 3 + CODE)
-    np.testing.assert_array_equal(answers, judge(network, IMAGES))
+    # sums of up to 1,536 float32 products a layer, of kernels that are rounded once more
+    np.testing.assert_allclose(answers, judge(network, IMAGES), rtol=1e-4, atol=1e-4)

@@ -142,7 +142,8 @@ def test_features_tell_the_direction_of_view(chairs):
     assert turn < 45
     assert tilt < 14
     metric = find_extractor("fd-views")
-    assert np.array_equal(metric.load(str(metric.weights(None)))(chairs[0]), features)
+    of_metric = metric.load(str(metric.weights(None)))(chairs[0])
+    np.testing.assert_allclose(of_metric, features, rtol=1e-4, atol=1e-4)  # as of neighbours
 
 
 def test_the_bundled_network_knows_the_procedural_set():

@@ -10,8 +10,8 @@ from harness_objects import Calling, Refusing, Tetrahedron
 import bench.records.artifacts
 import bench.running.work
 from bench.catalogue.methods import METHODS, Method
+from bench.catalogue.metrics import find_extractor
 from bench.judges import VIEWS_WEIGHTS
-from bench.judges.views import load_views_network, view_features
 from bench.metrics import ssim
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.structural_similarity import ssim_per_image_and_box
@@ -317,7 +317,7 @@ def test_features_are_those_of_the_images(tmp_path):
     do(job)
     arrays = read_artifact(job.artifact)
     assert set(arrays) == {"images", "fd-views"}
-    expected = view_features(load_views_network(VIEWS_WEIGHTS), arrays["images"])
+    expected = find_extractor("fd-views").load(str(VIEWS_WEIGHTS))(arrays["images"])
     assert np.array_equal(arrays["fd-views"], expected)
 
 
