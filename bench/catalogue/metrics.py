@@ -1,9 +1,9 @@
 """The metrics of the benchmark, as literal tables.
 
-Image metrics score an image against the true one. Set metrics are Fréchet distances between sets
-of images, on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d].
-Nothing but the distance on the published Inception features is called `fid`, and nothing but the
-kernel distance on these `kid`. Control metrics ask
+Image metrics score an image against the true one. Set metrics are distances between sets of images,
+on features that an extractor takes of each: uint8 [N, H, W, 3] to float32 [N, d]. Nothing but the
+Fréchet distance on the published Inception features is called `fid`, and nothing but the kernel
+distance on these `kid`. Control metrics ask
 whether an image shows the view and the object that it should; a judge predicts them from the
 image alone, and its answers are features too, which no distance is taken of.
 """
@@ -19,10 +19,13 @@ from typing import TYPE_CHECKING, Any
 from bench.catalogue.lookup import find
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.metrics.inception_weights import WeightsUnavailable, find_weights
+from bench.metrics.lpips_weights import find_lpips_weights
 
 if TYPE_CHECKING:  # `bench list` answers at once
     import numpy as np
     from numpy.typing import NDArray
+
+    from bench.metrics.lpips_network import Lpips
 
 # `bench.metrics.image_scores` computes them all; `column` gives their names in the records.
 IMAGE_METRICS = {
@@ -34,6 +37,7 @@ IMAGE_METRICS = {
     "silhouette-iou": "what is drawn and what the true object shows: intersection over union",
     "thin-recall": "share of the thin parts of the true object that is drawn",
     "thin-precision": "share of true object in what is drawn beside thin parts",
+    "lpips": "distance by the features of a network for photographs; 0 is identical",
 }
 # Why an image metric may have no value for an image that is there; the others always have one.
 UNDEFINED = {
@@ -53,7 +57,11 @@ RECOGNITION_METRICS = {
 KERNEL_METRICS = {
     "kid": ("fid", "kernel distance on the features of fid, unbiased for few pictures"),
     "kd-views": ("fd-views", "the same on the features of fd-views"),
+    "kd-alexnet": ("fd-alexnet", "the same on the features of fd-alexnet"),
 }
+# Image metrics that the network of an extractor computes on its way to the features.
+LEARNED_METRICS = {"lpips": "fd-alexnet"}
+DISTANCES_OF_IMAGES = ("lpips",)
 JUDGE = "judge"
 Extractor = Callable[["NDArray[np.uint8]"], "NDArray[np.float32]"]
 
@@ -110,6 +118,19 @@ def _views_grey(weights: str) -> Extractor:
     return lambda images: features(np.repeat(greyscale(images)[..., None], 3, axis=-1))
 
 
+@functools.cache
+def lpips_network(weights: str) -> Lpips:
+    """The network of `lpips` and `fd-alexnet`."""
+    from bench.metrics.lpips_network import Lpips
+
+    return Lpips(Path(weights))
+
+
+def _alexnet(weights: str) -> Extractor:
+    network = lpips_network(weights)
+    return lambda images: network.see(images).features.numpy()
+
+
 def _judge(weights: str) -> Extractor:
     from bench.judges.judge import judge, load_judge_network
     from learning.convolution import fold_normalisation
@@ -117,6 +138,11 @@ def _judge(weights: str) -> Extractor:
     network = load_judge_network(Path(weights))
     fold_normalisation(network)
     return lambda images: judge(network, images)
+
+
+def _installed_alexnet(chosen: str | None) -> Path:
+    del chosen
+    return find_lpips_weights()
 
 
 def _bundled_judge(chosen: str | None) -> Path:
@@ -155,6 +181,13 @@ SET_METRICS = (
         3,
         "the same on greyscaled pictures: colour does not count",
     ),
+    FeatureSource(
+        "fd-alexnet",
+        _installed_alexnet,
+        _alexnet,
+        1,
+        "features of AlexNet, trained on photographs: mean of the last convolution",
+    ),
 )
 
 
@@ -175,14 +208,21 @@ def find_extractor(extractor_id: str) -> FeatureSource:
     return find(extractor_id, EXTRACTORS, "metric")
 
 
-def is_similarity(metric: str) -> bool:
-    """Whether it is a mean over images, and higher is better; else a distance of sets."""
+def extractor_of(metric: str) -> str:
+    """The id of the extractor that a set metric or a learned image metric is made by."""
+    if metric in KERNEL_METRICS:
+        return KERNEL_METRICS[metric][0]
+    return LEARNED_METRICS.get(metric, metric)
+
+
+def is_mean(metric: str) -> bool:
+    """Whether it is a mean over images; else a distance of sets, or a median."""
     return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
 
 
 def higher_is_better(metric: str) -> bool:
     """The direction of any metric of the tables."""
-    return is_similarity(metric) or metric == "retrieval"
+    return metric == "retrieval" or (is_mean(metric) and metric not in DISTANCES_OF_IMAGES)
 
 
 def column(metric: str) -> str:

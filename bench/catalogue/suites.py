@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bench.catalogue.metrics import JUDGE
+from bench.catalogue.metrics import JUDGE, extractor_of
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Suite:
     classes          the classes of the dataset that take part
     image_metrics    of the paper's table of SSIM
     detail_metrics   further image metrics, in a table of their own
-    set_metrics      Fréchet distances
+    set_metrics      Fréchet and kernel distances between sets of images
     class_metrics    by class and in the mean over classes, in the paper's Table 5
     control_metrics  what the judge is asked
     views            random views per object
@@ -53,12 +53,13 @@ class Suite:
     frontier: tuple[str, ...] = ()
     class_metrics: tuple[str, ...] = ()
     crossings: tuple[str, ...] = ()
-    headline: tuple[str, ...] = ("ssim", "fd-views")
+    headline: tuple[str, ...] = ("ssim-object", "lpips")
 
     @property
     def extractors(self) -> tuple[str, ...]:
         """Whose features the metrics are made from."""
-        return (*self.set_metrics, *((JUDGE,) if self.control_metrics else ()))
+        own = dict.fromkeys(map(extractor_of, self.set_metrics))
+        return (*own, *((JUDGE,) if self.control_metrics else ()))
 
 
 SUITES = (
@@ -79,8 +80,8 @@ SUITES = (
         conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
         classes=("chair",),
         image_metrics=("ssim", "luminance", "contrast", "structure"),
-        detail_metrics=("ssim-object", "silhouette-iou", "thin-recall", "thin-precision"),
-        set_metrics=("fid", "fd-views", "fd-views-grey"),
+        detail_metrics=("ssim-object", "lpips", "silhouette-iou", "thin-recall", "thin-precision"),
+        set_metrics=("fid", "kid", "fd-views", "fd-views-grey", "fd-alexnet", "kd-alexnet"),
         control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
         views=20,
         endless_limit=24,

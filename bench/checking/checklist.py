@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import compare
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import column, is_similarity
+from bench.catalogue.metrics import column, is_mean
 from bench.checking.claim_rules import (
     DISTANCES,
     Evidence,
@@ -151,7 +151,7 @@ def _scored(directory: Path, manifest: dict[str, Any]) -> Scored:
     there = [
         metric
         for metric in (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES)
-        if metric in scored.features or (is_similarity(metric) and column(metric) in scored.records)
+        if metric in scored.features or (is_mean(metric) and column(metric) in scored.records)
     ]
     known = [m for m in manifest["methods"] if m.partition("@")[0] == NETWORK]
     chosen = scored.records["method"].isin([SURFACE, "true-mesh", FLOOR, *known])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bench.analysis.comparison import Comparison, Estimate, Quality, decimals
 from bench.analysis.intervals import interval_of_means, mean_interval
-from bench.catalogue.metrics import is_similarity
+from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.metrics.frechet import jackknife_interval
 from bench.tables.classes import NETWORK, SURFACE
 from bench.tables.orderings import Ordering
@@ -311,20 +311,20 @@ def combined(terms: Sequence[tuple[float, Quality]]) -> Estimate:
     """
     value = float(sum(weight * quality.estimate.value for weight, quality in terms))
     per_object = np.sum([weight * quality.per_object for weight, quality in terms], axis=0)
-    if is_similarity(terms[0][1].metric):
+    if is_mean(terms[0][1].metric):
         return Estimate(value, *mean_interval(per_object))
     return Estimate(value, *jackknife_interval(value, [per_object]))
 
 
 def _lead(a: Quality, b: Quality) -> Estimate:
     """How much better a is than b."""
-    sign = 1 if is_similarity(a.metric) else -1
+    sign = 1 if higher_is_better(a.metric) else -1
     return combined([(sign, a), (-sign, b)])
 
 
 def _loss(run: Scored, metric: str, method: str, condition: str) -> list[tuple[float, Quality]]:
     """The terms of how much worse a method is at a condition than with the full cloud."""
-    sign = 1.0 if is_similarity(metric) else -1.0
+    sign = 1.0 if higher_is_better(metric) else -1.0
     full, less = (run.quality(metric, method, c, CHAIR) for c in (FULL, condition))
     return [(sign, full), (-sign, less)]
 

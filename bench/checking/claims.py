@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from bench.catalogue.metrics import is_similarity
+from bench.catalogue.metrics import higher_is_better
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import Finding
 from bench.tables.classes import AVERAGE
@@ -85,7 +85,7 @@ def _ahead(metric: str, surface: str, network: str) -> rules.Ahead:
     if surface == network:
         return "equal"
     higher = float(network) > float(surface)
-    return "network" if higher == is_similarity(metric) else "surface"
+    return "network" if higher == higher_is_better(metric) else "surface"
 
 
 # What the abstract and the introduction promise.

@@ -58,6 +58,8 @@ def examine() -> Iterator[Finding]:
             yield Finding(True, f"metric {metric.id}", str(metric.weights(None)))
         except WeightsUnavailable as error:
             yield Finding(True, f"metric {metric.id}", f"skipped in runs: {error}")
+        except BadInput as error:
+            yield Finding(False, f"metric {metric.id}", str(error))
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     yield Finding(True, "machine", f"{cores()} cores, {memory:.1f} GiB of memory")
 

@@ -1,7 +1,7 @@
 """The metrics of the benchmark, by the names that other people's scripts may rely on.
 
-Pure functions in float64. Each is imported when it is asked for, because `bench list` needs none;
-what must run a network first (the features of a Fréchet distance) is in `bench.metrics.inception`.
+Each is imported when it is asked for, because `bench list` needs none. What takes the features of a
+Fréchet distance is in `bench.metrics.inception`.
 """
 
 from __future__ import annotations
@@ -11,11 +11,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bench.metrics.frechet import frechet_distance
+    from bench.metrics.lpips_network import lpips
     from bench.metrics.structural_similarity import ssim
 
-__all__ = ["frechet_distance", "ssim"]
+__all__ = ["frechet_distance", "lpips", "ssim"]
 
-_MODULES = {"frechet_distance": "frechet", "ssim": "structural_similarity"}
+_MODULES = {
+    "frechet_distance": "frechet",
+    "lpips": "lpips_network",
+    "ssim": "structural_similarity",
+}
 
 
 def __getattr__(name: str) -> object:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-SCHEMA_VERSION = 3  # of records, journal and manifest; newer ones are refused, never guessed at
+SCHEMA_VERSION = 4  # of records, journal and manifest; newer ones are refused, never guessed at
 
 Outcome = Literal["ok", "failed", "skipped"]
 GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts
@@ -48,6 +48,7 @@ class Record:
     silhouette_iou: float | None = None
     thin_recall: float | None = None
     thin_precision: float | None = None
+    lpips: float | None = None
     prepare_s: float | None = None
     draw_s: float | None = None
 
@@ -60,6 +61,7 @@ TYPES = {  # of columns that are no text
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
     **dict.fromkeys(("ssim", "luminance", "contrast", "structure"), "float64"),
     **dict.fromkeys(("ssim_object", "silhouette_iou", "thin_recall", "thin_precision"), "float64"),
+    "lpips": "float64",
     **dict.fromkeys(("prepare_s", "draw_s"), "float64"),
 }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.analysis.paired import Pair, PairedDifference
-from bench.catalogue.metrics import is_similarity
+from bench.catalogue.metrics import higher_is_better
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
 
@@ -55,7 +55,7 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
                 color=COLOURS[cell.ahead],
             )
         axis.axvline(0.0, color="0.3", linewidth=0.8)
-        better = "right" if is_similarity(metric) else "left"
+        better = "right" if higher_is_better(metric) else "left"
         axis.set_title(f"{metric}: b is better to the {better}", fontsize=9)
         axis.set_xlabel("b - a", fontsize=8)
         axis.tick_params(labelsize=8)

@@ -9,7 +9,7 @@ from typing import Any
 from bench.analysis.crossings import ConditionCurve, place_of
 from bench.catalogue.families import Family
 from bench.catalogue.methods import role
-from bench.catalogue.metrics import is_similarity
+from bench.catalogue.metrics import is_mean
 from bench.records.artifacts import Artifact
 from bench.report.inline import Drawing, inline
 from bench.report.page import Plot
@@ -72,7 +72,7 @@ def beyond_figure(
     drawn = Drawing(figure)
     several = len({class_name for class_name, _ in lines}) > 1
     for axis_row, (class_name, metric) in zip(axes, lines, strict=True):
-        if not is_similarity(metric):
+        if not is_mean(metric):
             scale_distances(axis_row[0])
         for axis, family in zip(axis_row, families, strict=True):
             cell = (class_name, metric, family)

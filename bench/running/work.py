@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOORS, Method, find_method
-from bench.catalogue.metrics import Extractor, find_extractor
+from bench.catalogue.metrics import LEARNED_METRICS, Extractor, find_extractor, lpips_network
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_artifact, write_artifact
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
@@ -97,13 +97,22 @@ def _run_method(job: Job, watch: Stopwatch) -> Result:
     )
     if truth is not None:
         with watch.on("metrics"):
-            scored = scores(truth, drawn.images)
+            scored = scores(truth, drawn.images) | _learned(job, truth, drawn.images)
         records = [
             replace(record, **{name: _or_none(values[i]) for name, values in scored.items()})
             for i, record in enumerate(records)
         ]
     sha = _write_artifact(job, drawn.images, watch)
     return Result(job.key, tuple(records), sha)
+
+
+def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDArray[np.float64]]:
+    """Scores [V] by the networks among the job's extractors, by their names in a record."""
+    weights = dict(job.features).get(LEARNED_METRICS["lpips"])
+    if weights is None:
+        return {}
+    network = lpips_network(weights)
+    return {"lpips": network.distance(network.see(truth), network.see(images))}
 
 
 def draw(

@@ -62,9 +62,9 @@ def tables(run: ScoredRun) -> list[Table[Row]]:
         of_features = run.records, run.features, run.skipped, run.suite, paper
         by_class = run.suite.class_metrics
         made = [
-            image_table(*images, run.records, run.suite, paper),
+            image_table(*images, run.records, run.skipped, run.suite, paper),
             class_table(*of_features) if by_class else set_table(*sets, *of_features),
-            detail_table(*detail, run.records, run.suite),
+            detail_table(*detail, run.records, run.skipped, run.suite),
         ]
         if run.suite.control_metrics:
             judged, skipped = run.features.get(JUDGE), run.skipped.get(JUDGE, "")

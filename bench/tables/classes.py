@@ -12,28 +12,18 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.comparison import decimals
-from bench.analysis.distances import CellKey, MeasuredFeatures
+from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_means
 from bench.analysis.recognition import ClassHead
-from bench.catalogue.metrics import (
-    KERNEL_METRICS,
-    RECOGNITION_METRICS,
-    column,
-    is_similarity,
-)
+from bench.catalogue.metrics import KERNEL_METRICS, RECOGNITION_METRICS, column, is_mean
 from bench.catalogue.suites import Suite
 from bench.metrics.frechet import jackknife_interval
-from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
-from bench.records.features import Features, ImageKey
-from bench.records.record import GROUND_TRUTH
+from bench.records.features import Features
 from bench.tables import markdown
 from bench.tables.quality import (
-    FRECHET,
-    Floats,
     Measured,
     Published,
     Row,
-    SetDistance,
     all_methods,
     as_published,
     beside_paper,
@@ -135,28 +125,9 @@ def _measured(
     suite: Suite,
     published: Published,
 ) -> list[Measured]:
-    if is_similarity(metric) and metric not in skipped:
-        return image_rows([metric], records, suite, published)
-    of, distance = metric, FRECHET
-    if metric in KERNEL_METRICS:
-        of, distance = KERNEL_METRICS[metric][0], KERNEL
-    found, reason = features.get(of), skipped.get(of, "")
-    return set_rows(metric, records, found, reason, suite, published, distance)
-
-
-def _kernel(
-    features: MeasuredFeatures, cell: CellKey, shown: Sequence[ImageKey]
-) -> tuple[float, Floats]:
-    x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
-    objects = np.array([obj for obj, _ in shown])
-    return kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects)
-
-
-def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
-    return jackknife_interval(value, [left_out])
-
-
-KERNEL = SetDistance(_kernel, _kernel_interval)
+    if is_mean(metric):
+        return image_rows([metric], records, skipped, suite, published)
+    return set_rows(metric, records, features, skipped, suite, published)
 
 
 def _averages(metric: str, made: Sequence[Measured], published: Published) -> list[Row]:
@@ -173,7 +144,7 @@ def _average(metric: str, of_cell: Sequence[Measured], published: Published) -> 
     lacking = [m.row.class_name for m in of_cell if not math.isfinite(m.row.value)]
     value = float(np.mean([m.row.value for m in valued])) if valued else NAN
     of_classes = [m.per_object for m in valued]
-    if is_similarity(metric):
+    if is_mean(metric):
         low, high = interval_of_means(of_classes)
     else:
         low, high = jackknife_interval(value, of_classes, fewest=2)

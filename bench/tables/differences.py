@@ -21,7 +21,7 @@ from bench.analysis.paired import (
     smallest_p,
 )
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import IMAGE_METRICS, is_similarity
+from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better, is_mean
 from bench.tables import markdown
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import (
@@ -90,7 +90,7 @@ class Differences:
             of_grid = [
                 r for r in rows if (r.pair.metric, r.pair.class_name) == (metric, class_name)
             ]
-            better = "higher" if is_similarity(metric) else "lower"
+            better = "higher" if higher_is_better(metric) else "lower"
             yield f"## {markdown.cell(f'{metric}, {class_name}')} ({better} is better)"
             yield pivot(
                 *(of_grid, "pair.b.method", "pair.condition", _cell),
@@ -193,7 +193,7 @@ def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> 
         b=b,
         quality_a=one,
         quality_b=other,
-        objects=len(paired(other, one)) if is_similarity(metric) else len(in_a.objects),
+        objects=len(paired(other, one)) if is_mean(metric) else len(in_a.objects),
     )
 
 
@@ -207,11 +207,7 @@ def _metrics(
     """The metrics of all runs: those wanted, else ssim and the set metrics with features."""
     suite = scored[0].suite
     every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
-    there = [
-        metric
-        for metric in every
-        if all(metric in IMAGE_METRICS or metric in run.features for run in scored)
-    ]
+    there = [metric for metric in every if all(run.measured([metric]) for run in scored)]
     if len({_identity(run) for run in scored}) > 1:
         remarks.append("Features were taken by different extractors; set metrics are left out.")
         there = [metric for metric in there if metric in IMAGE_METRICS]

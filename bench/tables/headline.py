@@ -11,7 +11,7 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import decimals
-from bench.catalogue.metrics import is_similarity
+from bench.catalogue.metrics import is_mean
 from bench.tables.classes import AVERAGE, class_table
 from bench.tables.quality import Row, all_methods, image_table, set_table, with_objectives
 from bench.tables.scored import ScoredRun
@@ -23,8 +23,8 @@ HEADLINE = "headline"
 def headline(run: ScoredRun) -> Table[Row]:
     """The metrics that the suite has for it, of the objects that are complete."""
     suite, metrics = run.suite, run.suite.headline
-    images = tuple(metric for metric in metrics if is_similarity(metric))
-    sets = tuple(metric for metric in metrics if not is_similarity(metric))
+    images = tuple(metric for metric in metrics if is_mean(metric))
+    sets = tuple(metric for metric in metrics if not is_mean(metric))
     shown = replace(suite, image_metrics=images, set_metrics=sets)
     of_features = run.features, run.skipped
     with threadpool_limits(1):
@@ -34,7 +34,7 @@ def headline(run: ScoredRun) -> Table[Row]:
             rows = [row for row in made if row.class_name == AVERAGE]
         else:
             rows = [
-                *image_table("", "", run.records, shown, {}).rows,
+                *image_table("", "", run.records, run.skipped, shown, {}).rows,
                 *set_table("", "", run.records, *of_features, shown, {}).rows,
             ]
     objects = len(run.manifest["objects"])

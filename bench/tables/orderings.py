@@ -19,7 +19,7 @@ from bench.analysis.comparison import NAN, Comparison, Estimate, compare, decima
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_means
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import column, is_similarity
+from bench.catalogue.metrics import column, higher_is_better, is_mean
 from bench.catalogue.suites import Suite
 from bench.metrics.frechet import jackknife_interval
 from bench.tables import markdown
@@ -121,7 +121,7 @@ def orderings(
     if network is None or SURFACE not in methods:
         return None
     there = [m for m in suite.class_metrics if m in features]
-    there += [m for m in suite.class_metrics if is_similarity(m) and column(m) in records]
+    there += [m for m in suite.class_metrics if is_mean(m) and column(m) in records]
     pair = records[records["method"].isin([SURFACE, network, FLOOR])]
     counts = objects_of(records)
     compared = compare(pair, features, there)
@@ -148,7 +148,7 @@ def _of_metric(
     for c in compared:
         of = c.qualities[metric]
         ahead = lead(of[network], of[SURFACE])
-        sign = 1.0 if is_similarity(metric) else -1.0
+        sign = 1.0 if higher_is_better(metric) else -1.0
         differences.append(sign * (of[network].per_object - of[SURFACE].per_object))
         rows.append(
             Ordering(
@@ -166,7 +166,7 @@ def _of_metric(
     value = _mean([row.lead.value for row in rows])
     interval = (
         interval_of_means(differences)
-        if is_similarity(metric)
+        if is_mean(metric)
         else jackknife_interval(value, differences, fewest=2)
     )
     average = Ordering(

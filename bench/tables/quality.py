@@ -17,14 +17,22 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.analysis.comparison import decimals
 from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.analysis.recognition import true_gallery
 from bench.catalogue.methods import FLOOR, role
-from bench.catalogue.metrics import UNDEFINED, column, higher_is_better
+from bench.catalogue.metrics import (
+    KERNEL_METRICS,
+    UNDEFINED,
+    column,
+    extractor_of,
+    higher_is_better,
+)
 from bench.catalogue.suites import Suite
 from bench.judges import answers as control
-from bench.metrics.frechet import interval_of_left_out
+from bench.metrics.frechet import interval_of_left_out, jackknife_interval
+from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
@@ -108,11 +116,11 @@ def quality_table(
     name: str,
     title: str,
     rows: Iterable[Row],
-    decimals: int,
+    decimals: Digits,
     remark: str = "",
     paper_layout: bool = True,
 ) -> Table[Row]:
-    """A table of rows with so many decimals; `paper_layout` says whether Markdown begins with it.
+    """A table of rows; `paper_layout` says whether Markdown begins with it.
 
     Several classes at one condition are never in the paper's layout: they are a line each.
     """
@@ -121,8 +129,8 @@ def quality_table(
         yield remark
         one_condition = len({row.condition for row in rows}) == 1
         if paper_layout and not (one_condition and len({row.class_name for row in rows}) > 1):
-            yield from _paper_layout(rows, lambda metric: decimals)
-        yield from all_methods(rows, lambda metric: decimals)
+            yield from _paper_layout(rows, decimals)
+        yield from all_methods(rows, decimals)
 
     return Table(name, title, columns_of(Row), tuple(rows), layout, remark)
 
@@ -286,11 +294,17 @@ def _outcomes(rows: Sequence[Row]) -> tuple[str, ...]:
 
 
 def image_table(
-    name: str, title: str, records: pd.DataFrame, suite: Suite, published: Published
+    name: str,
+    title: str,
+    records: pd.DataFrame,
+    skipped: Mapping[str, str],
+    suite: Suite,
+    published: Published,
 ) -> Table[Row]:
     """Means over images of the suite's image metrics, with intervals over objects."""
-    rows = [made.row for made in image_rows(suite.image_metrics, records, suite, published)]
-    return quality_table(name, title, rows, 3, paper_layout=_as_paper(suite))
+    made = image_rows(suite.image_metrics, records, skipped, suite, published)
+    rows = [measured.row for measured in made]
+    return quality_table(name, title, rows, decimals, paper_layout=_as_paper(suite))
 
 
 def _as_paper(suite: Suite) -> bool:
@@ -298,14 +312,16 @@ def _as_paper(suite: Suite) -> bool:
     return not suite.frontier and not suite.crossings
 
 
-def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> Table[Row]:
+def detail_table(
+    name: str, title: str, records: pd.DataFrame, skipped: Mapping[str, str], suite: Suite
+) -> Table[Row]:
     """As `image_table`, of the suite's detail metrics, which the paper has not."""
     remark = (
         "Means are over the pictures that have a value; where some have none, a line below says "
         "why."
     )
-    rows = [made.row for made in image_rows(suite.detail_metrics, records, suite, {})]
-    return quality_table(name, title, rows, 3, remark, paper_layout=False)
+    rows = [made.row for made in image_rows(suite.detail_metrics, records, skipped, suite, {})]
+    return quality_table(name, title, rows, decimals, remark, paper_layout=False)
 
 
 class Measured(NamedTuple):
@@ -321,9 +337,16 @@ class Measured(NamedTuple):
 
 
 def image_rows(
-    metrics: Sequence[str], records: pd.DataFrame, suite: Suite, published: Published
+    metrics: Sequence[str],
+    records: pd.DataFrame,
+    skipped: Mapping[str, str],
+    suite: Suite,
+    published: Published,
 ) -> list[Measured]:
-    """Means over images of metrics that the records have, for all cells."""
+    """Means over images of metrics that the records have, for all cells.
+
+    `skipped` says of a metric why no image has a value.
+    """
     made = []
     names = [column(metric) for metric in metrics]
     for cell, group in cells(records):
@@ -334,7 +357,9 @@ def image_rows(
         for metric, name in zip(metrics, names, strict=True):
             scores, floor = ok[name].to_numpy(), missing[name].to_numpy()
             per_object = means[name].to_numpy()
-            if metric in UNDEFINED:  # of any other metric, no value is an error and shows as such
+            if metric in skipped:
+                scores, floor, per_object = np.empty(0), np.empty(0), np.empty(0)
+            elif metric in UNDEFINED:  # of any other metric, no value is an error and shows as such
                 scores, floor = scores[~np.isnan(scores)], floor[~np.isnan(floor)]
                 per_object = per_object[~np.isnan(per_object)]
             with_blank = np.concatenate([scores, floor])
@@ -347,8 +372,8 @@ def image_rows(
                 group,
                 published,
                 _mean(with_blank),
-                "",
-                undefined=len(ok) - len(scores),
+                skipped.get(metric, ""),
+                undefined=0 if metric in skipped else len(ok) - len(scores),
             )
             made.append(Measured(row, per_object))
     return made
@@ -411,7 +436,7 @@ def control_table(
     if message:
         remark += f" Retrieval is among all objects of the run ({message}): by chance 1 in as many."
     title = "Control: does the picture show the view and the object it should?"
-    return quality_table("table_control", title, made, 2, remark, paper_layout=False)
+    return quality_table("table_control", title, made, lambda metric: 2, remark, paper_layout=False)
 
 
 def _judged(
@@ -459,18 +484,16 @@ def set_table(
     suite: Suite,
     published: Published,
 ) -> Table[Row]:
-    """Fréchet distances between a method's images and the ground truth of the same views.
+    """Distances between a method's images and the ground truth of the same views.
 
-    `skipped` gives the reason for each set metric that has no features.
+    `skipped` gives the reason for each extractor that has no features.
     """
-    made = (
-        measured
+    rows = [
+        measured.row
         for metric in suite.set_metrics
-        for measured in set_rows(
-            metric, records, features.get(metric), skipped.get(metric, ""), suite, published
-        )
-    )
-    return quality_table(name, title, (m.row for m in made), 1, paper_layout=_as_paper(suite))
+        for measured in set_rows(metric, records, features, skipped, suite, published)
+    ]
+    return quality_table(name, title, rows, decimals, paper_layout=_as_paper(suite))
 
 
 class SetDistance(NamedTuple):
@@ -484,24 +507,42 @@ class SetDistance(NamedTuple):
     interval: Callable[[float, Floats], tuple[float, float]]
 
 
+def _kernel(
+    features: MeasuredFeatures, cell: CellKey, shown: Sequence[ImageKey]
+) -> tuple[float, Floats]:
+    x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
+    objects = np.array([obj for obj, _ in shown])
+    return kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects)
+
+
+def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
+    return jackknife_interval(value, [left_out])
+
+
 FRECHET = SetDistance(MeasuredFeatures.distance, interval_of_left_out)
+KERNEL = SetDistance(_kernel, _kernel_interval)
 
 
 def set_rows(
     metric: str,
     records: pd.DataFrame,
-    features: MeasuredFeatures | None,
-    skipped: str,
+    features: Mapping[str, MeasuredFeatures],
+    skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-    distance: SetDistance = FRECHET,
 ) -> list[Measured]:
-    """Distances of one extractor's features, for all cells; `skipped` says why there are none."""
+    """Distances by one set metric, for all cells.
+
+    `skipped` says of an extractor why there are no features.
+    """
+    distance = KERNEL if metric in KERNEL_METRICS else FRECHET
+    extractor = extractor_of(metric)
+    found, reason = features.get(extractor), skipped.get(extractor, "")
     made = []
     for cell, group in cells(records):
-        value, left_out, with_blank, note = NAN, np.empty(0), NAN, skipped
-        if features is not None:
-            value, left_out, with_blank, note = _distances(cell, features, distance)
+        value, left_out, with_blank, note = NAN, np.empty(0), NAN, reason
+        if found is not None:
+            value, left_out, with_blank, note = _distances(cell, found, distance)
         interval = distance.interval(value, left_out)
         row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
         made.append(Measured(row, left_out))

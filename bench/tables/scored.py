@@ -13,7 +13,13 @@ from bench.analysis.comparison import Comparison, compare
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.recognition import read_class_head
 from bench.catalogue.lookup import find
-from bench.catalogue.metrics import IMAGE_METRICS, RECOGNITION_METRICS, find_extractor
+from bench.catalogue.metrics import (
+    IMAGE_METRICS,
+    LEARNED_METRICS,
+    RECOGNITION_METRICS,
+    column,
+    find_extractor,
+)
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES, Suite
 from bench.judges import VIEWS_WEIGHTS
 from bench.records.features import Features
@@ -33,7 +39,7 @@ class ScoredRun:
     read once, with the comparisons and distances that have been computed.
 
     features  by extractor
-    skipped   reasons of the extractors without features
+    skipped   reasons of the extractors without features, and of the metrics without values
     """
 
     directory: Path
@@ -46,7 +52,11 @@ class ScoredRun:
 
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Those of these metrics of images and of sets that the run has."""
-        return [m for m in metrics if m in IMAGE_METRICS or m in self.features]
+        return [m for m in metrics if m in self.features or self.has(m)]
+
+    def has(self, image_metric: str) -> bool:
+        """Whether the images were scored by a metric of this name."""
+        return image_metric in IMAGE_METRICS and image_metric not in self.skipped
 
     def compared(self, metrics: Sequence[str]) -> list[Comparison]:
         """The methods on the same objects, by these metrics."""
@@ -102,6 +112,10 @@ def score(
     for metric in suite.extractors:
         if metric not in features:
             skipped.setdefault(metric, "skipped: no features in this run")
+    scored = records[records["outcome"] == "ok"]
+    for metric, extractor in LEARNED_METRICS.items():
+        if len(scored) and scored[column(metric)].isna().all():
+            skipped[metric] = skipped.get(extractor, f"skipped: {extractor} is not measured")
     for metric in set(suite.class_metrics) & RECOGNITION_METRICS.keys():
         if reason := _why_unrecognised(manifest, features, records):
             skipped[metric] = f"skipped: {reason}"

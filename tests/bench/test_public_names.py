@@ -15,6 +15,7 @@ def test_the_same_object_by_both_names():
         ("bench.image_metric", "ImageMetric", "bench.catalogue.plugins"),
         ("bench.render_cloud", "draw_cloud", "bench.rendering.cloud"),
         ("bench.inception", "FidInception", "bench.metrics.inception"),
+        ("bench.metrics", "lpips", "bench.metrics.lpips_network"),
         ("bench.metrics", "ssim", "bench.metrics.structural_similarity"),
         ("bench.metrics", "frechet_distance", "bench.metrics.frechet"),
     ):

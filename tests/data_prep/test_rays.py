@@ -69,6 +69,19 @@ def test_a_pixel_is_the_mean_of_its_samples():
     assert (image[:, 65:] == COLOUR).all()
 
 
+def test_samples_have_whole_levels():
+    # The half plane x < 0 tilted by 60 degrees about x. Its edge is between columns 63 and 64, and
+    # of four samples in a column the first lies to the left of it. Green is 87.57 of 255: rounded
+    # only once, by the pixel, it would be one level darker.
+    up, left = np.array([0, np.cos(np.pi / 3), np.sin(np.pi / 3)]) * 9, np.array([-9.0, 0, 0])
+    wall = triangles([-up, left - up, left + up, up], [[0, 1, 2], [0, 2, 3]])
+    samples = [(-0.25, 0.5), (0.25, 0.5), (0.5, 0.5), (0.75, 0.5)]
+    (image,) = cast(wall, [View(0, 0)], samples)
+    level = np.floor(np.array(COLOUR) * 0.5 ** (1 / 2.2) + 0.5)
+    expected = np.floor(255.5 - 3 * (255 - level) / 4)
+    assert (image[50:78, 64] == expected).all()
+
+
 def test_the_nearer_facet_is_seen_from_either_side():
     near = [[-1, -1, -0.5], [1, -1, -0.5], [0, 1, -0.5]]
     far = [[-1, -1, 0.5], [1, -1, 0.5], [0, 1, 0.5]]

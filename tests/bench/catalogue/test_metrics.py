@@ -14,7 +14,7 @@ from bench.catalogue.metrics import (
     WeightsUnavailable,
     column,
     find_extractor,
-    is_similarity,
+    is_mean,
 )
 from bench.catalogue.suites import SUITES
 from bench.judges import VIEWS_WEIGHTS
@@ -34,7 +34,7 @@ def test_the_suites_ask_for_what_there_is():
         for metric in suite.class_metrics:
             if metric in KERNEL_METRICS:
                 assert KERNEL_METRICS[metric][0] in suite.extractors
-            elif not is_similarity(metric):
+            elif not is_mean(metric):
                 assert metric in suite.set_metrics
         assert [find_extractor(name).id for name in suite.extractors] == list(suite.extractors)
     assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", JUDGE)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import bench.catalogue.metrics
 import bench.commands.doctor
 from bench.catalogue.methods import METHODS, Method
 from bench.commands.doctor import examine
@@ -47,6 +48,7 @@ def test_a_healthy_machine(command, monkeypatch, tmp_path):
     assert Path(findings["metric fd-views"][1]).name == "views_network.safetensors"
     missing = "skipped in runs: the FID weights are not in the cache; give "
     assert findings["metric fid"][1].startswith(missing)  # which is no fault
+    assert Path(findings["metric fd-alexnet"][1]).name == "alexnet.ckpt"
     assert "cores" in findings["machine"][1]
     status, out, err = command("doctor")
     assert (status, err) == (0, "")
@@ -99,3 +101,9 @@ def test_set_up_installs_what_the_doctor_looks_for():
         pair.split("=") for pair in script.split('wanted="')[1].split('"')[0].split() if "=" in pair
     )
     assert {debian: library for library, debian in listed.items()} == DEBIAN_PACKAGES
+
+
+def test_weights_of_lpips_that_are_not_the_published_ones(monkeypatch):
+    message = "alexnet.ckpt: sha256 0, expected 443c5bc3"
+    monkeypatch.setattr(bench.catalogue.metrics, "find_lpips_weights", raises(BadInput(message)))
+    assert found()["metric fd-alexnet"] == (False, message)

@@ -1,0 +1,210 @@
+"""LPIPS v0.1 (Zhang et al. 2018, https://arxiv.org/abs/1801.03924): a distance by deep features.
+
+Both images go through a network trained on photographs (ImageNet). At five layers the activations
+of each pixel are scaled to length 1, their squared differences weighted by a trained head, averaged
+over the pixels, and summed over the layers. Nothing in it was trained on objects of this project.
+
+Protocol (richzhang/PerceptualSimilarity, version 0.1): uint8 / 127.5 - 1, then shifted and scaled
+by fixed numbers per channel; no resizing, so that layers see what a 128 x 128 image shows.
+
+The mean of the last of these layers over the pixels, before it is scaled, are the features of
+`fd-alexnet` and `kd-alexnet`. They are not Inception's, and their distances are not FID.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from bench.metrics.lpips_weights import Net, find_lpips_weights, read_lpips_weights
+from data_prep.scene import IMAGE_SIZE
+from learning.convolution import Convolution
+
+BATCH = 10  # images in one call: another number may move a value by rounding (1e-7)
+# Of red, green and blue; in the original they are float32, which shows in the eighth digit.
+SHIFT = np.array([-0.030, -0.088, -0.188], np.float32)
+SCALE = np.array([0.458, 0.448, 0.450], np.float32)
+TINY = 1e-10  # added to lengths, as in the original
+
+
+class Conv(NamedTuple):
+    """A convolution with ReLU; whether pooling comes before, and the distance looks at it."""
+
+    kernel: int
+    stride: int
+    padding: int
+    pooled: bool
+    seen: bool
+
+
+class Trunk(NamedTuple):
+    """A network as a table. pool: (window, stride) of the maximum; least: side of an image."""
+
+    name: str
+    layers: tuple[Conv, ...]
+    pool: tuple[int, int]
+    least: int
+
+
+def _vgg(*, pooled: bool = False, seen: bool = False) -> Conv:
+    return Conv(3, 1, 1, pooled, seen)
+
+
+TRUNKS: dict[Net, Trunk] = {
+    "alex": Trunk(
+        "AlexNet_0",
+        (
+            Conv(11, 4, 2, pooled=False, seen=True),
+            Conv(5, 1, 2, pooled=True, seen=True),
+            Conv(3, 1, 1, pooled=True, seen=True),
+            Conv(3, 1, 1, pooled=False, seen=True),
+            Conv(3, 1, 1, pooled=False, seen=True),
+        ),
+        pool=(3, 2),
+        least=31,
+    ),
+    "vgg": Trunk(
+        "VGG16_0",
+        (
+            *(_vgg(), _vgg(seen=True)),
+            *(_vgg(pooled=True), _vgg(seen=True)),
+            *(_vgg(pooled=True), _vgg(), _vgg(seen=True)),
+            *(_vgg(pooled=True), _vgg(), _vgg(seen=True)),
+            *(_vgg(pooled=True), _vgg(), _vgg(seen=True)),
+        ),
+        pool=(2, 2),
+        least=16,
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What the network sees in N images.
+
+    layers    activations [N, c, h, w] of five layers, each pixel's of length 1 (or 0)
+    features  [N, d], the last layer's mean over pixels before that
+    """
+
+    layers: tuple[Tensor, ...]
+    features: Tensor
+
+
+class Lpips:
+    """A trunk with its heads, on the CPU, in one precision; kernels are laid out for IMAGE_SIZE."""
+
+    def __init__(self, path: Path, net: Net = "alex", dtype: torch.dtype = torch.float32) -> None:
+        """Raises BadInput where the file is not the published checkpoint of this trunk."""
+        self.dtype = dtype
+        self._trunk = trunk = TRUNKS[net]
+        checkpoint = read_lpips_weights(path, net)
+
+        def read(*names: str) -> Tensor:
+            return torch.from_numpy(functools.reduce(dict.__getitem__, names, checkpoint)).double()
+
+        self._convolutions = []
+        side = IMAGE_SIZE
+        for i, conv in enumerate(trunk.layers):
+            kernel = read(trunk.name, f"Conv_{i}", "kernel").permute(3, 2, 0, 1)
+            bias = read(trunk.name, f"Conv_{i}", "bias")
+            if conv.pooled:
+                side = (side - trunk.pool[0]) // trunk.pool[1] + 1
+            like = (BATCH, kernel.shape[1], side, side)
+            steps = {"stride": conv.stride, "padding": conv.padding}
+            self._convolutions.append(Convolution(kernel, bias, like, dtype, relu=True, **steps))
+            side = (side + 2 * conv.padding - conv.kernel) // conv.stride + 1
+        self._last: list[tuple[NDArray[np.uint8], Seen]] = []
+        heads = range(sum(conv.seen for conv in trunk.layers))
+        self._heads = [
+            read(f"NetLinLayer_{i}", "Conv_0", "kernel").to(dtype).reshape(1, -1, 1, 1)
+            for i in heads
+        ]
+
+    @torch.inference_mode()
+    def see(self, images: NDArray[np.uint8]) -> Seen:
+        """Of images uint8 [N, H, W, 3], N > 0, in batches.
+
+        What it has seen in the last two stacks is kept: in a run the same true images are compared
+        with those of all methods, and the images of a method are asked for their features too.
+
+        Raises ValueError for another type or shape, and for sides below the trunk's least.
+        """
+        _require_images(images, self._trunk.least)
+        for i, (known, seen) in enumerate(self._last):
+            if np.array_equal(known, images):
+                self._last.append(self._last.pop(i))
+                return seen
+        parts = [self._see(images[i : i + BATCH]) for i in range(0, len(images), BATCH)]
+        *layers, features = (torch.cat(some) for some in zip(*parts, strict=True))
+        self._last = [*self._last[-1:], (images.copy(), Seen(tuple(layers), features))]
+        return self._last[-1][1]
+
+    def _see(self, images: NDArray[np.uint8]) -> list[Tensor]:
+        # A copy by NumPy: torch refuses negative strides, those of mirrored images.
+        x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype) / 127.5 - 1.0
+        shift, scale = (
+            torch.from_numpy(of).to(self.dtype).reshape(3, 1, 1) for of in (SHIFT, SCALE)
+        )
+        x = (x - shift) / scale
+        found = []
+        for conv, convolve in zip(self._trunk.layers, self._convolutions, strict=True):
+            x = convolve(functional.max_pool2d(x, *self._trunk.pool) if conv.pooled else x)
+            if conv.seen:
+                found.append(x / (torch.linalg.vector_norm(x, dim=1, keepdim=True) + TINY))
+        return [*found, x.mean(dim=(2, 3))]
+
+    @torch.inference_mode()
+    def distance(self, a: Seen, b: Seen) -> NDArray[np.float64]:
+        """LPIPS [N] of N pairs, >= 0; 0 for identical images, symmetric."""
+        total = torch.zeros(len(a.features), dtype=torch.float64)
+        for head, one, other in zip(self._heads, a.layers, b.layers, strict=True):
+            difference = one - other
+            total += (difference.square_() * head).sum(dim=1).double().mean(dim=(1, 2))
+        return total.numpy()
+
+
+def lpips(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], net: Net = "alex", *, single: bool = False
+) -> NDArray[np.float64]:
+    """LPIPS v0.1 [N] of pairs of images uint8 [N, H, W, 3]; lower is better, 0 is identical.
+
+    net     "alex" (sides from 31 px) or "vgg" (from 16 px)
+    single  compute in float32, as runs do: some five times as fast, the same to 1e-5
+
+    Raises ValueError for another trunk, for arrays that are not uint8 [N, H, W, 3] or differ in
+    shape, and for too small images; WeightsUnavailable where the package with the weights is not
+    installed, BadInput where its file is not the published one.
+    """
+    if net not in TRUNKS:
+        raise ValueError(f"net must be {' or '.join(TRUNKS)}, got {net!r}")
+    if a.shape != b.shape:
+        raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
+    for images in (a, b):
+        _require_images(images, TRUNKS[net].least)
+    network = _network(find_lpips_weights(net), net, torch.float32 if single else torch.float64)
+    parts = [
+        network.distance(network.see(a[i : i + BATCH]), network.see(b[i : i + BATCH]))
+        for i in range(0, len(a), BATCH)
+    ]
+    return np.concatenate([np.empty(0), *parts])
+
+
+def _require_images(images: NDArray[np.uint8], least: int) -> None:
+    found = f"{images.dtype} {list(images.shape)}"
+    if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:
+        raise ValueError(f"images must be uint8 [N, H, W, 3], got {found}")
+    if min(images.shape[1:3]) < least:
+        raise ValueError(f"images must be of {least} x {least} pixels or more, got {found}")
+
+
+@functools.lru_cache(maxsize=2)
+def _network(path: Path, net: Net, dtype: torch.dtype) -> Lpips:
+    return Lpips(path, net, dtype)

