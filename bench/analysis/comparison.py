@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.catalogue.methods import FLOOR, FLOORS, find_method
-from bench.catalogue.metrics import KERNEL_METRICS, column, higher_is_better, is_mean
+from bench.catalogue.metrics import CONTROL_METRICS, SET_METRICS, column, higher_is_better, is_mean
 from bench.metrics.frechet import jackknife_interval
 from data_prep.failures import BadInput
 
@@ -156,7 +156,9 @@ def paired(a: Quality, b: Quality) -> Floats:
 
 def decimals(metric: str) -> int:
     """Digits after the point that values of a metric are printed with."""
-    return 3 if is_mean(metric) or metric in KERNEL_METRICS else 1
+    if metric in CONTROL_METRICS:
+        return 2
+    return 1 if any(metric == source.id for source in SET_METRICS) else 3
 
 
 def milliseconds(value: float) -> str:

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from bench.analysis.comparison import decimals
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import interval_of_means
 from bench.analysis.recognition import ClassHead
@@ -72,7 +71,7 @@ def table_of_classes(rows: Iterable[Row], remark: str) -> Table[Row]:
                 yield f"# At {markdown.cell(condition)}"
             of_condition = [row for row in rows if row.condition == condition]
             yield from _paper_layout(of_condition)
-            yield from all_methods(of_condition, decimals)
+            yield from all_methods(of_condition)
 
     title = "Table 5: classes, against pictures of the true meshes"
     return Table(CLASSES, title, columns_of(Row), tuple(rows), layout, remark)
@@ -192,4 +191,4 @@ def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
             for class_name in classes[start : start + IN_A_ROW]
             for method, name in names.items()
         }
-        yield beside_paper("", metrics, across, at, decimals)
+        yield beside_paper("", metrics, across, at)

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import decimals
 from bench.catalogue.metrics import is_mean
 from bench.tables.classes import AVERAGE, class_table
 from bench.tables.quality import Row, all_methods, image_table, set_table, with_objectives
@@ -42,7 +41,7 @@ def headline(run: ScoredRun) -> Table[Row]:
     title = f"{' and '.join(metrics)}: {objects} of {planned} objects"
 
     def layout(rows: Sequence[Row]) -> Iterator[Block]:
-        yield from all_methods(rows, decimals)
+        yield from all_methods(rows)
 
     table = Table(HEADLINE, title, columns_of(Row), tuple(rows), layout)
     return with_objectives(table, dict(run.manifest.get("objectives", {})))

@@ -109,14 +109,10 @@ class Row:
         return self.n_ok < self.n and not self.only_undefined
 
 
-Digits = Callable[[str], int]  # after the point, by metric
-
-
 def quality_table(
     name: str,
     title: str,
     rows: Iterable[Row],
-    decimals: Digits,
     remark: str = "",
     paper_layout: bool = True,
 ) -> Table[Row]:
@@ -129,13 +125,13 @@ def quality_table(
         yield remark
         one_condition = len({row.condition for row in rows}) == 1
         if paper_layout and not (one_condition and len({row.class_name for row in rows}) > 1):
-            yield from _paper_layout(rows, decimals)
-        yield from all_methods(rows, decimals)
+            yield from _paper_layout(rows)
+        yield from all_methods(rows)
 
     return Table(name, title, columns_of(Row), tuple(rows), layout, remark)
 
 
-def _paper_layout(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
+def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
     """SR beside PC2PIX at each condition, the paper's values below ours; nothing without either."""
     rows = [row for row in rows if row.method in PAPER_METHODS]
     if not rows:
@@ -155,7 +151,7 @@ def _paper_layout(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
     for class_name in ordered(row.class_name for row in rows):
         of_class = [row for row in rows if row.class_name == class_name]
         at = {(row.metric, row.condition, row.method): row for row in of_class}
-        yield beside_paper(class_name, metrics, across, at, digits)
+        yield beside_paper(class_name, metrics, across, at)
 
 
 def beside_paper(
@@ -163,7 +159,6 @@ def beside_paper(
     metrics: Iterable[str],
     across: Mapping[tuple[str, str], str],
     at: Mapping[tuple[str, str, str], Row],
-    digits: Digits,
 ) -> Grid:
     """A line of ours for each metric, and below it the paper's where it has any.
 
@@ -173,7 +168,7 @@ def beside_paper(
     made = []
     for metric in metrics:
         rows = [at.get((metric, *place)) for place in across]
-        texts = [shown(row.value, digits(metric)) if row else "-" for row in rows]
+        texts = [shown(row.value, decimals(metric)) if row else "-" for row in rows]
         if all(row.skipped for row in rows if row):
             texts = ["skipped"] * len(rows)
         made.append(Line(metric, tuple(map(Cell, texts))))
@@ -184,7 +179,7 @@ def beside_paper(
     return Grid(corner, tuple(map(Head, across.values())), tuple(made))
 
 
-def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
+def all_methods(rows: Sequence[Row]) -> Iterator[Block]:
     """What all cells hold, with a grid for each metric: of one class methods down and conditions
     across, of several classes these down and methods across, condition by condition."""
     yield (
@@ -209,10 +204,10 @@ def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
                 continue
             where = "" if by_class and len(places) == 1 else f", {place}"
             yield f"## {markdown.cell(metric + where)}"
-            yield _grid(chosen, digits(metric), by_class)
+            yield _grid(chosen, by_class)
 
 
-def _grid(rows: Sequence[Row], decimals: int, by_class: bool) -> Grid:
+def _grid(rows: Sequence[Row], by_class: bool) -> Grid:
     """Of one metric, and of one condition or else of one class."""
     metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
     skipped = ordered(row.note for row in rows if row.skipped)
@@ -224,7 +219,7 @@ def _grid(rows: Sequence[Row], decimals: int, by_class: bool) -> Grid:
         rows,
         line,
         column,
-        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
+        partial(_cell, best=_best(rows)),
         corner="class" if by_class else "method",
         about=(lambda of_line: "") if by_class else _about,
         outcomes=_outcomes,
@@ -248,30 +243,31 @@ def _gaps(rows: Sequence[Row], across: str) -> list[str]:
     return notes + [f"{', '.join(ordered(methods))}: {note}" for note, methods in alike.items()]
 
 
-def _best(rows: Sequence[Row], decimals: int) -> dict[tuple[str, str], float]:
+def _best(rows: Sequence[Row]) -> dict[tuple[str, str], float]:
     """By class and condition the best value as printed, of those that compete; NaN of fewer than
     two."""
     rivals: dict[tuple[str, str], list[float]] = {}
     for row in rows:
         values = rivals.setdefault((row.class_name, row.condition), [])
         if math.isfinite(row.value) and not role(row.method):
-            values.append(round(row.value, decimals))
+            values.append(round(row.value, decimals(row.metric)))
     best = max if higher_is_better(rows[0].metric) else min
     return {place: best(values) if len(values) > 1 else NAN for place, values in rivals.items()}
 
 
-def _cell(row: Row, decimals: int, best: Mapping[tuple[str, str], float]) -> Cell:
-    leads = round(row.value, decimals) == best[row.class_name, row.condition]
+def _cell(row: Row, best: Mapping[tuple[str, str], float]) -> Cell:
+    show = partial(shown, decimals=decimals(row.metric))
+    leads = round(row.value, decimals(row.metric)) == best[row.class_name, row.condition]
     beside = {
         "count": (row.n_ok, row.n),
-        "blank": shown(row.failures_as_blank, decimals) if row.failed else None,
+        "blank": show(row.failures_as_blank) if row.failed else None,
         "paper": f"{row.paper:g}" if math.isfinite(row.paper) else "",
         "special": BEST if leads and not role(row.method) else None,
     }
     if row.skipped:
         return Cell("skipped", paper=beside["paper"])
     estimate = row.value, row.ci_low, row.ci_high
-    return number(estimate, partial(shown, decimals=decimals), **beside)
+    return number(estimate, show, **beside)
 
 
 def _about(rows: Sequence[Row]) -> str:
@@ -304,7 +300,7 @@ def image_table(
     """Means over images of the suite's image metrics, with intervals over objects."""
     made = image_rows(suite.image_metrics, records, skipped, suite, published)
     rows = [measured.row for measured in made]
-    return quality_table(name, title, rows, decimals, paper_layout=_as_paper(suite))
+    return quality_table(name, title, rows, paper_layout=_as_paper(suite))
 
 
 def _as_paper(suite: Suite) -> bool:
@@ -321,7 +317,7 @@ def detail_table(
         "why."
     )
     rows = [made.row for made in image_rows(suite.detail_metrics, records, skipped, suite, {})]
-    return quality_table(name, title, rows, decimals, remark, paper_layout=False)
+    return quality_table(name, title, rows, remark, paper_layout=False)
 
 
 class Measured(NamedTuple):
@@ -348,18 +344,23 @@ def image_rows(
     `skipped` says of a metric why no image has a value.
     """
     made = []
-    names = [column(metric) for metric in metrics]
+    names = [column(metric) for metric in metrics if metric not in skipped]
     for cell, group in cells(records):
         ok = group[group["outcome"] == "ok"]
         means = ok.groupby("object", sort=True)[names].mean()
         # The floor's scores do not depend on the condition.
         missing = _floor_of_failed(cell, group, records)
-        for metric, name in zip(metrics, names, strict=True):
+        for metric in metrics:
+            if metric in skipped:
+                row = make_row(
+                    suite, cell, metric, NAN, (NAN, NAN), group, published, NAN, skipped[metric]
+                )
+                made.append(Measured(row, np.empty(0)))
+                continue
+            name = column(metric)
             scores, floor = ok[name].to_numpy(), missing[name].to_numpy()
             per_object = means[name].to_numpy()
-            if metric in skipped:
-                scores, floor, per_object = np.empty(0), np.empty(0), np.empty(0)
-            elif metric in UNDEFINED:  # of any other metric, no value is an error and shows as such
+            if metric in UNDEFINED:  # of any other metric, no value is an error and shows as such
                 scores, floor = scores[~np.isnan(scores)], floor[~np.isnan(floor)]
                 per_object = per_object[~np.isnan(per_object)]
             with_blank = np.concatenate([scores, floor])
@@ -372,8 +373,8 @@ def image_rows(
                 group,
                 published,
                 _mean(with_blank),
-                skipped.get(metric, ""),
-                undefined=0 if metric in skipped else len(ok) - len(scores),
+                "",
+                undefined=len(ok) - len(scores),
             )
             made.append(Measured(row, per_object))
     return made
@@ -436,7 +437,7 @@ def control_table(
     if message:
         remark += f" Retrieval is among all objects of the run ({message}): by chance 1 in as many."
     title = "Control: does the picture show the view and the object it should?"
-    return quality_table("table_control", title, made, lambda metric: 2, remark, paper_layout=False)
+    return quality_table("table_control", title, made, remark, paper_layout=False)
 
 
 def _judged(
@@ -493,7 +494,7 @@ def set_table(
         for metric in suite.set_metrics
         for measured in set_rows(metric, records, features, skipped, suite, published)
     ]
-    return quality_table(name, title, rows, decimals, paper_layout=_as_paper(suite))
+    return quality_table(name, title, rows, paper_layout=_as_paper(suite))
 
 
 class SetDistance(NamedTuple):

@@ -35,13 +35,14 @@ from data_prep.whole_files import write_whole
 SUITE = "chair-robustness"
 VIEWS = (View(10.0, 5.0), View(-120.0, -30.0))
 SCORES = tuple(column(metric) for metric in IMAGE_METRICS)
-EXTRACTORS = ("fd-views", "fd-views-grey", "judge")  # those of the suite that need no download
+# Extractors of the suite that need no download.
+EXTRACTORS = ("fd-views", "fd-views-grey", "fd-alexnet", "judge")
 SKIPPED_FID = "skipped: weights; not here"
 
 
 def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:
     scores = {"ssim": 0.5, "luminance": 0.9, "contrast": 0.8, "structure": 0.7, "ssim_object": 0.4}
-    scores |= {"silhouette_iou": 0.55, "thin_recall": 0.3, "thin_precision": 0.6}
+    scores |= {"silhouette_iou": 0.55, "thin_recall": 0.3, "thin_precision": 0.6, "lpips": 0.2}
     record = Record(
         suite=SUITE,
         method=method,

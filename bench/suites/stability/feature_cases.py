@@ -292,7 +292,7 @@ def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, S
     return stated | {JUDGE: UNIT_CODES}
 
 
-_SAME = "0, not less, of 6 pictures and 64 features"
+_SAME = "0, not less, of 6 pictures"
 
 NETWORK_CASES = cases(
     "features of pictures",
@@ -309,6 +309,35 @@ NETWORK_CASES = cases(
           within=functools.partial(_rounding_of, "fd-views-grey"))),
     ("noise-and-one-pixel", lambda: (flat(255, 2), np.concatenate([noise(5), speck(255, 0, 0)])),
      {JUDGE: UNIT_CODES}),
+)  # fmt: skip
+
+
+_WHITE_BLACK = 0.78644050453  # float64, computed apart by the original's rule (version 0.1)
+_LPIPS_SINGLE = 1e-5  # what float32 leaves of it
+_ON_ALEXNET = functools.partial(_rounding_of, "fd-alexnet")
+
+ALEXNET_CASES = (
+    *cases_of("lpips", "distances by AlexNet",
+        ("lpips-identical", lambda: twice(noise(5)), Near("0", 0.0)),
+        ("lpips-white-against-black", lambda: (flat(255), flat(0)),
+         Near("that of the original", _WHITE_BLACK, _LPIPS_SINGLE)),
+        ("lpips-swapped", lambda: (flat(0), flat(255)),
+         Near("symmetric", _WHITE_BLACK, _LPIPS_SINGLE)),
+        ("lpips-no-images", lambda: twice(flat(0, 0)), Near("no values", lambda a, b: np.empty(0))),
+        ("lpips-in-0-to-1", lambda: (flat(255) / 255, flat(0) / 255),
+         Refused(ValueError, "images must be uint8 [N, H, W, 3], got float64")),
+        ("lpips-another-size", lambda: (flat(0, side=64), flat(0)),
+         Refused(ValueError, "must have the same shape")),
+        ("lpips-too-small", lambda: twice(flat(0, side=30)),
+         Refused(ValueError, "of 31 x 31 pixels or more")),
+    ),
+    *cases_of("fd-alexnet", "distances by AlexNet",
+        ("alexnet-identical", lambda: twice(boxes()), Near(_SAME, 0.0, _ON_ALEXNET)),
+        ("alexnet-one-image", lambda: (flat(0), flat(255)),
+         Refused(TooFewSamples, "[1, 256]")),
+        ("alexnet-in-0-to-1", lambda: twice(boxes() / 255),
+         Refused(ValueError, "images must be uint8")),
+    ),
 )  # fmt: skip
 
 

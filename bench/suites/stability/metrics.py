@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.metrics.frechet import frechet_distance
+from bench.metrics.lpips_network import lpips
 from bench.metrics.silhouette import object_boxes, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box
 from bench.metrics.thin_parts import thin_scores
 from bench.running.isolation import one_thread
 from bench.suites.stability.expectations import Kind, Outcome
 from bench.suites.stability.feature_cases import (
+    ALEXNET_CASES,
     ANGLE_CASES,
     FRECHET_CASES,
     NETWORK_CASES,
@@ -50,10 +52,11 @@ CASES = (
     + SILHOUETTE_CASES
     + INPUT_CASES
     + NETWORK_CASES
+    + ALEXNET_CASES
     + FRECHET_CASES
     + ANGLE_CASES
 )
-DISTANCES = (FRECHET, *FD_VIEWS)
+DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet")
 
 
 def metric_outcomes() -> list[Outcome]:
@@ -154,6 +157,8 @@ METRICS: Mapping[str, Callable[[Any, Any], Any]] = {
     FRECHET: frechet_distance,
     "fd-views": functools.partial(_between, "fd-views"),
     "fd-views-grey": functools.partial(_between, "fd-views-grey"),
+    "lpips": functools.partial(lpips, single=True),
+    "fd-alexnet": functools.partial(_between, "fd-alexnet"),
     JUDGE: _code_lengths,
     "azimuth-error-deg": azimuth_error_deg,
     "elevation-error-deg": elevation_error_deg,

@@ -9,10 +9,11 @@ import bench.catalogue.metrics
 from bench.catalogue.metrics import (
     IMAGE_METRICS,
     JUDGE,
-    KERNEL_METRICS,
+    LEARNED_METRICS,
     UNDEFINED,
     WeightsUnavailable,
     column,
+    extractor_of,
     find_extractor,
     is_mean,
 )
@@ -32,12 +33,12 @@ def test_the_suites_ask_for_what_there_is():
     for suite in SUITES:
         assert {*suite.image_metrics, *suite.detail_metrics} <= IMAGE_METRICS.keys()
         for metric in suite.class_metrics:
-            if metric in KERNEL_METRICS:
-                assert KERNEL_METRICS[metric][0] in suite.extractors
-            elif not is_mean(metric):
-                assert metric in suite.set_metrics
+            if not is_mean(metric):
+                assert extractor_of(metric) in suite.extractors
+        for metric in {*suite.detail_metrics, *suite.headline} & LEARNED_METRICS.keys():
+            assert extractor_of(metric) in suite.extractors
         assert [find_extractor(name).id for name in suite.extractors] == list(suite.extractors)
-    assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", JUDGE)
+    assert SUITES[0].extractors == ("fid", "fd-views", "fd-views-grey", "fd-alexnet", JUDGE)
     with pytest.raises(BadInput, match="unknown metric 'fd-view': did you mean 'fd-views'"):
         find_extractor("fd-view")
 

@@ -93,8 +93,8 @@ def test_runs_without_two_methods_families_or_features_have_less(tmp_path):
     made = write_outputs(read_scored(few))
     assert made.crossings is None
     assert not (few / "tables" / "crossings.csv").exists()
-    assert {c.metric for c in made.curves} == {"ssim", "silhouette-iou"}
-    assert len(made.curves) == 3 * 2 * 2
+    assert {c.metric for c in made.curves} == {"ssim", "lpips", "silhouette-iou"}
+    assert len(made.curves) == 3 * 2 * 3
 
     no_family = write_run(tmp_path / "b", suite=SUITE.id, conditions=["2048", "density-3"])
     outputs = make_outputs(read_scored(no_family))

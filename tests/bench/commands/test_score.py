@@ -87,7 +87,7 @@ def test_failed_images_are_scored_as_blank_ones(finished):
     blank = made(lambda truth, drawn: (drawn == 255).all(axis=(1, 2, 3)) * 1.0, "is-blank")
     values = scored(broken, open_sources(finished[0], run.manifest, ()), blank)
     assert (values["is_blank"].isna() == failed).all()
-    rows = image_rows(["is-blank"], values, run.suite, {})
+    rows = image_rows(["is-blank"], values, {}, run.suite, {})
     (row,) = (r.row for r in rows if (r.row.method, r.row.condition) == ("true-mesh", "2048"))
     assert (row.value, row.failures_as_blank, row.n_ok, row.n) == (0, 0.5, 3, 6)
 

@@ -92,7 +92,7 @@ def test_metrics_without_features_have_no_places(tmp_path):
     trade = write_outputs(read_scored(directory)).trade
     assert trade is not None
     metrics = dict.fromkeys(place.metric for place in trade[0].rows)
-    assert list(metrics) == ["ssim", "structure", "silhouette-iou"]
+    assert list(metrics) == ["ssim", "structure", "lpips", "silhouette-iou"]
 
 
 @pytest.mark.parametrize("suite", ["stability", "latent"])
