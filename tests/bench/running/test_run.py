@@ -31,7 +31,7 @@ from bench.tables.build import tables
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, MissingDependency
 
-from ..builders import assert_equal_runs, file_bytes, finished_options
+from ..builders import EXTRACTORS, assert_equal_runs, file_bytes, finished_options
 from ..conftest import BENCH, start_run
 
 SHARES = ("methods", "metrics", "rendering", "harness")
@@ -56,12 +56,12 @@ def test_files_of_a_run(finished):
     assert {name for name in names if not name.startswith("artifacts/")} == {
         *("manifest.json", "records.parquet", "jobs.parquet", "cost.md", "report.html", "lock"),
         "journal/0001.jsonl",
-        *(f"features/{name}.parquet" for name in ("fd-views", "fd-views-grey", "judge")),
+        *(f"features/{name}.parquet" for name in EXTRACTORS),
         *(f"tables/{name}.{kind}" for name in tables for kind in ("csv", "md")),
         *(f"figures/{name}.png" for name in ("robustness", "pictures", "thin-parts")),
     }
     # And an artifact for each ground truth and item; for what depends on no condition one.
-    assert len(names) == 23 + 3 + 3 * (2 * 2 + 2)
+    assert len(names) == 24 + 3 + 3 * (2 * 2 + 2)
     for name in ("robustness", "pictures", "thin-parts"):
         with Image.open(directory / "figures" / f"{name}.png") as image:
             assert np.asarray(image.convert("L")).std() > 10
@@ -94,7 +94,10 @@ def test_ceiling_and_floor(finished):
             assert value["true-mesh", condition, metric] == 1.0
             assert 0 < value["splat", condition, metric] < 1
         # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
-        assert 0.0 <= value["true-mesh", condition, "fd-views"] < 1e-9
+        for metric in ("fd-views", "fd-alexnet"):
+            assert 0.0 <= value["true-mesh", condition, metric] < 1e-9
+        assert value["true-mesh", condition, "lpips"] == 0.0
+        assert value["blank", condition, "lpips"] > value["splat", condition, "lpips"] > 0.01
         assert value["blank", condition, "thin-recall"] == 0.0
         assert rows["blank", condition, "thin-precision"].n_ok == 0
         assert value["blank", condition, "ssim-object"] < 0.7
@@ -108,7 +111,7 @@ def test_ceiling_and_floor(finished):
     assert value["splat", "noise-0.10", "ssim"] < value["splat", "2048", "ssim"]
     assert all(row.n_ok == row.n == 6 for row in (*images.rows, *sets.rows))
     for row in sets.rows:
-        assert row.note.startswith("skipped: weights; ") == (row.metric == "fid")
+        assert row.note.startswith("skipped: weights; ") == (row.metric in ("fid", "kid"))
     (counted,) = {r.n_ok for r in detail.rows if r.metric == "thin-recall"}
     assert 0 < counted <= 6  # it is the truth that has thin parts or not
 
@@ -116,7 +119,7 @@ def test_ceiling_and_floor(finished):
 def test_what_is_printed(finished):
     directory, done = finished
     title, *shown, report, tables = done.stdout.splitlines()
-    assert title == "ssim and fd-views: 3 of 3 objects"
+    assert title == "ssim-object and lpips: 3 of 3 objects"
     assert any(line.startswith("splat ") for line in shown)
     assert len(shown) < 38
     assert max(map(len, shown)) <= 100
@@ -292,7 +295,7 @@ def test_some_objects_now_and_the_others_later(
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
-    assert interim_table.startswith("# ssim and fd-views: 1 of 3 objects\n")
+    assert interim_table.startswith("# ssim-object and lpips: 1 of 3 objects\n")
     assert set(records(directory)["object"]) == {"test-0000"}
 
     monkeypatch.setattr(bench.running.run, "Budget", OneMore)
@@ -301,7 +304,7 @@ def test_some_objects_now_and_the_others_later(
     assert read_manifest(directory)["finished"]
     status, out, err = command("table", directory)
     assert (status, err) == (0, "")
-    assert out.startswith("ssim and fd-views: 2 of 3 objects\n")
+    assert out.startswith("ssim-object and lpips: 2 of 3 objects\n")
     assert {row.n for table in tables(read_scored(directory)) for row in table.rows} == {4}
     assert (directory / "report.html").stat().st_mtime_ns > (
         directory / "records.parquet"
