@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from bench.catalogue import loaders
 from bench.catalogue.lookup import announced_ids, find, load_announced
 from bench.catalogue.parameters import find_setting
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from data_prep.failures import BadInput
 from data_prep.untrusted import is_regular_file
 
@@ -277,9 +278,12 @@ def objectives(method_ids: Iterable[str]) -> dict[str, str]:
 
 
 def role(method: str) -> str:
-    """ "ceiling" for what sees the mesh, "floor" for what sees no cloud, else empty."""
+    """ "ceiling" for what sees the mesh, "floor" for what sees no cloud, "chosen" for the row that
+    is one of the other methods at each condition; empty for methods that compete."""
     if method in FLOORS:
         return "floor"
+    if method == BEST_RECONSTRUCTION:
+        return "chosen"
     try:
         return "ceiling" if find_method(method).sees_mesh else ""
     except BadInput:  # a weights file or another package's method that is no longer there

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
     GoldenObjects,
@@ -143,6 +144,8 @@ def bless(directory: Path) -> list[Path]:
     once = {_cell(row): row for row in every}  # a metric may stand in two tables
     for row in once.values():
         rule = tolerance(row.method, row.metric)
+        if role(row.method) == "chosen":  # the value of another method
+            continue
         if not math.isfinite(row.value) or rule is None:
             continue
         allowed = rule.absolute + rule.relative * abs(row.value)

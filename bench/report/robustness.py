@@ -198,7 +198,7 @@ def _rows(tables: Sequence[Table[Row]], metric: str) -> list[Row]:
         row
         for row in max(found, key=len, default=[])
         if math.isfinite(row.value)
-        and role(row.method) != "ceiling"
+        and role(row.method) not in ("ceiling", "chosen")
         and family(row.method) == row.method
         and not is_cost_variant(row.method)
     ]

@@ -30,6 +30,8 @@ from bench.tables.quality import (
     image_keys,
     image_rows,
     set_rows,
+    which_is_best,
+    with_best_reconstruction,
 )
 from bench.tables.table import NAN, Block, Table, columns_of, ordered
 
@@ -58,7 +60,9 @@ def class_table(
     for metric in suite.class_metrics:
         made = _measured(metric, records, features, skipped, suite, published)
         rows += _in_order([*(m.row for m in made), *_averages(metric, made, published)])
-    return table_of_classes(rows, remark(records, suite))
+    shown = with_best_reconstruction(rows)
+    remarks = [remark(records, suite), which_is_best(shown)]
+    return table_of_classes(shown, " ".join(filter(None, remarks)))
 
 
 def table_of_classes(rows: Iterable[Row], remark: str) -> Table[Row]:

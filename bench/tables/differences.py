@@ -22,6 +22,7 @@ from bench.analysis.paired import (
 )
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better, is_mean
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_reconstruction
 from bench.tables import markdown
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import (
@@ -126,13 +127,18 @@ def methods_of_run(
 ) -> Differences:
     """Two methods of one finished run, method b against method a, in every condition and class.
 
+    `best-reconstruction` is one, too: at each condition the reconstruction that was best on
+    validation chairs (`bench.catalogue.reconstruction`).
+
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run of which there are no scores.
     """
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
     run = read_scored(directory)
-    _refuse_unknown("--methods", methods, run.manifest["methods"])
+    best = _best_by_condition(run)
+    there = [*run.manifest["methods"], *([BEST_RECONSTRUCTION] if best else [])]
+    _refuse_unknown("--methods", methods, there)
     remarks: list[str] = []
     chosen = _metrics([run], metrics, remarks)
     one, other = methods
@@ -141,7 +147,11 @@ def methods_of_run(
         for of in _compare(run, methods, chosen)
         for metric in chosen
     ]
-    return Differences(one, other, tuple(paired_differences(_by_metric(pairs, chosen))), ())
+    if BEST_RECONSTRUCTION in methods:
+        parts = (f"`{method}` at {condition}" for condition, method in best.items())
+        remarks.append(f"`{BEST_RECONSTRUCTION}` is {', '.join(parts)}.")
+    cells = tuple(paired_differences(_by_metric(pairs, chosen)))
+    return Differences(one, other, cells, tuple(remarks))
 
 
 def runs(
@@ -179,9 +189,29 @@ def runs(
 
 
 def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> list[Comparison]:
-    wanted = run.records[run.records["method"].isin([*methods, FLOOR])]
+    best = _best_by_condition(run) if BEST_RECONSTRUCTION in methods else {}
+    wanted = run.records[run.records["method"].isin([*methods, *best.values(), FLOOR])]
     with threadpool_limits(1):  # the same digits on any number of cores
-        return compare(wanted, run.features, metrics)
+        compared = compare(wanted, run.features, metrics)
+    if not best:
+        return compared
+    return [
+        replace(
+            of,
+            qualities={
+                metric: {**by_method, BEST_RECONSTRUCTION: by_method[best[of.condition]]}
+                for metric, by_method in of.qualities.items()
+            },
+        )
+        for of in compared
+    ]
+
+
+def _best_by_condition(run: ScoredRun) -> dict[str, str]:
+    """The best reconstruction at each condition of a run; empty where one has none."""
+    conditions, methods = run.manifest["conditions"], run.manifest["methods"]
+    best = {condition: best_reconstruction(condition, methods) for condition in conditions}
+    return {c: m for c, m in best.items() if m} if all(best.values()) else {}
 
 
 def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> Pair:

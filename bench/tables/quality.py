@@ -29,6 +29,7 @@ from bench.catalogue.metrics import (
     extractor_of,
     higher_is_better,
 )
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_reconstruction
 from bench.catalogue.suites import Suite
 from bench.judges import answers as control
 from bench.metrics.frechet import interval_of_left_out, jackknife_interval
@@ -72,7 +73,8 @@ class Row:
     paper              as published, on the paper's data
     failures_as_blank  the value with a blank image in place of each failed one
     note               why there is no value, or the reasons of the failures and how many images
-                       have no value though they are there
+                       have no value though they are there; of the best reconstruction first the
+                       method that it is
     objective          what the weights of a network were trained with; empty for other methods
     """
 
@@ -100,7 +102,7 @@ class Row:
     def only_undefined(self) -> bool:
         """Whether the note is about images that are there and have no value, and no others."""
         if self.n_ok == self.n:
-            return bool(self.note)
+            return bool(self.note) and self.method != BEST_RECONSTRUCTION
         return f" x {NO_VALUE}: " in self.note and "; " not in self.note
 
     @property
@@ -128,7 +130,36 @@ def quality_table(
             yield from _paper_layout(rows)
         yield from all_methods(rows)
 
-    return Table(name, title, columns_of(Row), tuple(rows), layout, remark)
+    rows = with_best_reconstruction(rows)
+    remark = " ".join(filter(None, [remark, which_is_best(rows)]))
+    return Table(name, title, columns_of(Row), rows, layout, remark)
+
+
+def with_best_reconstruction(rows: Iterable[Row]) -> tuple[Row, ...]:
+    """The rows, and each that is the best reconstruction at its condition a second time, by that
+    name."""
+    rows = tuple(rows)
+    methods = {row.method for row in rows}
+    made = []
+    for row in rows:
+        made.append(row)
+        if row.method == best_reconstruction(row.condition, methods):
+            note = row.note if row.skipped else "; ".join(filter(None, [row.method, row.note]))
+            made.append(replace(row, method=BEST_RECONSTRUCTION, note=note, paper=NAN))
+    return tuple(made)
+
+
+def which_is_best(rows: Iterable[Row]) -> str:
+    """What the best reconstruction is at each condition; nothing where there is none."""
+    conditions: dict[str, list[str]] = {}
+    for row in rows:
+        if row.method == BEST_RECONSTRUCTION and not row.skipped:
+            at = conditions.setdefault(row.note.partition("; ")[0], [])
+            at += [row.condition] if row.condition not in at else []
+    parts = [f"`{method}` at {', '.join(at)}" for method, at in conditions.items()]
+    if not parts:
+        return ""
+    return f"`{BEST_RECONSTRUCTION}`, chosen on validation chairs, is {'; '.join(parts)}."
 
 
 def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
@@ -236,6 +267,8 @@ def _gaps(rows: Sequence[Row], across: str) -> list[str]:
     notes: list[str] = []
     alike: dict[str, list[str]] = {}
     for row in rows:
+        if row.method == BEST_RECONSTRUCTION:
+            continue  # as the method that it is
         if row.only_undefined:
             alike.setdefault(row.note, []).append(row.method)
         elif row.n_ok < row.n:
