@@ -156,6 +156,8 @@ def paired(a: Quality, b: Quality) -> Floats:
 
 def decimals(metric: str) -> int:
     """Digits after the point that values of a metric are printed with."""
+    if metric == "psnr":  # in decibels
+        return 2
     return 3 if is_similarity(metric) or metric in KERNEL_METRICS else 1
 
 

@@ -30,6 +30,7 @@ IMAGE_METRICS = {
     "luminance": "its component: mean brightness",
     "contrast": "its component: variance around the mean",
     "structure": "its component: correlation, what the paper argues for",
+    "psnr": "peak signal-to-noise ratio in dB; identical pictures have 95.05, the most there is",
     "ssim-object": "ssim of the windows that meet the true or the drawn object; 1 is identical",
     "silhouette-iou": "what is drawn and what the true object shows: intersection over union",
     "thin-recall": "share of the thin parts of the true object that is drawn",

@@ -48,7 +48,9 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
         rows = (one.row for one in image_rows([metric.id], records, run.suite, {}))
         better = "higher" if metric.higher_is_better else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
-        made.append(quality_table(f"metric_{metric.id}", title, rows, 3, paper_layout=False))
+        made.append(
+            quality_table(f"metric_{metric.id}", title, rows, "", False, digits=lambda metric: 3)
+        )
     write_tables(directory, made)
     return made
 

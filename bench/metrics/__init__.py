@@ -11,11 +11,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bench.metrics.frechet import frechet_distance
+    from bench.metrics.peak_signal_to_noise import psnr
     from bench.metrics.structural_similarity import ssim
 
-__all__ = ["frechet_distance", "ssim"]
+__all__ = ["frechet_distance", "psnr", "ssim"]
 
-_MODULES = {"frechet_distance": "frechet", "ssim": "structural_similarity"}
+_MODULES = {
+    "frechet_distance": "frechet",
+    "psnr": "peak_signal_to_noise",
+    "ssim": "structural_similarity",
+}
 
 
 def __getattr__(name: str) -> object:

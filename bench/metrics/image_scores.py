@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import Pairs, overlap
 from bench.metrics.structural_similarity import ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores_of
@@ -23,6 +24,7 @@ def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDA
     whole, of_object = ssim_per_image_and_mask(truth, images, pairs.shown | drawn)
     thin = thin_scores_of(pairs)
     return whole._asdict() | {
+        "psnr": psnr(truth, images),
         "ssim_object": of_object,
         "silhouette_iou": overlap(pairs.shown, drawn),
         "thin_recall": thin.recall,

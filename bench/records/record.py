@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-SCHEMA_VERSION = 3  # of records, journal and manifest; newer ones are refused, never guessed at
+SCHEMA_VERSION = 4  # of records, journal and manifest; newer ones are refused, never guessed at
 
 Outcome = Literal["ok", "failed", "skipped"]
 GROUND_TRUTH = "ground-truth"  # stands where a method's id stands, in features and artifacts
@@ -44,6 +44,7 @@ class Record:
     luminance: float | None = None
     contrast: float | None = None
     structure: float | None = None
+    psnr: float | None = None
     ssim_object: float | None = None
     silhouette_iou: float | None = None
     thin_recall: float | None = None
@@ -58,7 +59,7 @@ COLUMNS = tuple(  # of `records.parquet`
 TYPES = {  # of columns that are no text
     "view": "int32",
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
-    **dict.fromkeys(("ssim", "luminance", "contrast", "structure"), "float64"),
+    **dict.fromkeys(("ssim", "luminance", "contrast", "structure", "psnr"), "float64"),
     **dict.fromkeys(("ssim_object", "silhouette_iou", "thin_recall", "thin_precision"), "float64"),
     **dict.fromkeys(("prepare_s", "draw_s"), "float64"),
 }

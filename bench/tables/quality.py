@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.analysis.comparison import decimals
 from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.analysis.recognition import true_gallery
@@ -108,11 +109,11 @@ def quality_table(
     name: str,
     title: str,
     rows: Iterable[Row],
-    decimals: int,
     remark: str = "",
     paper_layout: bool = True,
+    digits: Digits = decimals,
 ) -> Table[Row]:
-    """A table of rows with so many decimals; `paper_layout` says whether Markdown begins with it.
+    """A table of rows; `paper_layout` says whether Markdown begins with it.
 
     Several classes at one condition are never in the paper's layout: they are a line each.
     """
@@ -121,8 +122,8 @@ def quality_table(
         yield remark
         one_condition = len({row.condition for row in rows}) == 1
         if paper_layout and not (one_condition and len({row.class_name for row in rows}) > 1):
-            yield from _paper_layout(rows, lambda metric: decimals)
-        yield from all_methods(rows, lambda metric: decimals)
+            yield from _paper_layout(rows, digits)
+        yield from all_methods(rows, digits)
 
     return Table(name, title, columns_of(Row), tuple(rows), layout, remark)
 
@@ -204,7 +205,7 @@ def all_methods(rows: Sequence[Row], digits: Digits) -> Iterator[Block]:
             yield _grid(chosen, digits(metric), by_class)
 
 
-def _grid(rows: Sequence[Row], decimals: int, by_class: bool) -> Grid:
+def _grid(rows: Sequence[Row], digits: int, by_class: bool) -> Grid:
     """Of one metric, and of one condition or else of one class."""
     metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
     skipped = ordered(row.note for row in rows if row.skipped)
@@ -216,7 +217,7 @@ def _grid(rows: Sequence[Row], decimals: int, by_class: bool) -> Grid:
         rows,
         line,
         column,
-        partial(_cell, decimals=decimals, best=_best(rows, decimals)),
+        partial(_cell, digits=digits, best=_best(rows, digits)),
         corner="class" if by_class else "method",
         about=(lambda of_line: "") if by_class else _about,
         outcomes=_outcomes,
@@ -240,30 +241,30 @@ def _gaps(rows: Sequence[Row], across: str) -> list[str]:
     return notes + [f"{', '.join(ordered(methods))}: {note}" for note, methods in alike.items()]
 
 
-def _best(rows: Sequence[Row], decimals: int) -> dict[tuple[str, str], float]:
+def _best(rows: Sequence[Row], digits: int) -> dict[tuple[str, str], float]:
     """By class and condition the best value as printed, of those that compete; NaN of fewer than
     two."""
     rivals: dict[tuple[str, str], list[float]] = {}
     for row in rows:
         values = rivals.setdefault((row.class_name, row.condition), [])
         if math.isfinite(row.value) and not role(row.method):
-            values.append(round(row.value, decimals))
+            values.append(round(row.value, digits))
     best = max if higher_is_better(rows[0].metric) else min
     return {place: best(values) if len(values) > 1 else NAN for place, values in rivals.items()}
 
 
-def _cell(row: Row, decimals: int, best: Mapping[tuple[str, str], float]) -> Cell:
-    leads = round(row.value, decimals) == best[row.class_name, row.condition]
+def _cell(row: Row, digits: int, best: Mapping[tuple[str, str], float]) -> Cell:
+    leads = round(row.value, digits) == best[row.class_name, row.condition]
     beside = {
         "count": (row.n_ok, row.n),
-        "blank": shown(row.failures_as_blank, decimals) if row.failed else None,
+        "blank": shown(row.failures_as_blank, digits) if row.failed else None,
         "paper": f"{row.paper:g}" if math.isfinite(row.paper) else "",
         "special": BEST if leads and not role(row.method) else None,
     }
     if row.skipped:
         return Cell("skipped", paper=beside["paper"])
     estimate = row.value, row.ci_low, row.ci_high
-    return number(estimate, partial(shown, decimals=decimals), **beside)
+    return number(estimate, partial(shown, decimals=digits), **beside)
 
 
 def _about(rows: Sequence[Row]) -> str:
@@ -290,7 +291,7 @@ def image_table(
 ) -> Table[Row]:
     """Means over images of the suite's image metrics, with intervals over objects."""
     rows = [made.row for made in image_rows(suite.image_metrics, records, suite, published)]
-    return quality_table(name, title, rows, 3, paper_layout=_as_paper(suite))
+    return quality_table(name, title, rows, paper_layout=_as_paper(suite))
 
 
 def _as_paper(suite: Suite) -> bool:
@@ -305,7 +306,7 @@ def detail_table(name: str, title: str, records: pd.DataFrame, suite: Suite) -> 
         "why."
     )
     rows = [made.row for made in image_rows(suite.detail_metrics, records, suite, {})]
-    return quality_table(name, title, rows, 3, remark, paper_layout=False)
+    return quality_table(name, title, rows, remark, paper_layout=False)
 
 
 class Measured(NamedTuple):
@@ -411,7 +412,7 @@ def control_table(
     if message:
         remark += f" Retrieval is among all objects of the run ({message}): by chance 1 in as many."
     title = "Control: does the picture show the view and the object it should?"
-    return quality_table("table_control", title, made, 2, remark, paper_layout=False)
+    return quality_table("table_control", title, made, remark, False, digits=lambda metric: 2)
 
 
 def _judged(
@@ -470,7 +471,7 @@ def set_table(
             metric, records, features.get(metric), skipped.get(metric, ""), suite, published
         )
     )
-    return quality_table(name, title, (m.row for m in made), 1, paper_layout=_as_paper(suite))
+    return quality_table(name, title, (m.row for m in made), paper_layout=_as_paper(suite))
 
 
 class SetDistance(NamedTuple):

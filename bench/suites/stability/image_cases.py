@@ -14,6 +14,7 @@ from bench.suites.stability.metric_cases import (
     C1,
     C2,
     C3,
+    DECIBELS,
     FD_VIEWS,
     ONE_WINDOW,
     SIGMA,
@@ -29,6 +30,7 @@ from bench.suites.stability.metric_cases import (
     U,
     cases,
     cases_of,
+    decibels,
     flat,
     leg,
     luminance_of_flat,
@@ -44,6 +46,8 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 Floats = NDArray[np.float64]
 Row = tuple[str, Given, dict[str, Stated]]  # of `cases`
 
+PSNR = "psnr"
+SAME_PSNR = near("one level of one channel: the most", decibels(0), PSNR, within=DECIBELS)
 WHOLE_LEG = near("all of it, and nothing else, is drawn", 1.0, *THIN)
 NOTHING_THIN = undefined(*THIN)
 _NO_VALUES = Near("of no images none", lambda a, b: np.empty(0))
@@ -64,6 +68,7 @@ def _flat_pair(case_id: str, p: int, q: int, words: str) -> Row:
         **near(words, luminance, "ssim", "luminance", "ssim-object", within=SUMS),
         "contrast": Near("C2 / C2", 1.0),
         "structure": Near("C3 / C3", 1.0),
+        PSNR: Near("20 log10(255 / |p - q|)", 20 * math.log10(255 / abs(p - q)), DECIBELS),
     }
     return case_id, lambda: (flat(p), flat(q)), stated | NOTHING_THIN
 
@@ -109,6 +114,7 @@ def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
         name: Near(words, 1.0 + float((values - 1.0).sum()) / n_windows, SUMS)
         for name, values in components.items()
     }
+    stated[PSNR] = Near("three squares (p - q)^2", decibels(3 * (p - q) ** 2), DECIBELS)
     if p < 255:
         stated["ssim-object"] = stated["ssim"]
     elif 255 - q >= 37.5:
@@ -178,11 +184,11 @@ def _true_speck(case_id: str, at: int) -> Row:
 SSIM_CASES = (
     *cases(
         "identical",
-        ("identical-noise", lambda: twice(noise(1)), _IDENTICAL | NOTHING_THIN),
-        ("identical-leg", lambda: twice(leg()), _IDENTICAL | WHOLE_LEG),
+        ("identical-noise", lambda: twice(noise(1)), _IDENTICAL | SAME_PSNR | NOTHING_THIN),
+        ("identical-leg", lambda: twice(leg()), _IDENTICAL | SAME_PSNR | WHOLE_LEG),
         ("identical-white", lambda: twice(flat(255)),
-         near("identical", 1.0, *SSIM) | undefined("ssim-object", *THIN)),
-        ("identical-black", lambda: twice(flat(0)), _IDENTICAL | NOTHING_THIN),
+         near("identical", 1.0, *SSIM) | SAME_PSNR | undefined("ssim-object", *THIN)),
+        ("identical-black", lambda: twice(flat(0)), _IDENTICAL | SAME_PSNR | NOTHING_THIN),
     ),
     *cases(
         "flat images",
@@ -295,24 +301,26 @@ def _refused_by_networks(of_grey: str = "pictures must be uint8 [..., 3]") -> di
     return whole | refused(of_grey, "fd-views-grey")
 
 
-_NOT_UINT8 = refused("images must be uint8", *SSIMS, *THIN) | _refused_by_networks()
+_NOT_UINT8 = refused("images must be uint8", *SSIMS, PSNR, *THIN) | _refused_by_networks()
 _BLACK_ON_WHITE = luminance_of_flat(0, 255)
 
 INPUT_CASES = (
     *cases(
         "number of images",
         ("no-images", lambda: twice(flat(0, 0)),
-         refused("nothing to compare", *SSIMS)
+         refused("nothing to compare", *SSIMS, PSNR)
          | dict.fromkeys((*THIN, JUDGE), _NO_VALUES)
          | refused("[0, 64]", *FD_VIEWS, error=TooFewSamples)),
         ("one-image", lambda: (flat(0), flat(255)),
          near("one value", lambda a, b: [_BLACK_ON_WHITE], "ssim", within=SUMS)
+         | near("20 log10(255 / 255)", lambda a, b: [0.0], PSNR, within=DECIBELS)
          | refused("[1, 64]", *FD_VIEWS, error=TooFewSamples)
          | {JUDGE: UNIT_CODES}),
         ("two-images",
          lambda: (np.concatenate([flat(0), leg()]), np.concatenate([flat(255), leg()])),
          near("each by itself", lambda a, b: [_BLACK_ON_WHITE, 1.0], "ssim", "ssim-object",
               within=SUMS)
+         | near("each by itself", lambda a, b: [0.0, decibels(0)], PSNR, within=DECIBELS)
          | near("each by itself", lambda a, b: [math.nan, 1.0], *THIN)
          | {JUDGE: UNIT_CODES}),
     ),
@@ -326,19 +334,19 @@ INPUT_CASES = (
          _NOT_UINT8),
         ("only-one-is-uint8", lambda: (flat(255), leg() / 255), _NOT_UINT8),
         ("image-without-a-stack", lambda: twice(flat(0)[0]),
-         refused("[128, 128, 3]", *SSIMS, *THIN) | _refused_by_networks(_WHOLE)),
+         refused("[128, 128, 3]", *SSIMS, PSNR, *THIN) | _refused_by_networks(_WHOLE)),
         ("two-dimensions", lambda: twice(flat(0)[0, :, :, 0]),
-         refused("[128, 128]", *SSIMS, *THIN) | _refused_by_networks()),
+         refused("[128, 128]", *SSIMS, PSNR, *THIN) | _refused_by_networks()),
         ("another-size", lambda: (flat(0, side=64), flat(0)),
-         refused("must have the same shape", *SSIM)
+         refused("the same shape", *SSIM, PSNR)
          | refused("of truths [1, 64, 64, 3]", "ssim-object", *THIN)
          | refused("[1, 64, 64, 3]", *FD_VIEWS)),
         ("another-number-of-images", lambda: (flat(0), flat(0, 2)),
-         refused("must have the same shape", *SSIM)
+         refused("the same shape", *SSIM, PSNR)
          | refused("of truths [1, 128, 128, 3]", "ssim-object", *THIN)),
         ("four-channels", lambda: twice(np.zeros((2, 128, 128, 4), np.uint8)),
          _refused_by_networks()),
         ("no-channels", lambda: twice(flat(0)[..., :0]),
-         refused("nothing to compare", *SSIMS, *THIN)),
+         refused("nothing to compare", *SSIMS, PSNR, *THIN)),
     ),
 )  # fmt: skip

@@ -19,6 +19,7 @@ from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.image_scores import scores
+from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
@@ -144,6 +145,7 @@ METRICS: Mapping[str, Callable[[Any, Any], Any]] = {
     "luminance": lambda a, b: ssim_per_image(a, b).luminance,
     "contrast": lambda a, b: ssim_per_image(a, b).contrast,
     "structure": lambda a, b: ssim_per_image(a, b).structure,
+    "psnr": psnr,
     "ssim-object": lambda a, b: scores(a, b)["ssim_object"],
     "silhouette-iou": silhouette_iou,
     "thin-recall": lambda a, b: thin_scores(a, b).recall,

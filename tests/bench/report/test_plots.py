@@ -30,7 +30,7 @@ def row(method, condition, value, metric="ssim", class_name="chair", low=0.0, hi
 
 
 def table(*rows):
-    return quality_table("t", "T", rows, decimals=3)
+    return quality_table("t", "T", rows)
 
 
 def drawn_svg(plot):

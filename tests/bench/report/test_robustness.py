@@ -24,7 +24,7 @@ IMAGES = (
     make_row("luminance", "splat", "2048", 0.9),
 )
 SETS = (make_row("fid", "splat", "2048", NAN), make_row("fd-views", "splat", "2048", 12.5))
-CURVES = [quality_table("t", "", IMAGES, 3), quality_table("t", "", SETS, 1)]
+CURVES = [quality_table("t", "", IMAGES), quality_table("t", "", SETS)]
 
 
 @pytest.fixture

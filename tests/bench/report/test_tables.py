@@ -18,7 +18,7 @@ def row(method, value, condition="2048", class_name="chair", metric="ssim", **ch
 
 
 def tables_of(*rows):
-    return table_group(quality_table("t", "T", rows, decimals=3)).tables
+    return table_group(quality_table("t", "T", rows)).tables
 
 
 def marks(table):
@@ -89,7 +89,7 @@ def test_several_classes_are_lines_and_methods_columns():
     assert first.notes == ("splat at chair: 2 x crash",)
     assert (first.unfolded, second.unfolded) == (True, False)
     assert second.tags.condition == "512"
-    made = quality_table("t", "T", [r for r in rows if r.condition == "2048"], decimals=3)
+    made = quality_table("t", "T", [r for r in rows if r.condition == "2048"])
     lines = made.to_markdown().splitlines()
     start = lines.index("## ssim")  # not in the paper's layout, and no class in the heading
     assert lines[start + 2] == "| class | splat | poisson |"
@@ -105,12 +105,12 @@ def test_metrics_of_table_5_have_their_own_digits():
 def test_what_was_skipped_is_folded_and_remarks_are_plain():
     skipped = row("splat", math.nan, metric="fid", note="skipped: weights", paper=94.0)
     there = row("splat", 3.0, metric="fd-views")
-    group = table_group(quality_table("t", "T", (skipped, there), 1, r"`fid` of **a\_b**"))
+    group = table_group(quality_table("t", "T", (skipped, there), r"`fid` of **a\_b**"))
     assert [table.unfolded for table in group.tables] == [False, True]
     cell = group.tables[0].lines[0].cells[0]
     assert (cell.text, cell.value, cell.paper) == ("skipped", None, "94")
     assert group.tables[0].notes == ("skipped: weights",)
     assert [table.void for table in group.tables] == [True, False]
     assert group.remark == "fid of a_b"
-    whole = table_group(quality_table("t", "T", (skipped, there), 1), folded=False)
+    whole = table_group(quality_table("t", "T", (skipped, there)), folded=False)
     assert [table.unfolded for table in whole.tables] == [True, True]

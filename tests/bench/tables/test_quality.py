@@ -321,12 +321,20 @@ def test_skipped_metrics_say_why():
         assert (row.n_ok, row.n, row.note) == (8, 8, "skipped: weights")
 
 
+@pytest.mark.parametrize(
+    ("metric", "text"), [("psnr", "21.23"), ("ssim", "21.235"), ("fd-views", "21.2")]
+)
+def test_a_metric_has_its_own_number_of_decimals(metric, text):
+    row = replace(worked_table().rows[0], metric=metric, value=21.23456)
+    assert f"| {text} [" in quality_table("t", "T", [row]).to_markdown()
+
+
 def test_csv_to_the_letter():
     rows = worked_table(published={("chair", "ssim", "2048", "splat"): 0.7}).rows
     row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")
     low, high = mean_interval(np.array([0.3, 0.7, 0.1]))
     rows = (row, replace(row, value=np.inf, note='a, "b"'))
-    assert quality_table("t", "T", rows, 3).to_csv() == (
+    assert quality_table("t", "T", rows).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
         "note,objective\n"
         f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
