@@ -42,8 +42,8 @@ from bench.catalogue.metrics import EXTRACTORS
 from bench.metrics.frechet import frechet_distance, frechet_interval
 from bench.metrics.image_scores import scores
 from bench.metrics.inception_weights import WeightsUnavailable
-from bench.metrics.silhouette import foreground, object_boxes, silhouette_iou
-from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box
+from bench.metrics.silhouette import foreground, silhouette_iou
+from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores
 from data_prep.datasets import ProceduralObject
 from data_prep.randomness import generator
@@ -150,10 +150,10 @@ def report_ssim(
 def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: int) -> None:
     """What an image costs, by score and network."""
     truth, drawn = pair
-    boxes = object_boxes(truth)
+    masks = foreground(truth)
     works: dict[str, Work] = {
         "all scores": lambda: scores(truth, drawn),
-        "ssim and ssim-object": lambda: ssim_per_image_and_box(truth, drawn, boxes),
+        "ssim and ssim-object": lambda: ssim_per_image_and_mask(truth, drawn, masks),
         "thin parts": lambda: thin_scores(truth, drawn),
         "silhouette-iou": lambda: silhouette_iou(truth, drawn),
         "foreground": lambda: foreground(truth),

@@ -52,7 +52,7 @@ from bench.analysis.intervals import RESAMPLES, SEED
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
-from bench.metrics.silhouette import Masks, drawn, foreground
+from bench.metrics.silhouette import Masks, Pairs
 from bench.rendering.cloud import Drawing, Failed, draw_cloud
 from bench.rendering.files import write_images
 from bench.rendering.sheet import Tile, draw_sheet
@@ -183,8 +183,8 @@ def measure(task: Task) -> Measured | Failed:
 
 def silhouettes(truth: UInt8Images, images: UInt8Images) -> tuple[Masks, Masks]:
     """What true images show and what images draw of it, [N, H, W] each."""
-    true = foreground(truth)
-    return true, drawn(truth, images, true)
+    pairs = Pairs(truth, images)
+    return pairs.shown, pairs.drawn(pairs.shown)
 
 
 # --- silhouettes to pixels ------------------------------------------------------------------------

@@ -156,7 +156,7 @@ def paired(a: Quality, b: Quality) -> Floats:
 
 def decimals(metric: str) -> int:
     """Digits after the point that values of a metric are printed with."""
-    if metric in CONTROL_METRICS:
+    if metric in CONTROL_METRICS or metric == "psnr":  # in degrees, shares and decibels
         return 2
     return 1 if any(metric == source.id for source in SET_METRICS) else 3
 

@@ -33,7 +33,8 @@ IMAGE_METRICS = {
     "luminance": "its component: mean brightness",
     "contrast": "its component: variance around the mean",
     "structure": "its component: correlation, what the paper argues for",
-    "ssim-object": "ssim of the windows centred in the box of the true object; 1 is identical",
+    "psnr": "peak signal-to-noise ratio in dB; identical pictures have 95.05, the most there is",
+    "ssim-object": "ssim of the windows that meet the true or the drawn object; 1 is identical",
     "silhouette-iou": "what is drawn and what the true object shows: intersection over union",
     "thin-recall": "share of the thin parts of the true object that is drawn",
     "thin-precision": "share of true object in what is drawn beside thin parts",
@@ -41,7 +42,7 @@ IMAGE_METRICS = {
 }
 # Why an image metric may have no value for an image that is there; the others always have one.
 UNDEFINED = {
-    "ssim-object": "no window is centred in the box of the true object",
+    "ssim-object": "the true image shows nothing, and nothing is drawn",
     "thin-recall": "the true object shows no part thinner than 4 px",
     "thin-precision": "no part thinner than 4 px, or nothing drawn beside one",
 }

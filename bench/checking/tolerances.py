@@ -48,6 +48,13 @@ drivers and processors. How they were measured, at 128 px:
   moved by at most 0.0045 by the turn and 0.0061 by rounding, and kd-views, by at most 2.6 % of
   itself, and where it is small by 0.03. Three times the largest is allowed for all methods; true
   images, too, are neither certain nor at no kernel distance from themselves.
+* psnr came later, and ssim-object over the windows that meet a silhouette, where white no longer
+  dilutes a move: (1 - value) of a cell is 1.2 to 1.4 times what it was over the box. On 8 chairs x
+  20 views at 2048 the three sources moved a cell by at most 0.00017 (ssim-object) and 0.0016 dB
+  (psnr); three times that is 0.0005 and 0.005 dB. For APSS, one point in fifty moved by one
+  rounding error moved psnr per chair by 10.4 dB for 1 of ssim, and ssim-object by 1.6 times as much
+  as ssim; by the 1.8 above, not diluted, it is 2.2. With the 0.0156 of ssim, 3 standard errors over
+  24 chairs are 0.10 dB and 0.021.
 * What does not matter beside that: views one at a time or 20 in a batch, 1 thread or 2, float64 for
   float32 in pc2pix and in the feature networks. They move no cell by more than 6e-8 (ssim, its
   components and ssim-object), 0 (thin parts, retrieval), 2e-5 (fd) and 2e-4 degrees (the judge).
@@ -61,10 +68,13 @@ is left is the rounding of the file. Elsewhere they move farther than the mean o
   0.00071 (ssim), 0.000076 (luminance), 0.00033 (contrast), 0.00061 (structure), 0.0013
   (ssim-object), 0.0015 (silhouette-iou), 0.30 (thin-recall) and 0.12 (thin-precision). Three times
   that is allowed. Few views of a chair show thin parts: these two say little of one chair.
-* For APSS, three times the standard deviations of a chair stated above. One point in fifty moved by
-  one rounding error, by the same study, moved a chair by at most 0.0092 (ssim), 0.0012 (luminance),
-  0.0081 (contrast), 0.0054 (structure), 0.013 (ssim-object) and 0.0074 (silhouette-iou): at most
-  0.42 times what is allowed.
+  ssim-object was over the box then; 1.4 times its move, three times, is 0.0055. psnr moved by at
+  most 0.016 dB on 8 chairs at 2048, with a deviation of 0.0081; of 24 the largest is 2.4 of those,
+  and three times that 0.06.
+* For APSS, three times the standard deviations of a chair stated above (psnr: 10.4 dB x 0.0156,
+  ssim-object: 2.2 x 0.0156). One point in fifty moved by one rounding error, by the same study,
+  moved a chair by at most 0.0092 (ssim), 0.0012 (luminance), 0.0081 (contrast), 0.0054 (structure),
+  0.013 (ssim-object over the box) and 0.0074 (silhouette-iou): at most 0.42 times what is allowed.
 """
 
 from __future__ import annotations
@@ -94,6 +104,7 @@ RENDERING: Mapping[str, Tolerance] = {
     },
     "fd-views": Tolerance(0.2, 0.03, _DRIVER),
     "fd-views-grey": Tolerance(0.2, 0.03, _DRIVER),
+    "psnr": Tolerance(0.01, 0.0, _DRIVER),
     "ssim-object": Tolerance(0.001, 0.0, _DRIVER),
     "silhouette-iou": Tolerance(0.001, 0.0, _DRIVER),
     "thin-recall": Tolerance(0.028, 0.0, _DRIVER),
@@ -106,7 +117,8 @@ RECONSTRUCTION: Mapping[str, Tolerance] = {
     "structure": Tolerance(0.003, 0.0, _SPIKES),
     "fd-views": Tolerance(0.2, 0.40, _SPIKES_SEEN),
     "fd-views-grey": Tolerance(0.2, 0.40, _SPIKES_SEEN),  # the same network
-    "ssim-object": Tolerance(0.017, 0.0, _SPIKES),
+    "psnr": Tolerance(0.10, 0.0, _SPIKES),
+    "ssim-object": Tolerance(0.021, 0.0, _SPIKES),
     "silhouette-iou": Tolerance(0.015, 0.0, _SPIKES),
     "thin-recall": Tolerance(0.028, 0.0, _DRIVER),
     "thin-precision": Tolerance(0.021, 0.0, _DRIVER),
@@ -129,7 +141,8 @@ OBJECT_RENDERING: Mapping[str, float] = {  # 3 x the largest move of a chair
     "luminance": 0.00025,
     "contrast": 0.001,
     "structure": 0.0019,
-    "ssim-object": 0.004,
+    "psnr": 0.06,
+    "ssim-object": 0.0055,
     "silhouette-iou": 0.0045,
     "thin-recall": 0.9,
     "thin-precision": 0.36,
@@ -139,7 +152,8 @@ OBJECT_RECONSTRUCTION: Mapping[str, float] = OBJECT_RENDERING | {  # 3 x the dev
     "luminance": 0.0051,
     "contrast": 0.044,
     "structure": 0.013,
-    "ssim-object": 0.085,
+    "psnr": 0.5,
+    "ssim-object": 0.105,
     "silhouette-iou": 0.071,
 }
 

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bench.metrics.frechet import frechet_distance
     from bench.metrics.lpips_network import lpips
+    from bench.metrics.peak_signal_to_noise import psnr
     from bench.metrics.structural_similarity import ssim
 
-__all__ = ["frechet_distance", "lpips", "ssim"]
+__all__ = ["frechet_distance", "lpips", "psnr", "ssim"]
 
 _MODULES = {
     "frechet_distance": "frechet",
     "lpips": "lpips_network",
+    "psnr": "peak_signal_to_noise",
     "ssim": "structural_similarity",
 }
 

@@ -5,21 +5,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.silhouette import object_boxes, silhouette_iou
-from bench.metrics.structural_similarity import ssim_per_image_and_box
-from bench.metrics.thin_parts import thin_scores
+from bench.metrics.peak_signal_to_noise import psnr
+from bench.metrics.silhouette import Pairs, overlap
+from bench.metrics.structural_similarity import ssim_per_image_and_mask
+from bench.metrics.thin_parts import thin_scores_of
 
 
 def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
     """Scores [V] of images uint8 [V, H, W, 3]; NaN where an image has no such score.
 
-    One SSIM map gives the first five.
+    `ssim_object` is the mean of the SSIM map over the windows that contain a pixel of the true
+    silhouette or of the drawn one. One map gives it and the four before it, and one pair of
+    silhouettes it and those after it. Raises ValueError where an array is not uint8 or not
+    [V, H, W, 3], where the shapes differ, and where there is nothing to compare.
     """
-    whole, in_box = ssim_per_image_and_box(truth, images, object_boxes(truth))
-    thin = thin_scores(truth, images)
+    pairs = Pairs(truth, images)
+    drawn = pairs.drawn(pairs.shown)
+    whole, of_object = ssim_per_image_and_mask(truth, images, pairs.shown | drawn)
+    thin = thin_scores_of(pairs)
     return whole._asdict() | {
-        "ssim_object": in_box,
-        "silhouette_iou": silhouette_iou(truth, images),
+        "psnr": psnr(truth, images),
+        "ssim_object": of_object,
+        "silhouette_iou": overlap(pairs.shown, drawn),
         "thin_recall": thin.recall,
         "thin_precision": thin.precision,
     }

@@ -52,29 +52,43 @@ def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
     return (WHITE - total / images.shape[-1]).astype(np.float32)
 
 
-def drawn(truth: NDArray[np.uint8], images: NDArray[np.uint8], usual: Masks) -> Masks:
-    """The pixels [N, H, W] where images draw something; both uint8 [N, H, W, C].
+class Pairs:
+    """Images and their truths, uint8 [N, H, W, C] each: what they show, by contrast.
 
-    usual  [N, H, W], a part of what the true images show; its median contrast is asked for where
-           they are white (the neutral grey's, where the part is empty)
+    shown  the pixels [N, H, W] that the true images show
 
-    Of a true image, drawn is all that it shows. Raises as `require_pairs`.
+    Raises ValueError where an array is not uint8 or not [N, H, W, C], where the shapes differ, and
+    where images have no pixels.
     """
-    require_pairs(truth, images)
-    shown, asked = foreground(truth), contrast(truth)
-    for values, mask, some in zip(asked, shown, usual, strict=True):
-        values[~mask] = np.median(values[some]) if some.any() else MOST_ASKED
-    return contrast(images) >= np.minimum(asked, MOST_ASKED) / 2
+
+    def __init__(self, truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
+        _require_pairs(truth, images)
+        self.shown = foreground(truth)
+        self._true, self._found = contrast(truth), contrast(images)
+
+    def drawn(self, usual: Masks) -> Masks:
+        """The pixels [N, H, W] where images draw something.
+
+        usual  [N, H, W], a part of `shown`; its median contrast is asked for where the true images
+               are white (the neutral grey's, where the part is empty)
+
+        Of a true image, drawn is all that it shows.
+        """
+        asked = self._true.copy()
+        for values, shown, some in zip(asked, self.shown, usual, strict=True):
+            values[~shown] = np.median(values[some]) if some.any() else MOST_ASKED
+        return self._found >= np.minimum(asked, MOST_ASKED) / 2
 
 
-def require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
-    """Raises ValueError: an array is not uint8 or not [N, H, W, C], or the shapes differ."""
+def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
     for some in (truth, images):
         if some.dtype != np.uint8 or some.ndim != 4:
             found = f"{some.dtype} {list(some.shape)}"
             raise ValueError(f"images must be uint8 [N, H, W, C], got {found}")
     if truth.shape != images.shape:
         raise ValueError(f"pictures {list(images.shape)} of truths {list(truth.shape)}")
+    if 0 in truth.shape[1:]:
+        raise ValueError(f"nothing to compare, got pictures {list(truth.shape)}")
 
 
 def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
@@ -107,12 +121,14 @@ def silhouette_iou(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArr
 
     Both uint8 [N, H, W, 3] on white. 1 for identical images and where neither shows anything: it
     always has a value. 0 where nothing is drawn of a true image that shows something, and the
-    other way round. An image's value does not depend on its neighbours.
-
-    Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
+    other way round. An image's value does not depend on its neighbours. Raises as `Pairs`.
     """
-    covered = drawn(truth, images, foreground(truth))
-    shown = foreground(truth)
-    both = np.count_nonzero(shown & covered, axis=(1, 2))
-    either = np.count_nonzero(shown | covered, axis=(1, 2))
+    pairs = Pairs(truth, images)
+    return overlap(pairs.shown, pairs.drawn(pairs.shown))
+
+
+def overlap(a: Masks, b: Masks) -> NDArray[np.float64]:
+    """Intersection over union [N] of masks [N, H, W]; 1 where both are empty."""
+    both = np.count_nonzero(a & b, axis=(1, 2))
+    either = np.count_nonzero(a | b, axis=(1, 2))
     return np.where(either == 0, 1.0, both / np.maximum(either, 1))

@@ -92,26 +92,27 @@ def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
     return per_image
 
 
-def ssim_per_image_and_box(
-    a: NDArray[np.uint8], b: NDArray[np.uint8], boxes: NDArray[np.intp]
+def ssim_per_image_and_mask(
+    a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_]
 ) -> tuple[SsimPerImage, Floats]:
-    """`ssim_per_image`, and from the same map the mean `ssim` [N] of the windows within a box.
+    """`ssim_per_image`, and from the same map the mean `ssim` [N] of the windows over a mask.
 
-    boxes  int [N, (top, bottom, left, right)] in pixels, bottom and right exclusive; one per pair,
-           see `bench.metrics.silhouette.object_boxes`
+    masks  bool [N, H, W], one per pair, in pixels
 
-    A window is within if its centre is: the middle pixel of 11, 5 px from the window's corner, so
-    that no window is centred within 5 px of the frame. NaN where a box leaves no window. Raises as
-    `ssim`, and ValueError where there is not one box per pair.
+    A window counts if it contains a pixel of the mask. NaN where the mask is empty. Raises as
+    `ssim`, and ValueError where the masks are not bool or not [N, H, W] of the images.
     """
     _require_images(a, b)
-    if boxes.shape != (len(a), 4):
-        raise ValueError(f"{len(a)} pairs need boxes of shape [{len(a)}, 4], got {boxes.shape}")
-    return _score(a, b, boxes)
+    if masks.dtype != np.bool_ or masks.shape != a.shape[:3]:
+        raise ValueError(
+            f"{list(a.shape)} images need bool masks {list(a.shape[:3])}, "
+            f"got {masks.dtype} {list(masks.shape)}"
+        )
+    return _score(a, b, masks)
 
 
 def _score(
-    a: NDArray[np.uint8], b: NDArray[np.uint8], boxes: NDArray[np.intp] | None
+    a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_] | None
 ) -> tuple[SsimPerImage, Floats]:
     n, height, width, channels = a.shape
     size = min(height, width, WINDOW)
@@ -122,40 +123,49 @@ def _score(
     blur = _TileBlur(weights, rows, columns, channels, flat_below=corner * (1 - corner) / 2)
 
     n_tiles = len(rows.starts) * len(columns.starts)
-
-    def per_tile(by_row: Floats, by_column: Floats) -> Floats:
-        """[tile, window row, window column], from [row of tiles, ...] and [column of tiles, ...]"""
-        product = np.einsum("ir,jc->ijrc", by_row, by_column)
-        return product.reshape(n_tiles, rows.length, columns.length)
-
-    # 1, or 0 where a tile repeats windows of its neighbour
-    counted = per_tile(rows.counted, columns.counted)
+    # [tile, window row, window column]: 1, or 0 where a tile repeats windows of its neighbour
+    counted = np.einsum("ir,jc->ijrc", rows.counted, columns.counted)
+    counted = counted.reshape(n_tiles, rows.length, columns.length)
     windows_per_tile = counted.sum(axis=(1, 2)) * channels
 
     tiles = np.empty((2, n_tiles, rows.extent, channels, columns.extent), dtype=np.uint8)
     # [tile, window row * channel * window column], as the fields lie in memory
     weights_of = np.repeat(counted[:, :, None], channels, axis=2).reshape(n_tiles, -1)
     means = np.empty((n, 4))
-    in_boxes = np.full(n, np.nan)
+    over_masks = np.full(n, np.nan)
+    over = None if masks is None else _windows_over(masks, size)
+    inside = np.zeros_like(counted)
     for i in range(n):
         _cut_tiles(a[i], rows, columns, out=tiles[0])
         _cut_tiles(b[i], rows, columns, out=tiles[1])
         differs = (tiles[0] != tiles[1]).reshape(n_tiles, -1).any(axis=1)
         sums = np.repeat(windows_per_tile[:, None], 4, axis=1)  # identical: every component is 1
-        inside = counted[:, :0]
-        if boxes is not None:
-            top, bottom, left, right = boxes[i].tolist()
-            inside = per_tile(rows.within(top, bottom), columns.within(left, right))
-        box_sums = inside.sum(axis=(1, 2)) * channels
-        n_inside = box_sums.sum()
+        if over is not None:
+            for tile, (y, x) in zip(inside, _corners(rows, columns), strict=True):
+                tile[...] = over[i, y : y + rows.length, x : x + columns.length]
+            inside *= counted
+        mask_sums = inside.sum(axis=(1, 2)) * channels
+        n_inside = mask_sums.sum()
         for chunk in _chunks(np.flatnonzero(differs)):
             sums[chunk] = blur.component_sums(tiles[:, chunk], weights_of[chunk])
-            if n_inside:
-                box_sums[chunk] = blur.sums_of_last(inside[chunk])
+            if mask_sums[chunk].any():
+                mask_sums[chunk] = blur.sums_of_last(inside[chunk])
         means[i] = sums.sum(axis=0) / windows_per_tile.sum()
         if n_inside:
-            in_boxes[i] = box_sums.sum() / n_inside
-    return SsimPerImage(*np.ascontiguousarray(means.T)), in_boxes
+            over_masks[i] = mask_sums.sum() / n_inside
+    return SsimPerImage(*np.ascontiguousarray(means.T)), over_masks
+
+
+def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
+    """The windows of side `size` that contain a pixel of masks [N, H, W], by their corner."""
+    for _ in range(2):  # along rows, then along columns
+        reach = 1  # pixels that an entry stands for
+        while reach < size:
+            step = min(reach, size - reach)
+            masks = masks[:, step:] | masks[:, :-step]
+            reach += step
+        masks = masks.swapaxes(1, 2)
+    return masks
 
 
 def _require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
@@ -200,18 +210,17 @@ class _Cut:
         self.starts = [min(i * self.length, n_windows - self.length) for i in range(n_tiles)]
         self.counted = np.ones((n_tiles, self.length))
         self.counted[-1, : n_tiles * self.length - n_windows] = 0.0
-        self._centres = np.add.outer(self.starts, np.arange(self.length)) + (size - 1) / 2
 
-    def within(self, first: int, end: int) -> Floats:
-        """`counted` of the windows whose centre is a pixel of first..end - 1; 0 for the others."""
-        return self.counted * ((self._centres >= first) & (self._centres <= end - 1))
+
+def _corners(rows: _Cut, columns: _Cut) -> Iterator[tuple[int, int]]:
+    """The first pixel, and the first window, of each tile."""
+    return ((y, x) for y in rows.starts for x in columns.starts)
 
 
 def _cut_tiles(image: NDArray[np.uint8], rows: _Cut, columns: _Cut, out: NDArray[np.uint8]) -> None:
     """Image [H, W, C] to tiles [tile, row, C, column]: the blur runs along rows and columns."""
     planes = np.ascontiguousarray(image.transpose(0, 2, 1))
-    corners = ((y, x) for y in rows.starts for x in columns.starts)
-    for tile, (y, x) in zip(out, corners, strict=True):
+    for tile, (y, x) in zip(out, _corners(rows, columns), strict=True):
         tile[...] = planes[y : y + rows.extent, :, x : x + columns.extent]
 
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.metrics.silhouette import Masks, drawn, foreground, require_pairs
+from bench.metrics.silhouette import Masks, Pairs, foreground
 
 LEAST_GROUP = 8  # pixels
 EVALUATED_WITHIN = 2  # pixels from a thin one
@@ -48,25 +48,32 @@ class ThinScores(NamedTuple):
 def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScores:
     """Scores of images against the true ones, both uint8 [N, H, W, 3] on white.
 
-    Raises ValueError where an array is not uint8 or not [N, H, W, C], and where the shapes differ.
+    Raises as `bench.metrics.silhouette.Pairs`.
     """
-    require_pairs(truth, images)
-    shown, part = foreground(truth), evaluated(truth)
-    recall = np.full(len(truth), np.nan)
-    precision = np.full(len(truth), np.nan)
+    return thin_scores_of(Pairs(truth, images))
+
+
+def thin_scores_of(pairs: Pairs) -> ThinScores:
+    """`thin_scores` of images whose silhouettes are known."""
+    part = _evaluated(pairs.shown)
+    recall = np.full(len(part), np.nan)
+    precision = np.full(len(part), np.nan)
     thinned = np.flatnonzero(part.any(axis=(1, 2)))
-    drawn_there = drawn(truth[thinned], images[thinned], part[thinned])
+    drawn = pairs.drawn(part)
     near = _near(part[thinned], PRECISION_WITHIN)
-    for i, mask, beside in zip(thinned, drawn_there, drawn_there & near, strict=True):
-        recall[i] = mask[part[i]].mean()
+    for i, beside in zip(thinned, drawn[thinned] & near, strict=True):
+        recall[i] = drawn[i][part[i]].mean()
         if beside.any():
-            precision[i] = shown[i][beside].mean()
+            precision[i] = pairs.shown[i][beside].mean()
     return ThinScores(recall, precision)
 
 
 def evaluated(truth: NDArray[np.uint8]) -> Masks:
     """E of true images uint8 [N, H, W, 3]: silhouette within 2 px of a thin pixel, [N, H, W]."""
-    shown = foreground(truth)
+    return _evaluated(foreground(truth))
+
+
+def _evaluated(shown: Masks) -> Masks:
     return _near(thin(shown), EVALUATED_WITHIN) & shown
 
 

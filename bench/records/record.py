@@ -44,6 +44,7 @@ class Record:
     luminance: float | None = None
     contrast: float | None = None
     structure: float | None = None
+    psnr: float | None = None
     ssim_object: float | None = None
     silhouette_iou: float | None = None
     thin_recall: float | None = None
@@ -59,7 +60,7 @@ COLUMNS = tuple(  # of `records.parquet`
 TYPES = {  # of columns that are no text
     "view": "int32",
     **dict.fromkeys(("azimuth_deg", "elevation_deg"), "float64"),
-    **dict.fromkeys(("ssim", "luminance", "contrast", "structure"), "float64"),
+    **dict.fromkeys(("ssim", "luminance", "contrast", "structure", "psnr"), "float64"),
     **dict.fromkeys(("ssim_object", "silhouette_iou", "thin_recall", "thin_precision"), "float64"),
     "lpips": "float64",
     **dict.fromkeys(("prepare_s", "draw_s"), "float64"),

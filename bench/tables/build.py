@@ -36,16 +36,19 @@ COST = "cost.md"
 PAPER_TITLES = (
     ("table3_ssim", "Table 3: SSIM and its components against the true mesh (higher is better)"),
     ("table4_fid", "Table 4: Fréchet distances to pictures of the true mesh (lower is better)"),
-    ("table_detail", "Detail: the object alone, its outline and its thin parts (higher is better)"),
+    (
+        "table_detail",
+        "Detail: PSNR, the object alone, its outline and its thin parts (higher is better)",
+    ),
 )
 OWN_TITLES = (
     ("table_ssim", "SSIM and its components against the true mesh (higher is better)"),
     ("table_frechet", "Fréchet distances to pictures of the true mesh (lower is better)"),
-    ("table_detail", "Detail: the outline (higher is better)"),
+    ("table_detail", "Detail: PSNR and the outline (higher is better)"),
 )
 BEYOND_TITLES = (
     *OWN_TITLES[:2],
-    ("table_detail", "Detail: the outline and the thin parts (higher is better)"),
+    ("table_detail", "Detail: PSNR, the outline and the thin parts (higher is better)"),
 )
 
 

@@ -42,7 +42,8 @@ SKIPPED_FID = "skipped: weights; not here"
 
 def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:
     scores = {"ssim": 0.5, "luminance": 0.9, "contrast": 0.8, "structure": 0.7, "ssim_object": 0.4}
-    scores |= {"silhouette_iou": 0.55, "thin_recall": 0.3, "thin_precision": 0.6, "lpips": 0.2}
+    scores |= {"psnr": 20.0, "silhouette_iou": 0.55, "thin_recall": 0.3, "thin_precision": 0.6}
+    scores |= {"lpips": 0.2}
     record = Record(
         suite=SUITE,
         method=method,

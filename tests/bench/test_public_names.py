@@ -17,6 +17,7 @@ def test_the_same_object_by_both_names():
         ("bench.inception", "FidInception", "bench.metrics.inception"),
         ("bench.metrics", "lpips", "bench.metrics.lpips_network"),
         ("bench.metrics", "ssim", "bench.metrics.structural_similarity"),
+        ("bench.metrics", "psnr", "bench.metrics.peak_signal_to_noise"),
         ("bench.metrics", "frechet_distance", "bench.metrics.frechet"),
     ):
         assert getattr(import_module(module), name) is getattr(import_module(inside), name)

@@ -14,6 +14,7 @@ from bench.suites.stability.metric_cases import (
     C1,
     C2,
     C3,
+    DECIBELS,
     FD_VIEWS,
     ONE_WINDOW,
     SIGMA,
@@ -29,6 +30,7 @@ from bench.suites.stability.metric_cases import (
     U,
     cases,
     cases_of,
+    decibels,
     flat,
     leg,
     luminance_of_flat,
@@ -44,6 +46,8 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 Floats = NDArray[np.float64]
 Row = tuple[str, Given, dict[str, Stated]]  # of `cases`
 
+PSNR = "psnr"
+SAME_PSNR = near("one level of one channel: the most", decibels(0), PSNR, within=DECIBELS)
 WHOLE_LEG = near("all of it, and nothing else, is drawn", 1.0, *THIN)
 NOTHING_THIN = undefined(*THIN)
 _NO_VALUES = Near("of no images none", lambda a, b: np.empty(0))
@@ -61,13 +65,11 @@ def _flat_pair(case_id: str, p: int, q: int, words: str) -> Row:
     """Two flat images: nothing varies, hence contrast C2 / C2 and structure C3 / C3."""
     luminance = luminance_of_flat(p, q)
     stated = {
-        **near(words, luminance, "ssim", "luminance", within=SUMS),
+        **near(words, luminance, "ssim", "luminance", "ssim-object", within=SUMS),
         "contrast": Near("C2 / C2", 1.0),
         "structure": Near("C3 / C3", 1.0),
-        "ssim-object": Near(words, luminance, SUMS),
+        PSNR: Near("20 log10(255 / |p - q|)", 20 * math.log10(255 / abs(p - q)), DECIBELS),
     }
-    if p == 255:
-        stated |= undefined("ssim-object")
     return case_id, lambda: (flat(p), flat(q)), stated | NOTHING_THIN
 
 
@@ -87,16 +89,38 @@ def _speck_components(p: int, q: int, weights: Floats) -> dict[str, Floats]:
     }
 
 
-def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
-    """`speck`, in the second image only: all other windows score 1."""
+def _weights_of_speck(at: int) -> Floats:
+    """Its weight in the windows that hold it: all 11 x 11 of the middle, one of the corner."""
     weights = gaussian_window(WINDOW)
-    weights = weights[:1, :1] if at == 0 else weights
+    return weights[:1, :1] if at == 0 else weights
+
+
+def _of_speck(ssim: Floats) -> dict[str, Stated]:
+    words = f"mean of the {ssim.size} windows with the pixel"
+    return near(words, float(ssim.mean()), "ssim-object", within=ONE_WINDOW)
+
+
+def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
+    """`speck`, in the second image only: all other windows score 1.
+
+    On white, where nothing is asked for, only the windows with a pixel that is drawn count as the
+    object's; any other ground is an object that fills the frame.
+    """
+    weights = _weights_of_speck(at)
     n_windows = (IMAGE_SIZE - WINDOW + 1) ** 2
     words = f"closed form over the {weights.size} windows with the pixel"
+    components = _speck_components(p, q, weights)
     stated: dict[str, Stated] = {
         name: Near(words, 1.0 + float((values - 1.0).sum()) / n_windows, SUMS)
-        for name, values in _speck_components(p, q, weights).items()
+        for name, values in components.items()
     }
+    stated[PSNR] = Near("three squares (p - q)^2", decibels(3 * (p - q) ** 2), DECIBELS)
+    if p < 255:
+        stated["ssim-object"] = stated["ssim"]
+    elif 255 - q >= 37.5:
+        stated |= _of_speck(components["ssim"])
+    else:
+        stated |= undefined("ssim-object")
     return case_id, lambda: (flat(p), speck(p, q, at)), stated | NOTHING_THIN
 
 
@@ -149,20 +173,22 @@ _STRIP: dict[str, Stated] = {
     "luminance": Near("mean of (2 p q + C1) / (p^2 + q^2 + C1)", _strip, SUMS),
     **near("windows of one pixel vary in nothing", 1.0, "contrast", "structure"),
 }
-_CENTRED_ON_THE_PIXEL = Near(
-    "closed form of the window that is centred on the pixel",
-    float(_speck_components(255, 0, gaussian_window(WINDOW)[5:6, 5:6])["ssim"].item()),
-    ONE_WINDOW,
-)
+
+
+def _true_speck(case_id: str, at: int) -> Row:
+    """`speck` in the true image only, on white: the windows with the pixel are the object's."""
+    ssim = _speck_components(255, 0, _weights_of_speck(at))["ssim"]
+    return case_id, lambda: (speck(255, 0, at), flat(255)), _of_speck(ssim) | NOTHING_THIN
+
 
 SSIM_CASES = (
     *cases(
         "identical",
-        ("identical-noise", lambda: twice(noise(1)), _IDENTICAL | NOTHING_THIN),
-        ("identical-leg", lambda: twice(leg()), _IDENTICAL | WHOLE_LEG),
+        ("identical-noise", lambda: twice(noise(1)), _IDENTICAL | SAME_PSNR | NOTHING_THIN),
+        ("identical-leg", lambda: twice(leg()), _IDENTICAL | SAME_PSNR | WHOLE_LEG),
         ("identical-white", lambda: twice(flat(255)),
-         near("identical", 1.0, *SSIM) | undefined("ssim-object", *THIN)),
-        ("identical-black", lambda: twice(flat(0)), _IDENTICAL | NOTHING_THIN),
+         near("identical", 1.0, *SSIM) | SAME_PSNR | undefined("ssim-object", *THIN)),
+        ("identical-black", lambda: twice(flat(0)), _IDENTICAL | SAME_PSNR | NOTHING_THIN),
     ),
     *cases(
         "flat images",
@@ -171,6 +197,9 @@ SSIM_CASES = (
         _flat_pair("black-against-one-level", 0, 1, "C1 / (1 + C1)"),
         _flat_pair("grey-against-one-level-less", 128, 127, "(2 p q + C1) / (p^2 + q^2 + C1)"),
         _flat_pair("light-against-dark", 200, 7, "(2 p q + C1) / (p^2 + q^2 + C1)"),
+        ("white-against-haze", lambda: (flat(255), flat(218)),
+         near("(2 p q + C1) / (p^2 + q^2 + C1)", luminance_of_flat(255, 218), "ssim", within=SUMS)
+         | undefined("ssim-object")),
         ("noise-against-its-negative", lambda: (noise(2, WINDOW), 255 - noise(2, WINDOW)),
          {"contrast": Near("equal variances", 1.0, ONE_WINDOW),
           "structure": _of_one_window("structure")}),
@@ -188,10 +217,8 @@ SSIM_CASES = (
             )
             for where, at in (("middle", 64), ("corner", 0))
         ),
-        ("true-object-of-one-pixel", lambda: (speck(255, 0, 64), flat(255)),
-         {"ssim-object": _CENTRED_ON_THE_PIXEL} | NOTHING_THIN),
-        ("true-object-in-the-corner", lambda: (speck(255, 0, 0), flat(255)),
-         undefined("ssim-object", *THIN)),
+        _true_speck("true-object-of-one-pixel", 64),
+        _true_speck("true-object-in-the-corner", 0),
     ),
     *cases(
         "small images",
@@ -274,24 +301,26 @@ def _refused_by_networks(of_grey: str = "pictures must be uint8 [..., 3]") -> di
     return whole | refused(of_grey, "fd-views-grey")
 
 
-_NOT_UINT8 = refused("images must be uint8", *SSIMS, *THIN) | _refused_by_networks()
+_NOT_UINT8 = refused("images must be uint8", *SSIMS, PSNR, *THIN) | _refused_by_networks()
 _BLACK_ON_WHITE = luminance_of_flat(0, 255)
 
 INPUT_CASES = (
     *cases(
         "number of images",
         ("no-images", lambda: twice(flat(0, 0)),
-         refused("nothing to compare", *SSIMS)
+         refused("nothing to compare", *SSIMS, PSNR)
          | dict.fromkeys((*THIN, JUDGE), _NO_VALUES)
          | refused("[0, 64]", *FD_VIEWS, error=TooFewSamples)),
         ("one-image", lambda: (flat(0), flat(255)),
          near("one value", lambda a, b: [_BLACK_ON_WHITE], "ssim", within=SUMS)
+         | near("20 log10(255 / 255)", lambda a, b: [0.0], PSNR, within=DECIBELS)
          | refused("[1, 64]", *FD_VIEWS, error=TooFewSamples)
          | {JUDGE: UNIT_CODES}),
         ("two-images",
          lambda: (np.concatenate([flat(0), leg()]), np.concatenate([flat(255), leg()])),
          near("each by itself", lambda a, b: [_BLACK_ON_WHITE, 1.0], "ssim", "ssim-object",
               within=SUMS)
+         | near("each by itself", lambda a, b: [0.0, decibels(0)], PSNR, within=DECIBELS)
          | near("each by itself", lambda a, b: [math.nan, 1.0], *THIN)
          | {JUDGE: UNIT_CODES}),
     ),
@@ -305,18 +334,19 @@ INPUT_CASES = (
          _NOT_UINT8),
         ("only-one-is-uint8", lambda: (flat(255), leg() / 255), _NOT_UINT8),
         ("image-without-a-stack", lambda: twice(flat(0)[0]),
-         refused("[128, 128, 3]", *SSIMS, *THIN) | _refused_by_networks(_WHOLE)),
+         refused("[128, 128, 3]", *SSIMS, PSNR, *THIN) | _refused_by_networks(_WHOLE)),
         ("two-dimensions", lambda: twice(flat(0)[0, :, :, 0]),
-         refused("[128, 128]", *SSIMS, *THIN) | _refused_by_networks()),
+         refused("[128, 128]", *SSIMS, PSNR, *THIN) | _refused_by_networks()),
         ("another-size", lambda: (flat(0, side=64), flat(0)),
-         refused("must have the same shape", *SSIMS)
-         | refused("of truths [1, 64, 64, 3]", *THIN)
+         refused("the same shape", *SSIM, PSNR)
+         | refused("of truths [1, 64, 64, 3]", "ssim-object", *THIN)
          | refused("[1, 64, 64, 3]", *FD_VIEWS)),
         ("another-number-of-images", lambda: (flat(0), flat(0, 2)),
-         refused("must have the same shape", *SSIMS)
-         | refused("of truths [1, 128, 128, 3]", *THIN)),
+         refused("the same shape", *SSIM, PSNR)
+         | refused("of truths [1, 128, 128, 3]", "ssim-object", *THIN)),
         ("four-channels", lambda: twice(np.zeros((2, 128, 128, 4), np.uint8)),
          _refused_by_networks()),
-        ("no-channels", lambda: twice(flat(0)[..., :0]), refused("nothing to compare", *SSIMS)),
+        ("no-channels", lambda: twice(flat(0)[..., :0]),
+         refused("nothing to compare", *SSIMS, PSNR, *THIN)),
     ),
 )  # fmt: skip

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.metrics.frechet import frechet_distance
+from bench.metrics.image_scores import scores
 from bench.metrics.lpips_network import lpips
-from bench.metrics.silhouette import object_boxes, silhouette_iou
-from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_box
+from bench.metrics.peak_signal_to_noise import psnr
+from bench.metrics.silhouette import silhouette_iou
+from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
 from bench.running.isolation import one_thread
 from bench.suites.stability.expectations import Kind, Outcome
@@ -129,10 +131,6 @@ def _shown(values: Array) -> str:
 # --- the metrics ----------------------------------------------------------------------------------
 
 
-def _ssim_object(truth: UInt8Images, images: UInt8Images) -> Floats:
-    return ssim_per_image_and_box(truth, images, object_boxes(truth))[1]
-
-
 def _between(name: str, truth: UInt8Images, images: UInt8Images) -> float:
     features = extractor(name)
     return frechet_distance(features(truth), features(images))
@@ -150,7 +148,8 @@ METRICS: Mapping[str, Callable[[Any, Any], Any]] = {
     "luminance": lambda a, b: ssim_per_image(a, b).luminance,
     "contrast": lambda a, b: ssim_per_image(a, b).contrast,
     "structure": lambda a, b: ssim_per_image(a, b).structure,
-    "ssim-object": _ssim_object,
+    "psnr": psnr,
+    "ssim-object": lambda a, b: scores(a, b)["ssim_object"],
     "silhouette-iou": silhouette_iou,
     "thin-recall": lambda a, b: thin_scores(a, b).recall,
     "thin-precision": lambda a, b: thin_scores(a, b).precision,

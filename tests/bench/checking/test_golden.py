@@ -21,6 +21,8 @@ from .conftest import be_default
 
 SSIM, DETAIL = SUITES[0].image_metrics, SUITES[0].detail_metrics
 DISTANCES = ("fd-views", "fd-views-grey")  # fid is skipped
+MOST_PSNR = 95.046216  # 20 log10(255) + 10 log10(128 * 128 * 3), to the 6 decimals of the file
+IDEAL = dict.fromkeys(DISTANCES, 0.0) | {"psnr": MOST_PSNR}  # any other metric: 1
 CONTROL = SUITES[0].control_metrics
 GOLDEN = (*DETAIL, *SSIM, *DISTANCES, *CONTROL)
 
@@ -105,7 +107,7 @@ def test_the_golden_values_of_this_project():
     for metric in GOLDEN:
         values = frame[frame["metric"] == metric].set_index("method")["value"]
         if metric not in CONTROL:
-            assert set(values["true-mesh"]) == {0.0 if metric in DISTANCES else 1.0}
+            assert set(values["true-mesh"]) == {IDEAL.get(metric, 1.0)}
         for floor in FLOORS:
             assert len(set(values.loc[values.index == floor])) <= 1
 
@@ -117,7 +119,7 @@ def test_the_golden_values_of_the_classes():
     objects = suite.endless_limit * len(suite.classes)
     assert protocols(frame) == [["procedural", objects, suite.views, 0]]
     by_class = {"fd-views", "kd-views", "class-confidence"}
-    plain = {"ssim", "luminance", "contrast", "structure", "silhouette-iou"}
+    plain = {"ssim", "luminance", "contrast", "structure", "psnr", "silhouette-iou"}
     assert set(frame["metric"]) == by_class | plain
     cells = frame[["method", "class", "metric"]]
     assert not cells.duplicated().any()
@@ -125,7 +127,8 @@ def test_the_golden_values_of_the_classes():
         found = cells[cells["metric"] == metric].drop(columns="metric").apply(tuple, axis=1)
         assert set(found) == {(m, c) for m in suite.methods for c in (*suite.classes, "average")}
     true = frame[frame["method"] == "true-mesh"]
-    assert set(true.loc[true["metric"].isin(plain), "value"]) == {1.0}
+    for metric in plain:
+        assert set(true.loc[true["metric"] == metric, "value"]) == {IDEAL.get(metric, 1.0)}
     assert set(true.loc[true["metric"] == "fd-views", "value"]) == {0.0}
     assert true.loc[true["metric"] == "class-confidence", "value"].between(0.7, 1).all()
     has_the_tolerances_of_its_rules(frame)

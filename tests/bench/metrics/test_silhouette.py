@@ -1,4 +1,5 @@
-"""Silhouettes by their definition; boxes, haze and refusals are cases of the suite `stability`."""
+"""Silhouettes and the SSIM of what they cover, by their definitions; boxes, haze and refusals are
+cases of the suite `stability`."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench.metrics.image_scores import scores
-from bench.metrics.silhouette import contrast, drawn, foreground, object_boxes, silhouette_iou
+from bench.metrics.silhouette import Pairs, contrast, foreground, object_boxes, silhouette_iou
 from bench.metrics.thin_parts import evaluated
 from data_prep.images import blank
 
@@ -54,7 +55,7 @@ def test_agrees_with_its_definition(level):
 def test_an_empty_part_asks_for_half_of_the_neutral_grey():
     nowhere = np.zeros((2, 128, 128), bool)
     levels = np.concatenate([blank(1) - 37, blank(1) - 38])
-    found = drawn(blank(2), levels, nowhere)
+    found = Pairs(blank(2), levels).drawn(nowhere)
     assert found.all(axis=(1, 2)).tolist() == [False, True]
     assert not found[0].any()
 

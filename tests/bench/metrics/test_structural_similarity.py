@@ -9,11 +9,12 @@ import re
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import binary_dilation
 from skimage.metrics import structural_similarity
 from threadpoolctl import threadpool_limits
 
 from bench.metrics import ssim
-from bench.metrics.structural_similarity import Ssim, ssim_per_image, ssim_per_image_and_box
+from bench.metrics.structural_similarity import Ssim, ssim_per_image, ssim_per_image_and_mask
 
 from .reference import reference_cases
 
@@ -197,28 +198,66 @@ def map_of(a, b):
     return full[5:-5, 5:-5].mean(axis=-1)
 
 
-def test_a_box_is_the_part_of_the_map_centred_in_it():
-    a = np.stack([rnd(1), chairish(0), disc(), disc(40, 90, 20), rnd(4)])
-    b = np.stack([rnd(2), chairish(3), noise(disc(), 20, 3), disc(44, 80, 20), rnd(5)])
-    boxes = np.array(
-        [[0, 128, 0, 128], [30, 104, 44, 86], [20, 30, 64, 65], [100, 128, 0, 9], [45, 46, 75, 76]]
+def pixels(*boxes, shape=(128, 128)):
+    """A mask of boxes (top, bottom, left, right), ends exclusive."""
+    mask = np.zeros(shape, bool)
+    for top, bottom, left, right in boxes:
+        mask[top:bottom, left:right] = True
+    return mask
+
+
+def test_a_mask_is_the_part_of_the_map_whose_windows_it_meets():
+    a = np.stack([rnd(1), chairish(0), disc(), disc(40, 90, 20), rnd(4), rnd(5)])
+    b = np.stack([rnd(2), chairish(3), noise(disc(), 20, 3), disc(44, 80, 20), rnd(5), rnd(7)])
+    masks = np.stack(
+        [
+            pixels((0, 128, 0, 128)),
+            (chairish(0) < 255).any(axis=-1) | (chairish(3) < 255).any(axis=-1),
+            pixels((20, 21, 64, 65)),
+            pixels((127, 128, 0, 1), (0, 9, 100, 128)),  # corners: windows at the frame
+            np.random.default_rng(0).random((128, 128)) < 0.002,
+            ~pixels((30, 60, 40, 90)),
+        ]
     )
-    whole, found = ssim_per_image_and_box(a, b, boxes)
+    whole, found = ssim_per_image_and_mask(a, b, masks)
     np.testing.assert_array_equal(np.array(whole), np.array(ssim_per_image(a, b)))
-    for i, (top, bottom, left, right) in enumerate(boxes):
-        # the window in row r of the map is centred on pixel r + 5
-        part = map_of(a[i], b[i])[max(top - 5, 0) : bottom - 5, max(left - 5, 0) : right - 5]
-        assert found[i] == pytest.approx(part.mean(), abs=TOLERANCE.ssim)
-    # the map has no window that the box of the whole frame has not
+    for i, mask in enumerate(masks):
+        # the window in row r of the map is centred on pixel r + 5 and reaches 5 px to each side
+        meets = binary_dilation(mask, np.ones((11, 11)))[5:-5, 5:-5]
+        assert 0 < meets.sum() < 118**2 or i == 0
+        assert found[i] == pytest.approx(map_of(a[i], b[i])[meets].mean(), abs=TOLERANCE.ssim)
+    # the map has no window that the whole frame does not meet
     assert found[0] == pytest.approx(whole.ssim[0], abs=1e-15)
 
 
-def test_a_box_without_windows_has_no_value():
-    boxes = np.array([[0, 0, 0, 0], [0, 5, 0, 128], [60, 70, 123, 128], [5, 6, 122, 123]])
-    pair = np.repeat(rnd(6)[None], 4, axis=0), np.repeat(rnd(7)[None], 4, axis=0)
-    assert np.isnan(ssim_per_image_and_box(*pair, boxes)[1]).tolist() == [True, True, True, False]
+@pytest.mark.parametrize(("height", "width"), [(1, 9), (4, 30), (10, 10), (11, 30), (35, 36)])
+def test_windows_of_small_images_meet_a_mask_too(height, width):
+    """All values that differ are within the mask, hence all that the other windows hold is equal:
+    the sum over the windows in the mask is the sum over all, less 1 for each of the others."""
+    size = min(height, width, 11)
+    a = rnd(1, height, width)
+    b = a.copy()
+    mask = pixels((height // 2, height // 2 + 2, width // 3, width // 3 + 1), shape=(height, width))
+    b[mask] = 255 - b[mask]
+    meets = sliding_window_view(mask, (size, size)).any(axis=(-2, -1))
+    expected = 1 + (two_pass(a, b).ssim - 1) * meets.size / meets.sum()
+    _, found = ssim_per_image_and_mask(a[None], b[None], mask[None])
+    # the factor widens the error of the mean
+    assert found == pytest.approx(expected, abs=TOLERANCE.ssim * meets.size / meets.sum())
 
 
-def test_boxes_of_another_number():
-    with pytest.raises(ValueError, match=r"1 pairs need boxes of shape \[1, 4\], got \(2, 4\)"):
-        ssim_per_image_and_box(rnd(1)[None], rnd(2)[None], np.zeros((2, 4), int))
+def test_an_empty_mask_has_no_value_and_identical_images_are_1():
+    masks = np.stack([pixels(), pixels((60, 61, 60, 61)), pixels((0, 1, 0, 1))])
+    pair = np.repeat(rnd(6)[None], 3, axis=0), np.repeat(rnd(7)[None], 3, axis=0)
+    assert np.isnan(ssim_per_image_and_mask(*pair, masks)[1]).tolist() == [True, False, False]
+    same = ssim_per_image_and_mask(pair[0], pair[0], masks)[1]
+    assert np.isnan(same[0])
+    assert same[1:].tolist() == [1.0, 1.0]
+
+
+def test_masks_of_another_number_or_type():
+    pair = rnd(1)[None], rnd(2)[None]
+    message = r"\[1, 128, 128, 3\] images need bool masks \[1, 128, 128\], got"
+    for masks in (np.zeros((2, 128, 128), bool), np.zeros((1, 128, 128))):
+        with pytest.raises(ValueError, match=message):
+            ssim_per_image_and_mask(*pair, masks)

@@ -17,7 +17,7 @@ from bench.tables.build import make_outputs
 from bench.tables.scored import read_scored
 from bench.tables.table import TABLES, table_files
 
-STORED = Path(__file__).parents[1] / "data" / "run-of-schema-3"
+STORED = Path(__file__).parents[1] / "data" / "run-of-schema-4"
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def without(name):
 
 
 FEWEST = ("schema_version", "suite", "dataset", "views", "seed", "device", "finished")
-newer_manifest = altered_manifest(lambda manifest: manifest | {"schema_version": 4})
+newer_manifest = altered_manifest(lambda manifest: manifest | {"schema_version": 5})
 bare_manifest = altered_manifest(lambda manifest: {name: manifest[name] for name in FEWEST})
 READERS = ("table", "check", "report", "recommend", "score", "merge")
 

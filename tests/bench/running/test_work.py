@@ -13,8 +13,7 @@ from bench.catalogue.methods import METHODS, Method
 from bench.catalogue.metrics import find_extractor
 from bench.judges import VIEWS_WEIGHTS
 from bench.metrics import ssim
-from bench.metrics.silhouette import object_boxes
-from bench.metrics.structural_similarity import ssim_per_image_and_box
+from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_artifact
 from bench.records.job import JobTiming
 from bench.running.work import cloud_of, do
@@ -100,8 +99,7 @@ def test_scores_images_and_checksum(measure, tmp_path):
     for i, record in enumerate(result.records):
         expected = ssim(truth[i : i + 1], images[i : i + 1])
         assert [getattr(record, name) for name in SSIM] == list(expected)
-        _, in_box = ssim_per_image_and_box(truth, images, object_boxes(truth))
-        assert record.ssim_object == in_box[i]
+        assert record.ssim_object == scores(truth, images)["ssim_object"][i]
         assert (record.thin_recall, record.thin_precision) == (None, None)  # a frame of noise
         assert (record.view, View(record.azimuth_deg, record.elevation_deg)) == (i, VIEWS[i])
         assert (record.suite, record.method, record.condition) == (job.suite, "fake", "2048")

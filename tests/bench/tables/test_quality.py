@@ -322,6 +322,14 @@ def test_skipped_metrics_say_why():
         assert (row.n_ok, row.n, row.note) == (8, 8, "skipped: weights")
 
 
+@pytest.mark.parametrize(
+    ("metric", "text"), [("psnr", "21.23"), ("ssim", "21.235"), ("fd-views", "21.2")]
+)
+def test_a_metric_has_its_own_number_of_decimals(metric, text):
+    row = replace(worked_table().rows[0], metric=metric, value=21.23456)
+    assert f"| {text} [" in quality_table("t", "T", [row]).to_markdown()
+
+
 def test_csv_to_the_letter():
     rows = worked_table(published={("chair", "ssim", "2048", "splat"): 0.7}).rows
     row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")

@@ -1,0 +1,37 @@
+"""Peak signal-to-noise ratio of images, in decibels.
+
+10 log10(255^2 / MSE), the mean squared error over all pixels and channels (Huynh-Thu and Ghanbari,
+"Scope of validity of PSNR in image/video quality assessment", Electronics Letters 44(13), 2008).
+
+Identical images have no error and would be infinite, and so would every mean with one of them. They
+count as if one channel of one pixel were one level off: 20 log10(255) + 10 log10(H * W * C), which
+is 95.05 dB for 128 x 128 x 3, the most that any pair has.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+PEAK = 255.0
+
+
+def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Ratio [N] in dB of pairs of images, uint8 [N, H, W, C]; higher is better; symmetric.
+
+    From 0 (black against white) to 20 log10(255) + 10 log10(H * W * C), which identical images
+    have. The sum of squares is exact, hence a value does not depend on the other images.
+
+    Raises ValueError where an array is not uint8 or not [N, H, W, C], where the shapes differ, and
+    where there is nothing to compare (a dimension of 0).
+    """
+    if a.dtype != np.uint8 or b.dtype != np.uint8 or a.ndim != 4 or a.shape != b.shape:
+        found = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
+        raise ValueError(f"images must be uint8 [N, H, W, C] of the same shape, got {found}")
+    if a.size == 0:
+        raise ValueError(f"nothing to compare, got {list(a.shape)}")
+    squares = np.empty(len(a))
+    for i in range(len(a)):
+        apart = np.subtract(a[i], b[i], dtype=np.float64).ravel()  # sums of whole numbers: exact
+        squares[i] = apart @ apart
+    return 10 * np.log10(PEAK**2 * a[0].size / np.maximum(squares, 1.0))
