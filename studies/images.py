@@ -1,4 +1,4 @@
-"""Images of many objects at once, and views that are turned a little."""
+"""Images of many objects at once, their scores, and views that are turned a little."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bench.metrics import lpips
+from bench.metrics.image_scores import scores
 from data_prep.images import to_uint8
 from data_prep.render import render
 from data_prep.scene import Mesh, PointCloud, Renderer, UInt8Images, View
@@ -30,6 +33,11 @@ def draw_all(
 def render_all(meshes: Sequence[Mesh], views: Sequence[Sequence[View]]) -> UInt8Images:
     """The true images of meshes, each from its views."""
     return np.stack([render(*pair) for pair in zip(meshes, views, strict=True)])
+
+
+def all_scores(truth: UInt8Images, drawn: UInt8Images) -> dict[str, NDArray[np.float64]]:
+    """Every image metric [V] of images [V, H, W, 3], named as the columns of a record."""
+    return scores(truth, drawn) | {"lpips": lpips(truth, drawn, single=True)}
 
 
 def turned(views: Sequence[View]) -> tuple[View, ...]:

@@ -44,7 +44,9 @@ from bench.judges import answers as control
 from bench.judges.judge import greyscale, judge, load_judge_network
 from bench.judges.views import load_views_network, view_features
 from bench.metrics.frechet import frechet_distance
-from bench.metrics.image_scores import scores
+from bench.metrics.kernel_distance import kernel_distance
+from bench.metrics.lpips_network import Lpips
+from bench.metrics.lpips_weights import find_lpips_weights
 from data_prep.conditions import CONDITIONS
 from data_prep.datasets import ProceduralObject
 from data_prep.images import to_uint8
@@ -55,14 +57,14 @@ from data_prep.scene import Mesh, PointCloud, UInt8Images, View
 from pc2pix.number_formats import Format, infer
 from pc2pix.renderer import Pc2pixRenderer
 from pc2pix.weights import load_weights
-from studies.images import TURN_DEG, draw_all, render_all, turned
+from studies.images import TURN_DEG, all_scores, draw_all, render_all, turned
 from studies.tables import markdown
 
 METHODS = ("pc2pix", "pc2pix@acgan", "splat", "constant", "blank")
 NETWORK, WEIGHTS = "pc2pix", "chair"
 CEILING = "true-mesh"
-DISTANCES = ("fd-views", "fd-views-grey")
-METRICS = (*IMAGE_METRICS, *DISTANCES, *CONTROL_METRICS)
+DISTANCES = ("fd-views", "fd-views-grey", "fd-alexnet")
+METRICS = (*IMAGE_METRICS, *DISTANCES, "kd-alexnet", *CONTROL_METRICS)
 BATCH = 20
 
 
@@ -110,6 +112,7 @@ class Taken(NamedTuple):
 
     colour: NDArray[np.floating]
     grey: NDArray[np.floating]
+    alexnet: NDArray[np.floating]
     answers: NDArray[np.floating]
 
 
@@ -275,19 +278,22 @@ class Features:
         self.dtype = dtype
         self.views = load_views_network(VIEWS_WEIGHTS).to(dtype)
         self.judge = load_judge_network(JUDGE_WEIGHTS).to(dtype)
+        self.alexnet = Lpips(find_lpips_weights(), dtype=dtype)
 
     def __call__(self, images: UInt8Images) -> Taken:
         """Features of [chairs, views, H, W, 3]."""
         flat = images.reshape(-1, *images.shape[2:])
         grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
+        alexnet = self.alexnet.see(flat).features.numpy()
         if self.dtype == torch.float32:  # the very functions that a run uses
             taken = (
                 view_features(self.views, flat),
                 view_features(self.views, grey),
+                alexnet,
                 judge(self.judge, flat),
             )
         else:
-            taken = (self._views(flat), self._views(grey), self._judge(flat))
+            taken = (self._views(flat), self._views(grey), alexnet, self._judge(flat))
         return Taken(*(values.reshape(*images.shape[:2], -1) for values in taken))
 
     @torch.inference_mode()
@@ -333,15 +339,14 @@ def cells(
 ) -> Cells:
     """Every metric over all images, as the tables of a run take it: means (of the images that
     have a value), distances, medians of the judge's errors, the share of objects found."""
-    found = [scores(t, d) for t, d in zip(truth, drawn, strict=True)]
+    found = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
     values = {
         metric: _mean(np.concatenate([one[column(metric)] for one in found]))
         for metric in IMAGE_METRICS
     }
-    for metric, x, y in zip(
-        DISTANCES, (truth_taken.colour, truth_taken.grey), (taken.colour, taken.grey), strict=True
-    ):
+    for metric, x, y in zip(DISTANCES, truth_taken, taken, strict=False):
         values[metric] = frechet_distance(_flat(x), _flat(y))
+    values["kd-alexnet"] = kernel_distance(_flat(truth_taken.alexnet), _flat(taken.alexnet))
     answers = _flat(taken.answers)
     azimuth = np.array([view.azimuth_deg for of_chair in views for view in of_chair])
     elevation = np.array([view.elevation_deg for of_chair in views for view in of_chair])

@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import IMAGE_METRICS, column
-from bench.metrics.image_scores import scores
 from data_prep.randomness import generator
 from data_prep.scene import UInt8Images
 from studies.class_noise import nudged
-from studies.images import draw_all, render_all, turned
+from studies.images import all_scores, draw_all, render_all, turned
 from studies.noise_floor import Scene, make_scene
 from studies.tables import markdown
 
@@ -42,7 +41,7 @@ Moves = dict[tuple[str, str, str], NDArray[np.float64]]  # by change, method and
 def means(truth: UInt8Images, drawn: UInt8Images) -> dict[str, NDArray[np.float64]]:
     """The image metrics of [chairs, views, H, W, 3], as means over the views of a chair that have
     a value: [chairs], NaN where none has one."""
-    found = [scores(t, d) for t, d in zip(truth, drawn, strict=True)]
+    found = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
     return {
         metric: np.array([_mean(one[column(metric)]) for one in found]) for metric in IMAGE_METRICS
     }

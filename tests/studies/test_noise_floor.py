@@ -23,7 +23,7 @@ def test_the_truth_scores_full_marks(study):
     assert set(found) == set(METRICS)
     for metric in ("ssim", "luminance", "contrast", "structure", "ssim-object", "thin-recall"):
         assert found[metric] == 1.0
-    for metric in ("fd-views", "fd-views-grey"):
+    for metric in ("fd-views", "fd-views-grey", "fd-alexnet"):
         # The distance of a set to itself, in float64: a rounding of the trace, some 1e-14 x 100.
         assert 0.0 <= found[metric] < 1e-9
 
@@ -61,8 +61,8 @@ def test_float64_features_are_those_of_float32(study):
     for narrow, wide in zip(study.truth_taken, exact, strict=True):
         assert narrow.dtype == np.float32
         assert wide.dtype == np.float64
-        # rounding of 6 to 12 layers, 6e-8 each, of values up to 4
-        np.testing.assert_allclose(narrow, wide, rtol=0, atol=2e-5)
+        # rounding of 5 to 12 layers, 6e-8 each, of values up to 4 (of AlexNet up to 20)
+        np.testing.assert_allclose(narrow, wide, rtol=0, atol=2e-5 * max(1, wide.max() / 4))
 
 
 def test_a_turn_moves_the_truth_as_well(study):

@@ -8,6 +8,7 @@ from scipy.ndimage import binary_dilation
 from skimage.metrics import structural_similarity
 
 from bench.metrics.image_scores import scores
+from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
@@ -113,6 +114,7 @@ def test_scores_are_those_of_each_metric_by_itself():
     truth, drawing = pairs()
     found = scores(truth, drawing)
     alone = ssim_per_image(truth, drawing)._asdict()
+    alone |= {"psnr": psnr(truth, drawing)}
     alone |= {"silhouette_iou": silhouette_iou(truth, drawing)}
     alone |= {f"thin_{k}": v for k, v in thin_scores(truth, drawing)._asdict().items()}
     assert found.keys() == {*alone, "ssim_object"}

@@ -46,7 +46,7 @@ def test_outcomes_of_a_line_are_those_of_its_images():
         "surface-apss": ({"n_ok": 3, "note": "1 x timeout: 3 s"}, ("failed", "ok")),
         "poisson": ({"n_ok": 0, "note": "4 x timeout: 3 s"}, ("failed",)),
         "pc2pix": ({"note": "skipped: weights"}, ("skipped",)),
-        "alpha-shape": ({"n_ok": 3, "note": "1 x no value: why"}, ("ok",)),  # its images are there
+        "splat-net": ({"n_ok": 3, "note": "1 x no value: why"}, ("ok",)),  # its images are there
     }
     (table,) = tables_of(*(row(method, 0.5, **changes) for method, (changes, _) in cases.items()))
     found = {line.name: line.tags.outcomes for line in table.lines}
