@@ -128,8 +128,9 @@ def test_walls_through_and_behind_the_camera():
         corners = rng.uniform(-9, 9, (30, 3))
         mesh = triangles(corners, rng.integers(0, 30, (12, 3)))
         apart = np.abs(cast(mesh, VIEWS).astype(int) - render(mesh, VIEWS))
-        # 12 large facets that cross each other: edges and crossings are some 1,000 of 65,536 px
-        assert (apart.max(axis=-1) > 2).mean() < 2e-3
+        # Edges and crossings are up to 2.6 % of the pixels (1,725 of 65,536 in the second case).
+        # Of those of chairs one in 50 differs (see the last test).
+        assert (apart.max(axis=-1) > 2).mean() < 0.026 / 50
 
 
 def test_rays_outside_the_box_would_meet_nothing(monkeypatch):
@@ -166,7 +167,8 @@ def test_extreme_coordinates():
     vertices[7] = (0, 1e6, 0)
     mesh = Mesh(vertices, ball.faces, grey)
     apart = np.abs(cast(mesh, VIEWS).astype(int) - render(mesh, VIEWS))
-    assert (apart.max(axis=-1) > 2).mean() < 1e-2
+    # A vertex at 1e6 is rounded to 1/16: an edge of a needle, at most 128 px long, may lie elsewhere.
+    assert (apart.max(axis=-1) > 2).mean() < 128 / 128**2
 
 
 SHA = """
