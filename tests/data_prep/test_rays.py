@@ -167,7 +167,7 @@ def test_extreme_coordinates():
     vertices[7] = (0, 1e6, 0)
     mesh = Mesh(vertices, ball.faces, grey)
     apart = np.abs(cast(mesh, VIEWS).astype(int) - render(mesh, VIEWS))
-    # A vertex at 1e6 is rounded to 1/16: an edge of a needle, at most 128 px long, may lie elsewhere.
+    # A vertex at 1e6 is rounded to 1/16: an edge of a needle, up to 128 px, may lie elsewhere.
     assert (apart.max(axis=-1) > 2).mean() < 128 / 128**2
 
 
