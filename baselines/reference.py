@@ -11,18 +11,27 @@ from data_prep.failures import StageFailure
 from data_prep.images import blank, to_float
 from data_prep.render import render
 from data_prep.scene import Images, Mesh, PointCloud, View
+from data_prep.unpainted import unpainted
 
 
 @dataclass(frozen=True)
 class TrueMesh:
-    """Renders the mesh that the cloud was sampled from: the ground truth, bit for bit."""
+    """Renders the mesh that the cloud was sampled from: the ground truth, bit for bit.
+
+    painted  whether in its colours, else in neutral grey: what drawing without colour can reach
+    """
+
+    painted: bool = True
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Mesh:
-        """The cloud's source. Raises StageFailure("input", ...) for a cloud without one."""
+        """The cloud's source as it is drawn.
+
+        Raises StageFailure("input", ...) for a cloud without one.
+        """
         del rng
         if cloud.source is None:
             raise StageFailure("input", "the cloud's mesh is not known")
-        return cloud.source
+        return cloud.source if self.painted else unpainted(cloud.source)
 
     def draw(
         self, state: Mesh, views: Sequence[View], rng: np.random.Generator | None = None

@@ -33,7 +33,7 @@ class Method:
     `load` gets the device ("auto", "cpu" or "cuda") and returns the renderer; `version` is raised
     by hand when a change alters its images (finished work is then done again); `identity` gives
     whatever else its images depend on: the versions of its libraries, the checksum of its
-    weights. Only the ceiling has `sees_mesh`; what has not `sees_cloud` draws the same under every
+    weights. Only ceilings have `sees_mesh`; what has not `sees_cloud` draws the same under every
     condition, and is drawn once.
     """
 
@@ -159,6 +159,15 @@ METHODS = (
         identity=loaders.versions,
         version=1,
         source="the ceiling: the mesh behind the cloud",
+        sees_mesh=True,
+        sees_cloud=False,
+    ),
+    Method(
+        "true-mesh@grey",
+        load=partial(loaders.renderer, "baselines.reference:TrueMesh", painted=False),
+        identity=loaders.versions,
+        version=1,
+        source="the mesh behind the cloud in neutral grey: a ceiling for what has no colour",
         sees_mesh=True,
         sees_cloud=False,
     ),

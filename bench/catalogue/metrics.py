@@ -180,7 +180,7 @@ SET_METRICS = (
         _bundled_views,
         _views_grey,
         3,
-        "the same on greyscaled pictures: colour does not count",
+        "the same on greyscaled pictures: of colour only the luma counts",
     ),
     FeatureSource(
         "fd-alexnet",

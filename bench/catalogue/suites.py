@@ -36,6 +36,8 @@ class Suite:
                      that times are taken with nothing beside them
     crossings        metrics by which methods are compared along `bench.catalogue.families`
     headline         metrics of the table that a run shows while it goes on, and at its end
+    painted          whether true images have the colours of their objects, else all faces are in
+                     neutral grey; points and views are the same
     """
 
     id: str
@@ -54,6 +56,7 @@ class Suite:
     class_metrics: tuple[str, ...] = ()
     crossings: tuple[str, ...] = ()
     headline: tuple[str, ...] = ("ssim-object", "lpips")
+    painted: bool = True
 
     @property
     def extractors(self) -> tuple[str, ...]:
@@ -74,6 +77,7 @@ SUITES = (
             "splat-net@grey",
             "splat",
             "true-mesh",
+            "true-mesh@grey",
             "constant",
             "blank",
         ),
@@ -93,6 +97,33 @@ SUITES = (
         views=20,
         endless_limit=24,
         limits=Limits(time_s=120.0, memory_gib=4.0),
+    ),
+    Suite(
+        id="chair-robustness-grey",
+        about="the same chairs, clouds and views in neutral grey: drawing without colour",
+        methods=(  # that make up no colour
+            "surface-apss",
+            "surface-bpa",
+            "alpha-shape",
+            "splat-net@grey",
+            "splat",
+            "true-mesh",
+            "constant",
+            "blank",
+        ),
+        conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
+        classes=("chair",),
+        image_metrics=("ssim", "luminance", "contrast", "structure"),
+        detail_metrics=(
+            *("psnr", "ssim-object", "lpips", "silhouette-iou"),
+            *("thin-recall", "thin-precision"),
+        ),
+        set_metrics=("fd-views-grey", "fd-alexnet", "kd-alexnet"),
+        control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
+        views=20,
+        endless_limit=24,
+        limits=Limits(time_s=120.0, memory_gib=4.0),
+        painted=False,
     ),
     Suite(
         id="speed-accuracy",

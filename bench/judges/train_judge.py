@@ -24,11 +24,10 @@ from bench.judges import JUDGE_WEIGHTS
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg, found, gallery
 from bench.judges.judge import FEATURES, JudgeNetwork, darkness, greyscale, judge
 from bench.judges.training import CosineTrainer, JudgeConfig, view_answers
-from data_prep.datasets import MeshObject, ProceduralObject, SceneObject, Split
+from data_prep.datasets import ProceduralObject, Split
 from data_prep.failures import BadInput
-from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.scene import Mesh
 from data_prep.training_set import training_set
+from data_prep.unpainted import Unpainted
 from data_prep.whole_files import write_whole
 from learning import checkpoint
 from learning.processes import ONE, Processes, connect, is_first
@@ -328,33 +327,6 @@ def judge_data(split: Split, count: int, views: int) -> JudgeData:
     return JudgeData(
         np.concatenate(painted), np.concatenate(neutral), azimuth, elevation, np.concatenate(clouds)
     )
-
-
-@dataclass(frozen=True)
-class Unpainted(MeshObject):
-    """An object in uniform grey, with the name of the original: hence seen from the same views."""
-
-    original: SceneObject
-
-    @property
-    def class_name(self) -> str:
-        """The original's."""
-        return self.original.class_name
-
-    @property
-    def object_id(self) -> str:
-        """The original's."""
-        return self.original.object_id
-
-    def fingerprint(self) -> str:
-        """Differs from the original's."""
-        return f"unpainted {self.original.fingerprint()}"
-
-    def load(self) -> Mesh:
-        """The original's mesh without its colours."""
-        mesh = self.original.load()
-        grey = np.broadcast_to(np.array(NEUTRAL_GREY, np.uint8), mesh.face_colors.shape)
-        return Mesh(mesh.vertices, mesh.faces, grey)
 
 
 def score(

@@ -175,7 +175,7 @@ def _left_out(methods: list[str]) -> str:
     ceilings = [method for method in methods if role(method) == "ceiling"]
     if not ceilings:
         return ""
-    return f"{', '.join(ceilings)}, the ceiling, is left out: it is perfect by construction."
+    return f"Left out, because drawn from the mesh behind the cloud: {', '.join(ceilings)}."
 
 
 def _unseen(sources: Sources) -> tuple[str, ...]:

@@ -32,7 +32,8 @@ from data_prep.fingerprints import file_sha256
 from data_prep.progress import say
 from data_prep.randomness import generator
 from data_prep.scene import View
-from data_prep.scene_objects import SceneObject
+from data_prep.scene_objects import MeshObject, SceneObject
+from data_prep.unpainted import Unpainted
 
 Thing = TypeVar("Thing")
 WHOLE: str | None = None  # stands in a manifest where a shard's name stands
@@ -179,14 +180,15 @@ class Plan:
 def plan(protocol: Protocol, directory: Path) -> Plan:
     """All jobs of a run, object by object.
 
-    Raises BadInput for unknown methods and conditions, for bare clouds, which cannot be scored, and
-    for more views than objects have images.
+    Where the suite is not `painted`, jobs have the objects in grey. Raises BadInput for unknown
+    methods and conditions, for bare clouds, which cannot be scored, for more views than objects
+    have images, and for objects without a mesh where they are to be grey.
     """
     _refuse_bare_clouds(protocol)
     conditions = [find(c, CONDITIONS, "condition") for c in protocol.conditions]
     identities = {m: method_identity(m, protocol.device) for m in protocol.methods}
     objects = []
-    for obj in protocol.objects:
+    for obj in protocol.objects if protocol.suite.painted else _in_grey(protocol):
         rng = generator(protocol.seed, "views", obj.class_name, obj.object_id)
         views = obj.views(protocol.views, rng)
         common = _common_identity(protocol, obj, views)
@@ -224,6 +226,16 @@ def _refuse_bare_clouds(protocol: Protocol) -> None:
             f"({len(bare)} of {len(protocol.objects)} are), without mesh or pictures to score "
             "against; draw it with 'bench render'"
         )
+
+
+def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
+    for obj in protocol.objects:
+        if not isinstance(obj, MeshObject):
+            raise BadInput(
+                f"{protocol.dataset}: {obj.class_name}/{obj.object_id} has pictures but no mesh, "
+                f"and {protocol.suite.id} draws meshes in grey; take a dataset of meshes"
+            )
+        yield Unpainted(obj)
 
 
 def with_floor(methods: Sequence[str]) -> tuple[str, ...]:

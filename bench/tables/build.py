@@ -41,6 +41,11 @@ PAPER_TITLES = (
         "Detail: PSNR, the object alone, its outline and its thin parts (higher is better)",
     ),
 )
+GREY_TITLES = (
+    ("table_ssim", "SSIM and its components against the true mesh in grey (higher is better)"),
+    ("table_frechet", "Fréchet distances to pictures of the true mesh in grey (lower is better)"),
+    PAPER_TITLES[2],
+)
 OWN_TITLES = (
     ("table_ssim", "SSIM and its components against the true mesh (higher is better)"),
     ("table_frechet", "Fréchet distances to pictures of the true mesh (lower is better)"),
@@ -59,6 +64,8 @@ def tables(run: ScoredRun) -> list[Table[Row]]:
     """
     ours = run.suite.frontier or run.suite.class_metrics
     titles = BEYOND_TITLES if run.suite.crossings else OWN_TITLES if ours else PAPER_TITLES
+    if not run.suite.painted:
+        titles = GREY_TITLES
     images, sets, detail = titles
     paper = published(run.suite.id)
     with threadpool_limits(1):

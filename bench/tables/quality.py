@@ -338,7 +338,7 @@ def image_table(
 
 def _as_paper(suite: Suite) -> bool:
     """Whether a suite is laid out as the paper's tables; those of our own are not."""
-    return not suite.frontier and not suite.crossings
+    return suite.painted and not suite.frontier and not suite.crossings
 
 
 def detail_table(

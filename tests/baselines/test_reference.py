@@ -9,6 +9,7 @@ from data_prep.failures import StageFailure
 from data_prep.images import blank, to_uint8
 from data_prep.render import render
 from data_prep.scene import PointCloud, View
+from data_prep.unpainted import unpainted
 
 from .clouds import chair_cloud
 
@@ -22,6 +23,13 @@ def test_the_ceiling_is_the_ground_truth_bit_for_bit() -> None:
     truth = render(CLOUD.source, VIEWS)
     assert (truth < 255).any(axis=(1, 2, 3)).all()
     np.testing.assert_array_equal(to_uint8(images), truth)
+
+
+def test_the_ceiling_without_colour_is_the_unpainted_mesh() -> None:
+    method = TrueMesh(painted=False)
+    found = to_uint8(method.draw(method.prepare(CLOUD), VIEWS))
+    np.testing.assert_array_equal(found, render(unpainted(CLOUD.source), VIEWS))
+    assert (found == found[..., :1]).all()
 
 
 def test_the_ceiling_sees_through_every_condition_and_needs_the_mesh() -> None:

@@ -53,8 +53,8 @@ def run_refused(command, *arguments):
         (
             ("--suite", "chair-robustnes"),
             "unknown suite 'chair-robustnes': did you mean 'chair-robustness'? there are "
-            "chair-robustness, speed-accuracy, thirteen-classes, beyond-training, latent, "
-            "stability, speed",
+            "chair-robustness, chair-robustness-grey, speed-accuracy, thirteen-classes, "
+            "beyond-training, latent, stability, speed",
         ),
         (("--methods", "splta,blank"), "unknown method 'splta': did you mean 'splat'? there are "),
         (("--methods", "pc2pix@x"), "unknown method 'pc2pix@x': did you mean 'pc2pix'? there are "),

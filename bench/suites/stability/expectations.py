@@ -305,6 +305,7 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
         ),
     },
     "true-mesh": {},
+    "true-mesh@grey": {},
     "constant": {},
     "blank": {},
 }

@@ -305,7 +305,7 @@ NETWORK_CASES = cases(
      _on_networks("nothing varies: the squared distance of two feature vectors",
                   _of_constants, _move_of_constants)),
     ("colour-against-its-grey", lambda: (boxes(), grey(boxes())),
-     near("0: colour does not count", 0.0, "fd-views-grey",
+     near("0: of colour only the luma counts", 0.0, "fd-views-grey",
           within=functools.partial(_rounding_of, "fd-views-grey"))),
     ("noise-and-one-pixel", lambda: (flat(255, 2), np.concatenate([noise(5), speck(255, 0, 0)])),
      {JUDGE: UNIT_CODES}),

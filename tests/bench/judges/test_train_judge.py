@@ -12,7 +12,6 @@ from bench.judges import train_judge as module
 from bench.judges.judge import darkness, greyscale, judge, load_judge_network
 from bench.judges.train_judge import (
     JudgeConfig,
-    Unpainted,
     augment,
     blur,
     blurred,
@@ -26,6 +25,7 @@ from data_prep.datasets import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.render import render
 from data_prep.scene import View
+from data_prep.unpainted import Unpainted
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,15 @@ from harness_objects import Tetrahedron
 
 import bench.catalogue.methods
 import bench.running.protocol
+from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES, Limits
 from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import plan, with_floor
+from bench.running.work import cloud_of, do
 from data_prep import conditions
 from data_prep.conditions import Condition, GaussianNoise
-from data_prep.datasets import ProceduralObject
+from data_prep.datasets import PaperObject, ProceduralObject
+from data_prep.failures import BadInput
 from data_prep.scene import View
 
 from ..builders import make_protocol
@@ -105,6 +108,7 @@ def nothing(*cell):
         ({"seed": 1}, everything),
         ({"views": 3}, everything),
         ({"suite": replace(SUITES[0], id="another")}, everything),
+        ({"suite": replace(SUITES[0], painted=False)}, everything),
         ({"objects": (Edited("a"), Edited("b"))}, everything),
         ({"objects": (Tetrahedron("a", "sofa"), Tetrahedron("b", "sofa"))}, everything),
         ({"feature_identity": {"fd-views": "2 abc"}}, everything),
@@ -161,6 +165,36 @@ def test_another_version_of_the_code_concerns_what_it_makes(monkeypatch, patch, 
     before = keys()
     monkeypatch.setattr(*patch)
     assert changed(before, keys()) == {cell for cell in before if concerned(*cell)}
+
+
+def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path):
+    """There the true mesh is the ceiling; in the coloured suite its grey twin falls short of it."""
+    objects = (ProceduralObject("chair", "test", 0),)
+    made = {}
+    for suite in (SUITES[0], find("chair-robustness-grey", SUITES, "suite")):
+        methods = ("true-mesh", "true-mesh@grey")
+        some = {"methods": methods, "conditions": ("noise-0.05",), "objects": objects, "views": 2}
+        jobs = plan(make_protocol(suite=suite, features=(), **some), tmp_path).jobs
+        made[suite.painted] = [(job, do(job)) for job in jobs]
+    for (colour, _), (grey, _) in zip(made[True], made[False], strict=True):
+        assert colour.key != grey.key
+        assert (colour.method, colour.views) == (grey.method, grey.views)
+        assert cloud_of(colour).points.tobytes() == cloud_of(grey).points.tobytes()
+    ((_, truth), (_, mesh), (_, mesh_grey)) = made[False]
+    assert truth.artifact_sha256 == mesh.artifact_sha256 == mesh_grey.artifact_sha256
+    assert {record.ssim for record in (*mesh.records, *mesh_grey.records)} == {1.0}
+    ((_, truth), (_, mesh), (_, mesh_grey)) = made[True]
+    assert truth.artifact_sha256 == mesh.artifact_sha256 != mesh_grey.artifact_sha256
+    for record in mesh_grey.records:
+        assert 0.5 < record.ssim < 0.999
+        assert (record.silhouette_iou, record.outcome) == (1.0, "ok")
+
+
+def test_a_suite_in_grey_needs_meshes(tmp_path):
+    obj = PaperObject("chair", "a", tmp_path / "a.ply", tmp_path)
+    suite = find("chair-robustness-grey", SUITES, "suite")
+    with pytest.raises(BadInput, match="chair/a has pictures but no mesh, and chair-robustness-gr"):
+        plan(make_protocol(suite=suite, objects=(obj,)), HERE)
 
 
 def test_two_conditions_of_equal_effect_are_two_items():

@@ -266,7 +266,7 @@ def test_only_the_ceiling_sees_the_mesh(measure, sees_mesh):
     (cloud,) = fake.clouds
     assert (cloud.source is not None) == sees_mesh
     assert cloud.points.shape == (2048, 3)
-    assert [method.id for method in METHODS if method.sees_mesh] == ["true-mesh"]
+    assert [method.id for method in METHODS if method.sees_mesh] == ["true-mesh", "true-mesh@grey"]
 
 
 def test_clouds_come_from_seed_object_and_condition_and_not_from_the_method(tmp_path):

@@ -1,0 +1,45 @@
+"""Objects without their colours: the same shapes, all faces in neutral grey."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.scene import Mesh
+from data_prep.scene_objects import MeshObject, SceneObject
+
+
+def unpainted(mesh: Mesh) -> Mesh:
+    """The mesh with all faces in NEUTRAL_GREY."""
+    grey = np.broadcast_to(np.array(NEUTRAL_GREY, np.uint8), mesh.face_colors.shape)
+    return Mesh(mesh.vertices, mesh.faces, grey)
+
+
+@dataclass(frozen=True)
+class Unpainted(MeshObject):
+    """An object in neutral grey, with the name of the original.
+
+    Hence the same views and, by the same random numbers, the same points.
+    """
+
+    original: SceneObject
+
+    @property
+    def class_name(self) -> str:
+        """The original's."""
+        return self.original.class_name
+
+    @property
+    def object_id(self) -> str:
+        """The original's."""
+        return self.original.object_id
+
+    def fingerprint(self) -> str:
+        """Differs from the original's."""
+        return f"unpainted {self.original.fingerprint()}"
+
+    def load(self) -> Mesh:
+        """The original's mesh without its colours."""
+        return unpainted(self.original.load())
