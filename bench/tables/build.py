@@ -33,27 +33,21 @@ from data_prep.whole_files import write_whole
 
 COST = "cost.md"
 # File names and titles of image, set and detail table: the paper's, and of a suite of our own.
+DETAIL = ("table_detail", "Detail: the object alone, its outline and its thin parts")
 PAPER_TITLES = (
     ("table3_ssim", "Table 3: SSIM and its components against the true mesh (higher is better)"),
-    ("table4_fid", "Table 4: Fréchet distances to pictures of the true mesh (lower is better)"),
-    (
-        "table_detail",
-        "Detail: PSNR, the object alone, its outline and its thin parts (higher is better)",
-    ),
+    ("table4_fid", "Table 4: distances to pictures of the true mesh (lower is better)"),
+    DETAIL,
 )
 GREY_TITLES = (
     ("table_ssim", "SSIM and its components against the true mesh in grey (higher is better)"),
-    ("table_frechet", "Fréchet distances to pictures of the true mesh in grey (lower is better)"),
-    PAPER_TITLES[2],
+    ("table_frechet", "Distances to pictures of the true mesh in grey (lower is better)"),
+    DETAIL,
 )
 OWN_TITLES = (
     ("table_ssim", "SSIM and its components against the true mesh (higher is better)"),
-    ("table_frechet", "Fréchet distances to pictures of the true mesh (lower is better)"),
-    ("table_detail", "Detail: PSNR and the outline (higher is better)"),
-)
-BEYOND_TITLES = (
-    *OWN_TITLES[:2],
-    ("table_detail", "Detail: PSNR, the outline and the thin parts (higher is better)"),
+    ("table_frechet", "Distances to pictures of the true mesh (lower is better)"),
+    DETAIL,
 )
 
 
@@ -63,7 +57,7 @@ def tables(run: ScoredRun) -> list[Table[Row]]:
     One BLAS thread, so that the last digits are the same however many cores there are.
     """
     ours = run.suite.frontier or run.suite.class_metrics
-    titles = BEYOND_TITLES if run.suite.crossings else OWN_TITLES if ours else PAPER_TITLES
+    titles = OWN_TITLES if ours else PAPER_TITLES
     if not run.suite.painted:
         titles = GREY_TITLES
     images, sets, detail = titles
