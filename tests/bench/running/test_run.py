@@ -417,7 +417,7 @@ def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
     protocol, skipped = protocol_of(bench.running.run.SUITES[0], Options("chair-robustness"))
     assert protocol.methods == (
         *("surface-apss", "pc2pix", "pc2pix@acgan", "splat-net", "splat-net@grey"),
-        *("splat", "true-mesh", "constant", "blank"),
+        *("splat", "true-mesh", "true-mesh@grey", "constant", "blank"),
     )
     assert protocol.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
     assert (protocol.views, protocol.seed, len(protocol.objects)) == (20, 0, 24)
