@@ -16,7 +16,7 @@ from data_prep.rays import cast
 from data_prep.render import render
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
-# For 20 views both take the same time at some 6,500 faces; from here on rays took less for every
+# For 20 views both take the same time at some 7,000 faces; from here on rays took less for every
 # mesh (`python -m studies.ray_speed`).
 RAYS_FROM_FACES = 10_000
 

@@ -56,11 +56,9 @@ def tables(run: ScoredRun) -> list[Table[Row]]:
 
     One BLAS thread, so that the last digits are the same however many cores there are.
     """
-    ours = run.suite.frontier or run.suite.class_metrics
+    ours = run.suite.frontier or run.suite.class_metrics or run.suite.crossings
     titles = OWN_TITLES if ours else PAPER_TITLES
-    if not run.suite.painted:
-        titles = GREY_TITLES
-    images, sets, detail = titles
+    images, sets, detail = titles if run.suite.painted else GREY_TITLES
     paper = published(run.suite.id)
     with threadpool_limits(1):
         of_features = run.records, run.features, run.skipped, run.suite, paper

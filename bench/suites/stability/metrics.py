@@ -19,7 +19,6 @@ from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.image_scores import scores
-from bench.metrics.lpips_network import lpips
 from bench.metrics.peak_signal_to_noise import psnr
 from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
@@ -131,6 +130,12 @@ def _shown(values: Array) -> str:
 # --- the metrics ----------------------------------------------------------------------------------
 
 
+def _lpips(truth: UInt8Images, images: UInt8Images) -> Floats:
+    from bench.metrics.lpips_network import lpips  # imports torch
+
+    return lpips(truth, images, single=True)
+
+
 def _between(name: str, truth: UInt8Images, images: UInt8Images) -> float:
     features = extractor(name)
     return frechet_distance(features(truth), features(images))
@@ -156,7 +161,7 @@ METRICS: Mapping[str, Callable[[Any, Any], Any]] = {
     FRECHET: frechet_distance,
     "fd-views": functools.partial(_between, "fd-views"),
     "fd-views-grey": functools.partial(_between, "fd-views-grey"),
-    "lpips": functools.partial(lpips, single=True),
+    "lpips": _lpips,
     "fd-alexnet": functools.partial(_between, "fd-alexnet"),
     JUDGE: _code_lengths,
     "azimuth-error-deg": azimuth_error_deg,
