@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from baselines.stages import DrawsReconstruction, Reconstruction, check_points
+from baselines.stages import DrawsReconstruction, Reconstruction, check_points, in_grey
 from data_prep.failures import StageFailure
-from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.scene import Mesh, PointCloud
+from data_prep.scene import Mesh, PointCloud, Points
 
 Floats = NDArray[np.float64]
 CORNERS = 4  # of a tetrahedron
@@ -46,17 +45,25 @@ class AlphaShape(DrawsReconstruction):
         """
         del rng
         check_points(cloud.points, CORNERS, "tetrahedra")
-        points = cloud.points.astype(np.float64)
-        try:
-            cells = Delaunay(points)
-        except QhullError as error:
-            raise StageFailure("delaunay", _first_line(error)) from error
-        radius = self.alpha_percent / 100 * float(np.linalg.norm(np.ptp(points, axis=0)))
-        faces = alpha_faces(points, cells.simplices, cells.neighbors, radius)
-        if len(faces) == 0:
-            raise StageFailure("alpha-shape", f"no triangle fits a ball of radius {radius:.3g}")
-        grey = np.tile(np.array(NEUTRAL_GREY, np.uint8), (len(faces), 1))
-        return Reconstruction(Mesh(cloud.points, faces, grey), ())
+        diagonal = np.linalg.norm(np.ptp(cloud.points.astype(np.float64), axis=0))
+        radius = self.alpha_percent / 100 * float(diagonal)
+        return Reconstruction(alpha_mesh(cloud.points, radius), ())
+
+
+def alpha_mesh(points: Points, radius: float) -> Mesh:
+    """The alpha shape of finite points [N, 3], N >= 4, in neutral grey.
+
+    Raises StageFailure: `delaunay` or `alpha-shape`, as `AlphaShape.prepare`.
+    """
+    exact = points.astype(np.float64)
+    try:
+        cells = Delaunay(exact)
+    except QhullError as error:
+        raise StageFailure("delaunay", _first_line(error)) from error
+    faces = alpha_faces(exact, cells.simplices, cells.neighbors, radius)
+    if len(faces) == 0:
+        raise StageFailure("alpha-shape", f"no triangle fits a ball of radius {radius:.3g}")
+    return in_grey(points, faces)
 
 
 def alpha_faces(

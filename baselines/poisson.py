@@ -18,12 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from baselines.stages import DrawsReconstruction, Reconstruction, kept_faces, run
+from baselines.stages import DrawsReconstruction, Reconstruction, kept_faces, run, spacing
 from baselines.surface import closed_surface, reconstruction
 from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud, Points
-
-SPACING_NEIGHBOURS = 16
 
 
 @dataclass(frozen=True)
@@ -50,16 +48,14 @@ class Poisson(DrawsReconstruction):
         return Reconstruction(trimmed(whole.mesh, cloud.points), whole.notes)
 
 
-def trimmed(mesh: Mesh, points: Points) -> Mesh:
-    """The faces of `mesh` whose vertices all lie within the spacing of points [N, 3], N > 10.
+def trimmed(mesh: Mesh, points: Points, spacings: float = 1.0) -> Mesh:
+    """The faces of `mesh` whose vertices all lie within so many spacings of points [N, 3], N > 10.
 
     Raises StageFailure("trim", ...) where there are none.
     """
-    tree = cKDTree(points)
-    distances, _ = tree.query(points, k=[min(SPACING_NEIGHBOURS, len(points))])
-    spacing = float(np.median(distances)) / 2
-    distance, _ = tree.query(mesh.vertices)
-    keep = np.all(np.asarray(distance)[mesh.faces] <= spacing, axis=1)
+    reach = spacings * spacing(points)
+    distance, _ = cKDTree(points).query(mesh.vertices)
+    keep = np.all(np.asarray(distance)[mesh.faces] <= reach, axis=1)
     if not keep.any():
-        raise StageFailure("trim", f"no face within the spacing of the points, {spacing:.3g}")
+        raise StageFailure("trim", f"no face within {reach:.3g} of the points")
     return kept_faces(mesh, keep)

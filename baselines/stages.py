@@ -6,12 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from data_prep.draw_mesh import draw_mesh
 from data_prep.failures import StageFailure
 from data_prep.images import to_float
+from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.scene import Images, Mesh, Points, View
+
+SPACING_NEIGHBOURS = 16
 
 
 @dataclass(frozen=True)
@@ -80,3 +84,15 @@ def kept_faces(mesh: Mesh, keep: NDArray[np.bool_], vertices: Points | None = No
     """The faces of `mesh` where `keep` [F] holds; on `vertices` [V, 3], if these are given."""
     vertices = mesh.vertices if vertices is None else vertices
     return Mesh(vertices, mesh.faces[keep], mesh.face_colors[keep])
+
+
+def in_grey(vertices: ArrayLike, faces: NDArray[np.integer]) -> Mesh:
+    """A mesh of vertices [V, 3] and faces [F, 3] in neutral grey."""
+    return Mesh(vertices, faces, np.tile(np.array(NEUTRAL_GREY, np.uint8), (len(faces), 1)))
+
+
+def spacing(points: Points) -> float:
+    """How far apart points [N, 3] lie, N > 0: half the distance to the 16th nearest (itself
+    counted), as for an even sample of a plane; here the median over the cloud."""
+    distances, _ = cKDTree(points).query(points, k=[min(SPACING_NEIGHBOURS, len(points))])
+    return float(np.median(distances)) / 2

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from data_prep.failures import MissingDependency
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -121,6 +123,21 @@ def constant_identity() -> str:
     from baselines.constant import read_image
 
     return f"picture {sha256(read_image().tobytes()).hexdigest()}"
+
+
+def open3d_identity() -> str:
+    """Open3D and what else the images depend on.
+
+    Raises MissingDependency, before any work is begun, where Open3D is not installed.
+    """
+    from importlib.metadata import PackageNotFoundError
+
+    from baselines.open3d_poisson import REMEDY
+
+    try:
+        return versions("embreex", "open3d", "scipy")
+    except PackageNotFoundError as error:
+        raise MissingDependency(f"Open3D is not installed: {REMEDY}") from error
 
 
 def versions(*packages: str) -> str:

@@ -51,6 +51,8 @@ def examine() -> Iterator[Finding]:
     for method in METHODS:
         try:
             yield Finding(True, f"method {method.id}", method.identity() or "ready")
+        except MissingDependency as error:  # of an extra
+            yield Finding(True, f"method {method.id}", f"not available: {error}")
         except (BadInput, PackageNotFoundError) as error:
             yield Finding(False, f"method {method.id}", str(error))
     for metric in SET_METRICS:

@@ -20,7 +20,10 @@ from data_prep.scene import PointCloud, View
 
 from .clouds import chair_cloud, lattice_sphere
 
-SURFACES = ("alpha-shape", "poisson", "surface-apss", "surface-bpa", "surface-fit")
+SURFACES = (
+    *("alpha-shape", "poisson", "surface-apss", "surface-bpa", "surface-fit"),
+    *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr"),
+)
 NETWORKS = ("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny")
 FLOORS = ("constant", "blank")
 METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
@@ -79,6 +82,7 @@ def test_impossible_clouds_fail_by_name(name: str, points) -> None:
 LINE, PLANE = np.linspace(-1, 1, 500)[:, None] * [1, 0, 0], lattice_sphere(500) * [1, 1, 0]
 TEN_PLACES = np.repeat(lattice_sphere(10), 5, axis=0)
 AWAY = TEN_PLACES + np.array([9, 0, 0])
+FEW_DIFFERENT = "points are different and nearer than the camera; surfaces need at least 11"
 FEW = "where the camera looks, a cube each; normals need at least 11"
 
 
@@ -89,6 +93,14 @@ FEW = "where the camera looks, a cube each; normals need at least 11"
         ("alpha-shape", np.full((50, 3), 0.3), "delaunay", "QH"),
         ("alpha-shape", PLANE, "delaunay", "QH"),
         ("alpha-shape", [*np.eye(3), [1, 1, 1]], "alpha-shape", "no triangle fits a ball"),
+        ("denoised-alpha", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
+        ("denoised-alpha", AWAY, "input", f"0 of 50 {FEW_DIFFERENT}"),
+        ("denoised-alpha", PLANE, "delaunay", "QH"),
+        ("denoised-bpa", LINE, "ball-pivoting", "no faces"),
+        ("denoised-poisson", LINE, "ball-pivoting", "no faces"),
+        ("denoised-poisson", TEN_PLACES, "input", f"10 of 50 {FEW_DIFFERENT}"),
+        ("pgr", np.full((50, 3), 0.3), "input", f"1 of 50 {FEW_DIFFERENT}"),
+        ("pgr", LINE, "marching-cubes", ""),
         ("poisson", LINE, "ball-pivoting", "no faces"),
         ("poisson", np.full((50, 3), 0.3), "poisson", ""),
         ("surface-apss", np.full((50, 3), 0.3), "apss", "no faces"),

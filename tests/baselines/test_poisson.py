@@ -62,7 +62,7 @@ def test_what_is_far_from_the_points_is_trimmed() -> None:
     kept = trimmed(whole, points)
     assert kept.faces.tolist() == faces[:2].tolist()  # not the one with one far corner
     assert kept.face_colors.tolist() == colors[:2].tolist()
-    with pytest.raises(StageFailure, match=r"no face within the spacing of the points, 1\.12"):
+    with pytest.raises(StageFailure, match=r"no face within 1\.12 of the points"):
         trimmed(Mesh(vertices, faces[2:], colors[2:]), points)
 
 

@@ -1,0 +1,58 @@
+"""Points moved onto the surface that they scatter about.
+
+Moving least squares by iterated projection (Alexa et al., Computing and rendering point set
+surfaces, IEEE TVCG 9(1), 2003): each point moves along the normal of its neighbourhood onto a
+height field of degree 2 over the neighbourhood's plane, fitted by weighted least squares (a jet:
+Cazals and Pouget, Estimating differential quantities using polynomial fitting of osculating jets,
+CAGD 22(2), 2005).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Floats = NDArray[np.float64]
+SHARPNESS = 2.0  # a neighbour's weight is exp(-SHARPNESS (distance / that of the farthest)^2)
+TERMS = 6  # of a polynomial of degree 2 in two variables
+RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few points
+
+
+def smoothed(points: Floats, neighbours: int, rounds: int) -> Floats:
+    """Points [N, 3], projected `rounds` times onto height fields of their `neighbours` nearest.
+
+    Planes and paraboloids stay as they are, to rounding; 0 rounds change nothing. Of fewer points
+    than `neighbours` all are neighbours.
+    """
+    for _ in range(rounds):
+        points = _projected(points, min(neighbours, len(points)))
+    return points
+
+
+def _projected(points: Floats, neighbours: int) -> Floats:
+    distance, index = cKDTree(points).query(points, k=neighbours)
+    farthest = np.maximum(distance[:, -1:], np.finfo(np.float64).tiny)
+    weight = np.exp(-SHARPNESS * (distance / farthest) ** 2)[..., None]
+    near = points[index]
+    centre = (weight * near).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+    offset = near - centre
+    _, axes = np.linalg.eigh(np.swapaxes(weight * offset, 1, 2) @ offset)
+    height, a, b = np.moveaxis((near - points[:, None]) @ axes, 2, 0) / farthest
+    terms = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=2)
+    weighted = np.swapaxes(weight * terms, 1, 2)
+    matrix = weighted @ terms + RIDGE * weight.sum(axis=1)[..., None] * np.eye(TERMS)
+    fit = np.linalg.solve(matrix, weighted @ height[..., None])[:, 0]
+    return points + fit * farthest * axes[:, :, 0]
+
+
+def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
+    """Of points [N, 3] the `share` (0..1) that lies densest, in their order.
+
+    Dense is where the point `neighbours` away is near; of equally dense ones the first.
+    """
+    kept = round(share * len(points))
+    if kept >= len(points):
+        return points
+    distance, _ = cKDTree(points).query(points, k=[min(neighbours, len(points))])
+    return points[np.sort(np.argsort(distance[:, 0], kind="stable")[:kept])]
