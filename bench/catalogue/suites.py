@@ -71,6 +71,8 @@ SUITES = (
         about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
         methods=(
             "surface-apss",
+            "denoised-alpha",
+            "denoised-bpa",
             "pc2pix",
             "pc2pix@acgan",
             "splat-net",
@@ -105,6 +107,8 @@ SUITES = (
             "surface-apss",
             "surface-bpa",
             "alpha-shape",
+            "denoised-alpha",
+            "denoised-bpa",
             "splat-net@grey",
             "splat",
             "true-mesh",
@@ -141,6 +145,13 @@ SUITES = (
             *(f"alpha-shape@alpha={percent}" for percent in (2, 3)),
             "alpha-shape",
             "alpha-shape@alpha=8",
+            "denoised-alpha",
+            *(f"denoised-bpa@strength={strength}" for strength in (0.5, 0.75)),
+            "denoised-bpa",
+            "denoised-bpa@strength=1.5",
+            "denoised-poisson",
+            *(f"pgr@width={width}" for width in (0.04, 0.08)),
+            "pgr",
             "pc2pix@bf16",
             "pc2pix",
             "pc2pix@unfolded",
@@ -177,6 +188,8 @@ SUITES = (
         methods=(
             "surface-apss",
             "surface-fit",
+            "denoised-alpha",
+            "denoised-bpa",
             "pc2pix@all",
             "pc2pix",  # knows chairs only: what one network for all gains or loses on them
             "splat-net",  # likewise
@@ -204,7 +217,10 @@ SUITES = (
     Suite(
         id="beyond-training",
         about="beyond what networks were trained on: where they fall behind, on chairs",
-        methods=("surface-apss", "surface-fit", "pc2pix", "splat-net", "splat", "blank"),
+        methods=(
+            *("surface-apss", "surface-fit", "denoised-alpha", "denoised-bpa"),
+            *("pc2pix", "splat-net", "splat", "blank"),
+        ),
         conditions=(  # each the worse the later, see bench/catalogue/families.py
             *("2048", "1024", "512", "256", "128"),
             *("noise-0.05", "noise-0.10", "noise-0.15", "noise-0.20"),

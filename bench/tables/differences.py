@@ -234,7 +234,8 @@ def _by_metric(pairs: Sequence[Pair], metrics: Sequence[str]) -> list[Pair]:
 def _metrics(
     scored: Sequence[ScoredRun], wanted: Sequence[str] | None, remarks: list[str]
 ) -> list[str]:
-    """The metrics of all runs: those wanted, else ssim and the set metrics with features."""
+    """The metrics of all runs: those wanted, else ssim, those of the headline table, and the set
+    metrics with features."""
     suite = scored[0].suite
     every = [*suite.image_metrics, *suite.detail_metrics, *suite.set_metrics]
     there = [metric for metric in every if all(run.measured([metric]) for run in scored)]
@@ -244,7 +245,8 @@ def _metrics(
     if wanted is not None:
         _refuse_unknown("--metric", wanted, there)
         return list(wanted)
-    return [metric for metric in there if metric == "ssim" or metric not in IMAGE_METRICS]
+    usual = ("ssim", *suite.headline)
+    return [metric for metric in there if metric in usual or metric not in IMAGE_METRICS]
 
 
 def _identity(run: ScoredRun) -> str:
