@@ -1,6 +1,7 @@
 """Reconstruction of noisy clouds: estimate the noise, smooth as much as that asks for, then mesh.
 
-Rule    Noise below 0.55 spacings of the points leaves them as they are: clean clouds lose nothing.
+Rule    Noise below 0.55 spacings of the points that it is estimated from leaves the cloud as it is:
+        clean clouds lose nothing.
         Above, points are projected three times onto height fields over as many neighbours as lie
         within three standard deviations of the noise (`baselines.smoothing`). What noise moved
         along the surface blurs its outline: the points that lie sparsest are left out, a share that
@@ -20,7 +21,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from baselines.alpha_shape import alpha_mesh
-from baselines.noise import noise_scale
+from baselines.noise import even_sample, noise_scale
 from baselines.poisson import trimmed
 from baselines.smoothing import dense_part, smoothed
 from baselines.stages import DrawsReconstruction, Reconstruction, run, spacing
@@ -29,9 +30,9 @@ from baselines.surface import NORMAL_NEIGHBOURS, closed_surface, reconstruction
 from data_prep.scene import PointCloud, Points
 
 MOST_POINTS = 8192  # ball pivoting takes half a second, the alpha shape too
-NOISY = 0.55  # spacings
+NOISY = 0.55  # spacings of the points that the noise is estimated from
 PATCH = 3.0  # radius of the neighbourhood, in standard deviations of the noise
-FEWEST, MOST = 12, 256  # neighbours
+FEWEST, MOST = 48, 256  # neighbours: six numbers are fitted to them
 ROUNDS = 3
 DENSITY_NEIGHBOURS = 24
 LEFT_OUT = 2.0  # share of the points for each unit of noise
@@ -63,7 +64,7 @@ def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> Clea
     notes = (f"noise: {estimate:.3f}", *notes)
     between = spacing(points)
     noise = strength * estimate
-    if noise <= NOISY * between:
+    if noise <= NOISY * spacing(even_sample(points)):
         return Cleaned(points, 0.0, between, notes)
     exact = points.astype(np.float64)
     patches = cKDTree(exact).query_ball_point(exact, PATCH * noise, return_length=True)

@@ -1,4 +1,4 @@
-"""Parametric Gauss reconstruction (Lin, Xiao, Shi and Wang, ACM Trans. Graph. 41(5), 2022).
+"""Parametric Gauss reconstruction (Lin, Xiao, Shi and Wang, ACM Trans. Graph. 42(2), 2022).
 
 By Gauss' formula the indicator of a solid (1 inside, 0 outside, 1/2 on its surface) is an integral
 over its surface. With samples y_j for the surface, and unknown vectors mu_j for area times normal,

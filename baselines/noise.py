@@ -51,10 +51,9 @@ def noise_scale(points: Points) -> float:
     Raises StageFailure("input", ...) where a point is not finite.
     """
     check_finite(points)
-    used = np.unique(points, axis=0).astype(np.float64)
+    used = even_sample(np.unique(points, axis=0)).astype(np.float64)
     if len(used) < LEAST_POINTS:
         return 0.0
-    used = used[:: -(-len(used) // MOST_POINTS)]
     sizes = [k for k in NEIGHBOURS if k == NEIGHBOURS[0] or k <= len(used) // LARGEST_SHARE]
     distance, index = cKDTree(used).query(used, k=sizes[-1])
     estimate = 0.0
@@ -69,6 +68,11 @@ def noise_scale(points: Points) -> float:
         if share <= WIDE:
             break
     return estimate
+
+
+def even_sample(points: Points) -> Points:
+    """At most 2,048 of points [N, 3] that are sorted by coordinates: every nth."""
+    return points[:: max(-(-len(points) // MOST_POINTS), 1)]
 
 
 def moments(patches: Floats) -> tuple[Floats, Floats]:

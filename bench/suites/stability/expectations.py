@@ -235,6 +235,17 @@ _SPLAT_NET = _POINTS | {
     "turned": Agrees(0.02),
 }
 
+_USED_POINTS: dict[str, Expectation] = {  # each once, sorted, in sight, not too many
+    **_at_least(5, "surfaces"),
+    **dict.fromkeys(
+        ("all-equal", "int", *_LARGE, *_SHIFTS), Fails(r"input: \d+ of \d+ points are different")
+    ),
+    **_FINITE_ONLY,
+    **dict.fromkeys(_FAR, Agrees(0.1)),  # it is left out
+    **dict.fromkeys(_SMALL, _BLANK),
+    **dict.fromkeys(("noise-5", "noise-10"), _FEW_IN_SIGHT),
+}
+
 # By method, the cases that are not simply drawn, and do not simply agree.
 STATED: Mapping[str, Mapping[str, Expectation]] = {
     "surface-apss": {
@@ -279,6 +290,32 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
         "1000000-points": _slow("Delaunay takes a minute"),
         # Rounding decides which of several balls through nearly the same points is the empty one.
         "turned": Agrees(0.5),
+    },
+    "denoised-bpa": _USED_POINTS
+    | {
+        "collinear": Fails("ball-pivoting: no faces"),
+        **dict.fromkeys((*_FAR, "float16", "turned", "millimetres"), _CHAOS),
+    },
+    "denoised-alpha": _USED_POINTS
+    | {
+        **dict.fromkeys(("collinear", "coplanar"), Fails("delaunay: QH")),
+        "turned": Agrees(0.5),  # as of alpha-shape
+    },
+    "denoised-poisson": _USED_POINTS
+    | {
+        "collinear": Fails("ball-pivoting: no faces"),
+        **dict.fromkeys((*_FAR, "float16", "turned", "millimetres"), _CHAOS),
+    },
+    "pgr": _USED_POINTS
+    | {
+        **dict.fromkeys(("collinear", "two-clusters", *_SMALL), Fails("marching-cubes: ")),
+        "scale-1e-30": Fails("gauss: the samples' system has no"),
+    },
+    "open3d-poisson": _USED_POINTS
+    | {
+        **_at_least(5, "tangent planes"),
+        "16-points": Fails("input: 16 points; tangent planes need"),
+        "collinear": Fails("normals: "),
     },
     "pc2pix": _PC2PIX,
     "pc2pix@all": _PC2PIX | {"noise-2": _OFF},
