@@ -71,14 +71,14 @@ def solution(samples: Floats32, width: np.float32) -> Floats32:
     Raises StageFailure("gauss", ...) where rounding leaves the system without a solution.
     """
     kernel = _kernel(samples, samples, width)
-    gram = sum((part @ part.T for part in kernel), np.zeros((), np.float32))
+    gram = kernel @ kernel.T
     gram[np.diag_indices_from(gram)] *= RAISED_DIAGONAL
     try:
         factor = cho_factor(gram, overwrite_a=True, check_finite=False)
     except LinAlgError as error:
         raise StageFailure("gauss", f"the samples' system has no solution: {error}") from error
     weights = cho_solve(factor, np.full(len(samples), 0.5, np.float32), check_finite=False)
-    vectors = np.stack([part.T @ weights for part in kernel], axis=1)
+    vectors = (kernel.T @ weights).reshape(3, -1).T
     if not np.isfinite(vectors).all():  # of samples so near that 1 / r^3 overflows
         raise StageFailure("gauss", "the samples' system has no finite solution")
     return vectors
@@ -125,17 +125,18 @@ def surface(samples: Floats32, vectors: Floats32, width: np.float32, reach: floa
         raise StageFailure("marching-cubes", str(error)) from error
     vertices = vertices * cell + low
     distance, _ = tree.query(vertices)
-    kept = faces[(distance[faces] <= reach).all(axis=1)]
+    kept = faces[(np.asarray(distance)[faces] <= reach).all(axis=1)]
     if len(kept) == 0:
         raise StageFailure("marching-cubes", f"no face within {reach:.3g} of the points")
     used, corners = np.unique(kept, return_inverse=True)
     return in_grey(vertices[used], corners.reshape(-1, 3))
 
 
-def _kernel(places: Floats32, samples: Floats32, width: np.float32) -> list[Floats32]:
-    """K as a matrix [M, N] for each of its three components."""
+def _kernel(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:
+    """K as a matrix [M, 3 N]: first all x, then all y, then all z."""
     inverse = _inverse_cube(places, samples, width)
-    return [(places[:, axis, None] - samples[:, axis]) * inverse for axis in range(3)]
+    parts = [(places[:, axis, None] - samples[:, axis]) * inverse for axis in range(3)]
+    return np.concatenate(parts, axis=1)
 
 
 def _inverse_cube(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:

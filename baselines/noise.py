@@ -55,7 +55,7 @@ def noise_scale(points: Points) -> float:
     if len(used) < LEAST_POINTS:
         return 0.0
     sizes = [k for k in NEIGHBOURS if k == NEIGHBOURS[0] or k <= len(used) // LARGEST_SHARE]
-    distance, index = cKDTree(used).query(used, k=sizes[-1])
+    distance, index = map(np.asarray, cKDTree(used).query(used, k=sizes[-1]))
     estimate = 0.0
     for k in sizes:
         radius = distance[:, k - 1]

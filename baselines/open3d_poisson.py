@@ -9,6 +9,7 @@ clouds.
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,7 +76,6 @@ class Open3dPoisson(DrawsReconstruction):
 def open3d() -> Any:
     """The library. Raises MissingDependency where it cannot be loaded."""
     try:
-        import open3d
+        return importlib.import_module("open3d")
     except (ImportError, OSError) as error:  # its wheel needs libusb and libGL from the system
         raise MissingDependency(f"Open3D does not load ({error}): {REMEDY}") from error
-    return open3d

@@ -31,7 +31,7 @@ def smoothed(points: Floats, neighbours: int, rounds: int) -> Floats:
 
 
 def _projected(points: Floats, neighbours: int) -> Floats:
-    distance, index = cKDTree(points).query(points, k=neighbours)
+    distance, index = map(np.asarray, cKDTree(points).query(points, k=neighbours))
     farthest = np.maximum(distance[:, -1:], np.finfo(np.float64).tiny)
     weight = np.exp(-SHARPNESS * (distance / farthest) ** 2)[..., None]
     near = points[index]
@@ -55,4 +55,4 @@ def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
     if kept >= len(points):
         return points
     distance, _ = cKDTree(points).query(points, k=[min(neighbours, len(points))])
-    return points[np.sort(np.argsort(distance[:, 0], kind="stable")[:kept])]
+    return points[np.sort(np.argsort(np.ravel(distance), kind="stable")[:kept])]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from data_prep.draw_mesh import draw_mesh
@@ -86,9 +86,10 @@ def kept_faces(mesh: Mesh, keep: NDArray[np.bool_], vertices: Points | None = No
     return Mesh(vertices, mesh.faces[keep], mesh.face_colors[keep])
 
 
-def in_grey(vertices: ArrayLike, faces: NDArray[np.integer]) -> Mesh:
+def in_grey(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mesh:
     """A mesh of vertices [V, 3] and faces [F, 3] in neutral grey."""
-    return Mesh(vertices, faces, np.tile(np.array(NEUTRAL_GREY, np.uint8), (len(faces), 1)))
+    colors = np.tile(np.array(NEUTRAL_GREY, np.uint8), (len(faces), 1))
+    return Mesh(vertices.astype(np.float32), faces.astype(np.int32), colors)
 
 
 def spacing(points: Points) -> float:

@@ -1,6 +1,6 @@
 """How well `baselines.noise` reads the noise of a cloud.
 
-    python -m studies.noise_estimate [--chairs 12] [--meshes FOLDER] [--out docs/noise-estimate.png]
+    python -m studies.noise_estimate [--chairs 8] [--meshes FOLDER] [--out docs/noise-estimate.png]
 
 Validation chairs, or the meshes of a folder and its sub-folders, sampled with 2,048, 1,024 and 512
 points, and N(0, sigma) added to each coordinate. Prints a Markdown table, mean and range of the
@@ -59,7 +59,7 @@ def draw(found: NDArray[np.float64], out: Path) -> None:
 def main() -> None:
     """Run the study from the command line."""
     parser = argparse.ArgumentParser(description="Estimated against true noise.")
-    parser.add_argument("--chairs", type=positive, default=12)
+    parser.add_argument("--chairs", type=positive, default=8)
     parser.add_argument("--meshes", type=Path)
     parser.add_argument("--out", type=Path, default=Path("docs/noise-estimate.png"))
     options = parser.parse_args()
