@@ -37,7 +37,7 @@ MOST_POINTS = 2500
 RAISED_DIAGONAL = 1.05
 REACH = 2.0  # of the surface from the samples, in spacings
 CELL = 0.03  # of the grid; a pixel covers 0.017 at the origin
-MOST_CELLS = 100  # along the longest side of the cloud's box
+MOST_CELLS = 67  # along the longest side of the cloud's box: 2 in cells of 0.03
 CHUNK = 1024  # places at a time: 10 MB for each array of places x samples
 
 
