@@ -78,7 +78,7 @@ def solution(samples: Floats32, width: np.float32) -> Floats32:
     except LinAlgError as error:
         raise StageFailure("gauss", f"the samples' system has no solution: {error}") from error
     weights = cho_solve(factor, np.full(len(samples), 0.5, np.float32), check_finite=False)
-    vectors = (kernel.T @ weights).reshape(3, -1).T
+    vectors = (kernel.T @ weights).reshape(3, -1).T.astype(np.float32)
     if not np.isfinite(vectors).all():  # of samples so near that 1 / r^3 overflows
         raise StageFailure("gauss", "the samples' system has no finite solution")
     return vectors
