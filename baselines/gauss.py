@@ -37,7 +37,7 @@ MOST_POINTS = 2500
 RAISED_DIAGONAL = 1.05
 REACH = 2.0  # of the surface from the samples, in spacings
 CELL = 0.03  # of the grid; a pixel covers 0.017 at the origin
-MOST_CELLS = 100  # along the longest side of the cloud's box
+MOST_CELLS = 67  # along the longest side of the cloud's box: 2 in cells of 0.03
 CHUNK = 1024  # places at a time: 10 MB for each array of places x samples
 
 
@@ -78,7 +78,7 @@ def solution(samples: Floats32, width: np.float32) -> Floats32:
     except LinAlgError as error:
         raise StageFailure("gauss", f"the samples' system has no solution: {error}") from error
     weights = cho_solve(factor, np.full(len(samples), 0.5, np.float32), check_finite=False)
-    vectors = (kernel.T @ weights).reshape(3, -1).T
+    vectors = (kernel.T @ weights).reshape(3, -1).T.astype(np.float32)
     if not np.isfinite(vectors).all():  # of samples so near that 1 / r^3 overflows
         raise StageFailure("gauss", "the samples' system has no finite solution")
     return vectors

@@ -310,6 +310,7 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
     | {
         **dict.fromkeys(("collinear", "two-clusters", "scale-1e-3"), Fails("marching-cubes: ")),
         **dict.fromkeys(("scale-1e-30", "scale-1e-9"), Fails("gauss: the samples' system has no")),
+        **dict.fromkeys(("noise-1", "noise-2"), _INSIDE),
     },
     "open3d-poisson": _USED_POINTS
     | {
