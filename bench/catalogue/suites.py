@@ -71,8 +71,8 @@ SUITES = (
         about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
         methods=(
             "surface-apss",
+            "alpha-shape",
             "denoised-alpha",
-            "denoised-bpa",
             "pc2pix",
             "pc2pix@acgan",
             "splat-net",
@@ -189,8 +189,8 @@ SUITES = (
         methods=(
             "surface-apss",
             "surface-fit",
+            "alpha-shape",
             "denoised-alpha",
-            "denoised-bpa",
             "pc2pix@all",
             "pc2pix",  # knows chairs only: what one network for all gains or loses on them
             "splat-net",  # likewise
@@ -219,7 +219,7 @@ SUITES = (
         id="beyond-training",
         about="beyond what networks were trained on: where they fall behind, on chairs",
         methods=(
-            *("surface-apss", "surface-fit", "denoised-alpha", "denoised-bpa"),
+            *("surface-apss", "surface-fit", "alpha-shape", "denoised-alpha", "denoised-bpa"),
             *("pc2pix", "splat-net", "splat", "blank"),
         ),
         conditions=(  # each the worse the later, see bench/catalogue/families.py

@@ -416,7 +416,7 @@ def test_defaults_are_those_of_the_suite(monkeypatch, tmp_path):
     monkeypatch.setattr(bench.running.protocol, "environment", dict)
     protocol, skipped = protocol_of(bench.running.run.SUITES[0], Options("chair-robustness"))
     assert protocol.methods == (
-        *("surface-apss", "denoised-alpha", "denoised-bpa", "pc2pix", "pc2pix@acgan"),
+        *("surface-apss", "alpha-shape", "denoised-alpha", "pc2pix", "pc2pix@acgan"),
         *("splat-net", "splat-net@grey"),
         *("splat", "true-mesh", "true-mesh@grey", "constant", "blank"),
     )
