@@ -21,11 +21,12 @@ from ..builders import SUITE, write_run
 from .conftest import be_default
 
 SSIM, DETAIL = SUITES[0].image_metrics, SUITES[0].detail_metrics
-DISTANCES = ("fd-views", "fd-views-grey")  # fid is skipped
+DISTANCES = ("fd-views", "fd-views-grey", "fd-alexnet")  # fid and kid are skipped
+KERNEL = "kd-alexnet"
 MOST_PSNR = 95.046216  # 20 log10(255) + 10 log10(128 * 128 * 3), to the 6 decimals of the file
-IDEAL = dict.fromkeys(DISTANCES, 0.0) | {"psnr": MOST_PSNR}  # any other metric: 1
+IDEAL = dict.fromkeys((*DISTANCES, "lpips"), 0.0) | {"psnr": MOST_PSNR}  # any other metric: 1
 CONTROL = SUITES[0].control_metrics
-GOLDEN = (*DETAIL, *SSIM, *DISTANCES, *CONTROL)
+GOLDEN = (*DETAIL, *SSIM, *DISTANCES, KERNEL, *CONTROL)
 
 
 OBJECT_VALUES = 3 * len((*SSIM, *DETAIL))  # of a method at a condition
@@ -61,7 +62,7 @@ def test_golden_values_are_the_tables_with_tolerances(run):
     assert frame["value"].tolist() == tables["value"].tolist()
     assert protocols(frame) == [["procedural", 3, 2, 0]]
     has_the_tolerances_of_its_rules(frame)
-    ceiling = frame[(frame["method"] == "true-mesh") & ~frame["metric"].isin(CONTROL)]
+    ceiling = frame[(frame["method"] == "true-mesh") & ~frame["metric"].isin((*CONTROL, KERNEL))]
     assert ceiling["tolerance"].max() <= 1e-6
 
 
@@ -108,7 +109,7 @@ def test_the_golden_values_of_this_project():
     has_the_tolerances_of_its_rules(frame)
     for metric in GOLDEN:
         values = frame[frame["metric"] == metric].set_index("method")["value"]
-        if metric not in CONTROL:
+        if metric not in (*CONTROL, KERNEL):
             assert set(values["true-mesh"]) == {IDEAL.get(metric, 1.0)}
         for floor in FLOORS:
             assert len(set(values.loc[values.index == floor])) <= 1
@@ -120,8 +121,8 @@ def test_the_golden_values_of_the_classes():
     frame = golden(suite.id)
     objects = suite.endless_limit * len(suite.classes)
     assert protocols(frame) == [["procedural", objects, suite.views, 0]]
-    by_class = {"fd-views", "kd-views", "class-confidence"}
-    plain = {"ssim", "luminance", "contrast", "structure", "psnr", "silhouette-iou"}
+    by_class = {"fd-views", "kd-views", "fd-alexnet", "kd-alexnet", "class-confidence", "lpips"}
+    plain = {"ssim", "luminance", "contrast", "structure", "psnr", "ssim-object", "silhouette-iou"}
     assert set(frame["metric"]) == by_class | plain
     cells = frame[["method", "class", "metric"]]
     assert not cells.duplicated().any()
@@ -131,10 +132,11 @@ def test_the_golden_values_of_the_classes():
     true = frame[frame["method"] == "true-mesh"]
     for metric in plain:
         assert set(true.loc[true["metric"] == metric, "value"]) == {IDEAL.get(metric, 1.0)}
-    assert set(true.loc[true["metric"] == "fd-views", "value"]) == {0.0}
+    for metric in ("fd-views", "fd-alexnet", "lpips"):
+        assert set(true.loc[true["metric"] == metric, "value"]) == {0.0}
     assert true.loc[true["metric"] == "class-confidence", "value"].between(0.7, 1).all()
     has_the_tolerances_of_its_rules(frame)
-    assert set(frame.loc[frame["value"] < 0, "metric"]) == {"kd-views"}
+    assert set(frame.loc[frame["value"] < 0, "metric"]) == {"kd-views", "kd-alexnet"}
 
 
 def test_every_default_metric_has_a_tolerance():
@@ -189,7 +191,7 @@ def test_an_altered_record_is_a_regression(run, command):
     [
         ({"structure": float("nan")}, ["structure"]),
         ({"outcome": "failed"}, (*SSIM, *DETAIL, *CONTROL)),
-        (None, (*SSIM, *DISTANCES, *DETAIL, *CONTROL)),  # no such records
+        (None, (*SSIM, *DISTANCES, KERNEL, *DETAIL, *CONTROL)),  # no such records
     ],
 )
 def test_a_value_that_is_gone_is_a_regression(run, harm, metrics):
