@@ -6,16 +6,18 @@ belongs to the run, and keeps what it has computed; features are read again, not
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.methods import FLOOR
+from bench.catalogue.methods import FLOOR, find_method
 from bench.metrics.frechet import LeftOut, centred_to_frechet, left_out_distances
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
+from data_prep.failures import BadInput
 
 Floats = NDArray[np.float64]
 CellKey = tuple[str, str, str]  # method, condition, class
@@ -26,6 +28,15 @@ class Distance(NamedTuple):
 
     value: float
     left_out: Floats
+
+
+@functools.cache
+def _sees_cloud(method: str) -> bool:
+    """Whether the images of a method depend on the condition."""
+    try:
+        return find_method(method).sees_cloud
+    except BadInput:  # a weights file or another package's method that is no longer there
+        return True
 
 
 class MeasuredFeatures:
@@ -60,13 +71,14 @@ class MeasuredFeatures:
         """
         shown = tuple(images)
         shown = self._sets.setdefault(shown, shown)
-        if (cell, shown) not in self._known:
+        known = (cell if _sees_cloud(cell[0]) else (cell[0], "", cell[2])), shown
+        if known not in self._known:
             objects = np.array([obj for obj, _ in shown])
             truth = self._true(cell[2], shown, objects)
             own = LeftOut(self.filled(cell, shown), objects)
             value = centred_to_frechet(own.whole, truth.whole)
-            self._known[cell, shown] = Distance(value, left_out_distances(own, truth))
-        return self._known[cell, shown]
+            self._known[known] = Distance(value, left_out_distances(own, truth))
+        return self._known[known]
 
     def _true(self, class_name: str, shown: tuple[ImageKey, ...], objects: NDArray[Any]) -> LeftOut:
         """The last one is kept: the cells of a class follow each other."""

@@ -23,7 +23,7 @@ UNITS_S = {"s": 1, "m": 60, "h": 3600}
 # Seconds that a run takes beside its jobs: to start the workers and load the weights, and for
 # tables, figures and report at its end, which grow with the objects. From the default suite on two
 # cores, and rather too much than too little.
-START_S, END_S, END_OF_OBJECT_S = 8.0, 12.0, 0.5
+START_S, END_S, END_OF_OBJECT_S = 8.0, 12.0, 1.2
 JOB_S = 0.6  # of a worker for a job, in the mean of the default suite
 
 

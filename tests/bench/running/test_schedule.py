@@ -146,7 +146,7 @@ def test_the_costs_that_count_are_those_of_whole_objects():
 def test_a_budget_too_short_for_one_object_says_how_much_it_takes():
     Budget(None, 1e9).check()
     Budget(60.0, 10.0).check()
-    with pytest.raises(BadInput, match=r"--budget 12s: too short for one object .* at least 31s"):
+    with pytest.raises(BadInput, match=r"--budget 12s: too short for one object .* at least 32s"):
         Budget(12.0, 10.0).check()
 
 
