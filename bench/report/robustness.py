@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.analysis.comparison import Estimate, decimals
 from bench.catalogue.methods import role
-from bench.catalogue.metrics import higher_is_better
+from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.metrics.silhouette import object_boxes
 from bench.metrics.thin_parts import evaluated
 from bench.records.artifacts import Artifact, Item
@@ -46,7 +46,7 @@ OBJECTS_SHOWN = 4
 THIN_OF = 8  # the first objects of a run, of which those with most thin parts are shown
 THIN_CONDITIONS = ("2048", "noise-0.05")
 THIN_TINT = (225, 0, 75)
-METRICS = ("ssim", "structure", "silhouette-iou", "fd-views", "fid")
+METRICS = ("ssim", "lpips", "structure", "silhouette-iou", "fd-views", "fd-alexnet", "fid")
 COLUMNS = 3  # of panels in the file
 HEIGHT_IN = 3.6
 STEP_IN = 0.75  # between conditions or classes
@@ -246,7 +246,7 @@ def robustness_figure(shown: Sequence[CurvePanel], styles: Mapping[str, Look]) -
 
 def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[str, Look]) -> None:
     steps, methods = panel.steps, ordered(row.method for row in panel.rows)
-    if not higher_is_better(panel.metric):
+    if not is_mean(panel.metric):
         scale_distances(axis)
     dodged = [method for method in methods if styles[method].marker]
     lines = []

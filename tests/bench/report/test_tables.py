@@ -44,7 +44,7 @@ def test_outcomes_of_a_line_are_those_of_its_images():
     cases = {
         "splat": ({}, ("ok",)),
         "surface-apss": ({"n_ok": 3, "note": "1 x timeout: 3 s"}, ("failed", "ok")),
-        "poisson": ({"n_ok": 0, "note": "4 x timeout: 3 s"}, ("failed",)),
+        "pc2pix@acgan": ({"n_ok": 0, "note": "4 x timeout: 3 s"}, ("failed",)),
         "pc2pix": ({"note": "skipped: weights"}, ("skipped",)),
         "splat-net": ({"n_ok": 3, "note": "1 x no value: why"}, ("ok",)),  # its images are there
     }
@@ -54,7 +54,7 @@ def test_outcomes_of_a_line_are_those_of_its_images():
     gaps = {line.name: line.cells[0].gap for line in table.lines}
     assert gaps == dict.fromkeys(cases, "") | {
         "surface-apss": "3 of 4 pictures; 0.500 with blank ones for the others",
-        "poisson": "0 of 4 pictures; 0.500 with blank ones for the others",
+        "pc2pix@acgan": "0 of 4 pictures; 0.500 with blank ones for the others",
     }
 
 
