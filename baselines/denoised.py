@@ -22,9 +22,9 @@ from scipy.spatial import cKDTree
 
 from baselines.alpha_shape import alpha_mesh
 from baselines.noise import even_sample, noise_scale
-from baselines.poisson import trimmed
+from baselines.poisson import trimmed_poisson
 from baselines.smoothing import dense_part, smoothed
-from baselines.stages import DrawsReconstruction, Reconstruction, run, spacing
+from baselines.stages import DrawsReconstruction, Reconstruction, spacing
 from baselines.subset import used_points
 from baselines.surface import NORMAL_NEIGHBOURS, closed_surface, reconstruction
 from data_prep.scene import PointCloud, Points
@@ -125,9 +125,5 @@ class DenoisedPoisson(DrawsReconstruction):
         """
         del rng
         clean = cleaned(cloud, self.strength)
-        meshlab = closed_surface(clean.points)
-        depth = NOISY_DEPTH if clean.noise else CLEAN_DEPTH
-        run("poisson", lambda: meshlab.screened_poisson(depth))
-        made = reconstruction("poisson", meshlab)
-        mesh = trimmed(made.mesh, clean.points)
-        return Reconstruction(mesh, (*clean.notes, *made.notes))
+        made = trimmed_poisson(clean.points, NOISY_DEPTH if clean.noise else CLEAN_DEPTH)
+        return Reconstruction(made.mesh, (*clean.notes, *made.notes))

@@ -42,18 +42,23 @@ class Poisson(DrawsReconstruction):
         `poisson`, or `trim` where no face is near the points.
         """
         del rng
-        meshlab = closed_surface(cloud.points)
-        run("poisson", lambda: meshlab.screened_poisson(self.depth))
-        whole = reconstruction("poisson", meshlab)
-        return Reconstruction(trimmed(whole.mesh, cloud.points), whole.notes)
+        return trimmed_poisson(cloud.points, self.depth)
 
 
-def trimmed(mesh: Mesh, points: Points, spacings: float = 1.0) -> Mesh:
-    """The faces of `mesh` whose vertices all lie within so many spacings of points [N, 3], N > 10.
+def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
+    """The reconstruction from points [N, 3]. Raises StageFailure as `Poisson.prepare`."""
+    meshlab = closed_surface(points)
+    run("poisson", lambda: meshlab.screened_poisson(depth))
+    whole = reconstruction("poisson", meshlab)
+    return Reconstruction(trimmed(whole.mesh, points), whole.notes)
+
+
+def trimmed(mesh: Mesh, points: Points) -> Mesh:
+    """The faces of `mesh` whose vertices all lie within the spacing of points [N, 3], N > 10.
 
     Raises StageFailure("trim", ...) where there are none.
     """
-    reach = spacings * spacing(points)
+    reach = spacing(points)
     distance, _ = cKDTree(points).query(mesh.vertices)
     keep = np.all(np.asarray(distance)[mesh.faces] <= reach, axis=1)
     if not keep.any():

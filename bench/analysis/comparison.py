@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
-from bench.catalogue.methods import FLOOR, FLOORS, find_method
+from bench.catalogue.methods import FLOOR, FLOORS, known_method
 from bench.catalogue.metrics import CONTROL_METRICS, SET_METRICS, column, higher_is_better, is_mean
 from bench.metrics.frechet import jackknife_interval
-from data_prep.failures import BadInput
 
 Floats = NDArray[np.float64]
 NAN = float("nan")
@@ -170,10 +169,8 @@ def milliseconds(value: float) -> str:
 
 
 def _sees_mesh(method: str) -> bool:
-    try:
-        return find_method(method).sees_mesh
-    except BadInput:  # a weights file or another package's method that is no longer there
-        return False
+    known = known_method(method)
+    return known is not None and known.sees_mesh
 
 
 def _by_image(records: pd.DataFrame) -> pd.DataFrame:

@@ -6,18 +6,16 @@ belongs to the run, and keeps what it has computed; features are read again, not
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.methods import FLOOR, find_method
+from bench.catalogue.methods import FLOOR, known_method
 from bench.metrics.frechet import LeftOut, centred_to_frechet, left_out_distances
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
-from data_prep.failures import BadInput
 
 Floats = NDArray[np.float64]
 CellKey = tuple[str, str, str]  # method, condition, class
@@ -30,13 +28,10 @@ class Distance(NamedTuple):
     left_out: Floats
 
 
-@functools.cache
 def _sees_cloud(method: str) -> bool:
     """Whether the images of a method depend on the condition."""
-    try:
-        return find_method(method).sees_cloud
-    except BadInput:  # a weights file or another package's method that is no longer there
-        return True
+    known = known_method(method)
+    return known is None or known.sees_cloud
 
 
 class MeasuredFeatures:

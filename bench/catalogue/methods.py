@@ -328,7 +328,13 @@ def role(method: str) -> str:
         return "floor"
     if method == BEST_RECONSTRUCTION:
         return "chosen"
+    known = known_method(method)
+    return "ceiling" if known and known.sees_mesh else ""
+
+
+def known_method(method_id: str) -> Method | None:
+    """As `find_method`; None for a weights file or another package's method that is gone."""
     try:
-        return "ceiling" if find_method(method).sees_mesh else ""
-    except BadInput:  # a weights file or another package's method that is no longer there
-        return ""
+        return find_method(method_id)
+    except BadInput:
+        return None

@@ -119,12 +119,11 @@ def _views_grey(weights: str) -> Extractor:
     return lambda images: features(np.repeat(greyscale(images)[..., None], 3, axis=-1))
 
 
-@functools.cache
 def lpips_network(weights: str) -> Lpips:
     """The network of `lpips` and `fd-alexnet`."""
-    from bench.metrics.lpips_network import Lpips
+    from bench.metrics.lpips_network import load_lpips
 
-    return Lpips(Path(weights))
+    return load_lpips(Path(weights))
 
 
 def _alexnet(weights: str) -> Extractor:

@@ -105,3 +105,10 @@ def best_reconstruction(condition: str, methods: Iterable[str]) -> str | None:
     there = set(methods)
     ranked = [method for method in RANKING.get(condition, ()) if method in there]
     return ranked[0] if len(ranked) > 1 else None
+
+
+def best_by_condition(conditions: Iterable[str], methods: Iterable[str]) -> dict[str, str]:
+    """The same for each of the conditions that has one."""
+    there = set(methods)
+    best = {condition: best_reconstruction(condition, there) for condition in conditions}
+    return {condition: method for condition, method in best.items() if method}

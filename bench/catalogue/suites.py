@@ -6,7 +6,7 @@ much and how fast.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bench.catalogue.metrics import JUDGE, extractor_of
 
@@ -65,42 +65,45 @@ class Suite:
         return (*own, *((JUDGE,) if self.control_metrics else ()))
 
 
-SUITES = (
-    Suite(
-        id="chair-robustness",
-        about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
-        methods=(
-            "surface-apss",
-            "alpha-shape",
-            "denoised-alpha",
-            "pc2pix",
-            "pc2pix@acgan",
-            "splat-net",
-            "splat-net@grey",
-            "splat",
-            "true-mesh",
-            "true-mesh@grey",
-            "constant",
-            "blank",
-        ),
-        conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
-        classes=("chair",),
-        image_metrics=("ssim", "luminance", "contrast", "structure"),
-        detail_metrics=(
-            "psnr",
-            "ssim-object",
-            "lpips",
-            "silhouette-iou",
-            "thin-recall",
-            "thin-precision",
-        ),
-        set_metrics=("fid", "kid", "fd-views", "fd-views-grey", "fd-alexnet", "kd-alexnet"),
-        control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
-        views=20,
-        endless_limit=24,
-        limits=Limits(time_s=120.0, memory_gib=4.0),
+ROBUSTNESS = Suite(
+    id="chair-robustness",
+    about="the paper's Tables 3 and 4: fewer points and noise, on chairs",
+    methods=(
+        "surface-apss",
+        "alpha-shape",
+        "denoised-alpha",
+        "pc2pix",
+        "pc2pix@acgan",
+        "splat-net",
+        "splat-net@grey",
+        "splat",
+        "true-mesh",
+        "true-mesh@grey",
+        "constant",
+        "blank",
     ),
-    Suite(
+    conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
+    classes=("chair",),
+    image_metrics=("ssim", "luminance", "contrast", "structure"),
+    detail_metrics=(
+        "psnr",
+        "ssim-object",
+        "lpips",
+        "silhouette-iou",
+        "thin-recall",
+        "thin-precision",
+    ),
+    set_metrics=("fid", "kid", "fd-views", "fd-views-grey", "fd-alexnet", "kd-alexnet"),
+    control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
+    views=20,
+    endless_limit=24,
+    limits=Limits(time_s=120.0, memory_gib=4.0),
+)
+
+SUITES = (
+    ROBUSTNESS,
+    replace(
+        ROBUSTNESS,
         id="chair-robustness-grey",
         about="the same chairs, clouds and views in neutral grey: drawing without colour",
         methods=(  # that make up no colour
@@ -115,18 +118,7 @@ SUITES = (
             "constant",
             "blank",
         ),
-        conditions=("2048", "1024", "512", "noise-0.05", "noise-0.10"),
-        classes=("chair",),
-        image_metrics=("ssim", "luminance", "contrast", "structure"),
-        detail_metrics=(
-            *("psnr", "ssim-object", "lpips", "silhouette-iou"),
-            *("thin-recall", "thin-precision"),
-        ),
         set_metrics=("fd-views-grey", "fd-alexnet", "kd-alexnet"),
-        control_metrics=("azimuth-error-deg", "elevation-error-deg", "retrieval"),
-        views=20,
-        endless_limit=24,
-        limits=Limits(time_s=120.0, memory_gib=4.0),
         painted=False,
     ),
     Suite(

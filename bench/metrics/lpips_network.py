@@ -189,7 +189,8 @@ def lpips(
         raise ValueError(f"stacks of images must have the same shape, got {a.shape} and {b.shape}")
     for images in (a, b):
         _require_images(images, TRUNKS[net].least)
-    network = _network(find_lpips_weights(net), net, torch.float32 if single else torch.float64)
+    dtype = torch.float32 if single else torch.float64
+    network = load_lpips(find_lpips_weights(net), net, dtype)
     parts = [
         network.distance(network.see(a[i : i + BATCH]), network.see(b[i : i + BATCH]))
         for i in range(0, len(a), BATCH)
@@ -206,5 +207,6 @@ def _require_images(images: NDArray[np.uint8], least: int) -> None:
 
 
 @functools.lru_cache(maxsize=2)
-def _network(path: Path, net: Net, dtype: torch.dtype) -> Lpips:
+def load_lpips(path: Path, net: Net = "alex", dtype: torch.dtype = torch.float32) -> Lpips:
+    """As the class; the last two are kept."""
     return Lpips(path, net, dtype)

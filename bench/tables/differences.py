@@ -22,7 +22,7 @@ from bench.analysis.paired import (
 )
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better, is_mean
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_reconstruction
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.tables import markdown
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import (
@@ -210,8 +210,8 @@ def _compare(run: ScoredRun, methods: Sequence[str], metrics: Sequence[str]) -> 
 def _best_by_condition(run: ScoredRun) -> dict[str, str]:
     """The best reconstruction at each condition of a run; empty where one has none."""
     conditions, methods = run.manifest["conditions"], run.manifest["methods"]
-    best = {condition: best_reconstruction(condition, methods) for condition in conditions}
-    return {c: m for c, m in best.items() if m} if all(best.values()) else {}
+    best = best_by_condition(conditions, methods)
+    return best if len(best) == len(conditions) else {}
 
 
 def _pair(metric: str, in_a: Comparison, in_b: Comparison, a: Side, b: Side) -> Pair:

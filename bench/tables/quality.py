@@ -29,7 +29,7 @@ from bench.catalogue.metrics import (
     extractor_of,
     higher_is_better,
 )
-from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_reconstruction
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.catalogue.suites import Suite
 from bench.judges import answers as control
 from bench.metrics.frechet import interval_of_left_out, jackknife_interval
@@ -139,11 +139,11 @@ def with_best_reconstruction(rows: Iterable[Row]) -> tuple[Row, ...]:
     """The rows, and each that is the best reconstruction at its condition a second time, by that
     name."""
     rows = tuple(rows)
-    methods = {row.method for row in rows}
+    best = best_by_condition({row.condition for row in rows}, {row.method for row in rows})
     made = []
     for row in rows:
         made.append(row)
-        if row.method == best_reconstruction(row.condition, methods):
+        if row.method == best.get(row.condition):
             note = row.note if row.skipped else "; ".join(filter(None, [row.method, row.note]))
             made.append(replace(row, method=BEST_RECONSTRUCTION, note=note, paper=NAN))
     return tuple(made)

@@ -52,11 +52,8 @@ class ScoredRun:
 
     def measured(self, metrics: Sequence[str]) -> list[str]:
         """Those of these metrics of images and of sets that the run has."""
-        return [m for m in metrics if m in self.features or self.has(m)]
-
-    def has(self, image_metric: str) -> bool:
-        """Whether the images were scored by a metric of this name."""
-        return image_metric in IMAGE_METRICS and image_metric not in self.skipped
+        there = {*self.features, *IMAGE_METRICS.keys() - self.skipped.keys()}
+        return [metric for metric in metrics if metric in there]
 
     def compared(self, metrics: Sequence[str]) -> list[Comparison]:
         """The methods on the same objects, by these metrics."""
