@@ -16,13 +16,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import mean_interval, median_interval
+from bench.analysis.intervals import jackknife_interval, mean_interval, median_interval
 from bench.catalogue.methods import FLOOR, FLOORS, known_method
 from bench.catalogue.metrics import CONTROL_METRICS, SET_METRICS, column, higher_is_better, is_mean
-from bench.metrics.frechet import jackknife_interval
 
 Floats = NDArray[np.float64]
 NAN = float("nan")
+ALL = "all"  # classes
 
 
 class Estimate(NamedTuple):
@@ -126,6 +126,40 @@ def compare(
     return made
 
 
+def pooled(compared: Sequence[Comparison]) -> list[Comparison]:
+    """For each condition with several classes, their objects as those of one class, `ALL`.
+
+    By image metrics: every object counts alike, whatever its class.
+    """
+    by_condition: dict[str, list[Comparison]] = {}
+    for of in compared:
+        by_condition.setdefault(of.condition, []).append(of)
+    return [_pooled(of) for of in by_condition.values() if len(of) > 1]
+
+
+def _pooled(of: Sequence[Comparison]) -> Comparison:
+    methods = list(of[0].images)
+
+    def qualities(metric: str) -> dict[str, Quality]:
+        made = {}
+        for method in of[0].qualities[metric]:
+            values = np.concatenate([c.qualities[metric][method].per_object for c in of])
+            made[method] = Quality(metric, _mean_of_objects(values[~np.isnan(values)]), values)
+        return made
+
+    return Comparison(
+        of[0].condition,
+        ALL,
+        objects=tuple(f"{c.class_name}/{name}" for c in of for name in c.objects),
+        prepare_s={m: np.concatenate([c.prepare_s[m] for c in of]) for m in methods},
+        draw_s={m: np.concatenate([c.draw_s[m] for c in of]) for m in methods},
+        images={
+            m: (sum(c.images[m][0] for c in of), sum(c.images[m][1] for c in of)) for m in methods
+        },
+        qualities={metric: qualities(metric) for metric in of[0].qualities if is_mean(metric)},
+    )
+
+
 def candidates(methods: Iterable[str]) -> list[str]:
     """The methods that one could choose: neither do they see the mesh, nor draw without a cloud."""
     return [method for method in methods if method not in FLOORS and not _sees_mesh(method)]
@@ -139,8 +173,8 @@ def lead(a: Quality, b: Quality) -> Estimate:
 def difference(a: Quality, b: Quality) -> Estimate:
     """a - b in units of the metric, by pairing the two object by object.
 
-    Image metrics by the bootstrap of `bench.analysis.intervals`, Fréchet distances by the jackknife
-    of `bench.metrics.frechet`; the interval is NaN where there are too few objects for either.
+    The interval is by the bootstrap of image metrics, by the jackknife of Fréchet distances
+    (`bench.analysis.intervals`); NaN where there are too few objects.
     """
     if is_mean(a.metric):
         return _mean_of_objects(paired(a, b))

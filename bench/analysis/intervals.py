@@ -1,60 +1,103 @@
 """Intervals over objects: the views of one object are not independent, objects are.
 
 The mean over classes is the paper's AVERAGE: every class counts alike, however many objects.
-Classes are fixed, objects are drawn: intervals draw objects within their classes. Distances of sets
-have a jackknife instead, `bench.metrics.frechet.jackknife_interval`.
+Classes are fixed, objects are drawn: intervals draw objects within their classes.
+
+Means have a studentised bootstrap, distances of sets a jackknife. Below FEWEST objects there is no
+interval: `docs/protocol.md` has the rates at which a true null is rejected, by
+`studies.interval_coverage`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtr, stdtrit
 
+FEWEST = 8  # objects with an interval
 RESAMPLES = 2000
 SEED = 0
 AT_ONCE = 2**16  # numbers of the resamples that are in memory: little
 
+Floats = NDArray[np.float64]
+NONE = float("nan"), float("nan")
 
-def mean_interval(per_object: NDArray[np.float64]) -> tuple[float, float]:
-    """95 % percentile-bootstrap interval (low, high) of the mean of one value per object [G].
 
-    The resamples depend on G alone, so that methods measured on the same objects are resampled
-    alike and their intervals are paired. (nan, nan) for fewer than 2 objects and where a value is
-    not finite.
+class StandardError(NamedTuple):
+    """Of a mean over classes, with the degrees of freedom of its estimate.
+
+    Welch and Satterthwaite's; the number of objects less one where there is one class.
     """
-    if len(per_object) < 2 or not np.isfinite(per_object).all():
-        return float("nan"), float("nan")
-    if np.ptp(per_object) == 0:  # exact, where resampled sums would round
-        return float(per_object[0]), float(per_object[0])
-    means = _resampled_means(per_object, np.random.default_rng(SEED))
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
+
+    error: float
+    freedom: float
+
+    @property
+    def reach(self) -> float:
+        """Half of Student's 95 % interval."""
+        return self.error * float(stdtrit(self.freedom, 0.975))
+
+    def p_value(self, value: float) -> float:
+        """Of a true value of 0, two-sided, by Student's distribution."""
+        if value == 0 or self.error == 0:
+            return float(value == 0)
+        return float(2 * stdtr(self.freedom, -abs(value) / self.error))
 
 
-def _resampled_means(values: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """The means of RESAMPLES draws of as many values as there are, some draws at a time."""
-    means = np.empty(RESAMPLES)
-    at_once = max(1, AT_ONCE // len(values))
-    for start in range(0, RESAMPLES, at_once):
-        some = means[start : start + at_once]
-        chosen = rng.integers(len(values), size=(len(some), len(values)))
-        some[:] = values[chosen].mean(axis=1)
-    return means
+def mean_interval(per_object: Floats) -> tuple[float, float]:
+    """95 % interval (low, high) of the mean of one value per object [G].
+
+    As `interval_of_means` of one class.
+    """
+    return interval_of_means([per_object])
 
 
-def median_interval(values: NDArray[np.float64], objects: NDArray[Any]) -> tuple[float, float]:
+def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
+    """95 % interval (low, high) of the mean over classes of the means over objects.
+
+    per_object  one value per object [G] of each class
+
+    Studentised bootstrap (Efron and Tibshirani 1993, section 12.5), at no side nearer than
+    Student's interval, which is the safer one where most values are equal. The resamples depend on
+    the numbers of objects alone, so that methods measured on the same objects are resampled alike
+    and their intervals are paired. (nan, nan) below FEWEST objects, without a class, where a class
+    has fewer than 2 objects, and where a value is not finite.
+    """
+    if not _enough(per_object):
+        return NONE
+    value = float(np.mean([of.mean() for of in per_object]))
+    if all(np.ptp(of) == 0 for of in per_object):  # exact, where resampled sums would round
+        value = float(np.mean([of[0] for of in per_object]))
+        return value, value
+    found = _standard_error([of.var(ddof=1) / len(of) for of in per_object], per_object)
+    means, variances = np.zeros(RESAMPLES), np.zeros(RESAMPLES)
+    for number, of in enumerate(per_object):
+        # One class says nothing about the next.
+        drawn = _resampled(of - of.mean(), np.random.default_rng((SEED, number)))
+        means += drawn[0]
+        variances += drawn[1]
+    # Resamples of equal values have no error of their own; rounding leaves a little.
+    spread = np.sqrt(variances) / len(per_object) > 1e-9 * found.error
+    if not spread.any():
+        return value - found.reach, value + found.reach
+    low, high = np.percentile(means[spread] / np.sqrt(variances[spread]), [2.5, 97.5])
+    below, above = max(high * found.error, found.reach), max(-low * found.error, found.reach)
+    return float(value - below), float(value + above)
+
+
+def median_interval(values: Floats, objects: NDArray[Any]) -> tuple[float, float]:
     """95 % percentile-bootstrap interval (low, high) of the median of values [n], over objects.
 
     objects [n] names the object of each value; objects are drawn with all their values. As with
-    `mean_interval`, the resamples depend on the number of objects alone. (nan, nan) for fewer than
-    2 objects and where a value is not finite.
+    `mean_interval`, the resamples depend on the number of objects alone. (nan, nan) below FEWEST
+    objects and where a value is not finite.
     """
     names, member = np.unique(objects, return_inverse=True)
-    if len(names) < 2 or not np.isfinite(values).all():
-        return float("nan"), float("nan")
+    if len(names) < FEWEST or not np.isfinite(values).all():
+        return NONE
     order = np.argsort(values, kind="stable")
     values, member = values[order], member[order]
     rng = np.random.default_rng(SEED)
@@ -73,23 +116,69 @@ def median_interval(values: NDArray[np.float64], objects: NDArray[Any]) -> tuple
     return float(low), float(high)
 
 
-Floats = NDArray[np.float64]
+def jackknife_interval(value: float, left_out: Sequence[Floats]) -> tuple[float, float]:
+    """95 % interval (low, high) of a mean over classes of distances of sets, unclipped.
 
+    value     the mean over the classes: of one class, its distance
+    left_out  the distance without each block of objects [g], of each class
 
-def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
-    """95 % percentile-bootstrap interval of the mean over classes of the means over objects.
+    Student's, with `jackknife_error`. (nan, nan) where there is none.
 
-    per_object  one value per object [G] of each class
-
-    As with `bench.analysis.intervals.mean_interval`, the resamples depend on the numbers of objects
-    alone, so that methods are paired. (nan, nan) without a class, where a class has fewer than 2
-    objects, and where a value is not finite.
+    Why not the bootstrap, as for the means: it draws objects twice, and repeated rows shrink the
+    covariance and its rank. A Fréchet distance grows when sets get smaller, so that every replicate
+    lies above the estimate and the percentile interval may exclude the very value it belongs to.
+    Leaving out one object in g changes the size, and with it the bias, by 1 in g only. Neither
+    method removes the bias: the interval shows how far this number would move with other objects,
+    not where the distance of infinite sets lies.
     """
-    if not per_object or any(len(of) < 2 or not np.isfinite(of).all() for of in per_object):
-        return float("nan"), float("nan")
-    total = np.zeros(RESAMPLES)
-    for number, values in enumerate(per_object):
-        # One class says nothing about the next.
-        total += _resampled_means(values, np.random.default_rng((SEED, number)))
-    low, high = np.percentile(total / len(per_object), [2.5, 97.5])
-    return float(low), float(high)
+    found = jackknife_error(left_out)
+    return (value - found.reach, value + found.reach) if found else NONE
+
+
+def distance_interval(value: float, left_out: Floats) -> tuple[float, float]:
+    """`jackknife_interval` of one distance that is never below 0, clipped there."""
+    low, high = jackknife_interval(value, [left_out])
+    return max(low, 0.0), high  # NaN stays
+
+
+def jackknife_error(left_out: Sequence[Floats]) -> StandardError | None:
+    """The standard error of a mean over classes of distances, as `jackknife_interval` takes them.
+
+    The classes are independent, so their variances (g - 1) / g sum((theta_i - mean)^2) (Efron and
+    Stein 1981) add up, over the square of their number. None below FEWEST blocks, without a class,
+    where a class has fewer than 2 blocks, and where a distance is not finite.
+    """
+    if not _enough(left_out):
+        return None
+    variances = [(len(of) - 1) / len(of) * np.sum((of - of.mean()) ** 2) for of in left_out]
+    return _standard_error(variances, left_out)
+
+
+def _enough(of_classes: Sequence[Floats]) -> bool:
+    counts = [len(of) for of in of_classes]
+    if not counts or min(counts) < 2 or sum(counts) < FEWEST:
+        return False
+    return all(np.isfinite(of).all() for of in of_classes)
+
+
+def _standard_error(variances: Sequence[float], of_classes: Sequence[Floats]) -> StandardError:
+    """Of the mean over classes of estimates with these variances."""
+    total = float(sum(variances))
+    parts = sum(v**2 / (len(of) - 1) for v, of in zip(variances, of_classes, strict=True))
+    least = min(len(of) for of in of_classes) - 1
+    return StandardError(
+        total**0.5 / len(of_classes), total**2 / float(parts) if parts > 0 else float(least)
+    )
+
+
+def _resampled(values: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Means of RESAMPLES draws of as many values as there are, and the squares of their errors."""
+    means, squares = np.empty(RESAMPLES), np.empty(RESAMPLES)
+    at_once = max(1, AT_ONCE // len(values))
+    for start in range(0, RESAMPLES, at_once):
+        part = slice(start, start + at_once)
+        count = min(at_once, RESAMPLES - start)
+        drawn = values[rng.integers(len(values), size=(count, len(values)))]
+        means[part] = drawn.mean(axis=1)
+        squares[part] = drawn.var(axis=1, ddof=1) / len(values)
+    return means, squares

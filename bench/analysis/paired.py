@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import Estimate, Quality, difference, paired
+from bench.analysis.intervals import jackknife_error
 from bench.catalogue.metrics import higher_is_better, is_mean
 
 Floats = NDArray[np.float64]
@@ -90,10 +91,8 @@ def p_value(pair: Pair, change: Estimate) -> float:
         return math.nan
     if is_mean(pair.metric):
         return sign_flip_p(paired(pair.quality_b, pair.quality_a))
-    if change.value == 0:
-        return 1.0
-    error = (change.high - change.low) / (2 * 1.96)
-    return math.erfc(abs(change.value) / error / math.sqrt(2)) if error > 0 else 0.0
+    found = jackknife_error([pair.quality_b.per_object - pair.quality_a.per_object])
+    return found.p_value(change.value) if found else math.nan
 
 
 def sign_flip_p(differences: Floats) -> float:
@@ -113,11 +112,6 @@ def sign_flip_p(differences: Floats) -> float:
         rng=np.random.default_rng(SEED),
     )
     return float(min(found.pvalue, 1.0))
-
-
-def smallest_p(objects: int) -> float:
-    """The least p value that so many objects can have: all signs alike, both ways."""
-    return min(1.0, 2.0 ** (1 - objects))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

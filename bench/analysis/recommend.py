@@ -135,7 +135,8 @@ def _regret(scores: Floats, chosen: NDArray[np.intp]) -> Estimate:
     if not len(scores) or not len(chosen):
         return Estimate(NAN, NAN, NAN)
     lost = scores.max(axis=0) - scores[chosen, np.arange(len(chosen))]
-    return Estimate(float(lost.mean()), *mean_interval(lost))
+    low, high = mean_interval(lost)
+    return Estimate(float(lost.mean()), max(low, 0.0), high)  # NaN stays
 
 
 def _chosen_by_the_others(scores: Floats) -> NDArray[np.intp]:

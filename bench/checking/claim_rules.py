@@ -16,9 +16,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import Comparison, Estimate, Quality, decimals
-from bench.analysis.intervals import interval_of_means, mean_interval
+from bench.analysis.intervals import interval_of_means, jackknife_interval, mean_interval
 from bench.catalogue.metrics import higher_is_better, is_mean
-from bench.metrics.frechet import jackknife_interval
 from bench.tables.classes import NETWORK, SURFACE
 from bench.tables.orderings import Ordering
 from bench.tables.table import Table
@@ -206,7 +205,7 @@ def good_where_thin(run: Scored, thin: Sequence[str]) -> list[Finding]:
     for group in groups:
         of = [run.quality(metric, SURFACE, FULL, name) for name in group]
         value = float(np.mean([q.estimate.value for q in of]))
-        _, high = jackknife_interval(value, [q.per_object for q in of], fewest=2)
+        _, high = jackknife_interval(value, [q.per_object for q in of])
         values.append(value)
         variance += (high - value) ** 2
     gap, reach = values[1] - values[0], math.sqrt(variance)
@@ -221,7 +220,7 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
         raise Lacking(f"the run has no features of {', '.join(lacking)}")
     (a, without_a), (b, without_b) = run.spreads[more], run.spreads[less]
     reach = math.hypot(
-        *(jackknife_interval(v, [w], fewest=2)[1] - v for v, w in ((a, without_a), (b, without_b)))
+        *(jackknife_interval(v, [w])[1] - v for v, w in ((a, without_a), (b, without_b)))
     )
     estimate = Estimate(a - b, a - b - reach, a - b + reach)
     by_spread = sorted(run.spreads, key=lambda name: -run.spreads[name][0])
@@ -306,8 +305,7 @@ def _estimate(rows: pd.DataFrame, what: str) -> Estimate:
 def combined(terms: Sequence[tuple[float, Quality]]) -> Estimate:
     """A weighted sum of one metric over methods and conditions, paired object by object.
 
-    Means by the bootstrap of `bench.analysis.intervals`, distances by the jackknife of
-    `bench.metrics.frechet`.
+    With the intervals of `bench.analysis.intervals`.
     """
     value = float(sum(weight * quality.estimate.value for weight, quality in terms))
     per_object = np.sum([weight * quality.per_object for weight, quality in terms], axis=0)

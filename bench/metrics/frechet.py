@@ -21,7 +21,7 @@ in blocks and the memory that they take is that of one block and of d x d number
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -207,40 +207,13 @@ def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]
     return names, np.repeat(np.arange(len(parts)), [len(part) for part in parts])
 
 
-def frechet_interval(
-    x: NDArray[Any], y: NDArray[Any], groups_x: NDArray[Any], groups_y: NDArray[Any]
-) -> tuple[float, float]:
-    """95 % interval (low, high) of `frechet_distance(x, y)`, low >= 0, by a jackknife over groups.
-
-    groups_x [n] and groups_y [m] name the object that each row shows (views of one object are not
-    independent). For every object its rows are left out of both sets and the distance is taken
-    again: theta_i, i = 1..g. The standard error is sqrt((g - 1) / g * sum((theta_i - mean)^2))
-    (Efron and Stein 1981), the interval theta -+ 1.96 standard errors, clipped at 0.
-
-    Why not the bootstrap, as for the means: it draws objects twice, and repeated rows shrink the
-    covariance and its rank. A Fréchet distance grows when sets get smaller, so that every replicate
-    lies above the estimate and the percentile interval may exclude the very value it belongs to.
-    Leaving out one object in g changes the size, and with it the bias, by 1 in g only. Neither
-    method removes the bias: the interval shows how far this number would move with other objects,
-    not where the distance of infinite sets lies.
-
-    Of more than `MOST_BLOCKS` objects blocks are left out, see `object_blocks`.
-
-    (nan, nan) where no spread can be estimated: fewer than 3 objects, or an object without which
-    fewer than two rows of a set remain. Raises as `frechet_distance`, and ValueError where groups
-    and rows differ in number. Costs g distances: about 1 ms each for 2 x 500 x 64. With fewer rows
-    than features the products of rows are shared: g times the singular values of [n, m].
-    """
-    a, b = LeftOut(x, groups_x), LeftOut(y, groups_y)
-    theta = centred_to_frechet(a.whole, b.whole)
-    return interval_of_left_out(theta, left_out_distances(a, b))
-
-
 def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
     """The distances theta_i without each block of the objects of both sets, [g], blocks in order.
 
     Blocks are those of `object_blocks`: single objects up to `MOST_BLOCKS`. All NaN where a block
-    leaves fewer than two rows of a set.
+    leaves fewer than two rows of a set. Intervals are made from them by
+    `bench.analysis.intervals.distance_interval`. With fewer rows than features the products of rows
+    are shared: g times the singular values of [n, m].
     """
     names, block = object_blocks(np.concatenate([np.unique(a.groups), np.unique(b.groups)]))
     count = int(block[-1]) + 1
@@ -252,34 +225,6 @@ def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
         return np.array([centred_to_frechet(*pair) for pair in pairs])
     except TooFewSamples:
         return np.full(count, np.nan)
-
-
-def interval_of_left_out(theta: float, left_out: Floats) -> tuple[float, float]:
-    """`jackknife_interval` of one distance `theta`, from the distances without each block [g].
-
-    Clipped at 0; (nan, nan) for fewer than 3 of them and where a distance is NaN.
-    """
-    low, high = jackknife_interval(theta, [left_out])
-    return max(low, 0.0), high  # NaN stays
-
-
-def jackknife_interval(
-    value: float, left_out: Sequence[Floats], fewest: int = 3
-) -> tuple[float, float]:
-    """95 % interval (low, high) of a mean over classes of distances of sets, unclipped.
-
-    value     the mean over the classes: of one class, its distance
-    left_out  the distance without each block of objects [g], of each class
-
-    The classes are independent, so their variances (g - 1) / g sum((theta_i - mean)^2) add up, over
-    the square of their number. (nan, nan) without a class, where a class has fewer than `fewest`
-    blocks (at least 2), and where a distance is not finite.
-    """
-    if not left_out or any(len(of) < fewest or not np.isfinite(of).all() for of in left_out):
-        return float("nan"), float("nan")
-    variances = [(len(of) - 1) / len(of) * np.sum((of - of.mean()) ** 2) for of in left_out]
-    reach = 1.96 * float(np.sqrt(sum(variances)) / len(left_out))
-    return value - reach, value + reach
 
 
 def _leave_out_rows(

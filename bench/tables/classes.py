@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import interval_of_means
+from bench.analysis.intervals import interval_of_means, jackknife_interval
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.metrics import KERNEL_METRICS, RECOGNITION_METRICS, column, is_mean
 from bench.catalogue.suites import Suite
-from bench.metrics.frechet import jackknife_interval
 from bench.records.features import Features
 from bench.tables import markdown
 from bench.tables.quality import (
@@ -150,7 +149,7 @@ def _average(metric: str, of_cell: Sequence[Measured], published: Published) -> 
     if is_mean(metric):
         low, high = interval_of_means(of_classes)
     else:
-        low, high = jackknife_interval(value, of_classes, fewest=2)
+        low, high = jackknife_interval(value, of_classes)
         low = low if metric in KERNEL_METRICS or math.isnan(low) else max(low, 0.0)
     note = f"without {', '.join(lacking)}" if lacking else ""
     return Row(

@@ -11,14 +11,14 @@ from typing import NamedTuple
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bench.analysis.comparison import Comparison, compare, decimals, paired
+from bench.analysis.comparison import Comparison, compare, decimals, paired, pooled
+from bench.analysis.intervals import FEWEST
 from bench.analysis.paired import (
     SIGNIFICANCE,
     Pair,
     PairedDifference,
     Side,
     paired_differences,
-    smallest_p,
 )
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better, is_mean
@@ -42,7 +42,6 @@ from data_prep.failures import BadInput
 
 SAME_TRUTH = 0.005  # of that ssim: graphics drivers differ by less, objects by more
 NAMED = 3  # objects in a message
-ENOUGH = 6  # objects; with fewer, p values by sign flips stay above SIGNIFICANCE
 
 
 @dataclass(frozen=True)
@@ -82,11 +81,8 @@ class Differences:
             "`=`: a tie, no difference is shown."
         )
         yield from self.remarks
-        if rows and (fewest := min(row.pair.objects for row in rows)) < ENOUGH:
-            yield (
-                f"With {fewest} objects no p value of an image metric is below "
-                f"{smallest_p(fewest):.2g}: too few to show a difference."
-            )
+        if any(row.pair.objects < FEWEST for row in rows):
+            yield f"Fewer than {FEWEST} objects have no interval, and show no difference."
         for metric, class_name in ordered((r.pair.metric, r.pair.class_name) for r in rows):
             of_grid = [
                 r for r in rows if (r.pair.metric, r.pair.class_name) == (metric, class_name)
@@ -127,6 +123,8 @@ def methods_of_run(
 ) -> Differences:
     """Two methods of one finished run, method b against method a, in every condition and class.
 
+    Of several classes also all objects together, by image metrics.
+
     `best-reconstruction` is one, too: at each condition the reconstruction that was best on
     validation chairs (`bench.catalogue.reconstruction`).
 
@@ -142,10 +140,11 @@ def methods_of_run(
     remarks: list[str] = []
     chosen = _metrics([run], metrics, remarks)
     one, other = methods
+    compared = _compare(run, methods, chosen)
     pairs = [
         _pair(metric, of, of, Side(str(directory), one), Side(str(directory), other))
-        for of in _compare(run, methods, chosen)
-        for metric in chosen
+        for of in [*compared, *pooled(compared)]
+        for metric in of.qualities
     ]
     if BEST_RECONSTRUCTION in methods:
         parts = (f"`{method}` at {condition}" for condition, method in best.items())

@@ -17,11 +17,10 @@ import pandas as pd
 
 from bench.analysis.comparison import NAN, Comparison, Estimate, compare, decimals, lead
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import interval_of_means
+from bench.analysis.intervals import FEWEST, interval_of_means, jackknife_interval
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import column, higher_is_better, is_mean
 from bench.catalogue.suites import Suite
-from bench.metrics.frechet import jackknife_interval
 from bench.tables import markdown
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, network_of, objects_of
 from bench.tables.quality import Published
@@ -167,7 +166,7 @@ def _of_metric(
     interval = (
         interval_of_means(differences)
         if is_mean(metric)
-        else jackknife_interval(value, differences, fewest=2)
+        else jackknife_interval(value, differences)
     )
     average = Ordering(
         compared[0].condition,
@@ -249,7 +248,7 @@ def _legend(network: str) -> str:
         "interval, paired over objects], failed pictures scored as blank ones. The paper orders "
         f"by FID: {NETWORK} is ahead in 11 of 13 classes and on average, SR in rifle and lamp. "
         "**Bold**: that ordering, and the interval does not hold 0; *opposite*: the other one, "
-        "the same; neither: undecided by so many objects, or no interval for fewer than 3."
+        f"the same; neither: undecided by so many objects, or no interval below {FEWEST}."
     )
 
 

@@ -19,7 +19,12 @@ from numpy.typing import NDArray
 
 from bench.analysis.comparison import decimals
 from bench.analysis.distances import CellKey, MeasuredFeatures
-from bench.analysis.intervals import mean_interval, median_interval
+from bench.analysis.intervals import (
+    distance_interval,
+    jackknife_interval,
+    mean_interval,
+    median_interval,
+)
 from bench.analysis.recognition import true_gallery
 from bench.catalogue.methods import FLOOR, role
 from bench.catalogue.metrics import (
@@ -32,7 +37,6 @@ from bench.catalogue.metrics import (
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.catalogue.suites import Suite
 from bench.judges import answers as control
-from bench.metrics.frechet import interval_of_left_out, jackknife_interval
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
@@ -553,7 +557,7 @@ def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
     return jackknife_interval(value, [left_out])
 
 
-FRECHET = SetDistance(MeasuredFeatures.distance, interval_of_left_out)
+FRECHET = SetDistance(MeasuredFeatures.distance, distance_interval)
 KERNEL = SetDistance(_kernel, _kernel_interval)
 
 

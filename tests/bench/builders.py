@@ -11,9 +11,11 @@ import numpy as np
 import pandas as pd
 from harness_objects import Tetrahedron
 
+from bench.analysis.intervals import distance_interval
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES
+from bench.metrics.frechet import LeftOut, frechet_distance, left_out_distances
 from bench.records.artifacts import Item, artifact_path
 from bench.records.job import Job
 from bench.records.journal import write_manifest
@@ -38,6 +40,12 @@ SCORES = tuple(column(metric) for metric in IMAGE_METRICS)
 # Extractors of the suite that need no download.
 EXTRACTORS = ("fd-views", "fd-views-grey", "fd-alexnet", "judge")
 SKIPPED_FID = "skipped: weights; not here"
+
+
+def frechet_interval(x, y, objects_x, objects_y) -> tuple[float, float]:
+    """Of the distance of features x and y, whose rows show these objects."""
+    a, b = LeftOut(x, objects_x), LeftOut(y, objects_y)
+    return distance_interval(frechet_distance(x, y), left_out_distances(a, b))
 
 
 def make_record(method="splat", condition="2048", obj="a", view=0, **changes) -> Record:

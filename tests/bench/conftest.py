@@ -44,6 +44,12 @@ def command(monkeypatch, capsys):
 
 
 @pytest.fixture
+def few_objects(monkeypatch):
+    """Intervals of two objects and more, so that tests can be worked out by hand."""
+    monkeypatch.setattr("bench.analysis.intervals.FEWEST", 2)
+
+
+@pytest.fixture
 def no_machine(monkeypatch):
     """Nobody asks about the machine, which takes seconds."""
     monkeypatch.setattr("bench.running.protocol.environment", dict)

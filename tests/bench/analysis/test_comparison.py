@@ -3,15 +3,24 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import t as student
 
 from bench.analysis.comparison import NAN, candidates, compare, lead, milliseconds
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
-from bench.metrics.frechet import frechet_distance, frechet_interval
+from bench.metrics.frechet import frechet_distance
 from bench.records.record import GROUND_TRUTH, to_frame
 
-from ..builders import FeaturesAtHand, feature_index, make_failed, make_record
+from ..builders import (
+    FeaturesAtHand,
+    feature_index,
+    frechet_interval,
+    make_failed,
+    make_record,
+)
 from .comparisons import quality
+
+pytestmark = pytest.mark.usefixtures("few_objects")
 
 # Seconds to prepare and to draw a view, and the ssim of two views, of each object.
 SPLAT = {
@@ -166,15 +175,16 @@ def test_a_lead_in_distance_is_the_jackknife_of_the_difference():
     without = np.array([difference(obj != SHOWN) for obj in OBJECTS])
     # Efron and Stein 1981, as the standard deviation of the pseudo-values
     pseudo = 5 * difference(SHOWN != "") - 4 * without
-    reach = 1.96 * pseudo.std(ddof=1) / np.sqrt(5)
+    reach = student.ppf(0.975, 4) * pseudo.std(ddof=1) / np.sqrt(5)
     assert found.value == pytest.approx(b.estimate.value - a.estimate.value, abs=1e-12)
     ends = (found.value - reach, found.value + reach)
     assert (found.low, found.high) == pytest.approx(ends, abs=1e-9)
     assert lead(b, a).value == -found.value
 
 
-@pytest.mark.parametrize("objects", ["a", "ab"])
-def test_too_few_objects_give_a_distance_without_an_interval(objects):
+@pytest.mark.parametrize(("objects", "fewest"), [("a", 2), ("ab", 3)])
+def test_too_few_objects_give_a_distance_without_an_interval(objects, fewest, monkeypatch):
+    monkeypatch.setattr("bench.analysis.intervals.FEWEST", fewest)
     made = distances(objects=objects)["splat"]
     assert np.isfinite(made.estimate.value)
     assert np.isnan(made.estimate[1:]).all()

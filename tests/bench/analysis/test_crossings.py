@@ -22,6 +22,8 @@ from bench.catalogue.families import FAMILIES, families_of
 
 from .comparisons import comparison
 
+pytestmark = pytest.mark.usefixtures("few_objects")
+
 NAN = float("nan")
 BY_ID = {family.id: family for family in FAMILIES}
 OFFSETS = np.array([-0.03, 0.0, 0.01, 0.02])  # of four objects, with mean 0

@@ -1,54 +1,130 @@
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
+from scipy import stats
 
-from bench.analysis.intervals import RESAMPLES, interval_of_means, mean_interval, median_interval
+from bench.analysis.intervals import (
+    FEWEST,
+    RESAMPLES,
+    distance_interval,
+    interval_of_means,
+    jackknife_error,
+    jackknife_interval,
+    mean_interval,
+    median_interval,
+)
 
-VALUES = np.array([0.3, 0.7, 0.2, 0.9, 0.45])
-CLASS_OF_TWO = np.array([0.0, 1.0])
+VALUES = np.array([0.3, 0.7, 0.2, 0.9, 0.45, 0.5, 0.61, 0.12])
+SKEWED = np.array([0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.4, 2.0])
 
 
-def test_is_the_percentile_bootstrap():
-    rows = np.random.default_rng(0).integers(0, len(VALUES), (RESAMPLES, len(VALUES)))
-    expected = np.percentile(VALUES[rows].mean(axis=1), [2.5, 97.5])
-    # two orders of summing five numbers: some 1e-16
-    np.testing.assert_allclose(mean_interval(VALUES), expected, atol=1e-14)
+def student(values):
+    """Student's interval, from SciPy."""
+    return stats.t.interval(0.95, len(values) - 1, values.mean(), stats.sem(values))
+
+
+def studentised(classes):
+    """The studentised bootstrap in its own words: one resample after the other."""
+    draws = [np.random.default_rng((0, i)) for i in range(len(classes))]
+    rows = [
+        rng.integers(len(of), size=(RESAMPLES, len(of)))
+        for rng, of in zip(draws, classes, strict=True)
+    ]
+    value = np.mean([of.mean() for of in classes])
+    error = np.sqrt(sum(stats.sem(of) ** 2 for of in classes)) / len(classes)
+    quotients = []
+    for i in range(RESAMPLES):
+        drawn = [of[chosen[i]] for of, chosen in zip(classes, rows, strict=True)]
+        own = np.sqrt(sum(stats.sem(of) ** 2 for of in drawn)) / len(classes)
+        if own > 1e-9 * error:
+            quotients.append((np.mean([of.mean() for of in drawn]) - value) / own)
+    low, high = np.percentile(quotients, [2.5, 97.5])
+    return value - high * error, value - low * error
+
+
+def test_the_farther_of_the_studentised_bootstrap_and_student():
+    for values in (VALUES, SKEWED, -SKEWED):
+        by_resampling, by_table = studentised([values]), student(values)
+        expected = (
+            min(by_resampling[0], by_table[0]),
+            max(by_resampling[1], by_table[1]),
+        )
+        # sums of eight numbers in two orders, over errors as small as 1e-2: 1e-16 / 1e-2
+        assert mean_interval(values) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_long_tail_lengthens_the_interval_on_its_side():
+    low, high = mean_interval(SKEWED)
+    assert high - SKEWED.mean() > 2 * (SKEWED.mean() - low)
+
+
+def test_where_most_values_are_equal_student_decides():
+    """Of the resamples that hold the odd one out, none is far from the mean in its own errors."""
+    values = np.array([1.0] * 7 + [0.0])
+    low, high = mean_interval(values)
+    assert low <= student(values)[0]
+    assert high >= student(values)[1]
+
+
+def test_classes_of_few_objects():
+    classes = [VALUES[:3], VALUES[3:5], VALUES[5:]]
+    value, sems = np.mean([of.mean() for of in classes]), [stats.sem(of) for of in classes]
+    # Welch and Satterthwaite
+    freedom = sum(s**2 for s in sems) ** 2 / sum(
+        s**4 / (len(of) - 1) for s, of in zip(sems, classes, strict=True)
+    )
+    reach = stats.t.ppf(0.975, freedom) * np.sqrt(sum(s**2 for s in sems)) / 3
+    low, high = studentised(classes)
+    expected = min(low, value - reach), max(high, value + reach)
+    assert interval_of_means(classes) == pytest.approx(expected, abs=1e-12)
 
 
 def test_equal_values_give_them_exactly():
-    assert mean_interval(np.full(3, 0.1)) == (0.1, 0.1)
-    assert np.full(3, 0.1).mean() != 0.1  # where summing would round
+    assert mean_interval(np.full(10, 0.3)) == (0.3, 0.3)
+    assert np.full(10, 0.3).mean() != 0.7  # where summing would round
+    # of classes, however many objects they have, each counts alike
+    assert interval_of_means([np.full(2, 1.0), np.full(200, 3.0)]) == (2.0, 2.0)
 
 
-@pytest.mark.parametrize("values", [[], [0.5], [0.5, np.nan], [np.nan, np.nan], [0.0, np.inf]])
+@pytest.mark.parametrize(
+    "values", [[], [0.5], range(FEWEST - 1), [0.5] * 7 + [np.nan], [0.0] * 7 + [np.inf]]
+)
 def test_where_there_is_no_interval(values):
-    values = np.array(values)
+    values = np.array(values, float)
     assert np.isnan(mean_interval(values)).all()
     assert np.isnan(median_interval(values, np.arange(len(values)))).all()
-    assert np.isnan(median_interval(np.array([1.0, 2.0]), np.array(["a", "a"]))).all()
-    assert np.isnan(interval_of_means([np.arange(3.0), values])).all()
-    assert np.isnan(interval_of_means([])).all()
+    assert np.isnan(jackknife_interval(1.0, [values])).all()
+
+
+def test_where_classes_have_no_interval():
+    for interval in (interval_of_means, lambda of: jackknife_interval(1.0, of)):
+        assert np.isnan(interval([])).all()
+        assert np.isnan(interval([VALUES, VALUES[:1]])).all()  # a class of one has no spread
+        assert np.isnan(interval([VALUES[:3], VALUES[3:7]])).all()  # seven objects together
+        assert np.isfinite(interval([VALUES[:2], VALUES[2:]])).all()
+
+
+def test_values_of_few_objects_have_no_interval_of_their_median():
+    assert np.isnan(median_interval(np.arange(20.0), np.arange(20) // 3)).all()  # seven objects
 
 
 def test_resamples_are_shared_between_methods():
     """The same objects are drawn for every method: a constant lead is a constant."""
     for interval in (mean_interval, lambda of: interval_of_means([of[:3], of[3:]])):
         low, high = interval(VALUES)
-        np.testing.assert_allclose(interval(VALUES + 0.25), (low + 0.25, high + 0.25), atol=1e-14)
+        np.testing.assert_allclose(interval(VALUES + 0.25), (low + 0.25, high + 0.25), atol=1e-12)
 
 
-ERRORS = np.array([5.0, 1.0, 9.0, 2.0, 30.0, 7.0, 4.0, 8.0])
-OBJECTS = np.array(list("aabbbccd"))  # as many values of an object as there are
+ERRORS = np.array([5.0, 1.0, 9.0, 2.0, 30.0, 7.0, 4.0, 8.0, 3.0, 12.0, 6.0, 0.5])
+OBJECTS = np.array(list("aabbbccdefgh"))  # as many values of an object as there are
 
 
 def test_the_median_interval_is_the_percentile_bootstrap_over_objects():
     rng = np.random.default_rng(0)
     medians = [
-        np.median(np.concatenate([ERRORS["abcd"[i] == OBJECTS] for i in row]))
-        for row in rng.integers(4, size=(RESAMPLES, 4))
+        np.median(np.concatenate([ERRORS["abcdefgh"[i] == OBJECTS] for i in row]))
+        for row in rng.integers(8, size=(RESAMPLES, 8))
     ]
     expected = np.percentile(medians, [2.5, 97.5])
     assert median_interval(ERRORS, OBJECTS) == pytest.approx(tuple(expected), abs=1e-12)
@@ -63,23 +139,37 @@ def test_how_many_resamples_are_in_memory_moves_nothing(at_once, monkeypatch):
     assert (mean_interval(VALUES), median_interval(ERRORS, OBJECTS)) == expected
 
 
-def test_two_objects_each_have_few_resamples():
-    """Of 0 and 1 the resampled means are 0, 1/2, 1; over two such classes 0 to 1 by quarters.
+def test_the_jackknife_of_a_mean_is_students_interval():
+    """Means without each object: (sum - x) / (n - 1). Their jackknife error is that of the mean."""
+    without = (VALUES.sum() - VALUES) / (len(VALUES) - 1)
+    found = jackknife_interval(VALUES.mean(), [without])
+    assert found == pytest.approx(student(VALUES), abs=1e-12)
+    error = jackknife_error([without])
+    assert error is not None
+    assert error.p_value(VALUES.mean()) == pytest.approx(stats.ttest_1samp(VALUES, 0).pvalue)
 
-    Mean over classes 0 comes with probability 1/16, and so does 1: both lie within the 95 %.
+
+def test_variances_of_classes_add_up():
+    """(g - 1) / g sum of squares: 3/4 4 = 3 and 4/5 20 = 16, over 2 classes.
+
+    Degrees of freedom 19^2 / (3^2 / 3 + 16^2 / 4) = 361 / 67.
     """
-    assert interval_of_means([CLASS_OF_TWO, CLASS_OF_TWO]) == (0.0, 1.0)
-    # of classes, however many objects they have, each counts alike
-    assert interval_of_means([np.full(2, 1.0), np.full(200, 3.0)]) == (2.0, 2.0)
+    four, five = np.array([4.0, 6.0, 4.0, 6.0]), np.array([1.0, 3.0, 5.0, 7.0, 4.0])
+    five[-1] = 4.0
+    low, high = jackknife_interval(7.0, [four, five])
+    reach = stats.t.ppf(0.975, 361 / 67) * np.sqrt(3 + 16) / 2
+    assert (low, high) == pytest.approx((7 - reach, 7 + reach), abs=1e-12)
 
 
-def test_classes_are_drawn_independently():
-    """Standard error of a mean over classes: sqrt(sum of var / G) / C. Drawn alike, equal classes
-    would be as uncertain as one."""
-    values = np.random.default_rng(0).standard_normal(50) + 10
-    classes = [scale * values for scale in (1.0, 2.0, 3.0, 4.0)]
-    low, high = interval_of_means(classes)
-    error = math.sqrt(sum(of.var() / len(of) for of in classes)) / 4
-    # the 2.5 % points of 2,000 resamples are known to about 0.07 standard errors
-    assert (high - low) / (2 * 1.96 * error) == pytest.approx(1, abs=0.1)
-    assert low < np.mean([of.mean() for of in classes]) < high
+def test_a_distance_is_never_below_0():
+    left_out = np.array([1.0, 3.0, 5.0, 7.0] * 2)
+    low, high = jackknife_interval(3.2, [left_out])
+    assert low < 0
+    assert distance_interval(3.2, left_out) == (0.0, high)
+
+
+def test_without_spread_a_difference_is_certain():
+    error = jackknife_error([np.full(8, 2.0)])
+    assert error is not None
+    assert (error.p_value(0.0), error.p_value(0.1)) == (1.0, 0.0)
+    assert jackknife_interval(2.0, [np.full(8, 2.0)]) == (2.0, 2.0)

@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.special import ndtr
+from scipy.stats import t
 
 from bench.analysis.comparison import Estimate, Quality
-from bench.analysis.paired import Pair, Side, holm, paired_differences, sign_flip_p, smallest_p
+from bench.analysis.paired import Pair, Side, holm, paired_differences, sign_flip_p
 
 from ..builders import write_run
 
@@ -41,9 +42,8 @@ def test_all_signs_of_few_objects_are_counted():
 
 
 def test_alike_signs_give_the_smallest_p():
-    assert sign_flip_p(np.arange(1.0, 6)) == smallest_p(5) == 2 / 2**5
-    assert sign_flip_p(np.arange(1.0, 11)) == smallest_p(10)
-    assert smallest_p(1) == 1.0
+    assert sign_flip_p(np.arange(1.0, 6)) == 2 / 2**5
+    assert sign_flip_p(np.arange(1.0, 11)) == 2 / 2**10
     assert sign_flip_p(np.zeros(30)) == 1.0
 
 
@@ -72,28 +72,31 @@ def test_the_difference_is_b_less_a_and_the_better_side_is_named():
     a = np.linspace(0.5, 0.6, 12)
     (cell,) = paired_differences([pair(a, a + 0.1)])
     assert cell.difference == pytest.approx((0.1, 0.1, 0.1))
-    assert (cell.ahead, cell.pair.objects, cell.p) == ("b", 12, smallest_p(12))
+    assert (cell.ahead, cell.pair.objects, cell.p) == ("b", 12, 2 / 2**12)
     (cell,) = paired_differences([pair(a, a - 0.1)])
     assert cell.ahead == "a"
 
 
 def test_distances_are_better_the_smaller_they_are():
     """Jackknife: standard error sqrt((g - 1) / g sum (d - mean)^2) of the jackknife differences."""
-    left_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95])
+    left_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
     (cell,) = paired_differences([pair(left_out, 3 * left_out, "fd-views", (1.0, 3.0))])
-    error = math.sqrt(4 / 5 * np.sum((2 * left_out - 2) ** 2))
-    assert cell.difference == pytest.approx((2.0, 2.0 - 1.96 * error, 2.0 + 1.96 * error))
-    assert cell.p == pytest.approx(2 * (1 - ndtr(2.0 / error)))
+    error = math.sqrt(7 / 8 * np.sum((2 * left_out - 2) ** 2))
+    reach = t.ppf(0.975, 7) * error
+    assert cell.difference == pytest.approx((2.0, 2.0 - reach, 2.0 + reach))
+    assert cell.p == pytest.approx(2 * t.sf(2.0 / error, 7))
     assert cell.ahead == "a"
 
 
 def test_ties_and_what_cannot_be_known():
-    a = np.array([0.5, 0.6, 0.7])
-    few, same, alone = paired_differences([pair(a, a + 0.1), pair(a, a), pair(a[:1], a[:1])])
-    assert (few.ahead, few.p, few.p_holm) == ("tie", 0.25, 0.5)
+    a = np.linspace(0.5, 0.7, 8)
+    lead = np.array([0.1] * 6 + [-0.1] * 2)
+    some, same, few = paired_differences([pair(a, a + lead), pair(a, a), pair(a[:7], a[:7] + 0.1)])
+    # at least six of eight signs alike, both ways: 2 (28 + 8 + 1) / 2^8
+    assert (some.ahead, some.p, some.p_holm) == ("tie", 74 / 256, 148 / 256)
     assert (same.ahead, same.p) == ("tie", 1.0)
-    assert alone.ahead == "unknown"
-    assert math.isnan(alone.p_holm)
+    assert few.ahead == "unknown"
+    assert math.isnan(few.p_holm)
 
 
 def test_p_values_are_corrected_for_all_cells_together():
@@ -138,6 +141,7 @@ def test_two_runs(command, two_runs):
     assert {path.name for path in folder.iterdir()} == made
 
 
+@pytest.mark.usefixtures("few_objects")
 def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
     """Of the objects one has no thin part: neither its recall nor its blank image's is a number."""
     for folder, recall in zip(two_runs, (0.4, 0.7), strict=True):

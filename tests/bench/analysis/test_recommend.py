@@ -10,6 +10,8 @@ from data_prep.failures import BadInput
 
 from .comparisons import comparison
 
+pytestmark = pytest.mark.usefixtures("few_objects")
+
 NAN = float("nan")
 
 # Milliseconds to prepare and to draw a view, and the score of each object.
@@ -102,7 +104,8 @@ def test_regret_against_an_oracle():
     """Affordable: splat, poisson, pc2pix; the best of each object: 0.9, 0.7, 0.7, 0.8."""
     advice = advise(comparison(FIELD), Request(20, 250))
     assert advice.regret.value == pytest.approx((0.1 + 0 + 0 + 0) / 4, abs=1e-15)
-    assert tuple(advice.regret[1:]) == mean_interval(np.array([0.9 - 0.8, 0, 0, 0]))
+    # what is lost is never below 0
+    assert tuple(advice.regret[1:]) == (0.0, mean_interval(np.array([0.9 - 0.8, 0, 0, 0]))[1])
     # Whatever object is left out, pc2pix is the best on the others.
     assert advice.regret_blind == advice.regret
 
@@ -133,9 +136,9 @@ def test_no_regret_with_one_method_and_none_blind_of_one_object():
 @pytest.mark.parametrize(
     ("min_ssim", "on_average", "surely"),
     [
-        # means: splat .55, poisson .6, pc2pix .75, apss .8125; lower ends: .5, ~.42, .7, ~.7
+        # means: splat .55, poisson .6, pc2pix .75, apss .8125; lower ends: ~.46, .26, .66, .29
         (0.0, "splat", "splat"),
-        (0.5, "splat", "splat"),
+        (0.4, "splat", "splat"),
         (0.52, "splat", "pc2pix"),
         (0.58, "poisson", "pc2pix"),
         (0.76, "surface-apss", None),
@@ -149,27 +152,29 @@ def test_the_cheapest_that_is_good_enough(min_ssim, on_average, surely):
 
 
 def test_both_limits_have_to_be_met_by_one_method():
-    request = Request(20, budget_ms=130, min_ssim=0.7)
+    request = Request(20, budget_ms=130, min_ssim=0.65)
     assert not advise(comparison(FIELD), request).meets(request)
     within, good = in_words(request)
     assert within.startswith("2048: best within 130 ms: poisson, ssim 0.600 [")
-    assert good.startswith("2048: cheapest with an ssim of at least 0.7, surely: pc2pix, ssim 0.75")
+    assert good.startswith(
+        "2048: cheapest with an ssim of at least 0.65, surely: pc2pix, ssim 0.75"
+    )
     assert good.endswith("; over the budget")
-    enough = Request(20, budget_ms=250, min_ssim=0.7)
+    enough = Request(20, budget_ms=250, min_ssim=0.65)
     assert advise(comparison(FIELD), enough).meets(enough)
 
 
 def test_in_short_and_in_full():
     assert in_words(Request(20, 250)) == [
-        "2048: best within 250 ms: pc2pix, ssim 0.750 [0.700, 0.800], 210 ms [210, 210] a cloud, "
+        "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], 210 ms [210, 210] a cloud, "
         "10.5 ms a picture"
     ]
-    _, _, sure, first, second, regret = in_words(Request(20, 250, 0.7), in_full=True)
+    _, _, sure, first, second, regret = in_words(Request(20, 250, 0.65), in_full=True)
     assert sure.startswith("  surely that good, by the lower end of the interval: ")
     assert first.startswith("  next: poisson, ssim 0.600 [")
     assert "; behind by 0.150 [" in first
     assert second.startswith("  next: splat, ")
-    interval = "[0.000, 0.075]"  # of four values one of which is 0.1: see the test of regret
+    interval = "[0.000, 0.105]"  # of four values one of which is 0.1: see the test of regret
     assert regret == (
         f"  regret: 0.025 {interval} ssim against the best of 3 such methods for each of 4 "
         f"objects; 0.025 {interval} where the method is chosen by the other objects"

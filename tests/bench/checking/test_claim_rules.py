@@ -5,13 +5,15 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import t
 
 from bench.analysis.comparison import Comparison, Estimate, Quality
-from bench.analysis.intervals import interval_of_means, mean_interval
+from bench.analysis.intervals import interval_of_means, jackknife_interval, mean_interval
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import Lacking, Scored, combined
-from bench.metrics.frechet import jackknife_interval
 from bench.tables.orderings import Ordering, orderings_table
+
+pytestmark = pytest.mark.usefixtures("few_objects")
 
 OBJECTS = ("a", "b", "c", "d")
 JITTER = np.array([0.0, 0.01, -0.01, 0.02])
@@ -69,8 +71,8 @@ def test_distances_are_combined_by_the_jackknife():
     assert found.value == -6
     expected = jackknife_interval(-6.0, [np.array([-5.0, -7.0, -7.0])])
     assert found[1:] == pytest.approx(expected, abs=1e-12)
-    of_two = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0, 10.0]))
-    assert math.isnan(combined([(1, of_two)]).low)
+    of_one = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0]))
+    assert math.isnan(combined([(1, of_one)]).low)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +251,8 @@ def test_good_where_thin():
     run = scored(*(comparison(class_name=k, fid={"surface-apss": v}) for k, v in distances.items()))
     (found,) = rules.good_where_thin(run, ("lamp", "rifle"))
     # each class: 3/4 (1 + 1) = 1.5; the mean of two 3/4; a difference of two such 1.5
-    reach = 1.96 * math.sqrt(1.5)
+    # each mean has a reach by Student's t, of 3/2 = (3/4 + 3/4)^2 / (3/4^2 + 3/4^2) x 3 = 6 degrees
+    reach = t.ppf(0.975, 6) * math.sqrt(1.5)
     assert found.verdict == "supported"
     assert found.numbers == (
         f"fid 11.0, others 35.0; nearer by +24.0 [+{24 - reach:.1f}, +{24 + reach:.1f}]"
@@ -263,15 +266,17 @@ def test_good_where_thin():
 
 def test_varies_more():
     spreads = {
-        "lamp": (9.0, np.array([8.0, 10.0])),  # 1/2 (1 + 1) = 1
+        "lamp": (9.0, np.array([8.0, 10.0, 9.0])),  # 2/3 (1 + 1) = 4/3
         "car": (2.0, np.array([2.0, 2.0])),
         "sofa": (20.0, np.array([20.0, 20.0])),
     }
     run = scored(ssim(0.5, 0.5), spreads=spreads)
     (found,) = rules.varies_more(run, "lamp", "car")
     assert found.verdict == "supported"
+    reach = t.ppf(0.975, 2) * math.sqrt(4 / 3)
     assert found.numbers == (
-        "variance between objects 9.00, car 2.00; more by +7.0 [+5.0, +9.0]; lamp is number 2 of 3"
+        f"variance between objects 9.00, car 2.00; more by +7.0 [+{7 - reach:.1f}, "
+        f"+{7 + reach:.1f}]; lamp is number 2 of 3"
     )
     assert verdicts(rules.varies_more(run, "car", "lamp")) == ["not supported"]
 
@@ -284,9 +289,9 @@ def sample(method, cloud, stage, views, wall_s, number=1, threads=1, condition="
 
 
 def times():
-    """20 pictures: SR 1.0 + 1.0 s and 2.0 + 1.0 s, pc2pix 0.05 + 0.15 s for both clouds."""
+    """20 pictures: SR 1.0 + 1.0 s and 2.0 + 1.0 s, pc2pix 0.05 + 0.15 s for all eight clouds."""
     rows = []
-    for cloud, prepare in (("x", 1.0), ("y", 2.0)):
+    for cloud, prepare in zip("qrstuvwx", (1.0, 2.0) * 4, strict=True):
         for method, first, then in (("surface-apss", prepare, 1.0), ("pc2pix", 0.05, 0.15)):
             rows += [
                 sample(method, cloud, "prepare", 0, first),
@@ -305,8 +310,8 @@ def times():
 def test_speed():
     (found,) = rules.faster(times(), 1.0)
     assert (found.subject, found.verdict) == ("pc2pix", "supported")
-    # cloud by cloud 10 and 15; two clouds give an interval from one to the other
-    assert found.numbers == f"{math.sqrt(150):.1f} times [10.0, 15.0]"
+    low, high = np.exp(mean_interval(np.log([10.0, 15.0] * 4)))  # cloud by cloud
+    assert found.numbers == f"{math.sqrt(150):.1f} times [{low:.1f}, {high:.1f}]"
     assert verdicts(rules.faster(times(), 9.0)) == ["supported"]
     (found,) = rules.faster(times(), 11.0)
     assert (found.verdict, found.reason) == ("not supported", "not surely more than 11 times")

@@ -20,6 +20,8 @@ from data_prep.failures import BadInput
 
 from ..builders import FeaturesAtHand, make_manifest, write_manifest, write_run
 
+pytestmark = pytest.mark.usefixtures("few_objects")
+
 CLAIMS = claims()
 FOUND = Finding("pc2pix", "supported", "ssim 0.7", "")
 

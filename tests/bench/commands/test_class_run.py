@@ -119,8 +119,8 @@ def test_other_weights_are_not_asked(measured, monkeypatch, classifier, tmp_path
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Random scores and features of three chairs and two tables."""
-    objects = ["chair/a", "chair/b", "chair/c", "table/d", "table/e"]
+    """Random scores and features of six chairs and two tables."""
+    objects = [*(f"chair/{name}" for name in "abcdef"), "table/g", "table/h"]
     methods = ["surface-apss", "pc2pix", "true-mesh", "blank"]
     place = tmp_path_factory.mktemp("written")
     cells = {"objects": objects, "methods": methods, "conditions": ["2048"]}

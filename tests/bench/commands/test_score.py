@@ -51,6 +51,7 @@ def metrics(monkeypatch):
     return found
 
 
+@pytest.mark.usefixtures("few_objects")
 def test_every_image_counts_where_it_belongs(copied, metrics):
     """The ceiling draws the same under noise, splats grow with it, and the floor is blank."""
     dark = made(lambda truth, drawn: (drawn < 255).any(axis=3).mean(axis=(1, 2)), "dark-share")

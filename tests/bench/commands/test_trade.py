@@ -19,6 +19,8 @@ from data_prep.failures import BadInput
 
 from ..builders import read_all, write_all, write_run
 
+pytestmark = pytest.mark.usefixtures("few_objects")
+
 SUITE = next(suite for suite in SUITES if suite.id == "speed-accuracy")
 
 

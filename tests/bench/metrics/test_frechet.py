@@ -15,9 +15,7 @@ from bench.metrics.frechet import (
     TooFewSamples,
     centred,
     centred_to_frechet,
-    frechet_interval,
-    interval_of_left_out,
-    jackknife_interval,
+    left_out_distances,
     merged,
     merged_to_centred,
     moments,
@@ -125,35 +123,33 @@ def views_of_objects(seed, n_objects, n_views, d, offset=0.0):
 
 
 def by_leaving_out(x, y, groups_x, groups_y):
-    """The interval from its definition: a distance of its own for every object."""
-    thetas = [
+    """By their definition: a distance of its own for every object."""
+    return [
         frechet_distance(x[groups_x != group], y[groups_y != group])
         for group in np.union1d(groups_x, groups_y)
     ]
-    # sqrt((g - 1) / g * sum of squares); np.var divides by g
-    error = 1.96 * np.sqrt((len(thetas) - 1) * np.var(thetas))
-    theta = frechet_distance(x, y)
-    return max(theta - error, 0.0), theta + error
+
+
+def left_out(x, y, groups_x, groups_y):
+    return left_out_distances(LeftOut(x, groups_x), LeftOut(y, groups_y))
 
 
 # objects, views, features: more rows than features, as many, fewer, fewer without an object
 @pytest.mark.parametrize("shape", [(8, 5, 12), (8, 5, 40), (8, 5, 64), (8, 5, 38), (8, 1, 400)])
 @pytest.mark.parametrize("gone", [None, 5])
-def test_interval_shares_what_it_may(shape, gone):
+def test_distances_share_what_they_may(shape, gone):
     n_objects, n_views, d = shape
     x, groups = views_of_objects(0, n_objects, n_views, d)
     y, _ = views_of_objects(1, n_objects, n_views, d, offset=0.3)
     kept = groups != gone  # the method failed on one object
     order = np.random.default_rng(2).permutation(len(y))  # rows need not stand side by side
     x, groups_x, y, groups_y = x[kept], groups[kept], y[order], groups[order]
-    low, high = frechet_interval(x, y, groups_x, groups_y)
+    found = left_out(x, y, groups_x, groups_y)
     expected = by_leaving_out(x, y, groups_x, groups_y)
-    # The error of a distance, for g of them: under the root g ROUNDING of the traces.
-    close = 1.96 * n_objects * ROUNDING * traces(x, y)
-    assert (low, high) == pytest.approx(expected, rel=0, abs=close)
-    assert low < high
+    assert found == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
+    assert np.ptp(found) > 0
     names = [np.array([f"chair-{i}" for i in groups]) for groups in (groups_x, groups_y)]
-    assert frechet_interval(x, y, *names) == (low, high)
+    assert left_out(x, y, *names).tolist() == found.tolist()
 
 
 @pytest.mark.parametrize("count", [2, 3, 8, 13])
@@ -182,63 +178,32 @@ def test_many_objects_are_left_out_in_blocks(objects, blocks):
         assert np.ptp(np.bincount(block)) <= 1
 
 
-def test_the_interval_by_blocks_is_that_of_its_definition(monkeypatch):
+def test_blocks_of_objects_are_left_out(monkeypatch):
     monkeypatch.setattr("bench.metrics.frechet.MOST_BLOCKS", 4)
     x, groups = views_of_objects(0, 10, 4, d=6)
     y, _ = views_of_objects(1, 10, 4, d=6, offset=0.3)
     # k = ceil(10 / 4) = 3, so ceil(10 / 3) = 4 blocks: objects 0 1 2, 3 4 5, 6 7 and 8 9
     block = np.array([0, 0, 0, 1, 1, 1, 2, 2, 3, 3])[groups]
-    close = 1.96 * 4 * ROUNDING * traces(x, y)
-    found = frechet_interval(x, y, groups, groups)
-    assert found == pytest.approx(by_leaving_out(x, y, block, block), rel=0, abs=close)
-    assert found != pytest.approx(by_leaving_out(x, y, groups, groups), rel=1e-3)
+    expected = by_leaving_out(x, y, block, block)
+    found = left_out(x, y, groups, groups)
+    assert found == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
 
 
 @pytest.mark.parametrize("d", [4, 40])
-def test_intervals_of_identical_sets_and_of_too_few_objects(d):
+def test_identical_sets_and_objects_that_leave_too_little(d):
     x, groups = views_of_objects(0, 8, 3, d)
-    low, high = frechet_interval(x, x, groups, groups)
-    assert low == 0.0
-    assert high <= 8 * ROUNDING * traces(x, x)
-    x = x[:10]
-    two, others = np.repeat([0, 1], 5), np.repeat(np.arange(5), 2)
+    assert left_out(x, x, groups, groups).max() <= ROUNDING * traces(x, x)
+    x, others = x[:10], np.repeat(np.arange(5), 2)
     lonely = np.arange(10) // 9  # without object 0 a single row would be left
-    for groups_x, groups_y in ((two, two), (lonely, others)):
-        assert np.isnan(frechet_interval(x, x, groups_x, groups_y)).all()
+    assert np.isnan(left_out(x, x, lonely, others)).all()
 
 
-def test_interval_names_what_it_refuses():
+def test_groups_have_to_fit():
     x, groups = views_of_objects(0, 4, 3, d=4)
     with pytest.raises(ValueError, match=re.escape("12 rows need groups of shape [12], got [11]")):
-        frechet_interval(x, x, groups, groups[:-1])
+        LeftOut(x, groups[:-1])
     with pytest.raises(TooFewSamples):
-        frechet_interval(x, x[:1], groups, groups[:1])
-
-
-def test_variances_of_classes_add_up():
-    """(g - 1) / g sum of squares: 1/2 (1 + 1) = 1 and 2/3 (4 + 4) = 16/3; over 2 classes."""
-    two, three = np.array([4.0, 6.0]), np.array([1.0, 3.0, 5.0])
-    low, high = jackknife_interval(7.0, [two, three], fewest=2)
-    reach = 1.96 * np.sqrt(1 + 16 / 3) / 2
-    assert (low, high) == pytest.approx((7 - reach, 7 + reach), abs=1e-12)
-    low, high = jackknife_interval(3.2, [three])
-    reach = 1.96 * np.sqrt(16 / 3)
-    assert (low, high) == pytest.approx((3.2 - reach, 3.2 + reach), abs=1e-12)
-    assert interval_of_left_out(3.2, three) == (0.0, high)  # a distance is never below 0
-
-
-@pytest.mark.parametrize(
-    ("left_out", "fewest"),
-    [
-        ([], 2),
-        ([np.arange(3.0), np.array([1.0])], 2),
-        ([np.array([1.0, np.nan])], 2),
-        ([np.empty(0)], 2),
-        ([np.arange(2.0)], 3),
-    ],
-)
-def test_no_interval(left_out, fewest):
-    assert np.isnan(jackknife_interval(1.0, left_out, fewest)).all()
+        LeftOut(x[:1], groups[:1])
 
 
 def spread(seed, n, d):

@@ -81,6 +81,7 @@ def test_records_of_a_run(finished, tiny_weights):
     assert (frame[["prepare_s", "draw_s"]] >= 0).all(axis=None)
 
 
+@pytest.mark.usefixtures("few_objects")
 def test_ceiling_and_floor(finished):
     images, sets, detail, _ = tables(read_scored(finished[0]))
     rows = {(r.method, r.condition, r.metric): r for r in (*images.rows, *sets.rows, *detail.rows)}

@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import interval_of_means
+from bench.analysis.intervals import interval_of_means, jackknife_interval
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.metrics.frechet import LeftOut, jackknife_interval, left_out_distances
+from bench.metrics.frechet import LeftOut, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.classes import class_table, network_of, remark, with_confidence
 
 from ..builders import FeaturesAtHand, feature_index, make_failed, make_record
+
+pytestmark = pytest.mark.usefixtures("few_objects")
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 METHODS = ("surface-apss", "pc2pix@all", "blank")
@@ -181,7 +183,7 @@ def test_the_intervals_of_averages():
         )
         left_out.append(left_out_distances(drawn, truth))
     row = cell(made, metric="fd-views", **at)
-    low, high = jackknife_interval(row.value, left_out, fewest=2)
+    low, high = jackknife_interval(row.value, left_out)
     assert (row.ci_low, row.ci_high) == pytest.approx((max(low, 0.0), high), rel=1e-9)
 
 

@@ -10,13 +10,16 @@ import pytest
 
 from bench.analysis.comparison import Estimate
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import interval_of_means, mean_interval
+from bench.analysis.intervals import (
+    distance_interval,
+    interval_of_means,
+    jackknife_interval,
+    mean_interval,
+)
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import (
     LeftOut,
-    interval_of_left_out,
-    jackknife_interval,
     left_out_distances,
 )
 from bench.records.record import GROUND_TRUTH, to_frame
@@ -24,6 +27,8 @@ from bench.tables.orderings import Ordering, orderings, orderings_table, paper_l
 from bench.tables.published import published
 
 from ..builders import FeaturesAtHand, feature_index, make_record
+
+pytestmark = pytest.mark.usefixtures("few_objects")
 
 SUITE = find("thirteen-classes", SUITES, "suite")
 PAPER = published("thirteen-classes")
@@ -115,12 +120,12 @@ def test_distances_are_ahead_where_they_are_smaller():
         found = row(made, k, "fd-views")
         assert found.lead.value == pytest.approx(found.surface - found.network, rel=1e-12)
         assert found.lead.value > 5  # 3 features off by 2 each: 12, less what chance gives
-        interval = interval_of_left_out(found.lead.value, -every[-1])
+        interval = distance_interval(found.lead.value, -every[-1])
         assert found.lead[1:] == pytest.approx(interval, rel=1e-9)
     average = row(made, "average", "fd-views")
     value = np.mean([row(made, k, "fd-views").lead.value for k in LEADS])
     assert average.lead.value == pytest.approx(value, rel=1e-12)
-    assert average.lead[1:] == pytest.approx(jackknife_interval(value, every, fewest=2), rel=1e-9)
+    assert average.lead[1:] == pytest.approx(jackknife_interval(value, every), rel=1e-9)
 
 
 def test_the_paper():

@@ -1,0 +1,181 @@
+"""The tables of the documentation, filled with numbers from `results/docs`.
+
+    python -m studies.documents [--check]
+
+A place in a page is marked by two comments, and what stands between them is written anew:
+
+    <!-- numbers: chairs-100.csv rows=method:pc2pix,splat columns=condition:2048,512 metric=ssim -->
+    <!-- end -->
+
+The file is what `bench table DIR --format csv` prints, or `differences.csv` of `bench compare`.
+`rows` and `columns` name a field and its values in their order, or several fields,
+`metric:ssim,lpips*condition:2048,512`, and then all their combinations; further `field=value`
+choose among the lines of the file, and `intervals=no` leaves intervals out. A difference is bold
+where p is below 0.05 after Holm's correction. `--check` changes nothing: it fails where a page
+differs from what would be written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from bench.analysis.comparison import decimals
+from bench.analysis.paired import SIGNIFICANCE
+from data_prep.whole_files import write_whole
+from studies.tables import markdown
+
+REPOSITORY = Path(__file__).parents[1]
+NUMBERS = REPOSITORY / "results" / "docs"
+PAGES = (
+    REPOSITORY / "README.md",
+    *sorted((REPOSITORY / "docs").glob("*.md")),
+)
+BEGIN, END = "<!-- numbers:", "<!-- end -->"
+PLACE = re.compile(
+    re.escape(BEGIN) + r"(?P<asked>[^>]*?)-->\n(?P<table>.*?)" + re.escape(END), re.S
+)
+
+Line = Mapping[str, str]
+Axis = Sequence[tuple[str, Sequence[str]]]
+
+
+class Unfilled(ValueError):
+    """A marked place that cannot be filled: names page and line."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """What a mark asks for.
+
+    rows, columns  a field and its values; of several fields all combinations
+    chosen         values of further fields
+    """
+
+    file: str
+    rows: Axis
+    columns: Axis
+    chosen: Mapping[str, str]
+    intervals: bool
+
+
+def parsed(asked: str) -> Place:
+    """Raises ValueError for a mark without a file, rows or columns."""
+    file, *words = asked.split()
+    options = dict(word.split("=", 1) for word in words)
+    intervals = options.pop("intervals", "yes") == "yes"
+    rows, columns = (_axis(options.pop(name)) for name in ("rows", "columns"))
+    return Place(file, rows, columns, options, intervals)
+
+
+def _axis(text: str) -> Axis:
+    fields = [part.split(":", 1) for part in text.split("*")]
+    return [(field, values.split(",")) for field, values in fields]
+
+
+def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
+    """The text of a page with the table of every marked place written anew.
+
+    Raises Unfilled for a mark that is not understood, has no end or no source, or whose source has
+    not exactly one line for a cell.
+    """
+
+    def table(found: re.Match[str]) -> str:
+        try:
+            made = _table(parsed(found["asked"]), numbers)
+        except (ValueError, KeyError, OSError) as reason:
+            raise Unfilled(f"{page}:{_line(text, found.start())}: {reason}") from reason
+        return f"{BEGIN}{found['asked']}-->\n{made}{END}"
+
+    whole = {found.start() for found in PLACE.finditer(text)}
+    for found in re.finditer(re.escape(BEGIN), text):
+        if found.start() not in whole:
+            raise Unfilled(f"{page}:{_line(text, found.start())}: a mark without '{END}'")
+    return PLACE.sub(table, text)
+
+
+def _line(text: str, place: int) -> int:
+    return text.count("\n", 0, place) + 1
+
+
+def _table(place: Place, numbers: Path) -> str:
+    with (numbers / place.file).open(encoding="utf-8", newline="") as file:
+        lines = [
+            line
+            for line in csv.DictReader(file)
+            if all(line[field] == value for field, value in place.chosen.items())
+        ]
+    columns = _combinations(place.columns)
+    rows = [
+        [*_name(row), *(_cell(_only(lines, {**row, **column}), place) for column in columns)]
+        for row in _combinations(place.rows)
+    ]
+    heads = [" ".join(_name(column)) for column in columns]
+    corner = place.chosen.get("metric", place.rows[0][0])
+    return markdown([corner, *[""] * (len(place.rows) - 1), *heads], rows, left=len(place.rows))
+
+
+def _combinations(axis: Axis) -> list[dict[str, str]]:
+    names = [field for field, _ in axis]
+    return [dict(zip(names, of, strict=True)) for of in product(*(values for _, values in axis))]
+
+
+def _name(of: Mapping[str, str]) -> list[str]:
+    return list(of.values())
+
+
+def _only(lines: Sequence[Line], wanted: Mapping[str, str]) -> Line:
+    found = [line for line in lines if all(line[f] == value for f, value in wanted.items())]
+    if len(found) != 1:
+        asked = ", ".join(f"{field} {value}" for field, value in wanted.items())
+        raise ValueError(f"{len(found)} lines with {asked}; there has to be one")
+    return found[0]
+
+
+def _cell(line: Line, place: Place) -> str:
+    digits = decimals(line["metric"])
+    differs = "difference" in line
+    value = line["difference" if differs else "value"]
+    if not value:
+        return "-"
+    text = _short(value, digits, sign=differs)
+    if differs and line["p_holm"] and float(line["p_holm"]) < SIGNIFICANCE:
+        text = f"**{text}**"
+    if place.intervals and line["ci_low"]:
+        low, high = (_short(line[end], digits, sign=differs) for end in ("ci_low", "ci_high"))
+        text += f" [{low}, {high}]"
+    return text
+
+
+def _short(number: str, digits: int, sign: bool) -> str:
+    """Rounded, without the 0 before the point of fractions."""
+    text = f"{float(number):{'+' if sign else ''}.{digits}f}"
+    return re.sub(r"^([+-]?)0\.", r"\1.", text).replace("-", "−")
+
+
+def main() -> None:
+    """Fill or check all pages."""
+    parser = argparse.ArgumentParser(description="Tables of the documentation.")
+    parser.add_argument("--check", action="store_true")
+    options = parser.parse_args()
+    stale = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        new = filled(text, str(page.relative_to(REPOSITORY)))
+        if new == text:
+            continue
+        stale.append(str(page.relative_to(REPOSITORY)))
+        if not options.check:
+            write_whole(page, new.encode())
+    if options.check and stale:
+        sys.exit(f"not what results/docs says: {', '.join(stale)}; run python -m studies.documents")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""The tables of the documentation are what `results/docs` says."""
+
+from __future__ import annotations
+
+import pytest
+
+from studies.documents import PAGES, REPOSITORY, Unfilled, filled
+
+VALUES = """\
+method,condition,class,metric,value,ci_low,ci_high
+splat,2048,chair,ssim,0.812345,0.801,0.8234
+splat,512,chair,ssim,0.7,,
+splat,2048,chair,fd-views,12.34,11,13.06
+splat,512,chair,fd-views,,,
+"""
+DIFFERENCES = """\
+metric,condition,class,method_b,difference,ci_low,ci_high,p_holm
+ssim,2048,chair,splat,-0.0514,-0.0741,-0.0252,0.001
+ssim,512,chair,splat,0.0099,-0.0112,0.033,0.4
+ssim,1024,chair,splat,0.02,,,
+"""
+
+
+@pytest.fixture
+def numbers(tmp_path):
+    (tmp_path / "values.csv").write_text(VALUES)
+    (tmp_path / "differences.csv").write_text(DIFFERENCES)
+    return tmp_path
+
+
+def page(asked, old="what stood here\n"):
+    return f"Before.\n\n<!-- numbers: {asked} -->\n{old}<!-- end -->\n\nAfter.\n"
+
+
+@pytest.mark.parametrize(
+    ("asked", "lines"),
+    [
+        (
+            "values.csv rows=method:splat columns=condition:512,2048 metric=ssim",
+            ["| ssim | 512 | 2048 |", "|---|---:|---:|", "| splat | .700 | .812 [.801, .823] |"],
+        ),
+        (
+            "values.csv rows=class:chair columns=metric:ssim,fd-views*condition:2048,512 "
+            "method=splat intervals=no",
+            [
+                "| class | ssim 2048 | ssim 512 | fd-views 2048 | fd-views 512 |",
+                "|---|---:|---:|---:|---:|",
+                "| chair | .812 | .700 | 12.3 | - |",
+            ],
+        ),
+        (
+            "differences.csv rows=method_b:splat*metric:ssim columns=condition:2048,512,1024",
+            [
+                "| method_b |  | 2048 | 512 | 1024 |",
+                "|---|---|---:|---:|---:|",
+                "| splat | ssim | **−.051** [−.074, −.025] | +.010 [−.011, +.033] | +.020 |",
+            ],
+        ),
+    ],
+)
+def test_tables_are_filled(numbers, asked, lines):
+    expected = page(asked, "".join(f"{line}\n" for line in lines))
+    assert filled(page(asked), "x.md", numbers) == expected
+    assert filled(expected, "x.md", numbers) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (page("gone.csv rows=method:a columns=condition:b"), "x.md:3: .*gone.csv"),
+        (page("values.csv rows=method:splat"), "x.md:3: 'columns'"),
+        (
+            page("values.csv rows=method:splat columns=condition:1024 metric=ssim"),
+            "x.md:3: 0 lines with method splat, condition 1024; there has to be one",
+        ),
+        (
+            page("values.csv rows=method:splat columns=condition:512"),
+            "x.md:3: 2 lines with method splat, condition 512",
+        ),
+        ("\n<!-- numbers: values.csv -->\nno end", "x.md:2: a mark without '<!-- end -->'"),
+    ],
+)
+def test_a_place_that_cannot_be_filled_is_named(numbers, text, message):
+    with pytest.raises(Unfilled, match=message):
+        filled(text, "x.md", numbers)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_pages_are_what_the_numbers_say(path):
+    """Where this fails: python -m studies.documents."""
+    text = path.read_text(encoding="utf-8")
+    assert filled(text, str(path.relative_to(REPOSITORY))) == text
