@@ -7,12 +7,12 @@ A place in a page is marked by two comments, and what stands between them is wri
     <!-- numbers: chairs-100.csv rows=method:pc2pix,splat columns=condition:2048,512 metric=ssim -->
     <!-- end -->
 
-The file is what `bench table DIR --format csv` prints, or `differences.csv` of `bench compare`.
-`rows` and `columns` name a field and its values in their order, or several fields,
-`metric:ssim,lpips*condition:2048,512`, and then all their combinations; further `field=value`
-choose among the lines of the file, and `intervals=no` leaves intervals out. A difference is bold
-where p is below 0.05 after Holm's correction. `--check` changes nothing: it fails where a page
-differs from what would be written.
+A file is what `bench table DIR --format csv` prints, or `differences.csv` of `bench compare`; of
+several, joined by commas, the lines stand together. `rows` and `columns` name a field and its
+values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
+combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
+`show=paper` shows another field as it is. A difference is bold where p is below 0.05 after Holm's
+correction. `--check` changes nothing: it fails where a page differs from what would be written.
 """
 
 from __future__ import annotations
@@ -56,22 +56,24 @@ class Place:
 
     rows, columns  a field and its values; of several fields all combinations
     chosen         values of further fields
+    shown          the field that cells show, as it is; empty: the value or the difference
     """
 
-    file: str
+    files: Sequence[str]
     rows: Axis
     columns: Axis
     chosen: Mapping[str, str]
     intervals: bool
+    shown: str
 
 
 def parsed(asked: str) -> Place:
     """Raises ValueError for a mark without a file, rows or columns."""
-    file, *words = asked.split()
+    files, *words = asked.split()
     options = dict(word.split("=", 1) for word in words)
-    intervals = options.pop("intervals", "yes") == "yes"
+    intervals, shown = options.pop("intervals", "yes") == "yes", options.pop("show", "")
     rows, columns = (_axis(options.pop(name)) for name in ("rows", "columns"))
-    return Place(file, rows, columns, options, intervals)
+    return Place(files.split(","), rows, columns, options, intervals, shown)
 
 
 def _axis(text: str) -> Axis:
@@ -105,19 +107,17 @@ def _line(text: str, place: int) -> int:
 
 
 def _table(place: Place, numbers: Path) -> str:
-    with (numbers / place.file).open(encoding="utf-8", newline="") as file:
-        lines = [
-            line
-            for line in csv.DictReader(file)
-            if all(line[field] == value for field, value in place.chosen.items())
-        ]
+    lines = []
+    for name in place.files:
+        with (numbers / name).open(encoding="utf-8", newline="") as file:
+            lines += [line for line in csv.DictReader(file) if _has(line, place.chosen)]
     columns = _combinations(place.columns)
     rows = [
         [*_name(row), *(_cell(_only(lines, {**row, **column}), place) for column in columns)]
         for row in _combinations(place.rows)
     ]
     heads = [" ".join(_name(column)) for column in columns]
-    corner = place.chosen.get("metric", place.rows[0][0])
+    corner = place.chosen.get("metric", place.rows[0][0].removesuffix("_b"))
     return markdown([corner, *[""] * (len(place.rows) - 1), *heads], rows, left=len(place.rows))
 
 
@@ -131,14 +131,20 @@ def _name(of: Mapping[str, str]) -> list[str]:
 
 
 def _only(lines: Sequence[Line], wanted: Mapping[str, str]) -> Line:
-    found = [line for line in lines if all(line[f] == value for f, value in wanted.items())]
+    found = [line for line in lines if _has(line, wanted)]
     if len(found) != 1:
         asked = ", ".join(f"{field} {value}" for field, value in wanted.items())
         raise ValueError(f"{len(found)} lines with {asked}; there has to be one")
     return found[0]
 
 
+def _has(line: Line, wanted: Mapping[str, str]) -> bool:
+    return all(line[field] == value for field, value in wanted.items())
+
+
 def _cell(line: Line, place: Place) -> str:
+    if place.shown:
+        return re.sub(r"(\.\d*?)0+$", r"\1", line[place.shown]).removesuffix(".") or "-"
     digits = decimals(line["metric"])
     differs = "difference" in line
     value = line["difference" if differs else "value"]
@@ -167,7 +173,10 @@ def main() -> None:
     stale = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        new = filled(text, str(page.relative_to(REPOSITORY)))
+        try:
+            new = filled(text, str(page.relative_to(REPOSITORY)))
+        except Unfilled as reason:
+            sys.exit(str(reason))
         if new == text:
             continue
         stale.append(str(page.relative_to(REPOSITORY)))

@@ -391,10 +391,10 @@ SPEED = SpeedSuite(
     rivals=("surface-apss", "surface-fit"),
     conditions=("2048",),
     class_name="chair",
-    # Reconstruction takes seconds a round: three clouds of it, three times each, give a median of
-    # nine and leave the whole run at some minutes. What takes milliseconds goes on for `seconds`,
-    # so that its median is over more than the scheduler's whims, but not beyond `most_rounds`.
-    clouds=3,
+    # As many as an interval over objects needs. Reconstruction takes seconds a cloud: three rounds
+    # leave the whole run at some minutes. What takes milliseconds goes on for `seconds`, so that
+    # its median is over more than chance, but not beyond `most_rounds`.
+    clouds=8,
     views=20,
     singles=5,
     # One: after it libraries have chosen their algorithms for both sizes of a call, and memory is

@@ -49,9 +49,13 @@ def page(asked, old="what stood here\n"):
             ],
         ),
         (
+            "values.csv rows=method:splat columns=condition:2048,512 metric=fd-views show=ci_high",
+            ["| fd-views | 2048 | 512 |", "|---|---:|---:|", "| splat | 13.06 | - |"],
+        ),
+        (
             "differences.csv rows=method_b:splat*metric:ssim columns=condition:2048,512,1024",
             [
-                "| method_b |  | 2048 | 512 | 1024 |",
+                "| method |  | 2048 | 512 | 1024 |",
                 "|---|---|---:|---:|---:|",
                 "| splat | ssim | **−.051** [−.074, −.025] | +.010 [−.011, +.033] | +.020 |",
             ],

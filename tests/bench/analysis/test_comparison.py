@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy.stats import t as student
 
-from bench.analysis.comparison import NAN, candidates, compare, lead, milliseconds
+from bench.analysis.comparison import ALL, NAN, candidates, compare, lead, milliseconds, pooled
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import mean_interval, median_interval
 from bench.metrics.frechet import frechet_distance
@@ -18,7 +18,7 @@ from ..builders import (
     make_failed,
     make_record,
 )
-from .comparisons import quality
+from .comparisons import comparison, quality
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -208,3 +208,26 @@ def test_ranks_are_values_as_they_are_printed():
 def test_milliseconds():
     texts = {0.4239: "0.42", 7.31: "7.3", 61.42: "61.4", 1240.4: "1240", NAN: "-"}
     assert [milliseconds(value) for value in texts] == list(texts.values())
+
+
+def test_classes_are_pooled_object_by_object():
+    chairs = comparison({"splat": (1.0, 2.0, (0.5, 0.7)), "blank": (0, 0, (0.1, 0.2))})
+    sofas = comparison({"splat": (3.0, 4.0, (0.9,)), "blank": (0, 0, (0.6,))}, class_name="sofa")
+    noisy = comparison({"splat": (1.0, 2.0, (0.5,)), "blank": (0, 0, (0.1,))}, condition="512")
+    (both,) = pooled([chairs, noisy, sofas])  # one class at 512
+    assert (both.condition, both.class_name) == ("2048", ALL)
+    assert both.objects == ("chair/a", "chair/b", "sofa/a")
+    splat = both.qualities["ssim"]["splat"]
+    assert splat.per_object.tolist() == [0.5, 0.7, 0.9]
+    assert splat.estimate == (pytest.approx(0.7), *mean_interval(splat.per_object))
+    assert both.cost_ms("splat", 10).value == 21.0  # of 21, 21 and 43
+    assert both.images["splat"] == (6, 6)
+
+
+def test_no_distance_of_classes_together():
+    """Sets of different classes have no distance of their own."""
+    chairs, sofas = (
+        comparison({"splat": (1, 1, (3.0, 4.0))}, "fd-views", class_name=name)
+        for name in ("chair", "sofa")
+    )
+    assert pooled([chairs, sofas])[0].qualities == {}
