@@ -7,12 +7,13 @@ A place in a page is marked by two comments, and what stands between them is wri
     <!-- numbers: chairs-100.csv rows=method:pc2pix,splat columns=condition:2048,512 metric=ssim -->
     <!-- end -->
 
-A file is what `bench table DIR --format csv` prints, or `differences.csv` of `bench compare`; of
+A file is what `bench table DIR --format csv` prints, or one of the files of a run or comparison; of
 several, joined by commas, the lines stand together. `rows` and `columns` name a field and its
 values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
 combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
 `show=paper` shows another field as it is. A difference is bold where p is below 0.05 after Holm's
-correction. `--check` changes nothing: it fails where a page differs from what would be written.
+correction, a method where it is on the frontier. `--check` changes nothing: it fails where a page
+differs from what would be written.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from bench.analysis.comparison import decimals
+from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paired import SIGNIFICANCE
 from data_prep.whole_files import write_whole
 from studies.tables import markdown
@@ -143,6 +144,8 @@ def _has(line: Line, wanted: Mapping[str, str]) -> bool:
 
 
 def _cell(line: Line, place: Place) -> str:
+    if place.shown.endswith("_ms"):
+        return milliseconds(float(line[place.shown]))
     if place.shown:
         return re.sub(r"(\.\d*?)0+$", r"\1", line[place.shown]).removesuffix(".") or "-"
     digits = decimals(line["metric"])
@@ -151,12 +154,17 @@ def _cell(line: Line, place: Place) -> str:
     if not value:
         return "-"
     text = _short(value, digits, sign=differs)
-    if differs and line["p_holm"] and float(line["p_holm"]) < SIGNIFICANCE:
+    if _stands_out(line):
         text = f"**{text}**"
     if place.intervals and line["ci_low"]:
         low, high = (_short(line[end], digits, sign=differs) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"
     return text
+
+
+def _stands_out(line: Line) -> bool:
+    p = line.get("p_holm")
+    return line.get("verdict") == "frontier" or bool(p and float(p) < SIGNIFICANCE)
 
 
 def _short(number: str, digits: int, sign: bool) -> str:

@@ -141,6 +141,16 @@ def distance_interval(value: float, left_out: Floats) -> tuple[float, float]:
     return max(low, 0.0), high  # NaN stays
 
 
+def debiased(value: float, left_out: Floats) -> float:
+    """A distance as it would be with endless objects: extrapolated in 1 / g by the jackknife.
+
+    g value - (g - 1) mean(left_out) (Quenouille 1956). NaN where there is no `jackknife_error`.
+    """
+    if not _enough([left_out]):
+        return float("nan")
+    return float(len(left_out) * value - (len(left_out) - 1) * left_out.mean())
+
+
 def jackknife_error(left_out: Sequence[Floats]) -> StandardError | None:
     """The standard error of a mean over classes of distances, as `jackknife_interval` takes them.
 

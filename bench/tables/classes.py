@@ -166,6 +166,7 @@ def _average(metric: str, of_cell: Sequence[Measured], published: Published) -> 
         paper=as_published(published, AVERAGE, metric, first.condition, first.method),
         failures_as_blank=float(np.mean([m.row.failures_as_blank for m in of_cell])),
         note=note if valued else first.note,
+        debiased=float(np.mean([m.row.debiased for m in valued])) if valued else NAN,
     )
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from bench.analysis.comparison import decimals
 from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import (
+    debiased,
     distance_interval,
     jackknife_interval,
     mean_interval,
@@ -79,6 +80,7 @@ class Row:
     note               why there is no value, or the reasons of the failures and how many images
                        have no value though they are there; of the best reconstruction first the
                        method that it is
+    debiased           of a Fréchet distance, `bench.analysis.intervals.debiased`
     objective          what the weights of a network were trained with; empty for other methods
     """
 
@@ -95,6 +97,7 @@ class Row:
     paper: float
     failures_as_blank: float
     note: str
+    debiased: float = NAN
     objective: str = ""
 
     @property
@@ -240,10 +243,25 @@ def all_methods(rows: Sequence[Row]) -> Iterator[Block]:
             where = "" if by_class and len(places) == 1 else f", {place}"
             yield f"## {markdown.cell(metric + where)}"
             yield _grid(chosen, by_class)
+            if any(math.isfinite(row.debiased) for row in chosen):
+                yield f"## {markdown.cell(f'{metric}, debiased{where}')}"
+                yield _DEBIASED
+                yield _grid(list(map(_without_bias, chosen)), by_class, ", debiased")
 
 
-def _grid(rows: Sequence[Row], by_class: bool) -> Grid:
-    """Of one metric, and of one condition or else of one class."""
+_DEBIASED = (
+    "What the distance would be with endless objects, extrapolated by the jackknife: for comparing "
+    "runs of different numbers of objects."
+)
+
+
+def _without_bias(row: Row) -> Row:
+    nothing = dict.fromkeys(("ci_low", "ci_high", "paper", "failures_as_blank"), NAN)
+    return replace(row, value=row.debiased, **nothing)
+
+
+def _grid(rows: Sequence[Row], by_class: bool, how: str = "") -> Grid:
+    """Of one metric, and of one condition or else of one class; `how` follows the metric's name."""
     metric, higher = rows[0].metric, higher_is_better(rows[0].metric)
     skipped = ordered(row.note for row in rows if row.skipped)
     place = rows[0].condition if by_class else rows[0].class_name
@@ -258,7 +276,7 @@ def _grid(rows: Sequence[Row], by_class: bool) -> Grid:
         corner="class" if by_class else "method",
         about=(lambda of_line: "") if by_class else _about,
         outcomes=_outcomes,
-        caption=f"{metric}, {where} ({'higher' if higher else 'lower'} is better)",
+        caption=f"{metric}{how}, {where} ({'higher' if higher else 'lower'} is better)",
         notes=tuple(skipped or _gaps(rows, "class_name" if by_class else "condition")),
         void=bool(skipped),
         higher=higher,
@@ -583,6 +601,8 @@ def set_rows(
             value, left_out, with_blank, note = _distances(cell, found, distance)
         interval = distance.interval(value, left_out)
         row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
+        if distance is FRECHET:
+            row = replace(row, debiased=debiased(value, left_out))
         made.append(Measured(row, left_out))
     return made
 

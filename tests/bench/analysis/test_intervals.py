@@ -7,6 +7,7 @@ from scipy import stats
 from bench.analysis.intervals import (
     FEWEST,
     RESAMPLES,
+    debiased,
     distance_interval,
     interval_of_means,
     jackknife_error,
@@ -166,6 +167,13 @@ def test_a_distance_is_never_below_0():
     low, high = jackknife_interval(3.2, [left_out])
     assert low < 0
     assert distance_interval(3.2, left_out) == (0.0, high)
+
+
+def test_a_bias_in_one_over_the_number_of_objects_goes():
+    """3 + 5 / g of all g = 8, and 3 + 5 / 7 without each."""
+    assert debiased(3 + 5 / 8, np.full(8, 3 + 5 / 7)) == pytest.approx(3.0, abs=1e-12)
+    assert np.isnan(debiased(3.0, np.full(FEWEST - 1, 3.0)))
+    assert np.isnan(debiased(3.0, np.array([np.nan] * 8)))
 
 
 def test_without_spread_a_difference_is_certain():

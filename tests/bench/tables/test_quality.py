@@ -311,6 +311,19 @@ def test_missing_images_are_left_out_of_both_sets_or_blank(without):
     assert (row.n_ok, row.n, row.note) == (len(kept), 8, note)
 
 
+def test_distances_without_the_bias_of_few_objects_stand_below():
+    table = distances()
+    row = cell(table, method="splat", metric="fd-views")
+    x, y, objects = FEATURES["splat"], FEATURES[GROUND_TRUTH], np.repeat(list("abcd"), 2)
+    without = [frechet_distance(x[objects != o], y[objects != o]) for o in "abcd"]
+    assert row.debiased == pytest.approx(4 * row.value - 3 * np.mean(without), rel=EXACT)
+    lines = table.to_markdown().splitlines()
+    of_splat = lines[lines.index("## fd-views, debiased, chair") :]
+    shown = next(line for line in of_splat if line.startswith("| splat |"))
+    assert shown == f"| splat | {row.debiased:.1f} 8/8 |"
+    assert all(np.isnan(r.debiased) for r in table.rows if r.metric == "fid")
+
+
 @pytest.mark.parametrize("there", [0, 1])
 def test_fewer_than_two_images_have_no_distance(there):
     row = cell(distances(IMAGES[there:]), method="splat", metric="fd-views")
@@ -340,11 +353,11 @@ def test_csv_to_the_letter():
     rows = (row, replace(row, value=np.inf, note='a, "b"'))
     assert quality_table("t", "T", rows).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
-        "note,objective\n"
+        "note,debiased,objective\n"
         f"chair-robustness,splat,2048,chair,ssim,0.420000,{low:.6f},{high:.6f},5,8,0.700000,"
-        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,\n"
+        "0.270000,2 x apss: no faces; 1 x timeout: 120 s,,\n"
         f"chair-robustness,splat,2048,chair,ssim,,{low:.6f},{high:.6f},5,8,0.700000,"
-        '0.270000,"a, ""b""",\n'
+        '0.270000,"a, ""b""",,\n'
     )
 
 
