@@ -36,7 +36,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
         "Reduce the cloud of a failed record; it still has to fail.",
     ),
     "train": ("train:app", "Train the networks."),
-    "data": ("data:app", "Inspect datasets."),
+    "data": ("data:app", "Inspect and verify datasets."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # Click's, which some Typers contain

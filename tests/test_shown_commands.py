@@ -26,6 +26,7 @@ GIVEN = {
     "CLOUD": "stool.ply",
     "RECORD": "first",
     "PATH": "meshes",
+    "FOLDER": "meshes",
     "folder:PATH": "folder:meshes",
     "--suite ID": "--suite chair-robustness",
     "NAME": "autoencoder",
@@ -44,6 +45,7 @@ FURTHER = {
 }
 ENDS_WITH = {  # all others with 0
     "check DIR": (2, "no golden values for this protocol"),
+    "data verify FOLDER": (1, "0 files are those of results/real-meshes.csv"),
     "score DIR": (2, "no installed package adds a metric"),
     "shrink RECORD": (2, "first"),
 }

@@ -1,4 +1,5 @@
-"""What was understood of a dataset, and what is missing or odd in it: `bench data inspect`.
+"""What was understood of a dataset, and what is missing or odd in it: `bench data inspect`; and
+whether a folder is the set of real meshes of the documentation: `bench data verify`.
 
 Folders are listed in full; files are read of some objects of each class, in workers, because nobody
 vouches for them.
@@ -6,9 +7,11 @@ vouches for them.
 
 from __future__ import annotations
 
+import csv
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import Annotated
 
 import numpy as np
@@ -19,16 +22,20 @@ from bench.commands.options import SETTINGS, Group, WorkersOption, worker_count
 from bench.running.environment import cores
 from bench.running.isolation import Lost, run_tasks
 from bench.tables.markdown import visible
+from bench.tables.published import RESULTS
 from data_prep.dataset import Dataset, listed
 from data_prep.dataset_paper import VIEWS, PaperObject
 from data_prep.datasets import layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
 from data_prep.failures import BadInput, MissingDependency
+from data_prep.fingerprints import file_sha256
+from data_prep.mesh_files import SUFFIXES
 from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene_objects import SceneObject
 from data_prep.untrusted import is_regular_file
 
+REAL_MESHES = RESULTS / "real-meshes.csv"
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
 ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
 # Readings of the angles closer than this are not distinguished: an object that looks nearly the
@@ -184,12 +191,45 @@ def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
     return [f"angles       {message}; {against}"], []
 
 
-app = typer.Typer(cls=Group, help="Inspect datasets.", **SETTINGS)
+@dataclass(frozen=True)
+class Verification:
+    """How a folder differs from the real meshes of the documentation, files by name."""
+
+    missing: tuple[str, ...]
+    changed: tuple[str, ...]
+    further: tuple[str, ...]
+    same: int
 
 
-@app.callback()
-def _all() -> None:
-    """Makes this a group, though it has one command."""
+def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
+    """Compare the meshes of a folder with a list of files and checksums.
+
+    Raises BadInput where the folder or the list is not there.
+    """
+    if not folder.is_dir():
+        raise BadInput(f"{folder}: no such folder; give that of the meshes")
+    if not listing.is_file():
+        raise BadInput(f"{listing}: not there; run from a checkout that has it")
+    with listing.open(encoding="utf-8", newline="") as file:
+        wanted = {row["file"]: row["sha256"] for row in csv.DictReader(file)}
+    classes = {PurePosixPath(name).parts[0] for name in wanted}
+    there = {
+        path.relative_to(folder).as_posix(): path
+        for name in sorted(classes)
+        for path in sorted((folder / name).rglob("*"))
+        if path.suffix.lower() in SUFFIXES and is_regular_file(path)
+    }
+    common = wanted.keys() & there.keys()
+    changed = sorted(name for name in common if file_sha256(there[name]) != wanted[name])
+    return Verification(
+        missing=tuple(sorted(wanted.keys() - there.keys())),
+        changed=tuple(changed),
+        further=tuple(sorted(there.keys() - wanted.keys())),
+        same=len(common) - len(changed),
+    )
+
+
+app = typer.Typer(cls=Group, help="Inspect and verify datasets.", **SETTINGS)
 
 
 @app.command("inspect")
@@ -211,4 +251,20 @@ def inspect_data(
         print(f"IRREGULAR    {visible(line)}")
     print(f"use          --dataset {shlex.quote(found.spec)}")
     if found.irregular:
+        raise typer.Exit(1)
+
+
+@app.command("verify")
+def verify_data(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="The meshes, in sub-folders by class.")
+    ],
+) -> None:
+    """Say whether a folder holds the real meshes of the docs. Exit 1 if not."""
+    found = verify(folder)
+    print(f"{found.same} files are those of results/{REAL_MESHES.name}")
+    for what in ("missing", "changed", "further"):
+        for name in getattr(found, what):
+            print(f"{what.upper():<8} {visible(name)}")
+    if found.missing or found.changed or found.further:
         raise typer.Exit(1)

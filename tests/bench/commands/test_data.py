@@ -1,13 +1,16 @@
-"""`bench data inspect`, and runs on trees in the paper's layout."""
+"""`bench data inspect` and `bench data verify`, and runs on trees in the paper's layout."""
 
 from __future__ import annotations
 
+import csv
+import re
 import shutil
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 
-from bench.commands.data import inspect
+from bench.commands.data import REAL_MESHES, Verification, inspect, verify
 from bench.commands.publish import run_suite
 from bench.running.protocol import Options
 from data_prep.datasets import ProceduralObject
@@ -15,6 +18,7 @@ from data_prep.datasets import ProceduralObject
 from ...data_prep.dataset_trees import write_obj, write_paper_tree
 
 CHAIR = "03001627"
+SHARED = Path(__file__).parents[4] / "shared" / "meshes"
 
 
 @pytest.fixture(scope="module")
@@ -125,3 +129,61 @@ def test_the_embedded_set(command):
     assert status == 0
     assert "as many objects as one asks for" in out
     assert out.endswith("use          --dataset procedural\n")
+
+
+@pytest.fixture
+def meshes(tmp_path) -> Path:
+    """Three files, and a list of two of them and one more."""
+    for name, text in (("car/a.ply", "a"), ("car/b.ply", "other"), ("lamp/c.obj", "c")):
+        (tmp_path / "set" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "set" / name).write_text(text)
+    (tmp_path / "set" / "car" / "README.txt").write_text("no mesh")
+    sums = {name: sha256(name[4].encode()).hexdigest() for name in ("car/a.ply", "car/b.ply")}
+    rows = [f"{name},{value}\n" for name, value in (*sums.items(), ("lamp/d.ply", "0"))]
+    (tmp_path / "list.csv").write_text("file,sha256\n" + "".join(rows))
+    return tmp_path
+
+
+def test_a_folder_is_compared_with_the_list(meshes):
+    found = verify(meshes / "set", meshes / "list.csv")
+    assert found == Verification(("lamp/d.ply",), ("car/b.ply",), ("lamp/c.obj",), 1)
+
+
+def test_verify_says_what_differs(meshes, command, monkeypatch):
+    monkeypatch.setattr("bench.commands.data.verify", lambda _: verify_list(meshes))
+    status, out, _ = command("data", "verify", meshes / "set")
+    assert (status, out.splitlines()) == (
+        1,
+        [
+            "1 files are those of results/real-meshes.csv",
+            "MISSING  lamp/d.ply",
+            "CHANGED  car/b.ply",
+            "FURTHER  lamp/c.obj",
+        ],
+    )
+
+
+def verify_list(meshes):
+    return verify(meshes / "set", meshes / "list.csv")
+
+
+def test_a_folder_that_is_not_there(command, tmp_path):
+    status, out, err = command("data", "verify", tmp_path / "gone")
+    assert (status, out) == (2, "")
+    assert err.endswith("gone: no such folder; give that of the meshes\n")
+
+
+def test_the_list_of_real_meshes():
+    with REAL_MESHES.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len({row["file"] for row in rows}) == 107
+    for row in rows:
+        assert re.fullmatch("[0-9a-f]{64}", row["sha256"])
+        assert re.fullmatch("[0-9a-f]{40}", row["commit"])
+        assert all(row[field] for field in ("repository", "path", "licence"))
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the real meshes are not here")
+def test_the_real_meshes_are_those_of_the_list():
+    found = verify(SHARED)
+    assert found == Verification((), (), (), 107)
