@@ -63,6 +63,17 @@ def file_sha256(path: Path) -> str:
 def objective_of(path: Path) -> str:
     """What exported weights were trained with, from the file's header alone; "" if it says nothing.
 
+    Raises BadInput as `card_of`.
+    """
+    objective = card_of(path).get("objective", "")
+    if not isinstance(objective, str) or len(objective) > MOST_OBJECTIVE_LENGTH:
+        raise BadInput(f"{path}: the objective is no short text; fetch or write the file again")
+    return objective
+
+
+def card_of(path: Path) -> dict[str, Any]:
+    """How exported weights were trained, and `model`, from the file's header alone.
+
     A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
     which is JSON. Raises BadInput where this one does not.
     """
@@ -72,15 +83,14 @@ def objective_of(path: Path) -> str:
     try:
         if len(text) < length:
             raise ValueError(f"{length} bytes by its own account")
-        training = json.loads(json.loads(text).get("__metadata__", {}).get("training", "{}"))
-        objective = training.get("objective", "")
-        if not isinstance(objective, str) or len(objective) > MOST_OBJECTIVE_LENGTH:
-            raise ValueError("the objective is no short text")
+        header = json.loads(text).get("__metadata__", {})
+        training, model = (json.loads(header.get(name, "{}")) for name in ("training", "model"))
+        card = {"model": dict(model), **training}
     except (AttributeError, TypeError, ValueError, RecursionError) as error:
         raise BadInput(
             f"{path}: its header cannot be read ({error}); fetch or write the file again"
         ) from None
-    return objective
+    return card
 
 
 def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[str, str]) -> None:

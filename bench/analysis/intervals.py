@@ -72,7 +72,8 @@ def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
     if all(np.ptp(of) == 0 for of in per_object):  # exact, where resampled sums would round
         value = float(np.mean([of[0] for of in per_object]))
         return value, value
-    found = _standard_error([of.var(ddof=1) / len(of) for of in per_object], per_object)
+    found = mean_error(per_object)
+    assert found is not None
     means, variances = np.zeros(RESAMPLES), np.zeros(RESAMPLES)
     for number, of in enumerate(per_object):
         # One class says nothing about the next.
@@ -149,6 +150,27 @@ def debiased(value: float, left_out: Floats) -> float:
     if not _enough([left_out]):
         return float("nan")
     return float(len(left_out) * value - (len(left_out) - 1) * left_out.mean())
+
+
+def mean_error(per_object: Sequence[Floats]) -> StandardError | None:
+    """The standard error of the mean over classes of the means over objects; None without one.
+
+    As in `interval_of_means`, whose interval is at no side nearer than Student's by this error.
+    """
+    if not _enough(per_object):
+        return None
+    return _standard_error([of.var(ddof=1) / len(of) for of in per_object], per_object)
+
+
+def sum_error(errors: Sequence[StandardError | None]) -> StandardError | None:
+    """Of a sum or a difference of independent estimates; None where one is."""
+    there = [of for of in errors if of is not None]
+    if len(there) < len(errors) or not there:
+        return None
+    total = sum(of.error**2 for of in there)
+    parts = sum(of.error**4 / of.freedom for of in there)
+    freedom = total**2 / parts if parts > 0 else min(of.freedom for of in there)
+    return StandardError(total**0.5, freedom)
 
 
 def jackknife_error(left_out: Sequence[Floats]) -> StandardError | None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,31 +12,41 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.comparison import compare
-from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import column, is_mean
+from bench.analysis.recognition import true_gallery
+from bench.catalogue.methods import FLOORS, known_method
+from bench.catalogue.metrics import JUDGE, column, is_mean
 from bench.checking.claim_rules import (
+    CHAIR,
     DISTANCES,
+    RECOGNISABLE,
+    VERDICTS,
     Evidence,
     Finding,
     Lacking,
     Scored,
+    Timed,
+    Training,
     Verdict,
+    corrected,
 )
 from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
+from bench.judges.answers import found, why_no_retrieval
 from bench.records.features import Features
 from bench.records.journal import read_finished
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
-from bench.tables.build import class_orderings
 from bench.tables.classes import NETWORK, SURFACE
+from bench.tables.quality import cells, image_keys
 from bench.tables.scored import read_scored
 from bench.tables.table import BOLD, TABLES, Cell, Grid, grid
 from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
+from learning.weights import card_of
 
 CHECKLIST = "claims.md"
+# Networks of the paper's width that have no weights of their own.
+PAPER_WIDTHS = {"pc2pix@paper": 1.0, "pc2pix@paper-bf16": 1.0}
 SUITES = (CHAIRS, CLASSES, SPEED, LATENT)
-VERDICTS: tuple[Verdict, ...] = ("supported", "not supported", "not testable here")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +60,49 @@ class Run:
 
 @dataclass(frozen=True)
 class Checked:
-    """A claim and what a run says about it; `run` is empty where none was asked."""
+    """A claim and what a run says about it; `run` is empty where none was asked.
+
+    verdict  after Holm's correction for the claims of its family about the same method and run
+    """
 
     claim: Claim
     run: str
     finding: Finding
+    verdict: Verdict = "not testable here"
 
 
-def check_claims(directories: Sequence[Path]) -> list[Checked]:
+def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> list[Checked]:
     """What finished runs say about the claims, in the order of the table.
 
-    Raises BadInput where one is no finished run, and where no claim is about its suite.
+    `subjects` are methods in place of the variants of pc2pix. Raises BadInput where one is no
+    finished run, where no claim is about its suite, and where runs do not fit together.
     """
     with threadpool_limits(1):
-        runs = [read_run(directory) for directory in directories]
-        return checked(runs)
+        manifests = {directory: read_finished(directory) for directory in directories}
+        _refuse_misfits(manifests)
+        return checked([read_run(of, manifests[of], subjects) for of in directories])
+
+
+def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
+    """Raises BadInput for runs of which one table would compare what differs."""
+    first: dict[tuple[str, str], tuple[Path, object]] = {}
+    for directory, manifest in manifests.items():
+        suite = str(manifest["suite"])
+        features = manifest.get("feature_identity", {}).items()
+        for what, of_suite, value in (
+            ("schema", "", manifest.get("schema_version")),
+            ("dataset", "", manifest.get("dataset")),
+            ("seed", "", manifest.get("seed")),
+            ("objects", suite, manifest.get("objects")),
+            *((f"features of {name}", "", identity) for name, identity in features),
+        ):
+            known = first.setdefault((what, of_suite), (directory, value))
+            if known[1] != value:
+                shown = f": {known[1]} and {value}" if what != "objects" else ""
+                raise BadInput(
+                    f"{known[0]} and {directory} do not fit together, they have different "
+                    f"{what}{shown}; give runs that were made alike"
+                )
 
 
 def checked(runs: Sequence[Run]) -> list[Checked]:
@@ -74,10 +112,23 @@ def checked(runs: Sequence[Run]) -> list[Checked]:
         asked = [run for run in runs if claim.rule is not None and run.suite == claim.suite]
         if not asked:
             reason = claim.why_not or f"give a run of {claim.suite}"
-            made.append(Checked(claim, "", Finding("-", "not testable here", "", reason)))
+            made.append(Checked(claim, "", Finding("-", "", (), reason)))
         for run in asked:
             made += [Checked(claim, run.name, finding) for finding in _findings(claim, run)]
-    return made
+    return _corrected(made)
+
+
+def _corrected(made: Sequence[Checked]) -> list[Checked]:
+    """With verdicts corrected for the claims of each family about one method of one run."""
+    families: dict[tuple[str, str, str], list[int]] = {}
+    for i, entry in enumerate(made):
+        key = entry.claim.family, entry.run, entry.finding.subject
+        families.setdefault(key, []).append(i)
+    verdicts: dict[int, Verdict] = {}
+    for places in families.values():
+        found = corrected([made[i].finding for i in places])
+        verdicts |= dict(zip(places, found, strict=True))
+    return [replace(entry, verdict=verdicts[i]) for i, entry in enumerate(made)]
 
 
 def to_markdown(made: Sequence[Checked]) -> str:
@@ -85,8 +136,10 @@ def to_markdown(made: Sequence[Checked]) -> str:
     return markdown.document(
         [
             "# The paper's claims",
-            "*Supported* is what a 95 % interval over objects puts wholly on the claimed side; a "
-            "claim that so few objects cannot decide is *not supported*, and the reason says so. "
+            "*Supported*: 95 % intervals over objects put all that the claim requires on its side. "
+            "*Contradicted*: one of them is on the other side. *Undecided*: so many objects cannot "
+            "tell. Verdicts are corrected for the number of claims of a family (a table, or the "
+            "text) by Holm's procedure; where that changes one, the uncorrected one follows. "
             "Values are ours, on our data; the paper's stand in the quotations. "
             "`fd-views` is not FID: where it stands in, no Inception weights were given.",
             _counts(made),
@@ -104,22 +157,25 @@ def _claims(made: Sequence[Checked]) -> Grid:
         claim, found = entry.claim, entry.finding
         first = claim is not last
         last = claim
-        supported = found.verdict == "supported"
+        raw = f"uncorrected: {found.verdict}" if found.verdict != entry.verdict else ""
+        why = "; ".join(filter(None, [raw, found.why]))
         lines.append(
             [
                 claim.id,
                 Cell(
-                    found.verdict,
-                    rest=f": {found.reason}" if found.reason else "",
-                    special=BOLD if supported else None,
+                    entry.verdict,
+                    rest=f": {why}" if why else "",
+                    special=BOLD if entry.verdict == "supported" else None,
                 ),
                 f"{found.subject} ({entry.run})" if several and entry.run else found.subject,
+                str(found.objects or "-"),
                 found.numbers,
                 f"“{claim.quoted}” ({claim.where})" if first else "",
                 claim.measured if first else "",
             ]
         )
-    return grid(["claim", "verdict", "method", "ours", "the paper", "measured"], lines)
+    heads = ["claim", "verdict", "method", "objects", "ours", "the paper", "measured"]
+    return grid(heads, lines)
 
 
 def write_checklist(made: Sequence[Checked], directory: Path) -> Path:
@@ -129,9 +185,11 @@ def write_checklist(made: Sequence[Checked], directory: Path) -> Path:
     return path
 
 
-def read_run(directory: Path) -> Run:
+def read_run(
+    directory: Path, manifest: Mapping[str, Any] | None = None, subjects: Sequence[str] = ()
+) -> Run:
     """A finished run, as evidence. Raises BadInput: not finished, damaged, or of another suite."""
-    manifest = read_finished(directory)
+    manifest = dict(manifest or read_finished(directory))
     suite = manifest["suite"]
     if suite not in SUITES:
         raise BadInput(
@@ -139,32 +197,73 @@ def read_run(directory: Path) -> Run:
         )
     name = f"{suite} on {manifest['dataset']}"
     if suite == SPEED:
-        return Run(name, suite, _read_table(directory, "speed_samples"))
+        samples = _read_table(directory, "speed_samples")
+        machine = str(manifest.get("machine", {}).get("cpu") or "an unknown machine")
+        return Run(name, suite, Timed(samples, machine, _trainings(samples["method"].unique())))
     if suite == LATENT:
         of_both = [_read_table(directory, f"latent_{of}") for of in ("interpolation", "arithmetic")]
         return Run(name, suite, pd.concat(of_both, ignore_index=True))
-    return Run(name, suite, _scored(directory, manifest))
+    return Run(name, suite, _scored(directory, manifest, subjects))
 
 
-def _scored(directory: Path, manifest: dict[str, Any]) -> Scored:
+def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) -> Scored:
     scored = read_scored(directory)
+    asked = (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES, *RECOGNISABLE)
     there = [
         metric
-        for metric in (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES)
+        for metric in asked
         if metric in scored.features or (is_mean(metric) and column(metric) in scored.records)
     ]
-    known = [m for m in manifest["methods"] if m.partition("@")[0] == NETWORK]
-    chosen = scored.records["method"].isin([SURFACE, "true-mesh", FLOOR, *known])
+    known = [m for m in manifest["methods"] if m.partition("@")[0] == NETWORK or m in subjects]
+    chosen = scored.records["method"].isin([SURFACE, "true-mesh", *FLOORS, *known])
     compared = compare(scored.records[chosen], scored.features, list(dict.fromkeys(there)))
     if not compared:
         raise BadInput(f"{directory}: no object of this run could be drawn; fix the dataset")
     features = scored.features.get("fd-views")
     classes = scored.records["class"].unique().tolist()
+    judged = scored.features.get(JUDGE)
     return Scored(
         {(c.condition, c.class_name): c for c in compared},
-        class_orderings(scored),
         {} if features is None else spreads(features, classes),
+        {} if judged is None else retrieval_of_chairs(scored.records[chosen], judged),
+        _trainings(known),
+        tuple(subjects),
     )
+
+
+def _trainings(methods: Iterable[str]) -> dict[str, Training]:
+    """What the weights of networks say; methods without, or whose file is gone, are left out."""
+    found = {}
+    for name in methods:
+        method = known_method(str(name))
+        if method is None or method.weights_file is None:
+            continue
+        try:
+            card = card_of(method.weights_file())
+        except BadInput:
+            continue
+        width = PAPER_WIDTHS.get(str(name), card.get("model", {}).get("width"))
+        if width is not None:
+            found[str(name)] = Training(float(width), bool(card.get("augment", False)))
+    return found
+
+
+def retrieval_of_chairs(records: pd.DataFrame, judged: Features) -> dict[tuple[str, str], Any]:
+    """By method and condition, the share of each chair's images by which the judge finds it."""
+    chairs = records[records["class"] == CHAIR]
+    if chairs.empty:
+        return {}
+    among = true_gallery(judged, CHAIR)
+    if why_no_retrieval(among):
+        return {}
+    made = {}
+    for cell, group in cells(chairs[chairs["outcome"] == "ok"]):
+        images = image_keys(group)
+        hits = pd.Series(found(among, judged.of(*cell, images), images))
+        shares = hits.groupby(group["object"].to_numpy()).mean()
+        # an object without images is not found
+        made[cell[0], cell[1]] = shares.reindex(sorted(among.objects), fill_value=0.0).to_numpy()
+    return made
 
 
 def spreads(features: Features, classes: Iterable[str]) -> dict[str, tuple[float, Any]]:
@@ -193,14 +292,14 @@ def _findings(claim: Claim, run: Run) -> list[Finding]:
     try:
         return claim.rule(run.evidence)
     except Lacking as error:
-        return [Finding("-", "not testable here", "", str(error))]
+        return [Finding("-", "", (), str(error))]
 
 
 def _counts(made: Sequence[Checked]) -> Grid:
     """How many claims of each verdict, by method: one line for each that any claim is about."""
     subjects: dict[tuple[str, str], list[Verdict]] = {}
     for entry in made:
-        subjects.setdefault((entry.finding.subject, entry.run), []).append(entry.finding.verdict)
+        subjects.setdefault((entry.finding.subject, entry.run), []).append(entry.verdict)
     lines = (
         [subject, run, *(str(verdicts.count(verdict)) for verdict in VERDICTS)]
         for (subject, run), verdicts in subjects.items()

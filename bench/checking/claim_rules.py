@@ -1,29 +1,37 @@
 """How a claim of the paper is tested on a run: evidence, rules, findings. Pure functions.
 
-A finding is `supported` only where a 95 % interval over objects lies wholly on the claimed side;
-where it holds 0, so many objects cannot tell, which is no support, and the reason says so.
+A claim holds where everything that it requires is over 0. It is `supported` where all 95 %
+intervals over objects are above 0, `contradicted` where one is below, and `undecided` where so
+many objects cannot tell.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import Comparison, Estimate, Quality, decimals
-from bench.analysis.intervals import interval_of_means, jackknife_interval, mean_interval
+from bench.analysis.intervals import (
+    StandardError,
+    interval_of_means,
+    jackknife_error,
+    mean_error,
+    sum_error,
+)
+from bench.analysis.paired import SIGNIFICANCE, holm
+from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import higher_is_better, is_mean
-from bench.tables.classes import NETWORK, SURFACE
-from bench.tables.orderings import Ordering
-from bench.tables.table import Table
+from bench.tables.classes import AVERAGE, NETWORK, SURFACE
 
 Floats = NDArray[np.float64]
-Verdict = Literal["supported", "not supported", "not testable here"]
+Verdict = Literal["supported", "contradicted", "undecided", "not testable here"]
+VERDICTS: tuple[Verdict, ...] = ("supported", "contradicted", "undecided", "not testable here")
 Ahead = Literal["surface", "network", "equal", "undecided"]
 FULL = "2048"
 CHAIR = "chair"
@@ -31,25 +39,112 @@ EQUAL = 0.01  # what two scores that are printed alike, with two decimals, diffe
 SHARE = 0.1  # of reconstruction's loss: the paper's network loses 0.01 SSIM where SR loses 0.40
 DISTANCES = ("fid", "fd-views")  # the first that a run has; the second stands in for the first
 CONFIDENCE = "class-confidence"
+RETRIEVAL = "retrieval"
+RECOGNISABLE = ("ssim", "lpips")  # by which an image has to be better than what sees no cloud
+PAPER_WIDTH = 1.0  # of the networks, in widths of the paper's
+
+
+class Requirement(NamedTuple):
+    """Something that has to be over 0 for a claim to hold.
+
+    estimate  with its 95 % interval over objects; NaN where there are too few
+    error     of the estimate; None where there are too few
+    objects   how many
+    """
+
+    name: str
+    estimate: Estimate
+    error: StandardError | None
+    objects: int
+
+    @property
+    def p(self) -> float:
+        """Of a true value of 0, two-sided; NaN without an error."""
+        return self.error.p_value(self.estimate.value) if self.error else math.nan
 
 
 @dataclass(frozen=True)
 class Finding:
     """What a run says about a claim.
 
-    subject  the method that the claim is about
-    numbers  ours, with intervals
-    reason   why not, or what has to be known with it; may be empty
+    subject       the method that the claim is about
+    numbers       ours, with intervals
+    requirements  of the claim; none where it cannot be tested
+    reason        why it cannot be tested, or what has to be known with it; may be empty
     """
 
     subject: str
-    verdict: Verdict
     numbers: str
+    requirements: tuple[Requirement, ...] = ()
     reason: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """By the intervals, whatever else is claimed."""
+        ends = [(of.estimate.low, of.estimate.high) for of in self.requirements]
+        if not ends or not np.isfinite(ends).all():
+            return "not testable here"
+        if all(low > 0 for low, _ in ends):
+            return "supported"
+        return "contradicted" if any(high < 0 for _, high in ends) else "undecided"
+
+    @property
+    def p(self) -> float:
+        """Of the verdict: all that is required has to be over 0, or one of them below.
+
+        The largest p value where all are over 0, else the smallest of those below, times the number
+        of requirements. NaN where the claim cannot be tested.
+        """
+        if self.verdict == "not testable here":
+            return math.nan
+        below = [of.p for of in self.requirements if of.estimate.value <= 0]
+        if not below:
+            return max(of.p for of in self.requirements)
+        return min(1.0, len(self.requirements) * min(below))
+
+    @property
+    def objects(self) -> int:
+        """The fewest of a requirement; 0 where the claim cannot be tested."""
+        return min((of.objects for of in self.requirements), default=0)
+
+    @property
+    def why(self) -> str:
+        """What the requirements are that do not hold, and the reason."""
+        missed = [of.name for of in self.requirements if of.name and not of.estimate.low > 0]
+        parts = [f"not shown: {', '.join(missed)}" if missed else "", self.reason]
+        if self.requirements and self.verdict == "not testable here":
+            parts[0] = "too few objects for an interval"
+        return "; ".join(filter(None, parts))
+
+
+def corrected(findings: Sequence[Finding]) -> list[Verdict]:
+    """The verdicts of a family of claims, corrected for their number by Holm's procedure.
+
+    What is supported or contradicted stays so where its corrected p value is below 0.05, else it
+    is undecided.
+    """
+    p_values = holm([finding.p for finding in findings])
+    return [
+        finding.verdict
+        if finding.verdict in ("not testable here", "undecided") or p < SIGNIFICANCE
+        else "undecided"
+        for finding, p in zip(findings, p_values, strict=True)
+    ]
 
 
 class Lacking(Exception):
     """A run of the right suite does not have what the claim needs."""
+
+
+class Training(NamedTuple):
+    """What has to be known of a network's weights.
+
+    width     in widths of the paper's
+    degraded  whether clouds with fewer points and noise were shown
+    """
+
+    width: float
+    degraded: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +152,26 @@ class Scored:
     """A run whose images were scored.
 
     comparisons  by condition and class
-    orderings    of Table 5; None for runs without
     spreads      by class, how much true objects differ: the value, and without each object
+    retrieval    by method and condition, the share of each chair's images that is found, [G]
+    trainings    of the networks of which it is known
+    subjects     methods in place of the variants of pc2pix
     """
 
     comparisons: Mapping[tuple[str, str], Comparison]
-    orderings: Table[Ordering] | None
-    spreads: Mapping[str, tuple[float, Floats]]
+    spreads: Mapping[str, tuple[float, Floats]] = field(default_factory=dict)
+    retrieval: Mapping[tuple[str, str], Floats] = field(default_factory=dict)
+    trainings: Mapping[str, Training] = field(default_factory=dict)
+    subjects: tuple[str, ...] = ()
 
     @property
     def networks(self) -> list[str]:
-        """The variants of pc2pix in the run."""
+        """The methods that claims are about: the variants of pc2pix in the run, or `subjects`."""
         of_all = next(iter(self.comparisons.values())).images
-        found = [m for m in of_all if m.partition("@")[0] == NETWORK]
+        found = [m for m in of_all if m in self.subjects or m.partition("@")[0] == NETWORK]
+        found = [m for m in found if m in self.subjects] if self.subjects else found
         if not found:
-            raise Lacking(f"the run has no {NETWORK}")
+            raise Lacking(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")
         return found
 
     def quality(self, metric: str, method: str, condition: str, class_name: str) -> Quality:
@@ -90,9 +190,23 @@ class Scored:
         measured = next(iter(self.comparisons.values())).qualities
         return next((metric for metric in DISTANCES if metric in measured), DISTANCES[0])
 
+    def classes(self) -> list[str]:
+        """Of the full clouds."""
+        return [name for condition, name in self.comparisons if condition == FULL]
 
-# Of `speed` the samples, as in `tables/speed_samples.csv`; of `latent` the means of both tables.
-Evidence = Scored | pd.DataFrame
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A run of `speed`: its samples, as in `tables/speed_samples.csv`, its machine, and what is
+    known of the networks."""
+
+    samples: pd.DataFrame
+    machine: str = "an unknown machine"
+    trainings: Mapping[str, Training] = field(default_factory=dict)
+
+
+# Of `latent` the means of both tables.
+Evidence = Scored | Timed | pd.DataFrame
 
 
 # --- chairs, condition by condition ---------------------------------------------------------------
@@ -104,54 +218,81 @@ def ordering(run: Scored, metric: str, condition: str, ahead: Ahead) -> list[Fin
     found = []
     for network in run.networks:
         a, b = (run.quality(metric, m, condition, CHAIR) for m in (network, SURFACE))
-        lead = _lead(a, b)
+        lead = _lead("", a, b)
         numbers = _compared(metric, a.estimate.value, "SR", b.estimate.value, "ahead", lead)
         found.append(_judged(network, numbers, lead, ahead, _stand_in(metric)))
     return found
 
 
 def steady(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]:
-    """The network loses less than `SHARE` of what SR loses against the full cloud, at each."""
+    """The network loses less than `SHARE` of what SR loses against the full cloud, at each.
+
+    What loses nothing because it shows nothing is not robust: at each condition its images also
+    have to be better than those of the floors by `RECOGNISABLE`, and found more often than by
+    chance.
+    """
     metric = _measured(run, metric)
     found = []
     for network in run.networks:
-        texts, excesses = [], []
+        texts, required = [], []
         for condition in conditions:
             own, others = (_loss(run, metric, m, condition) for m in (network, SURFACE))
-            excesses.append(combined([*own, *((-SHARE * w, q) for w, q in others)]))
-            texts.append(
-                f"{condition}: loses {_text(metric, combined(own))}, "
-                f"SR {_text(metric, combined(others))}"
-            )
-        holds = all(excess.high < 0 for excess in excesses)
-        why = f"not surely less than {SHARE:.0%} of SR's loss at each"
-        numbers = "; ".join([metric, *texts])
-        found.append(_finding(network, numbers, excesses, holds, why, _stand_in(metric)))
+            spared = [*((-w, q) for w, q in own), *((SHARE * w, q) for w, q in others)]
+            required.append(_requirement(f"loss at {condition}", spared))
+            required += _shows_something(run, network, condition)
+            lost = [_text(metric, combined(of)) for of in (own, others)]
+            texts.append(f"{condition}: loses {lost[0]}, SR {lost[1]}")
+        reason = "; ".join(filter(None, [_shown(run, network), _stand_in(metric)]))
+        found.append(Finding(network, "; ".join([metric, *texts]), tuple(required), reason))
     return found
+
+
+def _shows_something(run: Scored, method: str, condition: str) -> list[Requirement]:
+    """Better than each floor by image metrics, and recognised more often than by chance."""
+    made = []
+    for metric in RECOGNISABLE:
+        own = run.quality(metric, method, condition, CHAIR)
+        made += [
+            _lead(
+                f"{metric} over {floor} at {condition}",
+                own,
+                run.quality(metric, floor, condition, CHAIR),
+            )
+            for floor in FLOORS
+            if floor != method
+        ]
+    shares = run.retrieval.get((method, condition))
+    if shares is None:
+        raise Lacking(f"the run has no {RETRIEVAL} of {method} at {condition}")
+    above = shares - 1 / len(shares)
+    return [*made, _of_objects(f"{RETRIEVAL} over chance at {condition}", [above])]
+
+
+def _shown(run: Scored, network: str) -> str:
+    training = run.trainings.get(network)
+    if training is None:
+        return ""
+    return "was shown such clouds in training" if training.degraded else "was not shown such clouds"
 
 
 def degrades(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]:
     """SR loses against the full cloud, at each of the conditions."""
     metric = _measured(run, metric)
-    losses = {c: combined(_loss(run, metric, SURFACE, c)) for c in conditions}
-    numbers = "; ".join(f"{c}: loses {_text(metric, loss)}" for c, loss in losses.items())
-    holds = all(loss.low > 0 for loss in losses.values())
-    intervals, why = [*losses.values()], "not surely at each"
-    return [_finding(SURFACE, f"{metric}; {numbers}", intervals, holds, why, _stand_in(metric))]
+    losses = [_requirement(c, _loss(run, metric, SURFACE, c)) for c in conditions]
+    numbers = "; ".join(f"{of.name}: loses {_text(metric, of.estimate)}" for of in losses)
+    return [Finding(SURFACE, f"{metric}; {numbers}", tuple(losses), _stand_in(metric))]
 
 
 def above_blank(run: Scored) -> list[Finding]:
     """The network's images are nearer to the truth than white ones, by SSIM and by distance."""
     found = []
     for network in run.networks:
-        leads = {
-            metric: _lead(*(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank")))
+        leads = [
+            _lead(metric, *(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank")))
             for metric in ("ssim", run.distance)
-        }
-        numbers = "; ".join(f"{m}: ahead by {_text(m, lead)}" for m, lead in leads.items())
-        lacking = [m for m, lead in leads.items() if not lead.low > 0]
-        why = f"not surely ahead of a blank picture by {', '.join(lacking)}"
-        found.append(_finding(network, numbers, [*leads.values()], not lacking, why))
+        ]
+        numbers = "; ".join(f"{of.name}: ahead by {_text(of.name, of.estimate)}" for of in leads)
+        found.append(Finding(network, numbers, tuple(leads)))
     return found
 
 
@@ -162,56 +303,56 @@ def class_ordering(
     run: Scored, class_name: str, ahead: Ahead, metric: str | None = None
 ) -> list[Finding]:
     """Who is ahead in one class, or on average; by the run's distance without another metric."""
-    row = _ordering(run, metric or run.distance, class_name)
-    numbers = _compared(row.metric, row.network, "SR", row.surface, "ahead", row.lead)
-    return [_judged(row.method, numbers, row.lead, ahead, _stand_in(row.metric))]
+    metric = metric or run.distance
+    names = run.classes() if class_name == AVERAGE else [class_name]
+    network = run.networks[0]
+    own, other = (
+        [run.quality(metric, method, FULL, name) for name in names] for method in (network, SURFACE)
+    )
+    lead = _lead_over_classes("", own, other)
+    values = [float(np.mean([q.estimate.value for q in of])) for of in (own, other)]
+    numbers = _compared(metric, values[0], "SR", values[1], "ahead", lead)
+    return [_judged(network, numbers, lead, ahead, _stand_in(metric))]
 
 
 def unrecognisable(run: Scored) -> list[Finding]:
     """The classifier gives the true class less to SR's images than to true ones."""
-    pairs = [
-        [run.quality(CONFIDENCE, m, FULL, name) for m in ("true-mesh", SURFACE)]
-        for condition, name in run.comparisons
-        if condition == FULL
-    ]
-    lost = [true.per_object - drawn.per_object for true, drawn in pairs]
-    estimate = Estimate(float(np.mean([x.mean() for x in lost])), *interval_of_means(lost))
-    true, drawn = (np.mean([pair[i].estimate.value for pair in pairs]) for i in (0, 1))
-    numbers = (
-        f"{CONFIDENCE} {drawn:.3f}, true pictures {true:.3f}; loses {_text(CONFIDENCE, estimate)}"
+    true, drawn = (
+        [run.quality(CONFIDENCE, method, FULL, name) for name in run.classes()]
+        for method in ("true-mesh", SURFACE)
     )
-    return [_judged(SURFACE, numbers, estimate, "network", "")]
+    lost = _lead_over_classes("", true, drawn)
+    of_true, of_drawn = (np.mean([q.estimate.value for q in of]) for of in (true, drawn))
+    numbers = (
+        f"{CONFIDENCE} {of_drawn:.3f}, true pictures {of_true:.3f}; "
+        f"loses {_text(CONFIDENCE, lost.estimate)}"
+    )
+    return [Finding(SURFACE, numbers, (lost,))]
 
 
 def gains_from_others(run: Scored, alone: str, together: str) -> list[Finding]:
     """Chairs: the network of all classes is nearer to the truth than that of chairs alone."""
     metric = run.distance
     a, b = (run.quality(metric, m, FULL, CHAIR) for m in (alone, together))
-    gain = _lead(b, a)
+    gain = _lead("", b, a)
     numbers = _compared(metric, b.estimate.value, "alone", a.estimate.value, "better", gain)
-    return [_judged(together, numbers, gain, "network", _stand_in(metric))]
+    return [Finding(together, numbers, (gain,), _stand_in(metric))]
 
 
 def good_where_thin(run: Scored, thin: Sequence[str]) -> list[Finding]:
     """SR's distance is smaller in these classes than in the mean of the others."""
-    metric = run.distance
-    names = [name for condition, name in run.comparisons if condition == FULL]
+    metric, names = run.distance, run.classes()
     if lacking := [name for name in thin if name not in names]:
         raise Lacking(f"the run has no {', '.join(lacking)}")
     groups = [[n for n in names if (n in thin) == inside] for inside in (True, False)]
     if not groups[1]:
         raise Lacking("the run has no other class")
-    values, variance = [], 0.0
-    for group in groups:
-        of = [run.quality(metric, SURFACE, FULL, name) for name in group]
-        value = float(np.mean([q.estimate.value for q in of]))
-        _, high = jackknife_interval(value, [q.per_object for q in of])
-        values.append(value)
-        variance += (high - value) ** 2
-    gap, reach = values[1] - values[0], math.sqrt(variance)
-    estimate = Estimate(gap, gap - reach, gap + reach)
-    numbers = _compared(metric, values[0], "others", values[1], "nearer", estimate)
-    return [_judged(SURFACE, numbers, estimate, "network", _stand_in(metric))]
+    of_groups = [[run.quality(metric, SURFACE, FULL, name) for name in group] for group in groups]
+    values = [float(np.mean([q.estimate.value for q in of])) for of in of_groups]
+    left_out = [[q.per_object for q in of] for of in of_groups]
+    gap = _difference("", values[1] - values[0], *left_out)
+    numbers = _compared(metric, values[0], "others", values[1], "nearer", gap)
+    return [Finding(SURFACE, numbers, (gap,), _stand_in(metric))]
 
 
 def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
@@ -219,39 +360,42 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
     if lacking := [name for name in (more, less) if name not in run.spreads]:
         raise Lacking(f"the run has no features of {', '.join(lacking)}")
     (a, without_a), (b, without_b) = run.spreads[more], run.spreads[less]
-    reach = math.hypot(
-        *(jackknife_interval(v, [w])[1] - v for v, w in ((a, without_a), (b, without_b)))
-    )
-    estimate = Estimate(a - b, a - b - reach, a - b + reach)
+    gap = _difference("", a - b, [without_a], [without_b])
     by_spread = sorted(run.spreads, key=lambda name: -run.spreads[name][0])
     numbers = (
-        f"variance between objects {a:.2f}, {less} {b:.2f}; more by {_text('fd-views', estimate)}; "
+        f"variance between objects {a:.2f}, {less} {b:.2f}; more by "
+        f"{_text('fd-views', gap.estimate)}; "
         f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
     )
-    return [_judged("true pictures", numbers, estimate, "network", "")]
+    return [Finding("true pictures", numbers, (gap,))]
 
 
 # --- speed ----------------------------------------------------------------------------------------
 
 
-def faster(samples: pd.DataFrame, times: float) -> list[Finding]:
+def faster(run: Timed, times: float) -> list[Finding]:
     """An image of the network costs less than one over `times` of one of SR, preparing included.
 
-    On one thread, cloud by cloud: the interval is over clouds.
+    On one thread, cloud by cloud: the interval is over clouds. The claim is about the paper's
+    network: one of another width says nothing about it.
     """
-    costs = _costs(samples)
+    costs = _costs(run.samples)
     networks = [m for m in costs if m.partition("@")[0] == NETWORK]
     if SURFACE not in costs or not networks:
         raise Lacking(f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}")
     found = []
     for network in networks:
         ratio = np.log(costs[SURFACE] / costs[network])
-        middle, (low, high) = ratio.mean(), mean_interval(ratio)
-        estimate = Estimate(*map(float, np.exp([middle, low, high])))
-        numbers = f"{estimate.value:.1f} times [{estimate.low:.1f}, {estimate.high:.1f}]"
-        holds = estimate.low > times
-        why = f"not surely more than {times:g} times"
-        found.append(_finding(network, numbers, [estimate], holds, why))
+        over = _of_objects("", [ratio - math.log(times)])
+        low, high = (math.exp(end + math.log(times)) for end in over.estimate[1:])
+        numbers = f"{math.exp(ratio.mean()):.1f} times [{low:.1f}, {high:.1f}] on {run.machine}"
+        training = run.trainings.get(network)
+        if training is None or training.width != PAPER_WIDTH:
+            width = "an unknown width" if training is None else f"{training.width:g} of its width"
+            reason = f"the claim is about the paper's network; this one has {width}"
+            found.append(Finding(network, numbers, (), reason))
+        else:
+            found.append(Finding(network, numbers, (over,), "the paper's width"))
     return found
 
 
@@ -274,9 +418,10 @@ def _costs(samples: pd.DataFrame) -> dict[str, Floats]:
 def mean_above(
     means: pd.DataFrame, metric: str, what: str, than: str | None = None
 ) -> list[Finding]:
-    """A mean of the suite `latent` is surely above another one's, or above 0 without another.
+    """A mean of the suite `latent` is above another one's, or above 0 without another.
 
-    Two means are compared by their intervals, which must not touch: they are not paired.
+    Two means are compared as independent, which they are not: paths and sums are the same. Paired
+    by item, the difference would have a shorter interval.
     """
     rows = means[(means["metric"] == metric) & (means["kind"] == "all")]
     found = []
@@ -285,18 +430,27 @@ def mean_above(
         if lacking := [w for w in (what, than) if w is not None and w not in at.index]:
             raise Lacking(f"the run has no {metric} of {', '.join(lacking)}")
         own = _estimate(at, what)
-        numbers, bar = f"{metric} of {what} {_figures(own)}", 0.0
+        numbers, bar = f"{metric} of {what} {_figures(own)}", Estimate(0.0, 0.0, 0.0)
         if than is not None:
-            other = _estimate(at, than)
-            numbers, bar = f"{numbers}, of {than} {_figures(other)}", other.high
-        holds = own.low > bar
-        why = "not surely above it" if than else "not surely above 0"
-        found.append(_finding(str(method), numbers, [own], holds, why))
+            bar = _estimate(at, than)
+            numbers = f"{numbers}, of {than} {_figures(bar)}"
+        gap = _independent(own, bar, int(at.loc[what, "n_ok"]))
+        found.append(Finding(str(method), numbers, (gap,)))
     return found
 
 
 def _estimate(rows: pd.DataFrame, what: str) -> Estimate:
     return Estimate(*(float(rows.loc[what, c]) for c in ("value", "ci_low", "ci_high")))  # type: ignore[arg-type]
+
+
+def _independent(a: Estimate, b: Estimate, objects: int) -> Requirement:
+    """a - b of independent estimates; half of an interval is two standard errors."""
+    gap = a.value - b.value
+    below = math.hypot(a.value - a.low, b.high - b.value)
+    above = math.hypot(a.high - a.value, b.value - b.low)
+    reach = below if gap > 0 else above
+    error = StandardError(reach / 1.96, math.inf) if math.isfinite(reach) else None
+    return Requirement("", Estimate(gap, gap - below, gap + above), error, objects)
 
 
 # --- in common ------------------------------------------------------------------------------------
@@ -307,17 +461,48 @@ def combined(terms: Sequence[tuple[float, Quality]]) -> Estimate:
 
     With the intervals of `bench.analysis.intervals`.
     """
+    return _requirement("", terms).estimate
+
+
+def _requirement(name: str, terms: Sequence[tuple[float, Quality]]) -> Requirement:
     value = float(sum(weight * quality.estimate.value for weight, quality in terms))
     per_object = np.sum([weight * quality.per_object for weight, quality in terms], axis=0)
     if is_mean(terms[0][1].metric):
-        return Estimate(value, *mean_interval(per_object))
-    return Estimate(value, *jackknife_interval(value, [per_object]))
+        made = _of_objects(name, [per_object])
+        return made._replace(estimate=made.estimate._replace(value=value))
+    return _difference(name, value, [per_object])
 
 
-def _lead(a: Quality, b: Quality) -> Estimate:
+def _lead(name: str, a: Quality, b: Quality) -> Requirement:
     """How much better a is than b."""
     sign = 1 if higher_is_better(a.metric) else -1
-    return combined([(sign, a), (-sign, b)])
+    return _requirement(name, [(sign, a), (-sign, b)])
+
+
+def _lead_over_classes(name: str, a: Sequence[Quality], b: Sequence[Quality]) -> Requirement:
+    """How much better a is than b, class by class, in the mean over classes."""
+    metric = a[0].metric
+    sign = 1 if higher_is_better(metric) else -1
+    leads = [sign * (one.per_object - other.per_object) for one, other in zip(a, b, strict=True)]
+    if is_mean(metric):
+        return _of_objects(name, leads)
+    values = [sign * (x.estimate.value - y.estimate.value) for x, y in zip(a, b, strict=True)]
+    return _difference(name, float(np.mean(values)), leads)
+
+
+def _of_objects(name: str, per_object: Sequence[Floats]) -> Requirement:
+    """A mean over classes of the means over objects."""
+    value = float(np.mean([of.mean() for of in per_object]))
+    estimate = Estimate(value, *interval_of_means(per_object))
+    return Requirement(name, estimate, mean_error(per_object), sum(map(len, per_object)))
+
+
+def _difference(name: str, value: float, *left_out: Sequence[Floats]) -> Requirement:
+    """A difference of means over classes of distances, given those without each object; or one."""
+    count = sum(len(of) for group in left_out for of in group)
+    error = sum_error([jackknife_error(of) for of in left_out])
+    reach = error.reach if error else math.nan
+    return Requirement(name, Estimate(value, value - reach, value + reach), error, count)
 
 
 def _loss(run: Scored, metric: str, method: str, condition: str) -> list[tuple[float, Quality]]:
@@ -327,46 +512,24 @@ def _loss(run: Scored, metric: str, method: str, condition: str) -> list[tuple[f
     return [(sign, full), (-sign, less)]
 
 
-def _ordering(run: Scored, metric: str, class_name: str) -> Ordering:
-    if run.orderings is None:
-        raise Lacking("the run has not both SR and pc2pix")
-    for row in run.orderings.rows:
-        if (row.condition, row.class_name, row.metric) == (FULL, class_name, metric):
-            return row
-    raise Lacking(f"the run has no {metric} of class {class_name} at {FULL}")
-
-
-def _judged(subject: str, numbers: str, lead: Estimate, ahead: Ahead, remark: str) -> Finding:
-    """By the interval of how much the network is ahead."""
-    before, behind = lead.low > 0, lead.high < 0
-    between = "the interval holds 0"
+def _judged(subject: str, numbers: str, lead: Requirement, ahead: Ahead, remark: str) -> Finding:
+    """By how much the network is ahead."""
     match ahead:
         case "network":
-            holds, why = before, "the other way round" if behind else between
+            required = (lead,)
         case "surface":
-            holds, why = behind, "the other way round" if before else between
-        case "equal":
-            holds = lead.low >= -EQUAL and lead.high <= EQUAL
-            why = f"not surely within {EQUAL} of each other"
-        case "undecided":
-            holds, why = not before and not behind, "the interval does not hold 0"
-    return _finding(subject, numbers, [lead], holds, why, remark)
+            required = (_moved(lead, 0.0, -1),)
+        case "equal":  # two one-sided tests
+            required = _moved(lead, EQUAL, 1), _moved(lead, EQUAL, -1)
+        case "undecided":  # what is not significant is never shown to be so
+            required = (_moved(lead, 0.0, -1 if lead.estimate.value > 0 else 1),)
+    return Finding(subject, numbers, required, remark)
 
 
-def _finding(
-    subject: str,
-    numbers: str,
-    intervals: Sequence[Estimate],
-    holds: bool,
-    why: str,
-    remark: str = "",
-) -> Finding:
-    """The verdict, with the reason `why` where it does not hold; none without an interval."""
-    if not all(math.isfinite(estimate.low) for estimate in intervals):
-        return Finding(subject, "not testable here", numbers, "too few objects for an interval")
-    verdict: Verdict = "supported" if holds else "not supported"
-    reasons = ("" if holds else why, remark)
-    return Finding(subject, verdict, numbers, "; ".join(filter(None, reasons)))
+def _moved(of: Requirement, by: float, sign: int) -> Requirement:
+    """sign times the estimate, and `by` more."""
+    ends = sorted(by + sign * end for end in of.estimate[1:])
+    return of._replace(estimate=Estimate(by + sign * of.estimate.value, *ends))
 
 
 def _measured(run: Scored, metric: str) -> str:
@@ -377,10 +540,12 @@ def _stand_in(metric: str) -> str:
     return f"{metric} stands in for {DISTANCES[0]}" if metric == DISTANCES[1] else ""
 
 
-def _compared(metric: str, own: float, other: str, value: float, how: str, lead: Estimate) -> str:
+def _compared(
+    metric: str, own: float, other: str, value: float, how: str, lead: Requirement
+) -> str:
     digits = decimals(metric)
     values = f"{metric} {own:.{digits}f}, {other} {value:.{digits}f}"
-    return f"{values}; {how} by {_text(metric, lead)}"
+    return f"{values}; {how} by {_text(metric, lead.estimate)}"
 
 
 def _text(metric: str, estimate: Estimate) -> str:

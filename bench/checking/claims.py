@@ -45,6 +45,11 @@ class Claim:
     rule: Callable[[Any], list[Finding]] | None = None
     why_not: str = ""
 
+    @property
+    def family(self) -> str:
+        """The claims that are corrected together: those of a table, or those of the text."""
+        return self.where.partition(",")[0] if self.id.startswith("table-") else "text"
+
 
 def claims() -> tuple[Claim, ...]:
     """All claims, in the order of the checklist.

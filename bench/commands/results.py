@@ -80,14 +80,22 @@ def check(
             "--claims", help="Check the paper's claims on the runs instead of golden values."
         ),
     ] = False,
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            help="Methods, comma-separated, that --claims are about. Default: all pc2pix."
+        ),
+    ] = None,
 ) -> None:
     """Compare a run with the golden values. Exit 0 if all agree, 1 if one does not."""
     from bench.checking import golden as checks
     from bench.commands.moved import write_moved
 
     if claims:
-        _check_claims(directories)
+        _check_claims(directories, names(methods) or ())
         return
+    if methods is not None:
+        raise BadInput("--methods: golden values are of all methods; give --claims with it")
     if len(directories) > 1:
         raise BadInput(
             f"{len(directories)} folders: golden values are of one run; or give --claims"
@@ -114,11 +122,11 @@ def check(
         raise typer.Exit(1)
 
 
-def _check_claims(directories: list[Path]) -> None:
+def _check_claims(directories: list[Path], methods: Sequence[str]) -> None:
     """Print the checklist, and write it into the first folder."""
     from bench.checking.checklist import check_claims, to_markdown, write_checklist
 
-    made = check_claims(directories)
+    made = check_claims(directories, methods)
     print(to_markdown(made))
     print(f"written to {write_checklist(made, directories[0])}", file=sys.stderr)
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from dataclasses import replace
@@ -8,10 +9,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.analysis.comparison import Estimate
+from bench.analysis.intervals import StandardError
 from bench.catalogue.suites import LATENT, SPEED, SUITES
 from bench.checking import checklist as claims_check
-from bench.checking.checklist import Checked, Run, checked, read_run, spreads, to_markdown
-from bench.checking.claim_rules import Finding, Scored
+from bench.checking.checklist import (
+    Checked,
+    Run,
+    check_claims,
+    checked,
+    read_run,
+    spreads,
+    to_markdown,
+)
+from bench.checking.claim_rules import Finding, Requirement, Scored
 from bench.checking.claims import claims
 from bench.records.record import GROUND_TRUTH
 from bench.tables import published as published_values
@@ -23,7 +34,8 @@ from ..builders import FeaturesAtHand, make_manifest, write_manifest, write_run
 pytestmark = pytest.mark.usefixtures("few_objects")
 
 CLAIMS = claims()
-FOUND = Finding("pc2pix", "supported", "ssim 0.7", "")
+SURE = Requirement("", Estimate(0.1, 0.05, 0.15), StandardError(0.02, 20.0), 24)
+FOUND = Finding("pc2pix", "ssim 0.7", (SURE,))
 
 
 def test_the_table_of_claims():
@@ -98,7 +110,8 @@ def test_claims_of_a_run(tmp_path):
     found = made["table-3-ssim-1024"]
     own, sr = (values[method, 1024] for method in ("pc2pix", "surface-apss"))
     assert found.numbers.startswith(f"ssim {own:.3f}, SR {sr:.3f}; ahead by {own - sr:+.3f} [")
-    assert found.verdict == "not supported"
+    assert found.verdict == "undecided"
+    assert found.objects == 6
     assert made["table-4-512"].reason.endswith("fd-views stands in for fid")
 
 
@@ -114,7 +127,7 @@ def test_speed_and_latent_runs(tmp_path):
         text = f"what,metric,kind,method,value,ci_low,ci_high\n{name},m,all,pc2pix,1,1,1\n"
         (tmp_path / f"latent/tables/latent_{name}.csv").write_text(text)
     speed, latent = (read_run(tmp_path / name) for name in ("speed", "latent"))
-    assert speed.evidence["condition"].tolist() == ["2048"]
+    assert speed.evidence.samples["condition"].tolist() == ["2048"]
     assert latent.evidence["what"].tolist() == ["interpolation", "arithmetic"]
     (tmp_path / "speed/tables/speed_samples.csv").unlink()
     with pytest.raises(BadInput, match=r"speed_samples.csv: cannot be read"):
@@ -143,22 +156,61 @@ def test_spreads():
 
 def test_the_checklist_in_markdown():
     claim, other = CLAIMS[0], CLAIMS[1]
+    open_ = SURE._replace(name="a | b", estimate=Estimate(0.1, -0.1, 0.3))
     made = [
-        Checked(claim, "run 1", FOUND),
-        Checked(claim, "run 2", replace(FOUND, verdict="not supported", reason="a | b")),
-        Checked(other, "", Finding("-", "not testable here", "", "give a run of x")),
+        Checked(claim, "run 1", FOUND, "supported"),
+        Checked(claim, "run 2", replace(FOUND, requirements=(open_,)), "undecided"),
+        Checked(claim, "run 3", FOUND, "undecided"),
+        Checked(other, "", Finding("-", "", (), "give a run of x")),
     ]
     lines = to_markdown(made).splitlines()
-    assert "| pc2pix | run 1 | 1 | 0 | 0 |" in lines
-    assert "| pc2pix | run 2 | 0 | 1 | 0 |" in lines
+    assert "| pc2pix | run 1 | 1 | 0 | 0 | 0 |" in lines
+    assert "| pc2pix | run 3 | 0 | 0 | 1 | 0 |" in lines
     first = next(line for line in lines if line.startswith(f"| {claim.id} |"))
-    start = f"| {claim.id} | **supported** | pc2pix (run 1) | ssim 0.7 "
+    start = f"| {claim.id} | **supported** | pc2pix (run 1) | 24 | ssim 0.7 "
     assert first == f"{start}| “{claim.quoted}” ({claim.where}) | {claim.measured} |"
-    second = lines[lines.index(first) + 1]
-    message = "not supported: a \\| b | pc2pix (run 2) | ssim 0.7"
+    second, third, fourth = lines[lines.index(first) + 1 :][:3]
+    message = "undecided: not shown: a \\| b | pc2pix (run 2) | 24 | ssim 0.7"
     assert second == f"| {claim.id} | {message} |  |  |"  # the quotation stands above
-    third = lines[lines.index(second) + 1]
-    assert third.startswith(f"| {other.id} | not testable here: give a run of x | - |  | “")
+    assert third.startswith(f"| {claim.id} | undecided: uncorrected: supported | pc2pix (run 3) |")
+    assert fourth.startswith(f"| {other.id} | not testable here: give a run of x | - | - |  | “")
+
+
+def test_claims_of_a_table_are_corrected_together():
+    families = [claim.family for claim in CLAIMS]
+    assert {name: families.count(name) for name in dict.fromkeys(families)} == {
+        **{"text": 25, "Table 3": 20, "Table 4": 5},
+        **{"Table 5": 14},
+    }
+
+
+def test_floors_are_not_robust(tmp_path):
+    """A white image loses nothing. It shows nothing, either."""
+    names = ["surface-apss", "blank", "constant"]
+    run = write_run(tmp_path / "run", methods=names, objects=[f"chair/{i}" for i in "abcdefgh"],
+                    conditions=["2048", "1024", "512", "noise-0.05", "noise-0.10"])  # fmt: skip
+    made = checked([read_run(run, subjects=("blank", "constant"))])
+    robust = {"operates-on-fewer-points", "robust-to-noise", "structure-is-kept", "fid-is-kept"}
+    found = [entry for entry in made if entry.claim.id in robust]
+    assert {entry.finding.subject for entry in found} == {"blank", "constant"}
+    assert len(found) == 8
+    assert "supported" not in {entry.finding.verdict for entry in found}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"dataset": "folder:x"}, "different dataset: procedural and folder:x"),
+        ({"seed": 3}, "different seed: 0 and 3"),
+        ({"objects": ["chair/z"]}, "different objects; give runs"),
+    ],
+)
+def test_runs_that_do_not_fit_together_are_refused(tmp_path, changes, message):
+    first, second = (write_run(tmp_path / name) for name in ("first", "second"))
+    manifest = json.loads((second / "manifest.json").read_text())
+    (second / "manifest.json").write_text(json.dumps(manifest | changes))
+    with pytest.raises(BadInput, match=f"first and .*second do not fit together.*{message}"):
+        check_claims([first, second])
 
 
 def test_the_command(command, tmp_path):
@@ -184,7 +236,7 @@ def test_findings_are_those_of_the_rule(monkeypatch):
 
     claim = replace(CLAIMS[0], rule=rule)
     monkeypatch.setattr(claims_check, "claims", lambda: (claim,))
-    evidence = Scored({}, None, {})
+    evidence = Scored({})
     runs = [Run("one", claim.suite, evidence), Run("two", "speed", pd.DataFrame())]
     made = checked(runs)
     assert [(entry.run, entry.finding.subject) for entry in made] == [
