@@ -67,7 +67,10 @@ def objective_of(path: Path) -> str:
     """
     objective = card_of(path).get("objective", "")
     if not isinstance(objective, str) or len(objective) > MOST_OBJECTIVE_LENGTH:
-        raise BadInput(f"{path}: the objective is no short text; fetch or write the file again")
+        raise BadInput(
+            f"{path}: its header cannot be read (the objective is no short text); fetch or write "
+            "the file again"
+        )
     return objective
 
 
