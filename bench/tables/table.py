@@ -174,8 +174,11 @@ def number(
 
 
 def shown(value: float, decimals: int) -> str:
-    """A number for people; a dash where there is none."""
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
+    """A number for people, 0 without a sign; a dash where there is none."""
+    if not math.isfinite(value):
+        return "-"
+    text = f"{value:.{decimals}f}"
+    return text if float(text) else text.removeprefix("-")
 
 
 class Head(NamedTuple):

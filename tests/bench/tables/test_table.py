@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+import pytest
 
 from bench.tables.markdown import document
 from bench.tables.table import (
@@ -17,6 +20,7 @@ from bench.tables.table import (
     grid,
     number,
     pivot,
+    shown,
     table_files,
 )
 
@@ -70,8 +74,8 @@ def test_a_table_without_a_layout_is_for_scripts_alone():
     table = Table("t", "T", columns("n"), ROWS)
     assert list(table_files([table])) == ["t.csv"]
     assert table.grids() == ()
-    shown = Table("t", "T", columns("n"), ROWS, lambda rows: [f"{len(rows)} rows"])
-    assert table_files([shown])["t.md"] == "# T\n\n3 rows\n"
+    made = Table("t", "T", columns("n"), ROWS, lambda rows: [f"{len(rows)} rows"])
+    assert table_files([made])["t.md"] == "# T\n\n3 rows\n"
 
 
 def test_a_pivot_in_markdown():
@@ -114,3 +118,11 @@ def test_marks_in_both_renderers():
 
 def test_what_was_not_measured_is_its_notes_alone():
     assert document([grid(["a"], [["x"]], notes=("skipped: why",), void=True)]) == "skipped: why\n"
+
+
+@pytest.mark.parametrize(
+    ("value", "decimals", "text"),
+    [(-1e-9, 1, "0.0"), (-0.06, 1, "-0.1"), (0.0, 0, "0"), (1.25, 2, "1.25"), (math.nan, 3, "-")],
+)
+def test_numbers_for_people(value, decimals, text):
+    assert shown(value, decimals) == text
