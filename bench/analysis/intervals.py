@@ -66,14 +66,13 @@ def interval_of_means(per_object: Sequence[Floats]) -> tuple[float, float]:
     and their intervals are paired. (nan, nan) below FEWEST objects, without a class, where a class
     has fewer than 2 objects, and where a value is not finite.
     """
-    if not _enough(per_object):
+    found = mean_error(per_object)
+    if found is None:
         return NONE
     value = float(np.mean([of.mean() for of in per_object]))
     if all(np.ptp(of) == 0 for of in per_object):  # exact, where resampled sums would round
         value = float(np.mean([of[0] for of in per_object]))
         return value, value
-    found = mean_error(per_object)
-    assert found is not None
     means, variances = np.zeros(RESAMPLES), np.zeros(RESAMPLES)
     for number, of in enumerate(per_object):
         # One class says nothing about the next.

@@ -557,10 +557,12 @@ class SetDistance(NamedTuple):
 
     between   features, cell and images: the distance, and those without each block of objects
     interval  95 %, from these two
+    debiased  as it would be with endless objects, from the same; NaN where that is the value
     """
 
     between: Callable[[MeasuredFeatures, CellKey, Sequence[ImageKey]], tuple[float, Floats]]
     interval: Callable[[float, Floats], tuple[float, float]]
+    debiased: Callable[[float, Floats], float]
 
 
 def _kernel(
@@ -575,8 +577,8 @@ def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
     return jackknife_interval(value, [left_out])
 
 
-FRECHET = SetDistance(MeasuredFeatures.distance, distance_interval)
-KERNEL = SetDistance(_kernel, _kernel_interval)
+FRECHET = SetDistance(MeasuredFeatures.distance, distance_interval, debiased)
+KERNEL = SetDistance(_kernel, _kernel_interval, lambda value, left_out: NAN)
 
 
 def set_rows(
@@ -601,8 +603,7 @@ def set_rows(
             value, left_out, with_blank, note = _distances(cell, found, distance)
         interval = distance.interval(value, left_out)
         row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
-        if distance is FRECHET:
-            row = replace(row, debiased=debiased(value, left_out))
+        row = replace(row, debiased=distance.debiased(value, left_out))
         made.append(Measured(row, left_out))
     return made
 
