@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from data_prep.dataset import Dataset
 from data_prep.orientations import OURS
+from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
 from data_prep.scene_objects import MeshObject, Split
-from data_prep.shapes.catalogue import CLASSES
+from data_prep.shapes.catalogue import CLASSES, NOVEL_CLASSES
 
 PROCEDURAL_VERSION = 1  # raise when a shape changes: finished work is then done again
+_SALT = "41ec20ecc29a5c5a3390005bfa849f81"  # of the sealed split
 
 
 @dataclass(frozen=True)
 class ProceduralObject(MeshObject):
-    """Number `index` of a split. The splits share no random numbers, hence no object."""
+    """Number `index` of a split. The splits share no random numbers, hence no object.
+
+    The sealed split is another in each version of the protocol. The objects of `novel-families`
+    are of structural families that no other split draws.
+    """
 
     class_name: str
     split: Split
@@ -24,24 +32,30 @@ class ProceduralObject(MeshObject):
 
     @property
     def object_id(self) -> str:
-        """For example "test-0007"."""
-        return f"{self.split}-{self.index:04d}"
+        """For example "test-0007"; of the sealed split with the protocol: "sealed-1-0007"."""
+        version = f"{PROTOCOL_VERSION}-" if self.split == "sealed" else ""
+        return f"{self.split}-{version}{self.index:04d}"
 
     def fingerprint(self) -> str:
         """Class, number and version of the procedure."""
         return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
 
+    def random_numbers(self) -> np.random.Generator:
+        """The random numbers that decide the object, from the first on."""
+        seal = (PROTOCOL_VERSION, _SALT) if self.split == "sealed" else ()
+        return generator("procedural", self.class_name, self.split, self.index, *seal)
+
     def load(self) -> Mesh:
         """Draw the object."""
-        rng = generator("procedural", self.class_name, self.split, self.index)
-        return CLASSES[self.class_name].draw(rng).mesh()
+        shapes = NOVEL_CLASSES if self.split == "novel-families" else CLASSES
+        return shapes[self.class_name].draw(self.random_numbers()).mesh()
 
 
 def procedural_dataset(spec: str, measured: Split) -> Dataset:
-    """All classes of the catalogue."""
+    """All classes of the catalogue; with novel families, those that have some."""
     return Dataset(
         spec,
-        tuple(CLASSES),
+        tuple(NOVEL_CLASSES if measured == "novel-families" else CLASSES),
         None,
         measured=measured,
         layout="parametric shapes, as many as one asks for",

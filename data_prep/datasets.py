@@ -31,7 +31,12 @@ __all__ = [
     "open_dataset",
 ]
 
-_EMBEDDED: Mapping[str, Split] = {"procedural": "test", "procedural:validation": "validation"}
+_EMBEDDED: Mapping[str, Split] = {
+    "procedural": "test",
+    "procedural:validation": "validation",
+    "procedural:sealed": "sealed",
+    "procedural:novel-families": "novel-families",
+}
 _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
     "folder": folder_dataset,
     "shapenet": shapenet_dataset,
@@ -43,16 +48,17 @@ _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
 def open_dataset(spec: str) -> Dataset:
     """The dataset named on the command line: `procedural`, or a kind and a folder (`folder:PATH`).
 
-    `procedural:validation` measures the split on which choices are made, so that the test split
-    stays unseen until the end. Raises BadInput for an unknown kind, a missing folder, and what the
-    kind cannot use.
+    Choices are made on `procedural:validation`. `procedural:sealed` is for final numbers alone,
+    measured once per version of the protocol: no training, study or default takes it.
+    `procedural:novel-families` has chairs of structures that no other split draws. Raises BadInput
+    for an unknown kind, a missing folder, and what the kind cannot use.
     """
     if spec in _EMBEDDED:
         return procedural_dataset(spec, _EMBEDDED[spec])
     kind, _, location = spec.partition(":")
     if kind not in _STORED or not location:
         raise BadInput(
-            f"unknown dataset '{spec}': use procedural, procedural:validation, folder:PATH, "
+            f"unknown dataset '{spec}': use {', '.join(_EMBEDDED)}, folder:PATH, "
             "shapenet:PATH, modelnet:PATH or paper:PATH"
         )
     return _STORED[kind](spec, _folder(location))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from data_prep.sampling import random_views, sample_surface
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 
-Split = Literal["train", "validation", "test"]
+Split = Literal["train", "validation", "test", "sealed", "novel-families"]
 
 
 class SceneObject(Protocol):

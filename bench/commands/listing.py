@@ -40,6 +40,8 @@ def list_all() -> None:
         "datasets": [
             ("procedural", "parametric shapes, nothing to download (the default); test split"),
             ("procedural:validation", "the same, on the split for making choices"),
+            ("procedural:sealed", "the same, on the split for final numbers: choose nothing by it"),
+            ("procedural:novel-families", "chairs of structures that no other split has"),
             ("folder:PATH", "your meshes; sub-folders are classes"),
             ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv where that is there"),
             ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),

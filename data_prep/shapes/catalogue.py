@@ -1,7 +1,7 @@
 """The classes of the procedural set, the thirteen of the paper's Table 5, and their families.
 
 A family has a weight, which says how often it is drawn, and a builder. The order of the families
-decides which of them a random number chooses.
+decides which of them a random number chooses. Novel families are of the split of that name alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from functools import partial
 from data_prep.shapes.airplane import airliners, military, propeller
 from data_prep.shapes.cabinet import cabinets, kitchens
 from data_prep.shapes.car import cars
-from data_prep.shapes.chair import chairs
+from data_prep.shapes.chair import chairs, novel
 from data_prep.shapes.chair.spec import FAMILY_WEIGHTS
 from data_prep.shapes.display import displays, tubes
 from data_prep.shapes.lamp import hung, standing, street
@@ -134,4 +134,6 @@ FAMILIES: dict[str, dict[str, tuple[float, Builder]]] = {
         "submarine": (0.05, warships.submarine),
     },
 }
+NOVEL_FAMILIES: dict[str, dict[str, tuple[float, Builder]]] = {"chair": novel.FAMILIES}
 CLASSES = {name: shape_class(name, families) for name, families in FAMILIES.items()}
+NOVEL_CLASSES = {name: shape_class(name, families) for name, families in NOVEL_FAMILIES.items()}

@@ -164,7 +164,8 @@ def test_list_names_everything(command):
             *CONTROL_METRICS,
         ],
         "datasets": [
-            *("procedural", "procedural:validation", "folder:PATH"),
+            *("procedural", "procedural:validation", "procedural:sealed"),
+            *("procedural:novel-families", "folder:PATH"),
             *("shapenet:PATH", "modelnet:PATH", "paper:PATH"),
         ],
     }

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
+import data_prep
+from data_prep import dataset_procedural
 from data_prep.datasets import (
     Dataset,
     MeshFile,
@@ -21,8 +23,9 @@ from data_prep.datasets import (
 from data_prep.failures import BadInput
 from data_prep.mesh_files import LOADER_VERSION
 from data_prep.orientations import PAPER
+from data_prep.randomness import generator
 from data_prep.scene import Mesh
-from data_prep.shapes.catalogue import CLASSES
+from data_prep.shapes.catalogue import CLASSES, FAMILIES, NOVEL_CLASSES, NOVEL_FAMILIES
 
 SPLITS = ("train", "validation", "test")
 
@@ -60,6 +63,51 @@ def test_procedural_set_has_no_end_and_its_splits_share_no_object() -> None:
     assert len({obj.fingerprint() for obj in objects}) == 9
     assert len({obj.object_id for obj in objects}) == 9
     assert len({digest(obj.load()) for obj in objects}) == 9
+
+
+def test_the_sealed_split_is_another_in_each_version_of_the_protocol(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    dataset = open_dataset("procedural:sealed")
+    assert ids(dataset, "chair", 2) == ["sealed-1-0000", "sealed-1-0001"]
+    sealed = ProceduralObject("chair", "sealed", 3)
+    before = digest(sealed.load())
+    # Without the salt it would be drawn by whoever writes down its name.
+    assert before != digest(CLASSES["chair"].draw(generator(*NAME)).mesh())
+    assert sealed.fingerprint() == "procedural-1/chair/sealed-1-0003"
+    monkeypatch.setattr(dataset_procedural, "PROTOCOL_VERSION", 2)
+    assert digest(sealed.load()) != before
+    assert sealed.fingerprint() == "procedural-1/chair/sealed-2-0003"
+
+
+NAME = ("procedural", "chair", "sealed", 3)
+OPENS_IT = {  # its definition, and the list of datasets
+    *("data_prep/dataset_procedural.py", "data_prep/datasets.py", "data_prep/scene_objects.py"),
+    *("data_prep/protocol_version.py", "bench/commands/listing.py"),
+}
+
+
+def test_no_training_study_or_default_takes_the_sealed_split() -> None:
+    root = Path(data_prep.__file__).parents[1]
+    packages = ("bench", "pc2pix", "baselines", "learning", "data_prep", "studies", "examples")
+    files = [file for package in packages for file in (root / package).rglob("*.py")]
+    files += [root / name for name in ("Makefile", "tox.ini", "pyproject.toml", ".ci/run")]
+    named = {str(f.relative_to(root)) for f in files if "sealed" in f.read_text("utf-8").lower()}
+    assert named == OPENS_IT
+    for spec in ("procedural:sealed", "procedural:novel-families"):  # what a training gets of it
+        (obj,) = open_dataset(spec).objects("chair", 1, 9, "train")
+        assert obj.object_id == "train-0000"
+
+
+def test_novel_families_are_those_of_no_other_split() -> None:
+    dataset = open_dataset("procedural:novel-families")
+    assert dataset.classes == tuple(NOVEL_CLASSES) == ("chair",)
+    assert not set(NOVEL_FAMILIES["chair"]) & set(FAMILIES["chair"])
+    (obj,) = dataset.objects("chair", 1, 9)
+    rng = generator("procedural", "chair", "novel-families", 0)
+    assert digest(obj.load()) == digest(NOVEL_CLASSES["chair"].draw(rng).mesh())
+    with pytest.raises(BadInput, match="procedural:novel-families: no class 'car'"):
+        dataset.objects("car", 1, 9)
 
 
 def test_subfolders_are_classes(tmp_path: Path) -> None:
@@ -245,7 +293,8 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
 def test_unknown_datasets(spec: str) -> None:
     with pytest.raises(
         BadInput,
-        match=r"^unknown dataset '.*': use procedural, procedural:validation, folder:PATH, "
+        match=r"^unknown dataset '.*': use procedural, procedural:validation, procedural:sealed, "
+        r"procedural:novel-families, folder:PATH, "
         r"shapenet:PATH, modelnet:PATH or paper:PATH$",
     ):
         open_dataset(spec)

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data_prep.datasets import Split
+from data_prep.datasets import ProceduralObject, Split
 from data_prep.failures import BadInput
-from data_prep.randomness import generator
 from data_prep.scene import Mesh
 from data_prep.shapes.chair.chairs import build_chair
 from data_prep.shapes.chair.spec import ChairSpec, draw_chair_spec
@@ -103,12 +102,10 @@ class Pair:
 
 
 def specified_chairs(split: Split, count: int) -> tuple[SpecifiedChair, ...]:
-    """The first `count` chairs of a split: the same as `data_prep.datasets.ProceduralObject`."""
+    """The first `count` chairs of a split, of which chairs have descriptions: not a novel one."""
+    chairs = (ProceduralObject("chair", split, i) for i in range(count))
     return tuple(
-        SpecifiedChair(
-            f"{split}-{i:04d}", draw_chair_spec(generator("procedural", "chair", split, i))
-        )
-        for i in range(count)
+        SpecifiedChair(chair.object_id, draw_chair_spec(chair.random_numbers())) for chair in chairs
     )
 
 

@@ -87,7 +87,7 @@ def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
 def _split(options: Options) -> Split:
     """The split to be measured. Raises BadInput for a dataset without descriptions."""
     dataset = open_dataset(options.dataset)
-    if dataset.finite is not None:
+    if dataset.finite is not None or dataset.measured == "novel-families":
         raise BadInput(
             f"--dataset {options.dataset}: the suite {LATENT.id} chooses chairs by their "
             "descriptions, which only procedural ones have; leave it"

@@ -6,10 +6,11 @@ import functools
 
 import numpy as np
 
-from data_prep.shapes.catalogue import FAMILIES
+from data_prep.shapes.catalogue import FAMILIES, NOVEL_FAMILIES
 from data_prep.shapes.shape_class import Drawn
 
 Families = dict[str, list[Drawn]]
+NOVEL = {f"novel {name}": families for name, families in NOVEL_FAMILIES.items()}
 
 
 @functools.cache
@@ -18,5 +19,5 @@ def of_each_family(name: str, seed: int = 4, count: int = 2) -> Families:
     rng = np.random.default_rng(seed)
     return {
         family: [Drawn(family, tuple(build(rng))) for _ in range(count)]
-        for family, (_, build) in FAMILIES[name].items()
+        for family, (_, build) in (FAMILIES | NOVEL)[name].items()
     }

@@ -38,6 +38,7 @@ PINNED = {
     "vessel": "47b3acabd833b288f5ab4837aee6748600c23484a360fd1b7ab116c35b9bbfa6",
 }
 
+NOVEL_CHAIRS = "1d1b92fa90b58abfb4cc5cc38a0d7614b8c2cc737d3ed78a62045f12eb839822"
 # Families with parts that few of them have, and none of the above.
 RARE = {
     ("cabinet", "kitchen"): "928ef1c82bd02af200f0486d81ae7faafd515a941b3d9c424ada016cf4e7847e",
@@ -57,6 +58,11 @@ def test_objects_are_pinned(name: str) -> None:
     for family in of_each_family(name, seed=1, count=OF_A_FAMILY).values():
         objects += family
     assert digest(objects) == PINNED[name]
+
+
+def test_novel_chairs_are_pinned() -> None:
+    families = of_each_family("novel chair", seed=1, count=OF_A_FAMILY)
+    assert digest([chair for family in families.values() for chair in family]) == NOVEL_CHAIRS
 
 
 @pytest.mark.parametrize(("name", "family"), RARE)
