@@ -12,8 +12,9 @@ several, joined by commas, the lines stand together. `rows` and `columns` name a
 values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
 combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
 `show=paper` shows another field as it is. A difference is bold where p is below 0.05 after Holm's
-correction, a method where it is on the frontier. `--check` changes nothing: it fails where a page
-differs from what would be written.
+correction, a method where it is on the frontier. Prints how many numbers are generated, measured
+with date and commit, and settings, and fails where `studies.provenance` knows no origin. `--check`
+changes nothing: it also fails where a page differs from what would be written.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import argparse
 import csv
 import re
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -30,6 +32,7 @@ from pathlib import Path
 from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paired import SIGNIFICANCE
 from data_prep.whole_files import write_whole
+from studies.provenance import origins
 from studies.tables import markdown
 
 REPOSITORY = Path(__file__).parents[1]
@@ -178,18 +181,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Tables of the documentation.")
     parser.add_argument("--check", action="store_true")
     options = parser.parse_args()
-    stale = []
+    stale, unknown = [], []
+    counts: Counter[str] = Counter()
     for page in PAGES:
-        text = page.read_text(encoding="utf-8")
+        text, name = page.read_text(encoding="utf-8"), str(page.relative_to(REPOSITORY))
         try:
-            new = filled(text, str(page.relative_to(REPOSITORY)))
+            new = filled(text, name)
         except Unfilled as reason:
             sys.exit(str(reason))
-        if new == text:
-            continue
-        stale.append(str(page.relative_to(REPOSITORY)))
-        if not options.check:
-            write_whole(page, new.encode())
+        found, lines = origins(new)
+        counts.update(found)
+        unknown += [f"{name}:{line}: numbers without an origin" for line in lines]
+        if new != text:
+            stale.append(name)
+            if not options.check:
+                write_whole(page, new.encode())
+    print(*(f"{count} {origin}" for origin, count in sorted(counts.items())), sep=", ")
+    if unknown:
+        sys.exit("\n".join(unknown))
     if options.check and stale:
         sys.exit(f"not what results/docs says: {', '.join(stale)}; run python -m studies.documents")
 

@@ -36,6 +36,7 @@ from bench.records.journal import read_finished
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.classes import NETWORK, SURFACE
+from bench.tables.published import seed_spreads
 from bench.tables.quality import cells, image_keys
 from bench.tables.scored import read_scored
 from bench.tables.table import BOLD, TABLES, Cell, Grid, grid
@@ -140,6 +141,8 @@ def to_markdown(made: Sequence[Checked]) -> str:
             "*Contradicted*: one of them is on the other side. *Undecided*: so many objects cannot "
             "tell. Verdicts are corrected for the number of claims of a family (a table, or the "
             "text) by Holm's procedure; where that changes one, the uncorrected one follows. "
+            "What is smaller than the spread between trainings of a network is undecided; without "
+            "a spread there is one training. "
             "Values are ours, on our data; the paper's stand in the quotations. "
             "`fd-views` is not FID: where it stands in, no Inception weights were given.",
             _counts(made),
@@ -228,6 +231,7 @@ def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) 
         {} if judged is None else retrieval_of_chairs(scored.records[chosen], judged),
         _trainings(known),
         tuple(subjects),
+        seed_spreads(),
     )
 
 

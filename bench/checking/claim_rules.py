@@ -2,7 +2,8 @@
 
 A claim holds where everything that it requires is over 0. It is `supported` where all 95 %
 intervals over objects are above 0, `contradicted` where one is below, and `undecided` where so
-many objects cannot tell.
+many objects cannot tell. What is smaller than the spread between trainings of the network is a tie:
+undecided, too.
 """
 
 from __future__ import annotations
@@ -50,12 +51,25 @@ class Requirement(NamedTuple):
     estimate  with its 95 % interval over objects; NaN where there are too few
     error     of the estimate; None where there are too few
     objects   how many
+    spread    from the lowest to the highest of several trainings of the network, which differ in
+              their seeds; 0 where that is not known, and where no weights are compared
     """
 
     name: str
     estimate: Estimate
     error: StandardError | None
     objects: int
+    spread: float = 0.0
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is over 0, by its interval and by more than the spread."""
+        return self.estimate.low > 0 and self.estimate.value > self.spread
+
+    @property
+    def refuted(self) -> bool:
+        """Whether it is below 0, likewise."""
+        return self.estimate.high < 0 and self.estimate.value < -self.spread
 
     @property
     def p(self) -> float:
@@ -84,9 +98,9 @@ class Finding:
         ends = [(of.estimate.low, of.estimate.high) for of in self.requirements]
         if not ends or not np.isfinite(ends).all():
             return "not testable here"
-        if all(low > 0 for low, _ in ends):
+        if all(of.shown for of in self.requirements):
             return "supported"
-        return "contradicted" if any(high < 0 for _, high in ends) else "undecided"
+        return "contradicted" if any(of.refuted for of in self.requirements) else "undecided"
 
     @property
     def p(self) -> float:
@@ -110,8 +124,11 @@ class Finding:
     @property
     def why(self) -> str:
         """What the requirements are that do not hold, and the reason."""
-        missed = [of.name for of in self.requirements if of.name and not of.estimate.low > 0]
+        missed = [of.name for of in self.requirements if of.name and not of.shown]
+        tied = any(abs(of.estimate.value) <= of.spread for of in self.requirements)
         parts = [f"not shown: {', '.join(missed)}" if missed else "", self.reason]
+        if tied and self.verdict == "undecided":
+            parts.append("smaller than the spread between trainings")
         if self.requirements and self.verdict == "not testable here":
             parts[0] = "too few objects for an interval"
         return "; ".join(filter(None, parts))
@@ -156,6 +173,7 @@ class Scored:
     retrieval    by method and condition, the share of each chair's images that is found, [G]
     trainings    of the networks of which it is known
     subjects     methods in place of the variants of pc2pix
+    seeds        by method, metric and condition, the spread between trainings on chairs
     """
 
     comparisons: Mapping[tuple[str, str], Comparison]
@@ -163,6 +181,7 @@ class Scored:
     retrieval: Mapping[tuple[str, str], Floats] = field(default_factory=dict)
     trainings: Mapping[str, Training] = field(default_factory=dict)
     subjects: tuple[str, ...] = ()
+    seeds: Mapping[tuple[str, str, str], float] = field(default_factory=dict)
 
     @property
     def networks(self) -> list[str]:
@@ -218,7 +237,7 @@ def ordering(run: Scored, metric: str, condition: str, ahead: Ahead) -> list[Fin
     found = []
     for network in run.networks:
         a, b = (run.quality(metric, m, condition, CHAIR) for m in (network, SURFACE))
-        lead = _lead("", a, b)
+        lead = _lead_on_chairs(run, metric, condition, network, SURFACE)
         numbers = _compared(metric, a.estimate.value, "SR", b.estimate.value, "ahead", lead)
         found.append(_judged(network, numbers, lead, ahead, _stand_in(metric)))
     return found
@@ -251,12 +270,9 @@ def _shows_something(run: Scored, method: str, condition: str) -> list[Requireme
     """Better than each floor by image metrics, and recognised more often than by chance."""
     made = []
     for metric in RECOGNISABLE:
-        own = run.quality(metric, method, condition, CHAIR)
         made += [
-            _lead(
-                f"{metric} over {floor} at {condition}",
-                own,
-                run.quality(metric, floor, condition, CHAIR),
+            _lead_on_chairs(run, metric, condition, method, floor)._replace(
+                name=f"{metric} over {floor} at {condition}"
             )
             for floor in FLOORS
             if floor != method
@@ -288,7 +304,7 @@ def above_blank(run: Scored) -> list[Finding]:
     found = []
     for network in run.networks:
         leads = [
-            _lead(metric, *(run.quality(metric, m, FULL, CHAIR) for m in (network, "blank")))
+            _lead_on_chairs(run, metric, FULL, network, "blank")._replace(name=metric)
             for metric in ("ssim", run.distance)
         ]
         numbers = "; ".join(f"{of.name}: ahead by {_text(of.name, of.estimate)}" for of in leads)
@@ -479,6 +495,15 @@ def _lead(name: str, a: Quality, b: Quality) -> Requirement:
     return _requirement(name, [(sign, a), (-sign, b)])
 
 
+def _lead_on_chairs(
+    run: Scored, metric: str, condition: str, network: str, other: str
+) -> Requirement:
+    """How much better a network is than another method, with the spread between its trainings."""
+    a, b = (run.quality(metric, method, condition, CHAIR) for method in (network, other))
+    spread = run.seeds.get((network, metric, condition), 0.0)
+    return _lead("", a, b)._replace(spread=spread)
+
+
 def _lead_over_classes(name: str, a: Sequence[Quality], b: Sequence[Quality]) -> Requirement:
     """How much better a is than b, class by class, in the mean over classes."""
     metric = a[0].metric
@@ -545,7 +570,8 @@ def _compared(
 ) -> str:
     digits = decimals(metric)
     values = f"{metric} {own:.{digits}f}, {other} {value:.{digits}f}"
-    return f"{values}; {how} by {_text(metric, lead.estimate)}"
+    trainings = f"; trainings differ by {lead.spread:.{digits}f}" if lead.spread else ""
+    return f"{values}; {how} by {_text(metric, lead.estimate)}{trainings}"
 
 
 def _text(metric: str, estimate: Estimate) -> str:

@@ -1,7 +1,7 @@
-"""The values to compare a run with: those that the paper printed, and our golden values.
+"""What a run is compared with: the paper's values, golden values, the spread between trainings.
 
 They are never mixed: a published number is only ever quoted, a golden one only ever compared with.
-Both live in `results/` of the checkout.
+All live in `results/` of the checkout.
 """
 
 from __future__ import annotations
@@ -48,3 +48,17 @@ def golden(suite: str) -> pd.DataFrame:
     if not path.is_file():
         raise BadInput(f"{path}: no golden values for '{suite}'; run from a checkout that has them")
     return pd.read_csv(path, dtype={"condition": str}, keep_default_na=False)
+
+
+def seed_spreads() -> dict[tuple[str, str, str], float]:
+    """By network, metric and condition, the highest less the lowest value of its trainings.
+
+    Of the bundled weights and of others that differ in the seed alone, on chairs
+    (`studies.seed_spread`); empty without the file.
+    """
+    path = RESULTS / "seeds.csv"
+    if not path.is_file():
+        return {}
+    rows = pd.read_csv(path, dtype={"condition": str})
+    keys = zip(rows["network"], rows["metric"], rows["condition"], strict=True)
+    return dict(zip(keys, rows["spread"].astype(float), strict=True))

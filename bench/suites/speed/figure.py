@@ -55,10 +55,11 @@ def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure 
     first.set(xscale="log", yscale="log", xlim=(0.9, ROOM * suite.amortised[-1]))
     first.set_xticks(suite.amortised, map(str, suite.amortised))
     first.minorticks_off()
+    first.yaxis.set_major_formatter("{x:g}")  # a power would be written as a formula
     for axis in axes[-1]:
-        axis.set_xlabel(f"pictures of one cloud (ring: costs as much as {suite.rivals[0]})")
+        axis.set_xlabel(f"images of one cloud (ring: costs as much as {suite.rivals[0]})")
     for axis in axes[:, 0]:
-        axis.set_ylabel("milliseconds a picture (lower is better)")
+        axis.set_ylabel("milliseconds an image (lower is better)")
     for axis in axes.flat:
         named = [line for line in axis.get_lines() if not line.get_label().startswith("_")]
         name_lines(axis, named, LABELS_AT, apart=APART)

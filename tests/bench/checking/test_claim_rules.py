@@ -119,6 +119,28 @@ def requirement(value, reach, name="", error=1.0):
     return Requirement(name, estimate, StandardError(error, 10.0), 12)
 
 
+def test_what_is_smaller_than_the_spread_between_trainings_is_a_tie():
+    """By 0.1, with intervals that leave 0 out: decided below a spread of 0.1, not from there on."""
+    for network, ahead, decided in (
+        (0.6, "network", "supported"),
+        (0.6, "surface", "contradicted"),
+        (0.4, "network", "contradicted"),
+    ):
+        run = scored(ssim(0.5, network))
+        for spread, verdict in ((0.05, decided), (0.15, "undecided")):
+            seeds = {("pc2pix", "ssim", "2048"): spread}
+            (found,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", ahead)
+            assert found.verdict == verdict
+            assert found.numbers.endswith(f"; trainings differ by {spread:.3f}")
+            tied = "smaller than the spread between trainings"
+            assert found.why == (tied if verdict == "undecided" else "")
+    # another network's, metric's or condition's is no matter
+    seeds = {("pc2pix@acgan", "ssim", "2048"): 9.0, ("pc2pix", "ssim", "512"): 9.0}
+    (found,) = rules.ordering(replace(run, seeds=seeds), "ssim", "2048", "network")
+    assert found.verdict == "contradicted"
+    assert "trainings" not in found.numbers
+
+
 def test_everything_that_is_required_has_to_hold():
     sure, open_, missed = (requirement(v, 0.5, n) for v, n in ((1, "a"), (0.2, "b"), (-1, "c")))
     for required, verdict, why in (

@@ -277,6 +277,10 @@ def test_a_line_for_each_method_with_its_name():
     (ring,) = (line for line in axis.get_lines() if line.get_markerfacecolor() == "none")
     assert ring.get_xydata() == pytest.approx(np.array([[6.0, 1600 / 6]]))
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+    axis.figure.canvas.draw()
+    shown = [tick.get_text() for tick in axis.get_yticklabels()]
+    assert {"100", "1000"} <= set(shown)  # as numbers, not as formulas
+    assert all(float(text) > 0 for text in shown)
 
 
 def test_a_panel_for_each_condition_and_number_of_threads():

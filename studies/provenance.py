@@ -1,0 +1,55 @@
+"""Where each number of the documentation comes from: a command, a dated measurement, a setting.
+
+A number is one with a decimal point, outside code. Between the marks of `studies.documents` it is
+generated. Elsewhere its section says
+
+    Measured 2026-11-22, 3c16b67, two cores of an AMD EPYC.
+
+with the commit of the code, and with the machine where times are meant; or the section, or the page
+above its first section, has the comment `<!-- settings -->`: its numbers are chosen, not measured
+(constants, thresholds, published values with their source).
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from typing import Literal
+
+Origin = Literal["generated", "measured", "setting", "unknown"]
+
+GENERATED = re.compile(r"<!-- numbers:[^>]*?-->\n.*?<!-- end -->", re.S)
+CODE = re.compile(r"```.*?```|`[^`\n]*`|\]\([^)]*\)|https?://\S+", re.S)
+NUMBER = re.compile(r"(?<![\w.])(?<![a-z]-)\d*\.\d+(?![\w.]*\w\.)")  # not of noise-0.05
+MEASURED = re.compile(r"Measured\s\d{4}-\d\d-\d\d,\s[0-9a-f]{7}\b")
+SETTINGS = "<!-- settings -->"
+HEADING = re.compile(r"^(?=#+ )", re.M)
+
+
+def origins(text: str) -> tuple[Counter[Origin], list[int]]:
+    """How many numbers of a page have each origin, and the lines of those whose origin is unknown.
+
+    A line is that of the heading of the section.
+    """
+    found: Counter[Origin] = Counter()
+    unknown = []
+    line = 1
+    for section in HEADING.split(_without_code(text)):
+        generated = sum(len(NUMBER.findall(of)) for of in GENERATED.findall(section))
+        others = len(NUMBER.findall(GENERATED.sub("", section)))
+        origin: Origin = "unknown"
+        if SETTINGS in section:
+            origin = "setting"
+        elif MEASURED.search(section):
+            origin = "measured"
+        elif others:
+            unknown.append(line)
+        found["generated"] += generated
+        found[origin] += others
+        line += section.count("\n")
+    return found, unknown
+
+
+def _without_code(text: str) -> str:
+    """With as many lines, so that places stay."""
+    return CODE.sub(lambda of: "\n" * of[0].count("\n"), text)

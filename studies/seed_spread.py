@@ -1,0 +1,73 @@
+"""How far trainings of one network that differ in their seeds lie apart.
+
+    bench run --suite chair-robustness --methods pc2pix,pc2pix@1.safetensors,pc2pix@2.safetensors
+    bench table DIR --format csv > run.csv
+    python -m studies.seed_spread run.csv pc2pix=pc2pix@1.safetensors,pc2pix@2.safetensors
+
+The first argument is a file, each further one a bundled network and the other trainings of it.
+Prints CSV: by network, metric and condition the number of trainings, the lowest and the highest
+value, their difference, and the checksum of the bundled weights. `results/seeds.csv` is this
+output; what the claims compare is a tie where it is smaller than that difference.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from bench.catalogue.methods import find_method
+from data_prep.fingerprints import file_sha256
+
+METRICS = (
+    *("ssim", "luminance", "contrast", "structure", "lpips", "fd-views", "fd-alexnet"),
+    *("thin-recall", "thin-precision"),
+)
+
+
+def spreads(values: pd.DataFrame, trainings: Mapping[str, Sequence[str]]) -> pd.DataFrame:
+    """The rows of the output, without checksums.
+
+    values     method, condition, metric, value, as `bench table --format csv` prints them
+    trainings  by network, the methods that are the same but for the seed, itself among them
+
+    Raises ValueError where a training lacks a value that another one has.
+    """
+    made = []
+    for network, methods in trainings.items():
+        own = values[values["method"].isin(methods) & values["metric"].isin(METRICS)]
+        for (metric, condition), of in own.groupby(["metric", "condition"], sort=False):
+            if sorted(of["method"]) != sorted(methods):
+                raise ValueError(f"{metric} at {condition}: values of {list(of['method'])} alone")
+            low, high = of["value"].min(), of["value"].max()
+            made.append((network, metric, condition, len(of), low, high, high - low))
+    names = ["network", "metric", "condition", "trainings", "lowest", "highest", "spread"]
+    return pd.DataFrame(made, columns=names)
+
+
+def main() -> None:
+    """Run the study from the command line."""
+    parser = argparse.ArgumentParser(description="Spread between trainings.")
+    parser.add_argument("values", type=Path)
+    parser.add_argument("trainings", nargs="+", metavar="NETWORK=METHOD,METHOD")
+    options = parser.parse_args()
+    asked = {}
+    for text in options.trainings:
+        network, _, others = text.partition("=")
+        asked[network] = (network, *others.split(","))
+    values = pd.read_csv(options.values, dtype={"condition": str})
+    found = spreads(values, asked)
+    weights = {}
+    for network in asked:
+        file = find_method(network).weights_file
+        assert file is not None, f"{network} has no weights"
+        weights[network] = file_sha256(file())
+    found["weights_sha256"] = found["network"].map(weights)
+    found.to_csv(sys.stdout, index=False, float_format="%.6g", lineterminator="\n")
+
+
+if __name__ == "__main__":
+    main()

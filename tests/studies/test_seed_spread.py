@@ -1,0 +1,36 @@
+"""The spread between trainings, and whether the recorded one is of the bundled weights."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from bench.catalogue.methods import find_method
+from bench.tables.published import RESULTS, seed_spreads
+from data_prep.fingerprints import file_sha256
+from studies.seed_spread import spreads
+
+
+def test_lowest_and_highest_of_the_trainings():
+    rows = [("a", 0.5), ("a@1", 0.53), ("a@2", 0.49), ("b", 0.9)]
+    values = pd.DataFrame(
+        [(m, c, "ssim", v) for c in ("2048", "512") for m, v in rows] + [("a", "512", "psnr", 9.0)],
+        columns=["method", "condition", "metric", "value"],
+    )
+    found = spreads(values, {"a": ("a", "a@1", "a@2")})
+    assert list(found["condition"]) == ["2048", "512"]
+    assert set(found["network"]) == {"a"}
+    assert set(found["trainings"]) == {3}
+    assert found["lowest"].tolist() == [0.49, 0.49]
+    assert found["spread"].tolist() == pytest.approx([0.04, 0.04])
+    with pytest.raises(ValueError, match="ssim at 512"):
+        spreads(values.drop(index=4), {"a": ("a", "a@1", "a@2")})
+
+
+def test_the_recorded_spreads_are_of_the_bundled_weights():
+    path = RESULTS / "seeds.csv"
+    recorded = pd.read_csv(path).drop_duplicates("network")
+    assert set(recorded["network"]) == {"pc2pix", "splat-net@tiny"}
+    for network, checksum in zip(recorded["network"], recorded["weights_sha256"], strict=True):
+        assert file_sha256(find_method(network).weights_file()) == checksum, f"measure {network}"
+    assert all(spread > 0 for spread in seed_spreads().values())
