@@ -16,7 +16,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import jackknife_interval, mean_interval, median_interval
+from bench.analysis.intervals import (
+    StandardError,
+    interval_of_means,
+    jackknife_error,
+    jackknife_interval,
+    mean_error,
+    mean_interval,
+    median_interval,
+)
 from bench.catalogue.methods import FLOOR, FLOORS, known_method
 from bench.catalogue.metrics import CONTROL_METRICS, SET_METRICS, column, higher_is_better, is_mean
 
@@ -168,6 +176,25 @@ def candidates(methods: Iterable[str]) -> list[str]:
 def lead(a: Quality, b: Quality) -> Estimate:
     """How much better a is than b: their difference, over 0 where a is better."""
     return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
+
+
+def lead_over_classes(
+    a: Sequence[Quality], b: Sequence[Quality]
+) -> tuple[Estimate, StandardError | None]:
+    """How much better `a` is than `b` by one metric in the mean over classes, with its error.
+
+    Both have a quality of each class, in the same order.
+    """
+    metric = a[0].metric
+    sign = 1.0 if higher_is_better(metric) else -1.0
+    pairs = list(zip(a, b, strict=True))
+    if is_mean(metric):
+        leads = [sign * paired(x, y) for x, y in pairs]
+        value = float(np.mean([of.mean() for of in leads]))
+        return Estimate(value, *interval_of_means(leads)), mean_error(leads)
+    leads = [sign * (x.per_object - y.per_object) for x, y in pairs]
+    value = float(np.mean([sign * (x.estimate.value - y.estimate.value) for x, y in pairs]))
+    return Estimate(value, *jackknife_interval(value, leads)), jackknife_error(leads)
 
 
 def difference(a: Quality, b: Quality) -> Estimate:

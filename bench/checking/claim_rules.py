@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import Comparison, Estimate, Quality, decimals
+from bench.analysis.comparison import Comparison, Estimate, Quality, decimals, lead_over_classes
 from bench.analysis.intervals import (
     StandardError,
     interval_of_means,
@@ -506,13 +506,8 @@ def _lead_on_chairs(
 
 def _lead_over_classes(name: str, a: Sequence[Quality], b: Sequence[Quality]) -> Requirement:
     """How much better a is than b, class by class, in the mean over classes."""
-    metric = a[0].metric
-    sign = 1 if higher_is_better(metric) else -1
-    leads = [sign * (one.per_object - other.per_object) for one, other in zip(a, b, strict=True)]
-    if is_mean(metric):
-        return _of_objects(name, leads)
-    values = [sign * (x.estimate.value - y.estimate.value) for x, y in zip(a, b, strict=True)]
-    return _difference(name, float(np.mean(values)), leads)
+    objects = sum(len(of.per_object) for of in a)
+    return Requirement(name, *lead_over_classes(a, b), objects)
 
 
 def _of_objects(name: str, per_object: Sequence[Floats]) -> Requirement:

@@ -15,11 +15,19 @@ from typing import Literal
 
 import pandas as pd
 
-from bench.analysis.comparison import NAN, Comparison, Estimate, compare, decimals, lead
+from bench.analysis.comparison import (
+    NAN,
+    Comparison,
+    Estimate,
+    compare,
+    decimals,
+    lead,
+    lead_over_classes,
+)
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import FEWEST, interval_of_means, jackknife_interval
+from bench.analysis.intervals import FEWEST
 from bench.catalogue.methods import FLOOR
-from bench.catalogue.metrics import column, higher_is_better, is_mean
+from bench.catalogue.metrics import column, is_mean
 from bench.catalogue.suites import Suite
 from bench.tables import markdown
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, network_of, objects_of
@@ -143,38 +151,28 @@ def _of_metric(
     published: Published,
 ) -> list[Ordering]:
     """A row for each class, and the average over them."""
-    rows, differences = [], []
-    for c in compared:
-        of = c.qualities[metric]
-        ahead = lead(of[network], of[SURFACE])
-        sign = 1.0 if higher_is_better(metric) else -1.0
-        differences.append(sign * (of[network].per_object - of[SURFACE].per_object))
-        rows.append(
-            Ordering(
-                c.condition,
-                c.class_name,
-                metric,
-                of[SURFACE].estimate.value,
-                of[network].estimate.value,
-                ahead,
-                paper_lead(published, c.class_name),
-                counts[c.class_name],
-                network,
-            )
+    own, other = ([c.qualities[metric][m] for c in compared] for m in (network, SURFACE))
+    rows = [
+        Ordering(
+            c.condition,
+            c.class_name,
+            metric,
+            b.estimate.value,
+            a.estimate.value,
+            lead(a, b),
+            paper_lead(published, c.class_name),
+            counts[c.class_name],
+            network,
         )
-    value = _mean([row.lead.value for row in rows])
-    interval = (
-        interval_of_means(differences)
-        if is_mean(metric)
-        else jackknife_interval(value, differences)
-    )
+        for c, a, b in zip(compared, own, other, strict=True)
+    ]
     average = Ordering(
         compared[0].condition,
         AVERAGE,
         metric,
         _mean([row.surface for row in rows]),
         _mean([row.network for row in rows]),
-        Estimate(value, *interval),
+        lead_over_classes(own, other)[0],
         paper_lead(published, AVERAGE),
         sum(counts.values()),
         network,
