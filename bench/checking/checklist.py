@@ -92,6 +92,7 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
         features = manifest.get("feature_identity", {}).items()
         for what, of_suite, value in (
             ("schema", "", manifest.get("schema_version")),
+            ("protocol", "", manifest.get("protocol", 1)),  # manifests of version 1 may lack it
             ("dataset", "", manifest.get("dataset")),
             ("seed", "", manifest.get("seed")),
             ("objects", suite, manifest.get("objects")),

@@ -30,6 +30,7 @@ from data_prep.datasets import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.fingerprints import file_sha256
 from data_prep.progress import say
+from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.randomness import generator
 from data_prep.scene import View
 from data_prep.scene_objects import MeshObject, SceneObject
@@ -317,6 +318,7 @@ def manifest_of(
     """The manifest of a run of any suite that is about to start; `own` is what only this has."""
     return {
         "schema_version": SCHEMA_VERSION,
+        "protocol": PROTOCOL_VERSION,
         "suite": suite,
         "dataset": request.dataset,
         "views": views,
