@@ -40,6 +40,8 @@ NUMBERS = REPOSITORY / "results" / "docs"
 PAGES = (
     REPOSITORY / "README.md",
     *sorted((REPOSITORY / "docs").glob("*.md")),
+    *sorted((REPOSITORY / "pc2pix" / "weights").glob("*.md")),  # model cards
+    *sorted((REPOSITORY / "baselines" / "splat_net" / "weights").glob("*.md")),
 )
 BEGIN, END = "<!-- numbers:", "<!-- end -->"
 PLACE = re.compile(
