@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from data_prep.failures import BadInput
 from data_prep.scene_objects import SceneObject, Split
@@ -69,6 +70,20 @@ class Dataset:
                 f"{self.id}: no {class_name} in the split '{split}'; there are objects in {there}"
             )
         return found[:limit]
+
+
+@dataclass(frozen=True)
+class DatasetReader:
+    """A kind of dataset that another package adds: `ID:PATH` on the command line.
+
+    read   the dataset's name as it was given, and its folder: all that is in it. Raises BadInput
+           for what it cannot use
+    about  one line for people
+    """
+
+    id: str
+    read: Callable[[str, Path], Dataset]
+    about: str
 
 
 @dataclass

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
-from data_prep.dataset import Dataset
+from data_prep.announced import DATASETS, announced_ids, load_announced
+from data_prep.dataset import Dataset, DatasetReader
 from data_prep.dataset_folder import BareCloud, folder_dataset
 from data_prep.dataset_modelnet import is_modelnet, modelnet_dataset
 from data_prep.dataset_paper import PaperObject, is_paper, paper_dataset
@@ -20,6 +22,7 @@ __all__ = [
     "PROCEDURAL_VERSION",
     "BareCloud",
     "Dataset",
+    "DatasetReader",
     "MeshFile",
     "MeshObject",
     "PaperObject",
@@ -56,12 +59,42 @@ def open_dataset(spec: str) -> Dataset:
     if spec in _EMBEDDED:
         return procedural_dataset(spec, _EMBEDDED[spec])
     kind, _, location = spec.partition(":")
-    if kind not in _STORED or not location:
+    if location and kind in _STORED:
+        return _STORED[kind](spec, _folder(location))
+    if location and kind in reader_ids():
+        return _read(kind, spec, _folder(location))
+    *kinds, last = [*_EMBEDDED, *(f"{known}:PATH" for known in (*_STORED, *reader_ids()))]
+    raise BadInput(f"unknown dataset '{spec}': use {', '.join(kinds)} or {last}")
+
+
+def is_dataset(text: str) -> bool:
+    """Whether this is the name of a dataset, and not that of a folder."""
+    kind, colon, _ = text.partition(":")
+    return text in _EMBEDDED or bool(colon and kind in ("procedural", *_STORED, *reader_ids()))
+
+
+@cache
+def reader_ids() -> tuple[str, ...]:
+    """Kinds of datasets that other installed packages announce, sorted; none is loaded."""
+    return announced_ids(DATASETS)
+
+
+def _read(kind: str, spec: str, folder: Path) -> Dataset:
+    """By another package's reader. Raises BadInput, naming it, for whatever it raises."""
+    named = "data_prep.dataset.DatasetReader"
+    reader = load_announced(DATASETS, kind, "dataset", DatasetReader, named)
+    try:
+        found = reader.read(spec, folder)
+    except BadInput:
+        raise
+    except Exception as error:  # whatever a stranger's function raises
         raise BadInput(
-            f"unknown dataset '{spec}': use {', '.join(_EMBEDDED)}, folder:PATH, "
-            "shapenet:PATH, modelnet:PATH or paper:PATH"
-        )
-    return _STORED[kind](spec, _folder(location))
+            f"dataset '{spec}': {type(error).__name__}: {error}; fix or remove the package that "
+            f"adds '{kind}'"
+        ) from error
+    if not isinstance(found, Dataset):
+        raise BadInput(f"dataset '{spec}': its package gives no Dataset; fix or remove it")
+    return found
 
 
 def layout_of(location: str) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import trimesh
 from PIL import Image
 
 from data_prep.cloud_files import save_ply
@@ -25,7 +26,10 @@ EXAMPLES = REPOSITORY / "examples"
 FILES = {
     "method": ("pyproject.toml", "convex_hull.py"),
     "metric": ("pyproject.toml", "pixel_error.py"),
+    "extractor": ("pyproject.toml", "edges.py"),
+    "dataset": ("pyproject.toml", "list_dataset.py"),
 }
+PAGES = {"extractor": "metric"}
 CORNERS = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3), np.float32).reshape(3, -1).T
 
 
@@ -63,7 +67,7 @@ def run_folder(bench, tmp_path_factory):
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_page_shows_them(name):
-    page = (REPOSITORY / "docs" / f"adding-a-{name}.md").read_text()
+    page = (REPOSITORY / "docs" / f"adding-a-{PAGES.get(name, name)}.md").read_text()
     for language, file in zip(("toml", "python"), FILES[name], strict=True):
         assert f"```{language}\n{(EXAMPLES / name / file).read_text()}```" in page
 
@@ -71,7 +75,9 @@ def test_the_page_shows_them(name):
 def test_they_are_listed(bench):
     listed = bench("list").stdout.splitlines()
     assert "  convex-hull               of another installed package" in listed
-    assert "  pixel-error               of another installed package; see 'bench score'" in listed
+    for name in ("pixel-error", "fd-edges"):
+        assert f"  {name:<25} of another installed package; see 'bench score'" in listed
+    assert "  list:PATH                 of another installed package" in listed
 
 
 def test_the_method_is_run_and_stands_in_the_tables(run_folder):
@@ -88,7 +94,7 @@ def test_the_metric_is_taken_of_the_run(bench, run_folder):
     """By the arithmetic of its closed form: zero for the truth, and for white pictures how dark the
     truth is. The tables of the run stay as they are."""
     before = {path: path.read_bytes() for path in (run_folder / "tables").iterdir()}
-    done = bench("score", run_folder)
+    done = bench("score", run_folder, "--metrics", "pixel-error")
     assert (done.returncode, done.stderr) == (0, "")
     assert {path: path.read_bytes() for path in before} == before
     markdown = (run_folder / "tables" / "metric_pixel-error.md").read_text()
@@ -109,6 +115,37 @@ def test_the_metric_is_taken_of_the_run(bench, run_folder):
         angles = of_shape[["azimuth_deg", "elevation_deg"]].drop_duplicates()
         truths.append(render(shape.load(), [View(*pair) for pair in angles.to_numpy()]))
     assert value["blank", "2048"] == pytest.approx(255 - np.mean(truths), abs=1e-6)
+
+
+def test_distances_are_taken_of_the_run(bench, run_folder):
+    """Zero for the truth itself; a hull is nearer to it than a white image is."""
+    done = bench("score", run_folder, "--metrics", "fd-edges")
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = pd.read_csv(run_folder / "tables" / "metric_fd-edges.csv")
+    assert set(rows["metric"]) == {"fd-edges", "fd-edges-kernel"}
+    value = rows.set_index(["metric", "method", "condition"])["value"]
+    assert value["fd-edges", "true-mesh", "2048"] == pytest.approx(0, abs=1e-12)
+    assert 0 < value["fd-edges", "convex-hull", "2048"] < value["fd-edges", "blank", "2048"]
+
+
+def test_the_dataset_is_read_and_measured(bench, tmp_path):
+    """Two boxes of other proportions, of which the list has one in the test split."""
+    for name, tall in (("a", 1.0), ("b", 2.0)):
+        trimesh.creation.box((1, 1, tall)).export(tmp_path / f"{name}.ply")
+    (tmp_path / "objects.csv").write_text("test,chair,a.ply\ntrain,chair,b.ply\n")
+    seen = bench("data", "inspect", f"list:{tmp_path}")
+    assert seen.returncode == 0, seen.stderr
+    assert "class        chair: test 1, train 1" in seen.stdout
+    small = ("--methods", "true-mesh", "--conditions", "2048", "--views", "2")
+    chosen = ("--suite", "chair-robustness", "--dataset", f"list:{tmp_path}")
+    done = bench("run", *chosen, *small, "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    records = pd.read_parquet(tmp_path / "run" / "records.parquet")
+    assert set(records["object"]) == {"a.ply"}
+    (tmp_path / "objects.csv").write_text("test,chair,../a.ply\n")
+    refused = bench("data", "inspect", f"list:{tmp_path}")
+    assert refused.returncode == 2
+    assert refused.stderr.endswith("objects.csv:1: a file outside the folder\n")
 
 
 def test_it_draws_a_cloud_and_what_it_cannot_draw_fails_by_its_name(bench, tmp_path):

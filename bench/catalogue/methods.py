@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.catalogue import loaders
-from bench.catalogue.lookup import announced_ids, find, load_announced
+from bench.catalogue.lookup import find
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
+from data_prep import announced
+from data_prep.announced import announced_ids, load_announced
 from data_prep.failures import BadInput
 from data_prep.untrusted import is_regular_file
 
@@ -260,7 +262,6 @@ COST_VARIANTS = (
     ),
 )
 OWN_WEIGHTS = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}  # that take files of yours
-PLUGINS = "pc2pix_bench.methods"
 FLOOR = "blank"
 FLOORS = ("constant", FLOOR)  # what looks at no cloud
 
@@ -305,12 +306,12 @@ def find_method(method_id: str) -> Method:
 @cache
 def plugin_ids() -> tuple[str, ...]:
     """Ids of the methods that other installed packages announce, sorted; none is loaded."""
-    return announced_ids(PLUGINS)
+    return announced_ids(announced.METHODS)
 
 
 @cache
 def _plugin(method_id: str) -> Method:
-    return load_announced(PLUGINS, method_id, "method", Method, "bench.methods.Method")
+    return load_announced(announced.METHODS, method_id, "method", Method, "bench.methods.Method")
 
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:

@@ -1,7 +1,8 @@
-"""Metrics of other packages: what scores an image against the true one.
+"""Metrics of other packages: scores of images against the true ones, and distances of sets.
 
-A package announces one by an entry point of the group `pc2pix_bench.metrics`: the name is the
-metric's id, the object an `ImageMetric`. `bench score` takes it of the images of a finished run.
+A package announces one by an entry point, whose name is the metric's id: of the group
+`pc2pix_bench.metrics` an `ImageMetric`, of `pc2pix_bench.extractors` a `SetMetric`. `bench score`
+takes it of the images of a finished run.
 """
 
 from __future__ import annotations
@@ -11,14 +12,13 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
-from bench.catalogue.lookup import announced_ids, find, load_announced
+from bench.catalogue.lookup import find
+from data_prep.announced import EXTRACTORS, METRICS, announced_ids, load_announced
 from data_prep.failures import BadInput
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-PLUGINS = "pc2pix_bench.metrics"
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,29 @@ class ImageMetric:
     about: str
 
 
+@dataclass(frozen=True)
+class SetMetric:
+    """Distances between sets of images, Fréchet and kernel, by the features of a network.
+
+    features  of images uint8 [V, H, W, 3]: real numbers [V, d], finite; d is the same for all
+              images, and the features of an image depend on no other
+    version   raised by hand when a change alters the values; it stands in the tables
+    about     one line for people
+    """
+
+    id: str
+    features: Callable[[NDArray[np.uint8]], NDArray[np.floating]]
+    version: int
+    about: str
+
+
 @cache
 def metric_ids() -> tuple[str, ...]:
     """Ids of the metrics that installed packages announce, sorted; none is loaded."""
-    return announced_ids(PLUGINS)
+    return tuple(sorted({*announced_ids(METRICS), *announced_ids(EXTRACTORS)}))
 
 
-def find_metric(metric_id: str) -> ImageMetric:
+def find_metric(metric_id: str) -> ImageMetric | SetMetric:
     """The metric with this id.
 
     Raises BadInput for an unknown id, naming the nearest, and where a package announces a metric
@@ -56,8 +72,11 @@ def find_metric(metric_id: str) -> ImageMetric:
             "in their tables already"
         )
     find(metric_id, [_Announced(one) for one in metric_ids()], "metric")
-    named = "bench.image_metric.ImageMetric"
-    return load_announced(PLUGINS, metric_id, "metric", ImageMetric, named, names_files=True)
+    if metric_id in announced_ids(EXTRACTORS):
+        named = "bench.catalogue.plugins.SetMetric"
+        return load_announced(EXTRACTORS, metric_id, "metric", SetMetric, named, names_files=True)
+    named = "bench.catalogue.plugins.ImageMetric"
+    return load_announced(METRICS, metric_id, "metric", ImageMetric, named, names_files=True)
 
 
 class _Announced(NamedTuple):

@@ -25,7 +25,7 @@ from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
 from data_prep.dataset import Dataset, listed
 from data_prep.dataset_paper import VIEWS, PaperObject
-from data_prep.datasets import layout_of, open_dataset
+from data_prep.datasets import is_dataset, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.fingerprints import file_sha256
@@ -68,7 +68,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
     """
     if sample < 0:
         raise BadInput(f"--sample {sample}: must be at least 0")
-    spec = location if _is_spec(location) else f"{layout_of(location)}:{location}"
+    spec = location if is_dataset(location) else f"{layout_of(location)}:{location}"
     dataset = open_dataset(spec)
     chosen = _sample(dataset, sample)
     examined: dict[str, _Examined] = {}
@@ -88,12 +88,6 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
         *fit,
     )
     return Inspection(spec, lines, irregular)
-
-
-def _is_spec(location: str) -> bool:
-    kind, colon, _ = location.partition(":")
-    kinds = ("procedural", "folder", "shapenet", "modelnet", "paper")
-    return location == "procedural" or bool(colon and kind in kinds)
 
 
 def _counts(dataset: Dataset) -> list[str]:

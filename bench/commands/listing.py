@@ -16,6 +16,7 @@ def list_all() -> None:
     from bench.catalogue.parameters import PARAMETERS
     from bench.catalogue.plugins import metric_ids
     from bench.catalogue.suites import ALL_SUITES
+    from data_prep.announced import DATASETS, announced_ids
     from data_prep.conditions import CONDITIONS
 
     sections = {
@@ -46,6 +47,7 @@ def list_all() -> None:
             ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv where that is there"),
             ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),
             ("paper:PATH", "clouds, 20 pictures each and their cameras, as the paper's code has"),
+            *((f"{id_}:PATH", "of another installed package") for id_ in announced_ids(DATASETS)),
         ],
     }
     for title, entries in sections.items():

@@ -15,14 +15,26 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
+from bench.analysis.distances import MeasuredFeatures
 from bench.catalogue.metrics import column
-from bench.catalogue.plugins import ImageMetric, find_metric, metric_ids
+from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.commands.options import RunDirectory, names
 from bench.records.artifacts import Item
+from bench.records.features import ImageKey
+from bench.records.record import GROUND_TRUTH
 from bench.report.stored import Sources, open_sources
 from bench.running.work import reason_of
-from bench.tables.quality import Row, image_rows, quality_table
-from bench.tables.scored import read_scored
+from bench.tables.quality import (
+    FRECHET,
+    KERNEL,
+    Measured,
+    Row,
+    distance_rows,
+    image_keys,
+    image_rows,
+    quality_table,
+)
+from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import Table, write_tables
 from data_prep.failures import BadInput
 from data_prep.scene import UInt8Images
@@ -44,13 +56,67 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
     sources = open_sources(directory, run.manifest, ())
     made = []
     for metric in metrics:
-        records = scored(run.records, sources, metric)
-        rows = (one.row for one in image_rows([metric.id], records, {}, run.suite, {}))
-        better = "higher" if metric.higher_is_better else "lower"
+        if isinstance(metric, SetMetric):
+            found, better = _set_rows(run, sources, metric), "lower"
+        else:
+            found = _image_rows(run, sources, metric)
+            better = "higher" if metric.higher_is_better else "lower"
         title = f"{metric.id}, version {metric.version}: {metric.about} ({better} is better)"
+        rows = (one.row for one in found)
         made.append(quality_table(f"metric_{metric.id}", title, rows, paper_layout=False))
     write_tables(directory, made)
     return made
+
+
+def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[Measured]:
+    records = scored(run.records, sources, metric)
+    return image_rows([metric.id], records, {}, run.suite, {})
+
+
+def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[Measured]:
+    """Fréchet and kernel distances."""
+    seen = MeasuredFeatures(SeenFeatures(run.records, sources, metric))
+    return [
+        row
+        for name, distance in ((metric.id, FRECHET), (f"{metric.id}-kernel", KERNEL))
+        for row in distance_rows(name, distance, run.records, seen, "", run.suite, {})
+    ]
+
+
+class SeenFeatures:
+    """The features of the images that a run has kept, as `bench.records.features.Features`.
+
+    They are taken when they are asked for, cell by cell; those of the truth are kept.
+    """
+
+    def __init__(self, records: pd.DataFrame, sources: Sources, metric: SetMetric) -> None:
+        ok = records[records["outcome"] == "ok"]
+        cells = ok.groupby(["method", "condition", "class"], sort=False)
+        self._images = {cell: sorted(image_keys(group)) for cell, group in cells}
+        self._sources, self._metric = sources, metric
+        self._true: dict[Item, NDArray[np.float64]] = {}
+        for name in records["class"].unique():
+            of_class = (images for cell, images in self._images.items() if cell[2] == name)
+            self._images[GROUND_TRUTH, "", name] = sorted(set().union(*of_class))
+
+    def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
+        """The images there are, sorted; none in a cell that is not there."""
+        return self._images.get((method, condition, class_name), [])
+
+    def of(
+        self, method: str, condition: str, class_name: str, images: Sequence[ImageKey]
+    ) -> NDArray[np.float64]:
+        """Theirs [n, d], in the order of `images`. Raises BadInput as `score`."""
+        of_objects = {}
+        for obj in dict.fromkeys(obj for obj, _ in images):
+            item = Item(method, condition, class_name, obj)
+            found = self._true.get(item)
+            if found is None:
+                found = checked_features(self._metric, kept_images(self._sources, item))
+            if method == GROUND_TRUTH:
+                self._true[item] = found
+            of_objects[obj] = found
+        return np.stack([of_objects[obj][view] for obj, view in images])
 
 
 def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.DataFrame:
@@ -62,15 +128,35 @@ def scored(records: pd.DataFrame, sources: Sources, metric: ImageMetric) -> pd.D
     ok = records[records["outcome"] == "ok"]
     for cell, group in ok.groupby(["method", "condition", "class", "object"], sort=False):
         item = Item(*map(str, cell))  # type: ignore[arg-type]  # pandas: of several columns a tuple
-        drawn, truth = sources.images(item), sources.images(item.truth)
-        if drawn is None or truth is None:
-            raise BadInput(
-                f"{' '.join(item)}: its pictures are not there any more; start the run again with "
-                "its command"
-            )
+        drawn, truth = kept_images(sources, item), kept_images(sources, item.truth)
         views = group["view"].to_numpy()
         values[group.index] = checked_scores(metric, truth, drawn)[views]
     return records.assign(**{column(metric.id): values})
+
+
+def kept_images(sources: Sources, item: Item) -> UInt8Images:
+    """The images [V, H, W, 3] of an item. Raises BadInput where they are gone."""
+    images = sources.images(item)
+    if images is None:
+        raise BadInput(
+            f"{' '.join(item)}: its images are not there any more; start the run again with its "
+            "command"
+        )
+    return images
+
+
+def checked_features(metric: SetMetric, images: UInt8Images) -> NDArray[np.float64]:
+    """Features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
+    try:
+        found = np.asarray(metric.features(images), np.float64)
+    except Exception as error:  # whatever a stranger's function raises
+        raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
+    if found.ndim != 2 or len(found) != len(images) or not np.isfinite(found).all():
+        raise BadInput(
+            f"metric '{metric.id}': gives features {list(found.shape)}, {np.isfinite(found).sum()} "
+            f"finite, for {len(images)} images; fix that package"
+        )
+    return found
 
 
 def checked_scores(

@@ -596,6 +596,19 @@ def set_rows(
     distance = KERNEL if metric in KERNEL_METRICS else FRECHET
     extractor = extractor_of(metric)
     found, reason = features.get(extractor), skipped.get(extractor, "")
+    return distance_rows(metric, distance, records, found, reason, suite, published)
+
+
+def distance_rows(
+    metric: str,
+    distance: SetDistance,
+    records: pd.DataFrame,
+    found: MeasuredFeatures | None,
+    reason: str,
+    suite: Suite,
+    published: Published,
+) -> list[Measured]:
+    """A distance by features, for all cells; `reason` says why there are none."""
     made = []
     for cell, group in cells(records):
         value, left_out, with_blank, note = NAN, np.empty(0), NAN, reason

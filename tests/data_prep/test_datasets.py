@@ -11,9 +11,10 @@ import pytest
 import trimesh
 
 import data_prep
-from data_prep import dataset_procedural
+from data_prep import dataset_procedural, datasets
 from data_prep.datasets import (
     Dataset,
+    DatasetReader,
     MeshFile,
     PlacedMesh,
     ProceduralObject,
@@ -287,6 +288,40 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
         assert twin.fingerprint() == obj.fingerprint()
         assert digest(twin.load()) == digest(obj.load())
         assert len(pickle.dumps(obj)) < 1000  # small: the mesh does not travel
+
+
+def _reads(result):
+    def read(spec, root):
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    return read
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        (
+            ValueError("no"),
+            "dataset 'made:.*': ValueError: no; fix or remove the package that adds",
+        ),
+        (BadInput("x.csv:3: expected a name"), "^x.csv:3: expected a name$"),
+        ("a text", "dataset 'made:.*': its package gives no Dataset"),
+    ],
+)
+def test_a_reader_of_another_package_that_fails_is_named(monkeypatch, tmp_path, result, message):
+    reader = DatasetReader("made", _reads(result), "made up")
+    monkeypatch.setattr(datasets, "reader_ids", lambda: ("made",))
+    monkeypatch.setattr(datasets, "load_announced", lambda *_: reader)
+    with pytest.raises(BadInput, match=message):
+        open_dataset(f"made:{tmp_path}")
+    with pytest.raises(BadInput, match="no such folder"):
+        open_dataset(f"made:{tmp_path}/gone")
+    with pytest.raises(BadInput, match="unknown dataset 'other:x'.*paper:PATH or made:PATH$"):
+        open_dataset("other:x")
+    assert datasets.is_dataset("made:x")
+    assert not datasets.is_dataset("other:x")
 
 
 @pytest.mark.parametrize("spec", ["", "Procedural", "procedural:x", "folder:", "shapes:/tmp"])

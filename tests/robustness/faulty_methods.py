@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.catalogue.methods import PLUGINS
+from data_prep.announced import METHODS
 from data_prep.scene import Images, PointCloud, Points, Renderer, View
 
 
@@ -90,4 +90,4 @@ def announce(folder: Path, methods: Mapping[str, str]) -> None:
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fake\nVersion: 1.0\n")
     entries = "".join(f"{id_} = {place}\n" for id_, place in methods.items())
-    (info / "entry_points.txt").write_text(f"[{PLUGINS}]\n{entries}")
+    (info / "entry_points.txt").write_text(f"[{METHODS}]\n{entries}")

@@ -7,9 +7,18 @@ import pandas as pd
 import pytest
 
 import bench.commands.score
-from bench.catalogue.plugins import ImageMetric
-from bench.commands.score import checked_scores, score, scored
+from bench.catalogue.plugins import ImageMetric, SetMetric
+from bench.commands.score import (
+    SeenFeatures,
+    checked_features,
+    checked_scores,
+    score,
+    scored,
+)
+from bench.metrics.frechet import frechet_distance
+from bench.metrics.kernel_distance import kernel_distance
 from bench.records.artifacts import Item
+from bench.records.record import GROUND_TRUTH
 from bench.report.stored import open_sources
 from bench.tables.quality import image_rows
 from bench.tables.scored import read_scored
@@ -100,5 +109,68 @@ def test_a_taken_name_and_images_that_are_gone_are_refused(copied, metrics):
     metrics["made"] = made(lambda truth, drawn: np.ones(len(drawn)))
     for path in (copied / "artifacts").rglob("*.npz"):
         path.unlink()
-    with pytest.raises(BadInput, match="its pictures are not there any more; start the run again"):
+    with pytest.raises(BadInput, match="its images are not there any more; start the run again"):
         score(copied, ["made"])
+
+
+def of_set(function, id_="fd-made"):
+    return SetMetric(id_, function, 3, "made up")
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda images: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda images: np.ones(2), r"gives features \[2\], 2 finite, for 2 images"),
+        (lambda images: np.ones((1, 4)), r"gives features \[1, 4\], 4 finite, for 2 images"),
+        (lambda images: np.full((2, 2), np.nan), r"gives features \[2, 2\], 0 finite, for 2"),
+    ],
+)
+def test_an_extractor_that_gives_no_features_is_named(function, message):
+    with pytest.raises(BadInput, match=f"metric 'fd-made': {message}.*fix that package"):
+        checked_features(of_set(function), TWO)
+
+
+@pytest.mark.usefixtures("few_objects")
+def test_distances_of_an_extractor_are_those_of_its_features(copied, metrics):
+    """Two features, by the definitions: the truth is that of the same objects and views."""
+
+    def features(images):
+        return np.stack([images.mean(axis=(1, 2, 3)), images.std(axis=(1, 2, 3))], axis=1)
+
+    metrics["fd-made"] = of_set(features)
+    (table,) = score(copied, ["fd-made"])
+    value = {(row.metric, row.method, row.condition): row.value for row in table.rows}
+    run = read_scored(copied)
+    sources = open_sources(copied, run.manifest, ())
+    objects = sorted(run.records["object"].unique())
+    drawn, true = (
+        np.concatenate(
+            [features(sources.images(Item(method, condition, "chair", obj))) for obj in objects]
+        )
+        for method, condition in (("splat", "noise-0.10"), (GROUND_TRUTH, ""))
+    )
+    found = value["fd-made", "splat", "noise-0.10"]
+    assert found == pytest.approx(frechet_distance(drawn, true), rel=1e-9)
+    found = value["fd-made-kernel", "splat", "noise-0.10"]
+    assert found == pytest.approx(kernel_distance(drawn, true), rel=1e-9)
+    assert value["fd-made", "true-mesh", "2048"] == pytest.approx(0, abs=1e-9)
+    assert table.title == "fd-made, version 3: made up (lower is better)"
+
+
+def test_features_of_the_truth_are_taken_once(copied):
+    asked = []
+
+    def features(images):
+        asked.append(images.mean())
+        return np.ones((len(images), 1))
+
+    run = read_scored(copied)
+    seen = SeenFeatures(run.records, open_sources(copied, run.manifest, ()), of_set(features))
+    for condition in ("2048", "noise-0.10"):
+        images = seen.images("splat", condition, "chair")
+        assert images == seen.images(GROUND_TRUTH, "", "chair")
+        for method, seen_at in (("splat", condition), (GROUND_TRUTH, ""), ("splat", condition)):
+            assert seen.of(method, seen_at, "chair", images).shape == (len(images), 1)
+    objects = len({obj for obj, _ in images})
+    assert len(asked) == 3 * objects  # the truth, and splats at two conditions

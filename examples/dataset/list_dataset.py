@@ -1,0 +1,36 @@
+"""A dataset for pc2pix-bench: objects.csv in a folder, a line `split,class,file` for each mesh."""
+
+import csv
+from pathlib import Path
+
+from data_prep.dataset import DatasetReader, Found
+from data_prep.failures import BadInput
+from data_prep.orientations import Orientation
+from data_prep.stored_meshes import PlacedMesh
+from data_prep.untrusted import MIB, read_text
+
+LIST = "objects.csv"
+SPLITS = ("train", "validation", "test")
+PLACED = Orientation("+Z", "-Y", "the description of the data")
+
+
+def read(spec, root):
+    """All objects of the list. Raises BadInput for a list that is missing, empty or malformed."""
+    found = Found()
+    rows = csv.reader(read_text(root / LIST, 4 * MIB).splitlines())
+    for number, row in enumerate(rows, 1):
+        if len(row) != 3 or row[0] not in SPLITS:
+            raise BadInput(f"{root / LIST}:{number}: expected split,class,file")
+        split, class_name, name = row
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise BadInput(f"{root / LIST}:{number}: a file outside the folder")
+        file = root / name
+        mesh = PlacedMesh(class_name, name, file, file.parent, PLACED)
+        found.objects.append(mesh)
+        found.splits.setdefault(split, []).append(mesh)
+    if not found.objects:
+        raise BadInput(f"{root / LIST}: no object in this list")
+    return found.dataset(spec, f"meshes listed in {LIST}", PLACED.message)
+
+
+DATASET = DatasetReader("list", read, "meshes named by objects.csv, with +Z up")
