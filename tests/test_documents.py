@@ -134,7 +134,7 @@ def test_the_suite_of_its_page():
 
 
 def test_the_dataset_of_its_page(tmp_path):
-    read = example("adding-a-dataset.md")["list_dataset"]
+    read = example("adding-a-dataset.md")["DATASET"].read
     (tmp_path / "objects.csv").write_text("train,chair,a.obj\ntest,chair,b.obj\ntest,lamp,c.obj\n")
     dataset = read("list:here", tmp_path)
     assert isinstance(dataset, Dataset)

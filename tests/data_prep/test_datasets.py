@@ -318,7 +318,7 @@ def test_a_reader_of_another_package_that_fails_is_named(monkeypatch, tmp_path, 
         open_dataset(f"made:{tmp_path}")
     with pytest.raises(BadInput, match="no such folder"):
         open_dataset(f"made:{tmp_path}/gone")
-    with pytest.raises(BadInput, match="unknown dataset 'other:x'.*paper:PATH or made:PATH$"):
+    with pytest.raises(BadInput, match=r"unknown dataset 'other:x'.*paper:PATH or made:PATH$"):
         open_dataset("other:x")
     assert datasets.is_dataset("made:x")
     assert not datasets.is_dataset("other:x")
