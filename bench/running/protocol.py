@@ -316,17 +316,22 @@ def manifest_of(
     **own: object,
 ) -> dict[str, Any]:
     """The manifest of a run of any suite that is about to start; `own` is what only this has."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "protocol": PROTOCOL_VERSION,
-        "suite": suite,
-        "dataset": request.dataset,
-        "views": views,
-        "seed": request.seed,
-        "device": request.device,
-        **own,
-        "environment": dict(environment),
-    } | circumstances()
+    asked = {"request": request.request} if isinstance(request, Options) else {}
+    return (
+        asked
+        | {
+            "schema_version": SCHEMA_VERSION,
+            "protocol": PROTOCOL_VERSION,
+            "suite": suite,
+            "dataset": request.dataset,
+            "views": views,
+            "seed": request.seed,
+            "device": request.device,
+            **own,
+            "environment": dict(environment),
+        }
+        | circumstances()
+    )
 
 
 def method_identity(method_id: str, device: str) -> list[Any]:
@@ -341,6 +346,11 @@ def digest(identity: Sequence[Any]) -> str:
 
 
 RUNS = Path("results/runs")
+# Options that say what is measured, and not how or where.
+REPEATED = (
+    *("suite", "dataset", "methods", "conditions", "limit", "views", "device", "seed"),
+    "inception_weights",
+)
 
 
 @dataclass(frozen=True)
@@ -362,6 +372,16 @@ class Options:
     shard: Shard | None = None
     ray: str | None = None
     inception_weights: str | None = None
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """What is to be measured, as `bench run --config` reads it, without what is not said."""
+        said = {name: getattr(self, name) for name in REPEATED}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in said.items()
+            if value is not None
+        }
 
     @property
     def directory(self) -> Path:

@@ -252,6 +252,7 @@ def run(
         if options.budget is not None and not _any_complete(options, todo):
             budget.check()
         manifest = describe(protocol, factory.workers, skipped) | {
+            "request": options.request,
             "cluster": factory.cluster,
             "planned": len(todo.objects),  # "objects" are those that are complete, at the end
         }
