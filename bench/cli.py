@@ -37,6 +37,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     ),
     "train": ("train:app", "Train the networks."),
     "data": ("data:app", "Inspect and verify datasets."),
+    "test": ("contract:test", "Test a method, metric or dataset of your own."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
 _USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # Click's, which some Typers contain

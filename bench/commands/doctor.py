@@ -5,27 +5,18 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 import typer
 
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
+from bench.checking.contract import Finding
 from bench.running.environment import PACKAGES, cores, environment
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES
 
 OPTIONAL = ("libusb-1.0-0",)  # Open3D only
-
-
-@dataclass(frozen=True)
-class Finding:
-    """`ok` is False where a default run would not work."""
-
-    ok: bool
-    subject: str
-    text: str
 
 
 def examine() -> Iterator[Finding]:

@@ -1,0 +1,407 @@
+"""What a method, a metric and a dataset have to keep to: a finding for each point of it.
+
+What is tested is somebody's code. A method runs in killable workers, so that one that hangs, dies
+or takes all memory is named like any other.
+"""
+
+from __future__ import annotations
+
+import pickle
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.catalogue.methods import find_method
+from bench.catalogue.plugins import ImageMetric, find_metric
+from bench.catalogue.suites import Limits
+from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks, thread_counts
+from bench.running.work import draw, load_renderer, reason_of
+from data_prep.datasets import ProceduralObject, open_dataset
+from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Scaled
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.randomness import generator
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
+from data_prep.scene_objects import SceneObject
+
+LIMITS = Limits(time_s=20.0, memory_gib=4.0)
+VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
+RUN_VIEWS = 20  # of a cloud in a run
+EXTREMES = {
+    "no points": Count(0),
+    "one point": Count(1),
+    "three points": Count(3),
+    "equal points": Equal(),
+    "points on a line": Flattened(1),
+    "points in a plane": Flattened(2),
+    "20,000 points": Count(20_000),
+    "a point at NaN": FirstPoint(float("nan")),
+    "a point at infinity": FirstPoint(float("inf")),
+    "a far point": FirstPoint(1e30),
+    "a tiny cloud": Scaled(1e-30),
+}
+LISTING = """
+import sys
+from bench.commands.listing import list_all
+list_all()
+print(*sys.modules, file=sys.stderr)
+"""
+HEAVY = ("torch", "numpy", "scipy", "pandas")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """`ok` is False where something has to be fixed."""
+
+    ok: bool
+    subject: str
+    text: str
+
+
+class Broken(Exception):
+    """The contract is broken; the message says how."""
+
+
+class Check(NamedTuple):
+    """A point of the contract, tested in a worker."""
+
+    method: str
+    name: str
+
+
+# --- methods --------------------------------------------------------------------------------------
+
+
+def method_findings(method_id: str, workers: int = 2) -> Iterator[Finding]:
+    """All findings about a method. Raises BadInput for an unknown one."""
+    find_method(method_id)
+    yield _listing(method_id)
+    names = [*CHECKS, *EXTREMES]
+    found: dict[str, Finding] = {}
+    checks = (Check(method_id, name) for name in names)
+    for check, result in run_tasks(checks, judge, workers, LIMITS):
+        found[check.name] = _of_worker(check.name, result)
+    for name in names:
+        yield found[name]
+    yield _elsewhere(method_id)
+
+
+def _of_worker(name: str, result: Finding | Lost) -> Finding:
+    return Finding(False, name, result.reason) if isinstance(result, Lost) else result
+
+
+def judge(check: Check) -> Finding:
+    """What a check finds; in a worker."""
+    try:
+        if check.name in EXTREMES:
+            return Finding(True, check.name, _extreme(check))
+        return Finding(True, check.name, CHECKS[check.name](check.method))
+    except (BadInput, MissingDependency, Broken) as error:
+        return Finding(False, check.name, str(error))
+    except Exception as error:  # whatever a stranger's method raises
+        return Finding(False, check.name, reason_of(error))
+
+
+def _listing(method_id: str) -> Finding:
+    """`bench list` looks at the entry points of all methods, and loads none."""
+    start = time.perf_counter()
+    done = subprocess.run(
+        (sys.executable, "-c", LISTING), capture_output=True, text=True, check=False
+    )
+    seconds = time.perf_counter() - start
+    if done.returncode or method_id.partition("@")[0] not in done.stdout:
+        return Finding(False, "bench list", f"does not name it: {done.stderr.strip()[-200:]}")
+    heavy = sorted(set(HEAVY) & set(done.stderr.split()))
+    if heavy:
+        return Finding(
+            False, "bench list", f"loads {', '.join(heavy)}; import them where they are needed"
+        )
+    return Finding(True, "bench list", f"{seconds:.1f} s, loads no heavy package")
+
+
+def _renderer(method_id: str) -> Renderer:
+    return load_renderer(method_id, "auto")
+
+
+def _cloud(points: int = CLOUD_SIZE) -> PointCloud:
+    return ProceduralObject("chair", "validation", 0).cloud(generator("contract"), points)
+
+
+def _images(
+    method_id: str, cloud: PointCloud | None = None, views: Sequence[View] = VIEWS
+) -> UInt8Images:
+    """As a run draws them, with the same random numbers each time."""
+    method, renderer = find_method(method_id), _renderer(method_id)
+    cloud = _cloud() if cloud is None else cloud
+    return draw(method, renderer, cloud, views, generator("contract", "method")).images
+
+
+def _loads(method_id: str) -> str:
+    start = time.perf_counter()
+    renderer = _renderer(method_id)
+    for name in ("prepare", "draw"):
+        if not callable(getattr(renderer, name, None)):
+            raise Broken(f"{type(renderer).__name__} has no function {name}")
+    return f"{time.perf_counter() - start:.1f} s"
+
+
+def _draws(method_id: str) -> str:
+    method, renderer, rng = find_method(method_id), _renderer(method_id), generator("contract")
+    cloud = _cloud() if method.sees_mesh else PointCloud(_cloud().points)
+    before = cloud.points.copy()
+    images = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
+    if not isinstance(images, np.ndarray) or images.dtype != np.float32:
+        found = getattr(images, "dtype", type(images).__name__)
+        raise Broken(f"images are {found}, expected float32")
+    expected = (len(VIEWS), IMAGE_SIZE, IMAGE_SIZE, 3)
+    if images.shape != expected:
+        raise Broken(f"images have the shape {images.shape}, expected {expected}")
+    if not np.isfinite(images).all():
+        raise Broken(f"{int((~np.isfinite(images)).sum())} values are not finite")
+    if images.min() < 0 or images.max() > 1:
+        raise Broken(f"values are in {images.min():.3g} .. {images.max():.3g}, expected 0 .. 1")
+    if not np.array_equal(before, cloud.points):
+        raise Broken("the points of the cloud were changed; work on a copy")
+    _images(method_id)  # as a run does, which refuses blank ones
+    return f"{list(images.shape)} float32 in {images.min():.2f} .. {images.max():.2f}"
+
+
+def _no_views(method_id: str) -> str:
+    renderer, rng = _renderer(method_id), generator("contract")
+    images = renderer.draw(renderer.prepare(_cloud(), rng), (), rng)
+    if np.shape(images) != (0, IMAGE_SIZE, IMAGE_SIZE, 3):
+        raise Broken(f"gives {np.shape(images)}, expected (0, {IMAGE_SIZE}, {IMAGE_SIZE}, 3)")
+    return "an empty array"
+
+
+def _repeats(method_id: str) -> str:
+    first, second = _images(method_id), _images(method_id)
+    if not np.array_equal(first, second):
+        raise Broken(f"{_apart(first, second)}; take all randomness from `rng`")
+    return "the same bytes"
+
+
+def _views_apart(method_id: str) -> str:
+    alone = np.concatenate([_images(method_id, views=[view]) for view in VIEWS])
+    together = _images(method_id)
+    if _worst(alone, together) > 1:
+        raise Broken(f"{_apart(alone, together)}; an image may not depend on the other views")
+    return f"at most {_worst(alone, together)} grey levels between alone and together"
+
+
+def _costs(method_id: str) -> str:
+    views = [View(18.0 * i - 180, 0.0) for i in range(RUN_VIEWS)]
+    start = time.perf_counter()
+    _images(method_id, views=views)
+    seconds = time.perf_counter() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10  # kB on Linux
+    return f"a cloud with {RUN_VIEWS} views {seconds:.2f} s, {peak:.0f} MiB at most so far"
+
+
+CHECKS: Mapping[str, Callable[[str], str]] = {
+    "loading": _loads,
+    "images": _draws,
+    "no views": _no_views,
+    "repeatable": _repeats,
+    "views apart": _views_apart,
+    "cost": _costs,
+}
+
+
+def _extreme(check: Check) -> str:
+    """Images as always, or a refusal that names the stage."""
+    cloud = EXTREMES[check.name].apply(_cloud(), generator("contract", check.name))
+    method, renderer = find_method(check.method), _renderer(check.method)
+    if not method.sees_mesh:
+        cloud = PointCloud(cloud.points)
+    rng = generator("contract", "method")
+    try:
+        images = renderer.draw(renderer.prepare(cloud, rng), VIEWS[:1], rng)
+    except (StageFailure, BadInput) as refusal:
+        return f"refused: {reason_of(refusal)}"
+    except Exception as error:
+        raise Broken(f"{reason_of(error)}; raise StageFailure(stage, problem)") from error
+    if np.shape(images) != (1, IMAGE_SIZE, IMAGE_SIZE, 3) or not np.isfinite(images).all():
+        raise Broken("drawn, with a wrong shape or values that are not finite")
+    return "drawn"
+
+
+def draw_alone(method_id: str) -> UInt8Images:
+    """Images for a comparison between processes; in a worker."""
+    return _images(method_id)
+
+
+def _elsewhere(method_id: str) -> Finding:
+    """The same in another process, on two threads."""
+    name, drawn = "processes and threads", []
+    for threads in (1, 2):
+        around = WORKER_ENVIRONMENT | thread_counts(threads) | {"PYTHONHASHSEED": str(threads)}
+        try:
+            ((_, images),) = run_tasks([method_id], draw_alone, 1, LIMITS, around)
+        except Exception as error:  # whatever a stranger's method raises
+            return Finding(False, name, reason_of(error))
+        if isinstance(images, Lost):
+            return Finding(False, name, images.reason)
+        drawn.append(images)
+    apart = _worst(*drawn)
+    text = f"at most {apart} grey levels between two processes, on one thread and on two"
+    return Finding(apart <= 1, name, text)
+
+
+def _worst(a: UInt8Images, b: UInt8Images) -> int:
+    return int(np.abs(a.astype(np.int16) - b).max())
+
+
+def _apart(a: UInt8Images, b: UInt8Images) -> str:
+    return f"{int((a != b).any(axis=-1).sum())} pixels differ, by up to {_worst(a, b)} grey levels"
+
+
+# --- metrics --------------------------------------------------------------------------------------
+
+
+def metric_findings(metric_id: str) -> Iterator[Finding]:
+    """All findings about a metric of another package. Raises BadInput for an unknown one."""
+    metric = find_metric(metric_id)
+    truth = ProceduralObject("chair", "validation", 0).truth(VIEWS)
+    drawn = ProceduralObject("chair", "validation", 1).truth(VIEWS)
+    white = np.full_like(truth, 255)
+    if isinstance(metric, ImageMetric):
+        value: Callable[[UInt8Images, UInt8Images], NDArray[np.floating]] = metric.score
+        size: tuple[int, ...] = (len(VIEWS),)
+        pairs = {"images": (truth, drawn), "white images": (truth, white), "no images": None}
+    else:
+        features = metric.features
+        value, size = lambda _, images: features(images), ()
+        pairs = {"images": (drawn, drawn), "white images": (white, white), "no images": None}
+
+    def taken(name: str, pair: tuple[UInt8Images, UInt8Images] | None) -> str:
+        a, b = pair or (truth[:0], drawn[:0])
+        found = np.asarray(value(a, b), np.float64)
+        if found.ndim != (1 if size else 2) or len(found) != len(b):
+            raise Broken(f"gives the shape {found.shape} for {len(b)} {name}")
+        if not np.isfinite(found).all():
+            raise Broken(f"{int((~np.isfinite(found)).sum())} of {found.size} are not finite")
+        again = np.asarray(value(a.copy(), b.copy()), np.float64)
+        if not np.array_equal(found, again):
+            raise Broken("another value the second time")
+        return str(list(found.shape))
+
+    def apart() -> str:
+        whole = np.asarray(value(truth, drawn), np.float64)
+        alone = [value(truth[i : i + 1], drawn[i : i + 1]) for i in range(len(VIEWS))]
+        if not np.allclose(whole, np.concatenate(alone), rtol=1e-5, atol=1e-8):
+            raise Broken("an image has another value alone than among others")
+        return "the same alone and among others"
+
+    def ordered() -> str:
+        assert isinstance(metric, ImageMetric)
+        same, other = (float(np.mean(value(truth, images))) for images in (truth, drawn))
+        if same != other and (same > other) != metric.higher_is_better:
+            better = "higher" if metric.higher_is_better else "lower"
+            raise Broken(
+                f"identical images have {same:.4g}, others {other:.4g}: {better} is better?"
+            )
+        return f"identical images {same:.4g}, another object {other:.4g}"
+
+    for name, pair in pairs.items():
+        yield _tried(name, lambda name=name, pair=pair: taken(name, pair))
+    yield _tried("one by one", apart)
+    if isinstance(metric, ImageMetric):
+        yield _tried("direction", ordered)
+
+
+def _tried(name: str, check: Callable[[], str]) -> Finding:
+    try:
+        return Finding(True, name, check())
+    except (BadInput, Broken) as error:
+        return Finding(False, name, str(error))
+    except Exception as error:  # whatever a stranger's function raises
+        return Finding(False, name, reason_of(error))
+
+
+# --- datasets -------------------------------------------------------------------------------------
+
+
+def dataset_findings(spec: str, most: int = 6) -> Iterator[Finding]:
+    """All findings about a dataset, by up to `most` of its objects.
+
+    Raises BadInput where it cannot be read.
+    """
+    dataset = open_dataset(spec)
+    classes = dataset.classes or ("",)
+    objects = [obj for name in classes[:3] for obj in dataset.objects(name, 2, 2)][:most]
+    yield Finding(bool(objects), "objects", f"{len(objects)} of {len(classes)} classes looked at")
+    again = open_dataset(spec)
+    same = [obj for name in classes[:3] for obj in again.objects(name, 2, 2)][:most]
+
+    def identities() -> str:
+        prints = [obj.fingerprint() for obj in objects]
+        if prints != [obj.fingerprint() for obj in same]:
+            raise Broken("other fingerprints when it is opened again; finished work would be lost")
+        if len({(obj.class_name, obj.object_id) for obj in objects}) < len(objects):
+            raise Broken("two objects have the same class and id")
+        if len(set(prints)) < len(prints):
+            raise Broken("two objects have the same fingerprint")
+        return "ids and fingerprints are unique and stay"
+
+    def travels() -> str:
+        for obj in objects:
+            twin = pickle.loads(pickle.dumps(obj))
+            if twin != obj or twin.fingerprint() != obj.fingerprint():
+                raise Broken(f"{obj.object_id}: another object after pickling; make it a dataclass")
+        return "objects survive the way to a worker"
+
+    yield _tried("identity", identities)
+    yield _tried("pickling", travels)
+    for name, check in {"clouds": _clouds, "views": _views, "truth": _truths}.items():
+        yield _tried(name, lambda check=check: check(objects))
+
+
+def _named(obj: SceneObject) -> str:
+    return f"{obj.class_name}/{obj.object_id}"
+
+
+def _clouds(objects: Sequence[SceneObject]) -> str:
+    farthest = 0.0
+    for obj in objects:
+        cloud, again = (obj.cloud(generator("contract", obj.object_id)) for _ in range(2))
+        if not len(cloud) or not np.isfinite(cloud.points).all():
+            raise Broken(f"{_named(obj)}: {len(cloud)} points, or not finite")
+        if not np.array_equal(cloud.points, again.points):
+            raise Broken(f"{_named(obj)}: another cloud the second time; use `rng` alone")
+        farthest = max(farthest, float(np.linalg.norm(cloud.points, axis=1).max()))
+    if not 0.2 < farthest < 1.001:
+        raise Broken(f"the farthest point lies at {farthest:.3g}; bring objects to the unit sphere")
+    return f"finite, the same each time, the farthest point at {farthest:.3f}"
+
+
+def _views(objects: Sequence[SceneObject]) -> str:
+    for obj in objects:
+        views, again = (obj.views(3, generator("contract", obj.object_id)) for _ in range(2))
+        if len(views) != 3 or views != again:
+            raise Broken(f"{_named(obj)}: {len(views)} of 3 views, or others the second time")
+    return "as many as asked for, the same each time"
+
+
+def _truths(objects: Sequence[SceneObject]) -> str:
+    shown = []
+    for obj in objects:
+        if not obj.has_truth:
+            continue
+        views = obj.views(2, generator("contract", obj.object_id))
+        images = np.asarray(obj.truth(views))
+        if images.dtype != np.uint8 or images.shape != (2, IMAGE_SIZE, IMAGE_SIZE, 3):
+            raise Broken(f"{_named(obj)}: {images.dtype} {list(images.shape)}, expected uint8")
+        if (images == 255).all():
+            raise Broken(f"{_named(obj)}: white images; the object is not seen")
+        shown.append(images)
+    if any(np.array_equal(a, b) for a, b in pairwise(shown)):
+        raise Broken("two objects have the same images")
+    return f"{len(shown)} of {len(objects)} objects have true images"

@@ -1,0 +1,45 @@
+"""`bench test`: whether a method, a metric or a dataset keeps to what the benchmark expects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated
+
+import typer
+
+from bench.catalogue.plugins import metric_ids
+from bench.checking.contract import (
+    Finding,
+    dataset_findings,
+    method_findings,
+    metric_findings,
+)
+from data_prep.datasets import is_dataset
+
+
+def findings_of(name: str) -> Iterator[Finding]:
+    """About a dataset, a metric of another package, or else a method. Raises BadInput: unknown."""
+    if is_dataset(name):
+        return dataset_findings(name)
+    if name in metric_ids():
+        return metric_findings(name)
+    return method_findings(name)
+
+
+def test(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            help="A method ('convex-hull', 'splat-net@FILE.safetensors'), a metric of another "
+            "package, or a dataset ('list:PATH').",
+        ),
+    ],
+) -> None:
+    """Test a method, metric or dataset of your own. Exit 0 if it keeps the contract, 1 if not."""
+    kept = True
+    for finding in findings_of(name):
+        kept &= finding.ok
+        print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.subject}: {finding.text}", flush=True)
+    if not kept:
+        raise typer.Exit(1)
