@@ -8,12 +8,10 @@ from typing import Annotated
 import typer
 
 from bench.catalogue.plugins import metric_ids
-from bench.checking.contract import (
-    Finding,
-    dataset_findings,
-    method_findings,
-    metric_findings,
-)
+from bench.checking.contract.datasets import dataset_findings
+from bench.checking.contract.findings import Finding
+from bench.checking.contract.methods import method_findings
+from bench.checking.contract.metrics import metric_findings
 from data_prep.datasets import is_dataset
 
 

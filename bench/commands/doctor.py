@@ -11,7 +11,7 @@ import typer
 
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
-from bench.checking.contract import Finding
+from bench.checking.contract.findings import Finding
 from bench.running.environment import PACKAGES, cores, environment
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES

@@ -13,7 +13,7 @@ import pytest
 
 from bench.catalogue import plugins
 from bench.catalogue.plugins import ImageMetric, SetMetric
-from bench.checking import contract
+from bench.checking.contract import datasets, methods, metrics
 from data_prep.dataset import Dataset
 from data_prep.datasets import ProceduralObject
 from tests.bench.checking.broken_methods import METHODS
@@ -59,7 +59,7 @@ def test_a_method_that_keeps_it(bench):
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert all(line.startswith("ok   ") for line in lines)
-    assert len(lines) == 2 + len(contract.CHECKS) + len(contract.EXTREMES)
+    assert len(lines) == 2 + len(methods.CHECKS) + len(methods.EXTREMES)
 
 
 @pytest.mark.slow
@@ -119,8 +119,8 @@ GOOD = ImageMetric("good", mean_difference, 1, False, "made up")
     ],
 )
 def test_metrics(monkeypatch, metric, said):
-    monkeypatch.setattr(contract, "find_metric", lambda _: metric)
-    failed = failing(contract.metric_findings(metric.id))
+    monkeypatch.setattr(metrics, "find_metric", lambda _: metric)
+    failed = failing(metrics.metric_findings(metric.id))
     assert set(said) <= set(failed)
     assert bool(said) == bool(failed)
 
@@ -165,12 +165,12 @@ def test_datasets(monkeypatch, fault, point, said):
         objects = tuple(Odd("chair", "test", i, fault) for i in range(2))
         return Dataset(spec, ("chair",), objects)
 
-    monkeypatch.setattr(contract, "open_dataset", opened)
-    failed = failing(contract.dataset_findings("made:x"))
+    monkeypatch.setattr(datasets, "open_dataset", opened)
+    failed = failing(datasets.dataset_findings("made:x"))
     assert bool(failed) == bool(point)
     assert said in failed.get(point, "")
 
 
 def test_the_embedded_dataset_keeps_it():
-    assert failing(contract.dataset_findings("procedural:validation")) == {}
+    assert failing(datasets.dataset_findings("procedural:validation")) == {}
     assert plugins.metric_ids() == ()  # in this environment

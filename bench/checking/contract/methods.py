@@ -1,35 +1,29 @@
-"""What a method, a metric and a dataset have to keep to: a finding for each point of it.
+"""What a method has to keep to. It is somebody's code and runs in killable workers.
 
-What is tested is somebody's code. A method runs in killable workers, so that one that hangs, dies
-or takes all memory is named like any other.
+One that hangs, dies or takes all memory is named like any other.
 """
 
 from __future__ import annotations
 
-import pickle
 import resource
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.catalogue.methods import find_method
-from bench.catalogue.plugins import ImageMetric, find_metric
 from bench.catalogue.suites import Limits
+from bench.checking.contract.findings import Broken, Finding
 from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks, thread_counts
 from bench.running.work import draw, load_renderer, reason_of
-from data_prep.datasets import ProceduralObject, open_dataset
+from data_prep.datasets import ProceduralObject
 from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Scaled
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
-from data_prep.scene_objects import SceneObject
 
 LIMITS = Limits(time_s=20.0, memory_gib=4.0)
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
@@ -56,27 +50,11 @@ print(*sys.modules, file=sys.stderr)
 HEAVY = ("torch", "numpy", "scipy", "pandas")
 
 
-@dataclass(frozen=True)
-class Finding:
-    """`ok` is False where something has to be fixed."""
-
-    ok: bool
-    subject: str
-    text: str
-
-
-class Broken(Exception):
-    """The contract is broken; the message says how."""
-
-
 class Check(NamedTuple):
     """A point of the contract, tested in a worker."""
 
     method: str
     name: str
-
-
-# --- methods --------------------------------------------------------------------------------------
 
 
 def method_findings(method_id: str, workers: int = 2) -> Iterator[Finding]:
@@ -261,147 +239,3 @@ def _worst(a: UInt8Images, b: UInt8Images) -> int:
 
 def _apart(a: UInt8Images, b: UInt8Images) -> str:
     return f"{int((a != b).any(axis=-1).sum())} pixels differ, by up to {_worst(a, b)} grey levels"
-
-
-# --- metrics --------------------------------------------------------------------------------------
-
-
-def metric_findings(metric_id: str) -> Iterator[Finding]:
-    """All findings about a metric of another package. Raises BadInput for an unknown one."""
-    metric = find_metric(metric_id)
-    truth = ProceduralObject("chair", "validation", 0).truth(VIEWS)
-    drawn = ProceduralObject("chair", "validation", 1).truth(VIEWS)
-    white = np.full_like(truth, 255)
-    if isinstance(metric, ImageMetric):
-        value: Callable[[UInt8Images, UInt8Images], NDArray[np.floating]] = metric.score
-        size: tuple[int, ...] = (len(VIEWS),)
-        pairs = {"images": (truth, drawn), "white images": (truth, white), "no images": None}
-    else:
-        features = metric.features
-        value, size = lambda _, images: features(images), ()
-        pairs = {"images": (drawn, drawn), "white images": (white, white), "no images": None}
-
-    def taken(name: str, pair: tuple[UInt8Images, UInt8Images] | None) -> str:
-        a, b = pair or (truth[:0], drawn[:0])
-        found = np.asarray(value(a, b), np.float64)
-        if found.ndim != (1 if size else 2) or len(found) != len(b):
-            raise Broken(f"gives the shape {found.shape} for {len(b)} {name}")
-        if not np.isfinite(found).all():
-            raise Broken(f"{int((~np.isfinite(found)).sum())} of {found.size} are not finite")
-        again = np.asarray(value(a.copy(), b.copy()), np.float64)
-        if not np.array_equal(found, again):
-            raise Broken("another value the second time")
-        return str(list(found.shape))
-
-    def apart() -> str:
-        whole = np.asarray(value(truth, drawn), np.float64)
-        alone = [value(truth[i : i + 1], drawn[i : i + 1]) for i in range(len(VIEWS))]
-        if not np.allclose(whole, np.concatenate(alone), rtol=1e-5, atol=1e-8):
-            raise Broken("an image has another value alone than among others")
-        return "the same alone and among others"
-
-    def ordered() -> str:
-        assert isinstance(metric, ImageMetric)
-        same, other = (float(np.mean(value(truth, images))) for images in (truth, drawn))
-        if same != other and (same > other) != metric.higher_is_better:
-            better = "higher" if metric.higher_is_better else "lower"
-            raise Broken(
-                f"identical images have {same:.4g}, others {other:.4g}: {better} is better?"
-            )
-        return f"identical images {same:.4g}, another object {other:.4g}"
-
-    for name, pair in pairs.items():
-        yield _tried(name, lambda name=name, pair=pair: taken(name, pair))
-    yield _tried("one by one", apart)
-    if isinstance(metric, ImageMetric):
-        yield _tried("direction", ordered)
-
-
-def _tried(name: str, check: Callable[[], str]) -> Finding:
-    try:
-        return Finding(True, name, check())
-    except (BadInput, Broken) as error:
-        return Finding(False, name, str(error))
-    except Exception as error:  # whatever a stranger's function raises
-        return Finding(False, name, reason_of(error))
-
-
-# --- datasets -------------------------------------------------------------------------------------
-
-
-def dataset_findings(spec: str, most: int = 6) -> Iterator[Finding]:
-    """All findings about a dataset, by up to `most` of its objects.
-
-    Raises BadInput where it cannot be read.
-    """
-    dataset = open_dataset(spec)
-    classes = dataset.classes or ("",)
-    objects = [obj for name in classes[:3] for obj in dataset.objects(name, 2, 2)][:most]
-    yield Finding(bool(objects), "objects", f"{len(objects)} of {len(classes)} classes looked at")
-    again = open_dataset(spec)
-    same = [obj for name in classes[:3] for obj in again.objects(name, 2, 2)][:most]
-
-    def identities() -> str:
-        prints = [obj.fingerprint() for obj in objects]
-        if prints != [obj.fingerprint() for obj in same]:
-            raise Broken("other fingerprints when it is opened again; finished work would be lost")
-        if len({(obj.class_name, obj.object_id) for obj in objects}) < len(objects):
-            raise Broken("two objects have the same class and id")
-        if len(set(prints)) < len(prints):
-            raise Broken("two objects have the same fingerprint")
-        return "ids and fingerprints are unique and stay"
-
-    def travels() -> str:
-        for obj in objects:
-            twin = pickle.loads(pickle.dumps(obj))
-            if twin != obj or twin.fingerprint() != obj.fingerprint():
-                raise Broken(f"{obj.object_id}: another object after pickling; make it a dataclass")
-        return "objects survive the way to a worker"
-
-    yield _tried("identity", identities)
-    yield _tried("pickling", travels)
-    for name, check in {"clouds": _clouds, "views": _views, "truth": _truths}.items():
-        yield _tried(name, lambda check=check: check(objects))
-
-
-def _named(obj: SceneObject) -> str:
-    return f"{obj.class_name}/{obj.object_id}"
-
-
-def _clouds(objects: Sequence[SceneObject]) -> str:
-    farthest = 0.0
-    for obj in objects:
-        cloud, again = (obj.cloud(generator("contract", obj.object_id)) for _ in range(2))
-        if not len(cloud) or not np.isfinite(cloud.points).all():
-            raise Broken(f"{_named(obj)}: {len(cloud)} points, or not finite")
-        if not np.array_equal(cloud.points, again.points):
-            raise Broken(f"{_named(obj)}: another cloud the second time; use `rng` alone")
-        farthest = max(farthest, float(np.linalg.norm(cloud.points, axis=1).max()))
-    if not 0.2 < farthest < 1.001:
-        raise Broken(f"the farthest point lies at {farthest:.3g}; bring objects to the unit sphere")
-    return f"finite, the same each time, the farthest point at {farthest:.3f}"
-
-
-def _views(objects: Sequence[SceneObject]) -> str:
-    for obj in objects:
-        views, again = (obj.views(3, generator("contract", obj.object_id)) for _ in range(2))
-        if len(views) != 3 or views != again:
-            raise Broken(f"{_named(obj)}: {len(views)} of 3 views, or others the second time")
-    return "as many as asked for, the same each time"
-
-
-def _truths(objects: Sequence[SceneObject]) -> str:
-    shown = []
-    for obj in objects:
-        if not obj.has_truth:
-            continue
-        views = obj.views(2, generator("contract", obj.object_id))
-        images = np.asarray(obj.truth(views))
-        if images.dtype != np.uint8 or images.shape != (2, IMAGE_SIZE, IMAGE_SIZE, 3):
-            raise Broken(f"{_named(obj)}: {images.dtype} {list(images.shape)}, expected uint8")
-        if (images == 255).all():
-            raise Broken(f"{_named(obj)}: white images; the object is not seen")
-        shown.append(images)
-    if any(np.array_equal(a, b) for a, b in pairwise(shown)):
-        raise Broken("two objects have the same images")
-    return f"{len(shown)} of {len(objects)} objects have true images"
