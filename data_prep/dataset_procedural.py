@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,45 @@ class ProceduralObject(MeshObject):
         """Draw the object."""
         shapes = NOVEL_CLASSES if self.split == "novel-families" else CLASSES
         return shapes[self.class_name].draw(self.random_numbers()).mesh()
+
+
+@dataclass(frozen=True)
+class WidenedObject(MeshObject):
+    """Number `index` of the shapes for training that vary more than a class (`shapes.widening`)."""
+
+    class_name: str
+    index: int
+
+    @property
+    def object_id(self) -> str:
+        """For example "widened-00007"."""
+        return f"widened-{self.index:05d}"
+
+    def fingerprint(self) -> str:
+        """Class, number and version of the procedure."""
+        return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
+
+    def random_numbers(self) -> np.random.Generator:
+        """The random numbers that decide the object, from the first on."""
+        return generator("procedural", self.class_name, "widened", self.index)
+
+    def load(self) -> Mesh:
+        """Draw the object."""
+        from data_prep.shapes.widening import draw_widened
+
+        return draw_widened(CLASSES[self.class_name], self.random_numbers())[0]
+
+
+def _widened(class_name: str, split: Split, index: int) -> MeshObject:
+    """The train split is widened; the others are those of `procedural`."""
+    if split == "train":
+        return WidenedObject(class_name, index)
+    return ProceduralObject(class_name, split, index)
+
+
+def widened_dataset(spec: str) -> Dataset:
+    """All classes of the catalogue, for trainings; what is measured are its train objects."""
+    return replace(procedural_dataset(spec, "train"), endless=_widened)
 
 
 def procedural_dataset(spec: str, measured: Split) -> Dataset:

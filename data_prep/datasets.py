@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from data_prep.announced import DATASETS, announced_ids, load_announced
@@ -11,7 +11,12 @@ from data_prep.dataset import Dataset, DatasetReader
 from data_prep.dataset_folder import BareCloud, folder_dataset
 from data_prep.dataset_modelnet import is_modelnet, modelnet_dataset
 from data_prep.dataset_paper import PaperObject, is_paper, paper_dataset
-from data_prep.dataset_procedural import PROCEDURAL_VERSION, ProceduralObject, procedural_dataset
+from data_prep.dataset_procedural import (
+    PROCEDURAL_VERSION,
+    ProceduralObject,
+    procedural_dataset,
+    widened_dataset,
+)
 from data_prep.dataset_shapenet import is_shapenet, shapenet_dataset
 from data_prep.failures import BadInput
 from data_prep.scene_objects import MeshObject, SceneObject, Split
@@ -34,11 +39,12 @@ __all__ = [
     "open_dataset",
 ]
 
-_EMBEDDED: Mapping[str, Split] = {
-    "procedural": "test",
-    "procedural:validation": "validation",
-    "procedural:sealed": "sealed",
-    "procedural:novel-families": "novel-families",
+_EMBEDDED: Mapping[str, Callable[[str], Dataset]] = {
+    "procedural": partial(procedural_dataset, measured="test"),
+    "procedural:validation": partial(procedural_dataset, measured="validation"),
+    "procedural:sealed": partial(procedural_dataset, measured="sealed"),
+    "procedural:novel-families": partial(procedural_dataset, measured="novel-families"),
+    "procedural:widened": widened_dataset,
 }
 _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
     "folder": folder_dataset,
@@ -53,11 +59,12 @@ def open_dataset(spec: str) -> Dataset:
 
     Choices are made on `procedural:validation`. `procedural:sealed` is for final numbers alone,
     measured once per version of the protocol: no training, study or default takes it.
-    `procedural:novel-families` has chairs of structures that no other split draws. Raises BadInput
+    `procedural:novel-families` has chairs of structures that no other split draws,
+    `procedural:widened` a train split that varies more than the classes do. Raises BadInput
     for an unknown kind, a missing folder, and what the kind cannot use.
     """
     if spec in _EMBEDDED:
-        return procedural_dataset(spec, _EMBEDDED[spec])
+        return _EMBEDDED[spec](spec)
     kind, _, location = spec.partition(":")
     if location and kind in _STORED:
         return _STORED[kind](spec, _folder(location))
@@ -70,7 +77,8 @@ def open_dataset(spec: str) -> Dataset:
 def is_dataset(text: str) -> bool:
     """Whether this is the name of a dataset, and not that of a folder."""
     kind, colon, _ = text.partition(":")
-    return text in _EMBEDDED or bool(colon and kind in ("procedural", *_STORED, *reader_ids()))
+    kinds = ("procedural", *_STORED, *reader_ids())
+    return text == "procedural" or bool(colon and kind in kinds)
 
 
 @cache

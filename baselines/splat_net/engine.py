@@ -33,9 +33,11 @@ class FoldedSplatNet:
         """Kernels laid out for a group are slow with a single image."""
         return _Layers(self.network, self.dtype, self.size, 1)
 
-    def __call__(self, channels: Tensor, windows: Windows | None = None) -> Tensor:
+    def __call__(
+        self, channels: Tensor, windows: Windows | None = None, points: Tensor | None = None
+    ) -> Tensor:
         """Images float32 [P, h, w, 3] in 0..1 by the first head, of channels [P, C, h, w] of
-        `dtype` in windows; without these of whole images."""
+        `dtype` in windows; without these of whole images. `points` are not used."""
         layers = self.for_one if len(channels) == 1 else self.for_many
         windows = windows or whole_images(range(len(channels)), self.size)
         planes = layers(channels, windows).float().sigmoid_()

@@ -24,15 +24,32 @@ class Objective:
                   noise of the training; between the two it rises with the standard deviation. The
                   less the points say, the more the mean of all images that are possible is
                   blurred, and the more counts that an image is likely. None: there is no judge
+    plain         the absolute error of all pixels alike, and no SSIM
     """
 
     patch_weight: tuple[float, float] | None
     source: str
+    plain: bool = False
+
+    def image_error(self, drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
+        """A scalar, of images [B, C, S, S] and coverage [B, 1, S, S] in 0..1.
+
+        Unless it is plain, `learning.image_losses.weighted_error`: the score of the benchmark is
+        part of it, and the model card says so.
+        """
+        if self.plain:
+            return functional.l1_loss(drawn, real)
+        return weighted_error(drawn, real, coverage > 0, STRUCTURE_WEIGHT)
 
 
 OBJECTIVES = {
     "l1": Objective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
     "l1-patch": Objective((0.05, 0.2), "l1, and hinge losses of patches (Isola et al. 2017)"),
+    "pix2pix": Objective(
+        (0.01, 0.01),
+        "L1 and patches, 100 to 1 (Isola et al. 2017), here with hinge losses",
+        plain=True,
+    ),
 }
 
 
@@ -50,17 +67,8 @@ class Truth:
     coverage: Tensor
 
 
-def image_error(drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
-    """`learning.image_losses.weighted_error`; a scalar.
-
-    Images [B, C, S, S] and coverage [B, 1, S, S] in 0..1. The score of the benchmark is part of
-    this loss; the model card says so.
-    """
-    return weighted_error(drawn, real, coverage > 0, STRUCTURE_WEIGHT)
-
-
 def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:
-    """Cross entropy of coverage [B, 1, S, S], weighted as in `image_error`; a scalar."""
+    """Cross entropy of coverage [B, 1, S, S], weighted as in `weighted_error`; a scalar."""
     weight = torch.where(coverage > 0, FOREGROUND_WEIGHT, 1.0)
     return functional.binary_cross_entropy_with_logits(logits, coverage, weight=weight)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
 from torch import Tensor, nn
@@ -21,6 +21,8 @@ from data_prep.failures import BadInput
 
 SMALLEST = 16  # the image's side over that of the narrowest level: sizes must be its multiples
 Material = Literal["colour", "grey"]
+Body = Literal["splat-net", "points2pix"]
+BODIES: tuple[Body, ...] = get_args(Body)
 PLANES: dict[Material, int] = {"colour": 3, "grey": 1}
 
 
@@ -30,11 +32,13 @@ class NetworkConfig:
 
     widths  channels at 128, 64, 32, 16 and 8 pixels
     heads   materials that it draws in
+    body    what lies between: this module's, or `baselines.splat_net.points2pix`
     """
 
     inputs: Inputs = ALL_INPUTS
     widths: tuple[int, ...] = (16, 32, 64, 128, 160)
     heads: tuple[Material, ...] = ("colour", "grey")
+    body: Body = "splat-net"
 
     def __post_init__(self) -> None:
         if len(self.widths) != 5 or min(self.widths) < 1:
@@ -50,7 +54,22 @@ DEFAULT = NetworkConfig()
 # Normals and flattened points cost more than all of its layers.
 TINY = NetworkConfig(inputs=Inputs(normals=False, flattened=False), widths=(8, 16, 32, 48, 64))
 LARGE = NetworkConfig(widths=(24, 48, 96, 192, 224))
-SIZES = {"tiny": TINY, "default": DEFAULT, "large": LARGE}
+# The nearest depth alone, as Z2P has it.
+DEPTH = NetworkConfig(
+    inputs=Inputs(normals=False, density=False, flattened=False, far=False, noise=False)
+)
+POINTS2PIX = NetworkConfig(
+    inputs=Inputs((1,), normals=False, density=False, flattened=False, far=False),
+    widths=(16, 32, 64, 96, 96),
+    body="points2pix",
+)
+NETWORKS = {
+    "tiny": TINY,
+    "default": DEFAULT,
+    "large": LARGE,
+    "depth": DEPTH,
+    "points2pix": POINTS2PIX,
+}
 
 
 class Block(nn.Sequential):
@@ -84,10 +103,11 @@ class SplatNet(nn.Module):
         )
         self.last = nn.Conv2d(widths[0], config.outputs, 3, padding=1)
 
-    def forward(self, channels: Tensor) -> Tensor:
+    def forward(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
         """Alpha and the heads' planes [P, outputs, S, S], before the sigmoid.
 
         channels  [P, C, S, S] of `project`
+        points    not used: all that is known of them is projected
         """
         x = self.first(channels)
         passed = []

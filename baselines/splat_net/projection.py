@@ -36,6 +36,8 @@ class Inputs:
     density    points in windows of 1, 3 and 9 px
     flattened  depth and density of the points moved onto the planes of their neighbourhoods
     far        depth of the farthest point in the widest window
+    noise      the median variation of the whole cloud at each scale, which says how noisy it is:
+               the same wherever a point is near
     """
 
     windows: tuple[int, ...] = (3, 7)
@@ -43,6 +45,7 @@ class Inputs:
     density: bool = True
     flattened: bool = True
     far: bool = True
+    noise: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -63,6 +66,7 @@ class Inputs:
                 for what in ("x", "y", "z", "variation")
                 if self.normals
             ),
+            *(f"noise {i}" for i in HOPS if self.noise),
         )
 
     @property
@@ -73,10 +77,10 @@ class Inputs:
     @property
     def surfaces(self) -> bool:
         """Whether any channel needs the neighbours of points."""
-        return self.normals or self.flattened
+        return self.normals or self.flattened or self.noise
 
 
-ALL_INPUTS = Inputs()
+ALL_INPUTS = Inputs(noise=True)
 
 
 def cameras(views: Sequence[View]) -> Tensor:
@@ -97,6 +101,7 @@ class Projection:
     surfels  with one leading dimension: P, or 1 where all cameras see the same cloud
     cameras  [P, 3, 4]
     size     of the images, a multiple of 16
+    points   [P, 3, N], in the camera's frame
 
     Points behind the camera or off the image are not seen.
     """
@@ -105,7 +110,7 @@ class Projection:
         self, surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE
     ) -> None:
         self.inputs, self.size = inputs, size
-        points = _to_camera(surfels.points, cameras)
+        self.points = points = _to_camera(surfels.points, cameras)
         self.seen = _Pixels(points, size)
         moved = surfels.flattened.unbind(-2) if inputs.flattened else ()
         self.flattened = [_Pixels(_to_camera(some, cameras), size) for some in moved]
@@ -114,6 +119,7 @@ class Projection:
         self.count = self.seen.count() if inputs.density else None
         self.flat = [(some.nearest_depth(), some.count()) for some in self.flattened]
         self.attributes = _attributes(surfels, cameras, points) if inputs.normals else None
+        self.noise = _noise(surfels, len(cameras)) if inputs.noise else None
 
     def boxes(self) -> list[Box]:
         """Of each image the box beyond which all channels are zero.
@@ -144,7 +150,7 @@ class Projection:
         inputs, size = self.inputs, self.size
         nearest = windows.cut(self.nearest)
         whole = torch.empty((*nearest.shape, inputs.channels), dtype=dtype, device=nearest.device)
-        normals = inputs.channels - 4 * len(HOPS) * inputs.normals  # the first channel of them
+        normals = inputs.channels - len(HOPS) * (4 * inputs.normals + inputs.noise)  # the first
         # first one after the other: planes that are written one by one with gaps take longer
         count, *shape = nearest.shape
         apart = torch.empty((count, normals, *shape), device=nearest.device)
@@ -173,7 +179,12 @@ class Projection:
             first, others = self.attributes
             numbers = windows.numbers
             whole[..., normals : normals + 4] = _look_up(first, narrowest, numbers)
-            whole[..., normals + 4 :] = _look_up(others, widest, numbers)
+            end = normals + 4 * len(HOPS)
+            whole[..., normals + 4 : end] = _look_up(others, widest, numbers)
+        if self.noise is not None:
+            near = (_depth_of(widest) < EMPTY)[..., None]
+            of_images = self.noise[torch.tensor(windows.numbers, device=near.device)]
+            whole[..., -len(HOPS) :] = near * of_images[:, None, None]
         return whole.permute(0, 3, 1, 2)
 
 
@@ -326,6 +337,12 @@ def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tens
     both[:, :, 3, :-1] = 3 * surfels.variation.mT
     first, others = both.flatten(1, 2).split([4, 4 * (scales - 1)], dim=1)
     return first.mT.contiguous(), others.mT.contiguous()
+
+
+def _noise(surfels: Surfels, images: int) -> Tensor:
+    """The medians [images, scales] of the variation of each image's cloud."""
+    of_clouds = 3 * surfels.variation.median(dim=-2).values
+    return of_clouds.expand(images, -1)
 
 
 def _look_up(attributes: Tensor, nearest: Tensor, numbers: Sequence[int]) -> Tensor:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from baselines.splat_net.engine import GROUP, FoldedSplatNet, Precision
 from baselines.splat_net.network import SMALLEST
+from baselines.splat_net.points2pix import Points2Pix, Points2PixEngine
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import Surfels, find_surfels, stack
 from baselines.splat_net.weights import Weights
@@ -55,7 +56,13 @@ class SplatNetRenderer:
         self.network = weights.network.to(self.device)
         self.inputs = self.network.config.inputs
         self.size = size
-        self.folded = FoldedSplatNet(self.network, precision, size)
+        self.engine: FoldedSplatNet | Points2PixEngine
+        if isinstance(self.network, Points2Pix):
+            if size != IMAGE_SIZE or precision != "float32":
+                raise ValueError(f"points2pix draws {IMAGE_SIZE} pixels in float32")
+            self.engine = Points2PixEngine(self.network)
+        else:
+            self.engine = FoldedSplatNet(self.network, precision, size)
 
     @torch.inference_mode()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:
@@ -95,12 +102,14 @@ class SplatNetRenderer:
 
     def boxes(self, seen: Projection) -> list[Box]:
         """Of each image the part that is computed, and all if something is drawn at its edge."""
+        if isinstance(self.engine, Points2PixEngine):  # which draws in what no point is near
+            return [Box(0, self.size, 0, self.size)] * len(seen.points)
         return [box.grown(BEYOND, self.size) for box in seen.boxes()]
 
     def _draw(self, seen: Projection, boxes: Mapping[int, Box], images: Images) -> None:
         """The boxes of images, by number: what the network draws in them, into `images`."""
         for windows in in_groups(boxes, self.size, GROUP):
-            drawn = self.folded(seen.channels(windows, self.folded.dtype), windows)
+            drawn = self.engine(seen.channels(windows, self.engine.dtype), windows, seen.points)
             if not drawn.sum().isfinite():  # of values in 0..1
                 raise StageFailure("draw", "the picture is not finite")
             parts = zip(windows.numbers, windows.corners, drawn.cpu().numpy(), strict=True)

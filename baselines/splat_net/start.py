@@ -1,8 +1,9 @@
 """Weights from which a training starts: the colour and the grey file as one network.
 
 A training exports its network twice, each with one head; what is trained has both. Inputs that the
-new network does without are cut out of the first layer. A wider network draws as the narrower one
-did: the channels it has more of are random, and no earlier channel uses them yet.
+new network does without are cut out of the first layer; those that are new are not used yet. A
+wider network draws as the narrower one did: the channels it has more of are random, and no earlier
+channel uses them yet.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
     seed          of the channels that `config` has more of
 
     Raises BadInput as `load_weights`; where the two are not of one training; and where the network
-    is wider than `config` at any level, or has other inputs than `config` and some more.
+    is wider than `config` at any level.
     """
     colour = load_weights(name_or_path)
     grey = load_weights(_grey_of(name_or_path))
@@ -54,13 +55,17 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
         if not torch.equal(own, shared):
             raise _not_one_training(name_or_path, f"{key} differs")
     found = colour.network.config
+    if (found.body, config.body) != ("splat-net", "splat-net"):
+        raise BadInput(
+            f"--start {name_or_path}: is of {found.body}, asked for {config.body}; only splat-net "
+            "can start from weights, those of splat-net"
+        )
     if any(wanted < width for wanted, width in zip(config.widths, found.widths, strict=True)):
         raise BadInput(
             f"--start {name_or_path}: is of widths {found.widths}, asked for {config.widths}; a "
-            "network can be made wider, not narrower: use another --size"
+            "network can be made wider, not narrower: use another --network"
         )
-    kept = _places(config.inputs, found.inputs, name_or_path)
-    state["first.conv.weight"] = state["first.conv.weight"][:, kept]
+    state["first.conv.weight"] = _arranged(state["first.conv.weight"], found.inputs, config.inputs)
     network = training_loop.seeded(seed, lambda: SplatNet(config))
     _fill(network, state)
     return Start(network.eval().requires_grad_(False), f"{colour.sha256} {grey.sha256}")
@@ -87,14 +92,17 @@ def _grey_of(name_or_path: str) -> str:
     return name_or_path + GREY if name_or_path in BUNDLED else str(grey_beside(Path(name_or_path)))
 
 
-def _places(few: Inputs, many: Inputs, name_or_path: str) -> list[int]:
-    """Where the channels `few` are among `many`."""
-    places = {name: place for place, name in enumerate(many.names)}
-    if new := [name for name in few.names if name not in places]:
-        raise BadInput(
-            f"--start {name_or_path}: has never seen {', '.join(new)}; leave them out, too"
-        )
-    return [places[name] for name in few.names]
+def _arranged(kernel: Tensor, old: Inputs, new: Inputs) -> Tensor:
+    """The first kernel [out, channels of `old`, ...] for the channels of `new`.
+
+    Channels that it has never seen are not used yet: their weights are 0.
+    """
+    places = {name: place for place, name in enumerate(old.names)}
+    made = kernel.new_zeros(kernel.shape[0], new.channels, *kernel.shape[2:])
+    for place, name in enumerate(new.names):
+        if name in places:
+            made[:, place] = kernel[:, places[name]]
+    return made
 
 
 def _not_one_training(name_or_path: str, why: str) -> BadInput:

@@ -26,19 +26,19 @@ from baselines.splat_net.losses import (
     PatchJudge,
     Truth,
     coverage_error,
-    image_error,
     judge_error,
 )
 from baselines.splat_net.network import (
     DEFAULT,
     Material,
     NetworkConfig,
-    SplatNet,
     composite,
 )
-from baselines.splat_net.projection import cameras, project
+from baselines.splat_net.points2pix import Network, build
+from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.weights import KIND
+from baselines.splat_net.window import whole_images
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from data_prep.training_set import SurfaceSet
@@ -48,6 +48,7 @@ from learning.clouds import add_noise, draw_points
 from learning.processes import ONE, Processes, connect
 from learning.trainer import NetworkTrainer, Part
 
+Seen = tuple[Tensor, Tensor]  # channels [B, C, S, S], and points [B, 3, N] as the camera sees them
 HEADS: tuple[Material, ...] = ("colour", "grey")
 VIEWS_TOGETHER = 2  # of a cloud, in a step
 POINTS_SEEN = (2048, 2048, 1024, 512, 512)  # one of these for all clouds of a step
@@ -106,7 +107,7 @@ def train_splat_net(
     config: SplatNetConfig,
     out_dir: Path,
     *,
-    start: SplatNet | None = None,
+    start: Network | None = None,
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
@@ -144,14 +145,14 @@ class _Trainer(NetworkTrainer):
         config: SplatNetConfig,
         device: torch.device,
         team: Processes = ONE,
-        start: SplatNet | None = None,
+        start: Network | None = None,
     ) -> None:
         super().__init__(config, device, team)
         self.data, self.batch = data, config.batch
         self.objective = OBJECTIVES[config.objective]
         self.clouds = torch.from_numpy(data.seen.clouds)
         network, judge = training_loop.seeded(
-            config.seed, lambda: (SplatNet(config.network), PatchJudge())
+            config.seed, lambda: (build(config.network), PatchJudge())
         )
         if start is not None:
             network.load_state_dict(start.state_dict())
@@ -180,13 +181,13 @@ class _Trainer(NetworkTrainer):
         self.judge.train()
         if self._left() <= self.config.cool_down:
             take_statistics(self.network, self.average)
-        channels, truth, noise = self._draw_batch()
+        seen, truth, noise = self._draw_batch()
         with self.autocast():
-            output = self.network(channels)
+            output = self.network(*seen)
         _, (colour, grey) = composite(output, HEADS)
         terms = {
-            "colour": image_error(colour, truth.colour, truth.coverage),
-            "grey": image_error(grey, truth.grey, truth.coverage),
+            "colour": self.objective.image_error(colour, truth.colour, truth.coverage),
+            "grey": self.objective.image_error(grey, truth.grey, truth.coverage),
             "coverage": coverage_error(output[:, :1].float(), truth.coverage),
         }
         total = terms["colour"] + GREY_WEIGHT * terms["grey"] + COVERAGE_WEIGHT * terms["coverage"]
@@ -241,8 +242,8 @@ class _Trainer(NetworkTrainer):
         self.judge.requires_grad_(True)
         return error.detach(), patches
 
-    def _draw_batch(self) -> tuple[Tensor, Truth, Tensor]:
-        """Channels [B, C, S, S] and truth of B views, and the standard deviation [B] of the noise
+    def _draw_batch(self) -> tuple[Seen, Truth, Tensor]:
+        """What the network sees and truth of B views, and the standard deviation [B] of the noise
         that their clouds have."""
         count, views = self.data.seen.azimuth_deg.shape
         clouds = self.batch // VIEWS_TOGETHER
@@ -263,7 +264,7 @@ class _Trainer(NetworkTrainer):
     @torch.no_grad()
     def _scene(
         self, points: Tensor, objects: Tensor, views: Tensor, mirrored: Tensor
-    ) -> tuple[Tensor, Truth]:
+    ) -> tuple[Seen, Truth]:
         """What the network is shown of objects [K] from their views [K, M], and the truth.
 
         A mirrored shape seen from the opposite azimuth gives the mirrored image, for the light
@@ -291,7 +292,9 @@ class _Trainer(NetworkTrainer):
                 for name, value in vars(found).items()
             },
         )
-        channels = project(together, cameras(looks).to(self.device), self.config.network.inputs)
+        at = cameras(looks).to(self.device)
+        projection = Projection(together, at, self.config.network.inputs)
+        channels = projection.channels(whole_images(range(len(at)), projection.size))
 
         def scaled(of: NDArray[np.uint8]) -> Tensor:
             taken = torch.from_numpy(of[rows, columns]).to(self.device).float() / 255
@@ -300,7 +303,7 @@ class _Trainer(NetworkTrainer):
             return torch.where(flip, taken.flip(3), taken)
 
         truth = Truth(scaled(seen.images), scaled(self.data.grey), scaled(self.data.coverage))
-        return channels, truth
+        return (channels, projection.points), truth
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
@@ -310,8 +313,8 @@ class _Trainer(NetworkTrainer):
         objects = torch.arange(count) * len(self.clouds) // count
         views = (torch.arange(count) % self.data.seen.azimuth_deg.shape[1])[:, None]
         nowhere = torch.zeros(count, dtype=torch.bool)
-        channels, truth = self._scene(self.clouds[objects], objects, views, nowhere)
-        output = self.average(channels)
+        shown, truth = self._scene(self.clouds[objects], objects, views, nowhere)
+        output = self.average(*shown)
         _, (colour, grey) = composite(output, HEADS)
         rows = torch.stack([truth.colour, colour, grey.expand_as(colour)])  # [3, K, 3, S, S]
         rows = rows.permute(0, 3, 1, 4, 2).flatten(2, 3).flatten(0, 1)

@@ -30,7 +30,8 @@ from learning.weights import (
 )
 
 if TYPE_CHECKING:
-    from baselines.splat_net.network import Material, NetworkConfig, SplatNet
+    from baselines.splat_net.network import Material, NetworkConfig
+    from baselines.splat_net.points2pix import Network
 
 FOLDER = Path(__file__).parent / "weights"
 BUNDLED: dict[str, str] = {  # name -> sha256 of weights/<name>.safetensors
@@ -55,7 +56,7 @@ class Weights:
     sha256  of the file
     """
 
-    network: SplatNet
+    network: Network
     card: Mapping[str, Any]
     sha256: str
 
@@ -106,7 +107,7 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
     """
     import torch
 
-    from baselines.splat_net.network import SplatNet
+    from baselines.splat_net.points2pix import build
 
     path = find_weights(name_or_path)
     tensors, header = read_weights(path, FORMAT, REMEDY)
@@ -116,16 +117,16 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
         if len(config.heads) != 1:
             raise ValueError(f"heads {config.heads}, expected one")
     with torch.device("meta"):  # shapes without memory: the file has yet to prove its size
-        expected = expected_shapes(SplatNet(config))
+        expected = expected_shapes(build(config))
     check_tensors(path, tensors, expected, REMEDY)
-    network = SplatNet(config)
+    network = build(config)
     fill_network(network, tensors)
     return Weights(network, {"network": asdict(config), **card}, file_sha256(path))
 
 
 def network_config(found: Mapping[str, Any]) -> NetworkConfig:
     """From JSON. Raises TypeError or ValueError where a number is none that anybody has trained."""
-    from baselines.splat_net.network import PLANES, NetworkConfig
+    from baselines.splat_net.network import BODIES, PLANES, NetworkConfig
     from baselines.splat_net.projection import Inputs
 
     inputs = Inputs(**{**found["inputs"], "windows": tuple(found["inputs"]["windows"])})
@@ -139,7 +140,7 @@ def network_config(found: Mapping[str, Any]) -> NetworkConfig:
     )
     if not all(type(n) is int and n <= MOST_WIDTH for n in config.widths):  # True is an int, too
         raise ValueError(f"widths {config.widths}")
-    flags = (inputs.normals, inputs.density, inputs.flattened, inputs.far)
+    flags = (inputs.normals, inputs.density, inputs.flattened, inputs.far, inputs.noise)
     if not all(isinstance(flag, bool) for flag in flags):
         raise ValueError(f"inputs {inputs}, expected true or false")
     odd = {w for w in inputs.windows if type(w) is int and w % 2 and 0 < w <= MOST_WINDOW}
@@ -147,4 +148,6 @@ def network_config(found: Mapping[str, Any]) -> NetworkConfig:
         raise ValueError(f"windows {inputs.windows}, expected odd numbers that rise")
     if not config.heads or not set(config.heads) <= set(PLANES):
         raise ValueError(f"heads {config.heads}")
+    if config.body not in BODIES:
+        raise ValueError(f"body {config.body}")
     return config

@@ -43,6 +43,7 @@ def list_all() -> None:
             ("procedural:validation", "the same, on the split for making choices"),
             ("procedural:sealed", "the same, on the split for final numbers: choose nothing by it"),
             ("procedural:novel-families", "chairs of structures that no other split has"),
+            ("procedural:widened", "for training: shapes that vary more than their classes do"),
             ("folder:PATH", "your meshes; sub-folders are classes"),
             ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv where that is there"),
             ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),

@@ -76,12 +76,12 @@ class GanOptions(TrainingOptions):
 class SplatNetOptions(TrainingOptions):
     """splat-net; see `baselines.splat_net.train.SplatNetConfig`.
 
-    size     a key of `baselines.splat_net.network.SIZES`
+    network  a key of `baselines.splat_net.network.NETWORKS`
     without  inputs to leave out, see `do_without`
     start    weights to start from, see `baselines.splat_net.start.read_start`; None: random ones
     """
 
-    size: str = "default"
+    network: str = "default"
     views: int = 8
     start: str | None = None
     objective: str = "l1"
@@ -149,16 +149,18 @@ def train_gan(options: GanOptions) -> Path:
 
 def train_splat_net(options: SplatNetOptions) -> Path:
     """Train splat-net; returns the exported weights file, `weights-grey` stands beside it."""
-    from baselines.splat_net.network import SIZES
+    from baselines.splat_net.network import NETWORKS
     from baselines.splat_net.start import grey_beside, read_start
     from baselines.splat_net.train import SplatNetConfig, train_splat_net
     from baselines.splat_net.weights import export
     from learning.processes import is_first
 
     _set_threads(options.threads)
-    if options.size not in SIZES:
-        raise BadInput(f"--size: unknown '{options.size}'; choose one of {', '.join(SIZES)}")
-    network = do_without(SIZES[options.size], options.without)
+    if options.network not in NETWORKS:
+        raise BadInput(
+            f"--network: unknown '{options.network}'; choose one of {', '.join(NETWORKS)}"
+        )
+    network = do_without(NETWORKS[options.network], options.without)
     start = None
     if options.start is not None:
         start = read_start(options.start, network, options.seed)
@@ -237,12 +239,12 @@ def do_without(network: NetworkConfig, parts: Sequence[str]) -> NetworkConfig:
     for part in parts:
         if part == "discs":
             inputs = replace(inputs, windows=inputs.windows[:1])
-        elif part in ("normals", "density", "flattened", "far"):
+        elif part in ("normals", "density", "flattened", "far", "noise"):
             inputs = replace(inputs, **{part: False})
         else:
             raise BadInput(
-                f"--without {part}: there are normals, density, flattened, far and discs (all but "
-                "the narrowest)"
+                f"--without {part}: there are normals, density, flattened, far, noise and discs "
+                "(all but the narrowest)"
             )
     return replace(network, inputs=inputs)
 
@@ -334,11 +336,12 @@ def gan_command(options: GanOptions) -> None:
     TRAIN_OPTIONS
     | {
         "augment": "Train on clouds with noise and with fewer points.",
-        "size": "Size of the network: tiny, default or large.",
+        "network": "Which network: tiny, default, large, depth (the nearest depth alone) or "
+        "points2pix.",
         "views": VIEWS,
         "start": "Weights to start from: a bundled name, or a file with the grey one beside. "
         "Default: random weights.",
-        "objective": "Loss: l1 or l1-patch; see docs/training.md.",
+        "objective": "Loss: l1, l1-patch or pix2pix; see docs/training.md.",
         "without": Stated(
             "Inputs to leave out, comma-separated: normals, density, flattened, far, discs. "
             "Default: none.",

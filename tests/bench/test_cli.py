@@ -165,7 +165,7 @@ def test_list_names_everything(command):
         ],
         "datasets": [
             *("procedural", "procedural:validation", "procedural:sealed"),
-            *("procedural:novel-families", "folder:PATH"),
+            *("procedural:novel-families", "procedural:widened", "folder:PATH"),
             *("shapenet:PATH", "modelnet:PATH", "paper:PATH"),
         ],
     }

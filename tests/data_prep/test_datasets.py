@@ -329,7 +329,7 @@ def test_unknown_datasets(spec: str) -> None:
     with pytest.raises(
         BadInput,
         match=r"^unknown dataset '.*': use procedural, procedural:validation, procedural:sealed, "
-        r"procedural:novel-families, folder:PATH, "
+        r"procedural:novel-families, procedural:widened, folder:PATH, "
         r"shapenet:PATH, modelnet:PATH or paper:PATH$",
     ):
         open_dataset(spec)

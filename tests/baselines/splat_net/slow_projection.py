@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from baselines.splat_net.surfels import HOPS
 from data_prep.camera import camera_to_world, project
 from data_prep.scene import IMAGE_SIZE
 
@@ -36,6 +37,7 @@ class SlowProjection:
         for scale in range(self.surfels.normals.shape[1]):
             window = wide if scale else narrow
             wanted += [("look", window, scale, k) for k in range(4)] * inputs.normals
+        wanted += [("noise", wide, i) for i in range(len(HOPS))] * inputs.noise
         return np.stack([self.plane(*key) for key in wanted])
 
     def plane(self, kind, window, *more):
@@ -49,12 +51,22 @@ class SlowProjection:
         """The channel of windows `side` pixels across."""
         if kind == "look":
             return self.look(side, *more)
+        if kind == "noise":
+            return self.noise(side, *more)
         if kind == "count":
             return np.log1p(sums(self.counts, side))
         if kind == "moved-count":
             return np.log1p(shared_counts(self.moved[more[0]], self.size))
         seen = self.moved[more[0]] if kind == "moved" else self.seen
         return nearness(best(seen, side, self.size, -1 if kind == "far" else 1), self.size)
+
+    def noise(self, side, scale):
+        """Thrice the lower median of the cloud's variation, where a point is near."""
+        of_points = sorted(self.surfels.variation[:, scale].tolist())
+        plane = np.zeros((self.size, self.size))
+        for pixel in best(self.seen, side, self.size):
+            plane[pixel] = 3 * of_points[(len(of_points) - 1) // 2]
+        return plane
 
     def look(self, side, scale, k):
         """What the camera sees of a point: its normal (k = 0, 1, 2), thrice its variation (3)."""

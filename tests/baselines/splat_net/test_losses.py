@@ -6,13 +6,15 @@ import pytest
 import torch
 
 from baselines.splat_net.losses import (
+    OBJECTIVES,
     STRUCTURE_WEIGHT,
     PatchJudge,
     coverage_error,
-    image_error,
     judge_error,
 )
 from learning.image_losses import FOREGROUND_WEIGHT, structural_similarity
+
+image_error = OBJECTIVES["l1"].image_error
 
 
 def scene(channels=3, size=32):
@@ -35,6 +37,13 @@ def test_image_error_counts_the_object_three_times(channels):
         assert structure > 0.01
         expected = weight * 0.2 / channels / 2 + STRUCTURE_WEIGHT * structure
         assert abs(image_error(drawn, real, coverage) - expected) < 1e-12
+
+
+def test_a_plain_error_counts_all_pixels_alike():
+    real, coverage = scene()
+    drawn = real.clone()
+    drawn[:, :, 20:24] -= 0.4
+    assert OBJECTIVES["pix2pix"].image_error(drawn, real, coverage) == pytest.approx(0.4 * 4 / 32)
 
 
 def test_coverage_error_by_hand():

@@ -5,7 +5,8 @@ import math
 import pytest
 import torch
 
-from baselines.splat_net.network import SIZES, NetworkConfig, SplatNet, composite
+from baselines.splat_net.network import NETWORKS, NetworkConfig, composite
+from baselines.splat_net.points2pix import build
 from baselines.splat_net.train import HEADS
 from data_prep.failures import BadInput
 from tests.learning.trainings import SMALL
@@ -47,8 +48,22 @@ def test_composites_are_float32_whatever_they_are_made_of():
 
 
 def test_number_of_parameters():
-    found = {n: sum(p.numel() for p in SplatNet(c).parameters()) for n, c in SIZES.items()}
-    assert found == {"tiny": 223_301, "default": 1_353_701, "large": 2_876_213}
+    found = {n: sum(p.numel() for p in build(c).parameters()) for n, c in NETWORKS.items()}
+    assert found == {
+        **{"tiny": 223_301, "default": 1_354_133, "large": 2_876_861},
+        **{"depth": 1_350_821, "points2pix": sum_of_layers()},
+    }
+
+
+def sum_of_layers():
+    """Of points2pix, by hand: kernels of 4 x 4, normalisation of 2 a channel, the code, the end."""
+    down = [(1, 16), (16, 32), (32, 64), (64, 96), (96, 96), (96, 96), (96, 96)]
+    up = [(96 + 128, 96), (192, 96), (192, 96), (192, 64), (128, 32), (64, 16)]
+    kernels = sum(16 * a * b for a, b in down + up)
+    normalised = 2 * (sum(b for _, b in down[1:-1]) + sum(b for _, b in up))
+    biases = 16 + 96
+    code = (3 * 32 + 32) + (32 * 64 + 64) + (64 * 128 + 128) + (128 * 128 + 128)
+    return kernels + normalised + biases + code + (9 * 32 * 5 + 5)
 
 
 @pytest.mark.parametrize(

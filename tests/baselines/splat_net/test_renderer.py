@@ -191,7 +191,7 @@ def test_sizes_that_are_refused(size):
 def test_images_that_are_not_finite_fail_by_name(cloud):
     renderer = build()
     state = renderer.prepare(cloud)
-    renderer.folded.for_many.last.bias[0] = torch.nan
+    renderer.engine.for_many.last.bias[0] = torch.nan
     with pytest.raises(StageFailure, match="the picture is not finite") as failure:
         renderer.draw(state, VIEWS)
     assert failure.value.stage == "draw"

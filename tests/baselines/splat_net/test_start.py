@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 import torch
 
-from baselines.splat_net.network import DEFAULT, NetworkConfig
+from baselines.splat_net.network import DEFAULT, POINTS2PIX, NetworkConfig
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, cameras, project
 from baselines.splat_net.start import read_start
 from baselines.splat_net.surfels import find_surfels, stack
@@ -133,14 +133,28 @@ def test_what_it_has_more_of_is_random_by_seed() -> None:
 
 def test_a_narrower_network_is_refused(files) -> None:
     narrower = NetworkConfig(widths=(4, 6, 8, 10, 10))
-    with pytest.raises(BadInput, match=r"10, 12.*asked for.*10, 10.*wider, not narrower.*--size"):
+    with pytest.raises(
+        BadInput, match=r"10, 12.*asked for.*10, 10.*wider, not narrower.*--network"
+    ):
         read_start(str(files), narrower)
 
 
-def test_inputs_that_it_never_saw_are_named(files) -> None:
-    more = dataclasses.replace(SMALL, inputs=dataclasses.replace(ALL_INPUTS, windows=(3, 5, 7)))
-    with pytest.raises(BadInput, match="has never seen nearest in 5; leave them out"):
-        read_start(str(files), more)
+def test_inputs_that_it_never_saw_are_not_used_yet(files) -> None:
+    wider = dataclasses.replace(SMALL.inputs, windows=(3, 5, 7), noise=True)
+    before = read_start(str(files), SMALL).network
+    after = read_start(str(files), dataclasses.replace(SMALL, inputs=wider)).network
+    with torch.no_grad():
+        expected, drawn = before(_seen(SMALL.inputs)), after(_seen(wider))
+    # the same sums with zeros among them, in another order: as above
+    torch.testing.assert_close(drawn, expected, rtol=0, atol=1e-3)
+    new = [i for i, name in enumerate(wider.names) if name not in SMALL.inputs.names]
+    assert len(new) >= 1
+    assert not after.first.conv.weight[:, new].any()
+
+
+def test_only_splat_net_can_start_from_weights() -> None:
+    with pytest.raises(BadInput, match="--start chair: is of splat-net, asked for points2pix"):
+        read_start("chair", POINTS2PIX)
 
 
 @pytest.mark.parametrize("key", ["last.weight", "last.bias", "first.norm.bias"])

@@ -73,7 +73,7 @@ def test_objects_of_each_class_are_taken(tmp_path, classes, found):
 def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
     """Two steps on two chairs; both files are methods, and a longer command goes on."""
     out = tmp_path / "trained"
-    options = ("--objects", "2", "--views", "2", "--size", "tiny", "--batch", "4")
+    options = ("--objects", "2", "--views", "2", "--network", "tiny", "--batch", "4")
     options = (*options, "--cool-down", "1", "--without", "density,discs", "--out", str(out))
     status, said, err = command("train", "splat-net", *options, "--steps", "2")
     assert (status, said) == (0, f"{out / 'weights.safetensors'}\n"), err
@@ -104,10 +104,10 @@ def test_splat_net_from_the_command_line_to_a_method(command, tmp_path):
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ("--size huge", "--size: unknown 'huge'; choose one of tiny, default, large"),
-        ("--without colour", "--without colour: there are normals, density, flattened, far and "),
+        ("--network huge", "--network: unknown 'huge'; choose one of tiny, default, large"),
+        ("--without colour", "--without colour: there are normals, density, flattened, far, noise"),
         ("--objective l2", "objective: unknown 'l2'; choose one of l1, l1-patch"),
-        ("--start chair --size tiny", "--start chair: is of widths (16, 32, 64, 128, 160)"),
+        ("--start chair --network tiny", "--start chair: is of widths (16, 32, 64, 128, 160)"),
         ("--batch 7", "batch 7: 2 views of a cloud are drawn together; use a multiple of 2"),
         ("--views 1", "1 views of an object: at least 2 are drawn together; render more"),
     ],

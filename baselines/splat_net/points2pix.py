@@ -1,0 +1,113 @@
+"""points2pix: the U-Net of pix2pix on the projected points, with a code of the cloud in its middle.
+
+After Milz et al. 2019 (https://arxiv.org/abs/1901.09280): PointNet (Qi et al. 2017) on the points,
+in the camera's frame, is joined with the narrowest level of the U-Net of pix2pix (Isola et al.
+2017, https://arxiv.org/abs/1611.07004). Their third condition, a patch of the background, is white
+in every image here and says nothing: it is left out. Widths are those of splat-net, so that both
+have about as many parameters; like it, the network has a head for the coverage and one for each
+material.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from baselines.splat_net.network import NetworkConfig, SplatNet, composite
+from baselines.splat_net.window import Windows
+from data_prep.camera import CAMERA_DISTANCE
+
+CODE = 128  # numbers of the code of the cloud
+SLOPE = 0.2
+DROPPED = 0.5  # of the channels of the widest two levels that go up, in training
+
+
+class PointNet(nn.Sequential):
+    """Points [P, 3, N] -> codes [P, CODE]; their order does not matter."""
+
+    def __init__(self) -> None:
+        layers: list[nn.Module] = []
+        for a, b in pairwise((3, 32, 64, CODE)):
+            layers += [nn.Conv1d(a, b, 1), nn.ReLU(inplace=True)]
+        super().__init__(*layers, nn.AdaptiveMaxPool1d(1), nn.Flatten(), nn.Linear(CODE, CODE))
+
+
+class Points2Pix(nn.Module):
+    """Images of projected points, and of the points themselves."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        widths = config.widths + config.widths[-1:] * 2  # seven levels: 128 pixels down to one
+        self.code = PointNet()
+        self.down = nn.ModuleList()
+        wide = config.inputs.channels
+        for level, width in enumerate(widths):
+            edge = level in (0, len(widths) - 1)  # one pixel has no statistics
+            self.down.append(
+                nn.Sequential(
+                    *([nn.LeakyReLU(SLOPE)] if level else []),
+                    nn.Conv2d(wide, width, 4, 2, 1, bias=edge),
+                    *([] if edge else [nn.BatchNorm2d(width)]),
+                )
+            )
+            wide = width
+        self.up = nn.ModuleList()
+        wide += CODE
+        for level, width in enumerate(reversed(widths[:-1])):
+            self.up.append(
+                nn.Sequential(
+                    nn.ReLU(),
+                    nn.ConvTranspose2d(wide, width, 4, 2, 1, bias=False),
+                    nn.BatchNorm2d(width),
+                    *([nn.Dropout(DROPPED)] if level < 2 else []),
+                )
+            )
+            wide = 2 * width
+        self.last = nn.Conv2d(wide, config.outputs, 3, padding=1)
+
+    def forward(self, channels: Tensor, points: Tensor) -> Tensor:
+        """Alpha and the heads' planes [P, outputs, 128, 128], before the sigmoid.
+
+        channels  [P, C, 128, 128] of `project`
+        points    [P, 3, N], in the camera's frame
+        """
+        x, passed = channels, []
+        for level in self.down:
+            x = level(x)
+            passed.append(x)
+        middle = points + points.new_tensor([0.0, 0.0, CAMERA_DISTANCE])[:, None]
+        x = torch.cat([passed.pop(), self.code(middle)[:, :, None, None]], dim=1)
+        for level in self.up:
+            x = torch.cat([level(x), passed.pop()], dim=1)
+        x = functional.interpolate(torch.relu(x), scale_factor=2.0, mode="nearest")
+        return self.last(x)
+
+
+class Points2PixEngine:
+    """The network for inference, as `baselines.splat_net.engine.FoldedSplatNet`: whole images."""
+
+    dtype = torch.float32
+
+    def __init__(self, network: Points2Pix) -> None:
+        self.network = network
+
+    def __call__(self, channels: Tensor, windows: Windows, points: Tensor) -> Tensor:
+        """Images float32 [n, 128, 128, 3] in 0..1 by the first head.
+
+        points  [P, 3, N], of all images, of which the windows have some
+        """
+        output = self.network(channels, points[list(windows.numbers)])
+        _, (image, *_) = composite(output, self.network.config.heads)
+        return image.expand(-1, 3, -1, -1).permute(0, 2, 3, 1)
+
+
+Network = SplatNet | Points2Pix
+
+
+def build(config: NetworkConfig) -> Network:
+    """The network of a configuration, with random weights."""
+    return Points2Pix(config) if config.body == "points2pix" else SplatNet(config)

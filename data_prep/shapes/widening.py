@@ -1,0 +1,165 @@
+"""Training shapes that vary more than a class: parts exchanged, left out, thickened, bent, painted.
+
+What a thing is stays; the generator's habits go. Only trainings use them: the other splits are
+untouched. All is decided by the random stream.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from trimesh.remesh import subdivide_to_size
+
+from data_prep.normalise import normalise
+from data_prep.scene import Mesh
+from data_prep.shapes.chair.backs import arm_parts, back_parts
+from data_prep.shapes.chair.bases import base_parts
+from data_prep.shapes.chair.seats import lay_out, seat_parts
+from data_prep.shapes.chair.spec import FAMILY_WEIGHTS, Family, draw_spec_of
+from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.shapes.deformations import Deformation, Vectors, draw_deformation
+from data_prep.shapes.palettes import LIGHTEST, MATERIALS, shade
+from data_prep.shapes.shape_class import ShapeClass
+from data_prep.shapes.solids import Color, Part, join, signed_volume
+
+PLAIN = 0.2  # of the shapes are as their class draws them
+ATTEMPTS = 20
+FLATTEST = 0.04  # smallest over largest extent of what is no thin class of its own
+LEAST_STRETCH = 0.15  # of the mean: below it space is folded, or nearly so
+EDGE = 0.3  # longest edge of a face that is deformed, in half extents
+LARGEST_PART = 0.35  # of the surface, of a part that may be left out
+LONG = 4.0  # longest over second extent of a part that may become thicker
+COLOUR_SOURCES = {"kept": 0.4, "material": 0.35, "any": 0.25}
+
+
+class Degenerate(Exception):
+    """A drawn shape that is flat, folded or inside out: not to be trained on."""
+
+
+def draw_widened(shapes: ShapeClass, rng: np.random.Generator) -> tuple[Mesh, int]:
+    """A normalised mesh of a class, and how many draws were rejected before it.
+
+    A draw is rejected where it is flat (smallest extent below FLATTEST of the largest, and below
+    half of what it was), where a part has no positive volume, and where the deformation stretches
+    space somewhere by less than LEAST_STRETCH of its mean (folds, turns inside out). After ATTEMPTS
+    rejected ones the shape is taken as the class draws it.
+    """
+    for rejected in range(ATTEMPTS):
+        try:
+            return _draw(shapes, rng), rejected
+        except Degenerate:
+            continue
+    return shapes.draw(rng).mesh(), ATTEMPTS
+
+
+def _draw(shapes: ShapeClass, rng: np.random.Generator) -> Mesh:
+    if chance(rng, PLAIN):
+        return shapes.draw(rng).mesh()
+    exchanged = shapes.name == "chair" and chance(rng, 0.3)
+    parts = exchanged_chair(rng) if exchanged else list(shapes.draw(rng).parts)
+    if chance(rng, 0.3):
+        parts = without_some(parts, rng)
+    if chance(rng, 0.5):
+        parts = thickened(parts, np.exp(uniform(rng, (-0.5, 0.7))))
+    parts = recoloured(parts, rng)
+    if chance(rng, 0.8):
+        parts = deformed(parts, draw_deformation(rng))
+    return normalise(join(parts))
+
+
+def exchanged_chair(rng: np.random.Generator) -> list[Part]:
+    """A chair whose base, and whose seat and back, are of different families."""
+    bases: dict[Family, float] = {k: w for k, w in FAMILY_WEIGHTS.items() if k != "armchair"}
+    backs: dict[Family, float] = {k: w for k, w in bases.items() if k != "stool"}
+    above, below = draw_spec_of(rng, pick(rng, backs)), draw_spec_of(rng, pick(rng, bases))
+    seat = {
+        name: getattr(above, name)
+        for name in (
+            *("seat", "cushion", "posts", "back", "rake_deg", "rear", "seat_width_m"),
+            *("seat_depth_m", "seat_thickness_m", "cushion_m", "back_height_m", "gap_m"),
+        )
+    }
+    base = replace(below, **seat)
+    layout = lay_out(base)
+    upper = replace(above, seat_height_m=base.seat_height_m, leg_m=base.leg_m)
+    return [
+        *base_parts(base, layout),
+        *seat_parts(upper, layout),
+        *back_parts(upper, layout),
+        *arm_parts(upper, layout),
+    ]
+
+
+def without_some(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
+    """Without one to three parts of less than LARGEST_PART of the surface; never without all."""
+    areas = np.array([_area(part) for part in parts])
+    small = np.flatnonzero(areas < LARGEST_PART * areas.sum())
+    count = min(int(rng.integers(1, 4)), len(small), len(parts) - 1)
+    gone = set(rng.choice(small, count, replace=False).tolist()) if count else set()
+    return [part for i, part in enumerate(parts) if i not in gone]
+
+
+def thickened(parts: Sequence[Part], factor: float) -> list[Part]:
+    """With long parts thicker by a factor, about their middle line; the others as they are."""
+    made = []
+    for part in parts:
+        centre = part.vertices.mean(axis=0)
+        _, extents, axes = np.linalg.svd(part.vertices - centre, full_matrices=False)
+        if extents[0] < LONG * extents[1]:
+            made.append(part)
+            continue
+        along = np.outer(axes[0], axes[0])
+        grown = (part.vertices - centre) @ (along + factor * (np.eye(3) - along))
+        made.append(replace(part, vertices=centre + grown))
+    return made
+
+
+def recoloured(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
+    """Each colour as it is, of another material, or any; parts of one colour stay of one."""
+    new = {color: _recolour(color, rng) for color in dict.fromkeys(part.color for part in parts)}
+    return [replace(part, color=new[part.color]) for part in parts]
+
+
+def _recolour(color: Color, rng: np.random.Generator) -> Color:
+    match pick(rng, COLOUR_SOURCES):
+        case "material":
+            return shade(rng, pick(rng, dict.fromkeys(MATERIALS, 1.0)))
+        case "any":
+            red, green, blue = rng.integers(12, LIGHTEST + 1, 3).tolist()
+            return red, green, blue
+    return color
+
+
+def deformed(parts: Sequence[Part], deformation: Deformation) -> list[Part]:
+    """With all parts deformed together, in faces small enough to bend.
+
+    Raises Degenerate as `draw_widened` says.
+    """
+    every = np.concatenate([part.vertices for part in parts])
+    low, high = every.min(axis=0), every.max(axis=0)
+    centre, half = (low + high) / 2, (high - low).max() / 2
+    fine = [subdivide_to_size((p.vertices - centre) / half, p.faces, EDGE) for p in parts]
+    if deformation.smallest_stretch(np.concatenate([of[0] for of in fine])) < LEAST_STRETCH:
+        raise Degenerate("folded")
+    made = [
+        Part(deformation(of[0]), of[1].astype(np.int32), part.color)
+        for part, of in zip(parts, fine, strict=True)
+    ]
+    if not all(signed_volume(part.vertices, part.faces) > 0 for part in made):
+        raise Degenerate("inside out")
+    if _flatness(made) < min(FLATTEST, _flatness(parts) / 2):
+        raise Degenerate("flat")
+    return made
+
+
+def _flatness(parts: Sequence[Part]) -> float:
+    """Smallest over largest extent."""
+    extents = np.ptp(np.concatenate([part.vertices for part in parts]), axis=0)
+    return float(extents.min() / extents.max())
+
+
+def _area(part: Part) -> Vectors:
+    a, b, c = (part.vertices[part.faces[:, i]] for i in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
