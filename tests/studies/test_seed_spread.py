@@ -1,13 +1,10 @@
-"""The spread between trainings, and whether the recorded one is of the bundled weights."""
+"""The spread between trainings."""
 
 from __future__ import annotations
 
 import pandas as pd
 import pytest
 
-from bench.catalogue.methods import find_method
-from bench.tables.published import RESULTS, seed_spreads
-from data_prep.fingerprints import file_sha256
 from studies.seed_spread import spreads
 
 
@@ -25,12 +22,3 @@ def test_lowest_and_highest_of_the_trainings():
     assert found["spread"].tolist() == pytest.approx([0.04, 0.04])
     with pytest.raises(ValueError, match="ssim at 512"):
         spreads(values.drop(index=4), {"a": ("a", "a@1", "a@2")})
-
-
-def test_the_recorded_spreads_are_of_the_bundled_weights():
-    path = RESULTS / "seeds.csv"
-    recorded = pd.read_csv(path).drop_duplicates("network")
-    assert set(recorded["network"]) == {"pc2pix", "splat-net@tiny"}
-    for network, checksum in zip(recorded["network"], recorded["weights_sha256"], strict=True):
-        assert file_sha256(find_method(network).weights_file()) == checksum, f"measure {network}"
-    assert all(spread > 0 for spread in seed_spreads().values())
