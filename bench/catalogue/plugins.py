@@ -75,7 +75,7 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
     if metric_id in announced_ids(EXTRACTORS):
         named = "bench.catalogue.plugins.SetMetric"
         return load_announced(EXTRACTORS, metric_id, "metric", SetMetric, named, names_files=True)
-    named = "bench.catalogue.plugins.ImageMetric"
+    named = "bench.image_metric.ImageMetric"
     return load_announced(METRICS, metric_id, "metric", ImageMetric, named, names_files=True)
 
 
