@@ -30,6 +30,7 @@ GIVEN = {
     "folder:PATH": "folder:meshes",
     "--suite ID": "--suite chair-robustness",
     "NAME": "autoencoder",
+    "METHOD": "splat",
     "DIR_A": "first",
     "DIR_B": "first",
     "merge DIR…": "merge part-1 part-2",
