@@ -91,8 +91,7 @@ def cameras(views: Sequence[View]) -> Tensor:
 
 def project(surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE) -> Tensor:
     """Channels of whole images, see `Projection`."""
-    windows = whole_images(range(len(cameras)), size)
-    return Projection(surfels, cameras, inputs, size).channels(windows)
+    return Projection(surfels, cameras, inputs, size).whole()
 
 
 class Projection:
@@ -139,6 +138,10 @@ class Projection:
             first, last = (torch.where(none, self.size / 2, end).int() for end in (first, last))
             ends += [(first - reach).clamp(min=0), (last + 1 + reach).clamp(max=self.size)]
         return [Box(*box) for box in torch.stack(ends, dim=1).tolist()]
+
+    def whole(self) -> Tensor:
+        """The channels of whole images."""
+        return self.channels(whole_images(range(len(self.points)), self.size))
 
     def channels(self, windows: Windows, dtype: torch.dtype = torch.float32) -> Tensor:
         """Channels [n, inputs.channels, h, w] of windows, channels last, in a type; everything

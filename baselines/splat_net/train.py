@@ -38,7 +38,6 @@ from baselines.splat_net.points2pix import Network, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.weights import KIND
-from baselines.splat_net.window import whole_images
 from data_prep.failures import BadInput
 from data_prep.scene import View
 from data_prep.training_set import SurfaceSet
@@ -294,7 +293,6 @@ class _Trainer(NetworkTrainer):
         )
         at = cameras(looks).to(self.device)
         projection = Projection(together, at, self.config.network.inputs)
-        channels = projection.channels(whole_images(range(len(at)), projection.size))
 
         def scaled(of: NDArray[np.uint8]) -> Tensor:
             taken = torch.from_numpy(of[rows, columns]).to(self.device).float() / 255
@@ -303,7 +301,7 @@ class _Trainer(NetworkTrainer):
             return torch.where(flip, taken.flip(3), taken)
 
         truth = Truth(scaled(seen.images), scaled(self.data.grey), scaled(self.data.coverage))
-        return (channels, projection.points), truth
+        return (projection.whole(), projection.points), truth
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:

@@ -188,11 +188,10 @@ def lead_over_classes(
     metric = a[0].metric
     sign = 1.0 if higher_is_better(metric) else -1.0
     pairs = list(zip(a, b, strict=True))
+    leads = [sign * (x.per_object - y.per_object) for x, y in pairs]
     if is_mean(metric):
-        leads = [sign * paired(x, y) for x, y in pairs]
         value = float(np.mean([of.mean() for of in leads]))
         return Estimate(value, *interval_of_means(leads)), mean_error(leads)
-    leads = [sign * (x.per_object - y.per_object) for x, y in pairs]
     value = float(np.mean([sign * (x.estimate.value - y.estimate.value) for x, y in pairs]))
     return Estimate(value, *jackknife_interval(value, leads)), jackknife_error(leads)
 

@@ -22,7 +22,11 @@ def find(wanted: str, table: Sequence[Entry], kind: str) -> Entry:
     for entry in table:
         if entry.id == wanted:
             return entry
-    ids = [entry.id for entry in table]
-    near = difflib.get_close_matches(wanted, ids, n=1, cutoff=0.4)
+    raise unknown(wanted, [entry.id for entry in table], kind)
+
+
+def unknown(wanted: str, names: Sequence[str], kind: str) -> BadInput:
+    """That there is nothing of this name: suggests the nearest and lists all."""
+    near = difflib.get_close_matches(wanted, names, n=1, cutoff=0.4)
     hint = f"did you mean '{near[0]}'? " if near else ""
-    raise BadInput(f"unknown {kind} '{wanted}': {hint}there are {', '.join(ids)}")
+    return BadInput(f"unknown {kind} '{wanted}': {hint}there are {', '.join(names)}")

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from bench.catalogue.lookup import find
+from bench.catalogue.lookup import unknown
 from data_prep.announced import EXTRACTORS, METRICS, announced_ids, load_announced
 from data_prep.failures import BadInput
 
@@ -71,13 +71,10 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
             f"unknown metric '{metric_id}': no installed package adds one; those of the suites are "
             "in their tables already"
         )
-    find(metric_id, [_Announced(one) for one in metric_ids()], "metric")
+    if metric_id not in metric_ids():
+        raise unknown(metric_id, metric_ids(), "metric")
     if metric_id in announced_ids(EXTRACTORS):
         named = "bench.catalogue.plugins.SetMetric"
         return load_announced(EXTRACTORS, metric_id, "metric", SetMetric, named, names_files=True)
     named = "bench.image_metric.ImageMetric"
     return load_announced(METRICS, metric_id, "metric", ImageMetric, named, names_files=True)
-
-
-class _Announced(NamedTuple):
-    id: str

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import tomllib
 from collections.abc import Mapping
@@ -11,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bench.catalogue.lookup import unknown
 from data_prep.failures import BadInput
 from data_prep.untrusted import MIB, read_text
 
@@ -45,14 +45,10 @@ def _take(context: typer.Context, path: Path | None) -> Path | None:
     if path is None:
         return None
     found = read_config(path)
-    known = {str(one.name) for one in context.command.params} - {"config", "help"}
+    known = sorted({str(one.name) for one in context.command.params} - {"config", "help"})
     for name in found:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean '{near[0]}'? " if near else ""
-            raise BadInput(
-                f"{path}: unknown option '{name}': {hint}there are {', '.join(sorted(known))}"
-            )
+            raise BadInput(f"{path}: {unknown(name, known, 'option')}")
     context.default_map = {**(context.default_map or {}), **found}
     return path
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated
 
 import typer
@@ -35,9 +35,14 @@ def test(
     ],
 ) -> None:
     """Test a method, metric or dataset of your own. Exit 0 if it keeps the contract, 1 if not."""
-    kept = True
-    for finding in findings_of(name):
-        kept &= finding.ok
+    conclude(findings_of(name))
+
+
+def conclude(findings: Iterable[Finding]) -> None:
+    """Print a line for each; ends with status 1 where one is not ok."""
+    fine = True
+    for finding in findings:
+        fine &= finding.ok
         print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.subject}: {finding.text}", flush=True)
-    if not kept:
+    if not fine:
         raise typer.Exit(1)

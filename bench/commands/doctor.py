@@ -7,11 +7,10 @@ import os
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 
-import typer
-
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
 from bench.checking.contract.findings import Finding
+from bench.commands.contract import conclude
 from bench.running.environment import PACKAGES, cores, environment
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES
@@ -59,9 +58,4 @@ def examine() -> Iterator[Finding]:
 
 def doctor() -> None:
     """Check that everything that a run needs is installed. Exit 0 if so, 1 if not."""
-    healthy = True
-    for finding in examine():
-        healthy &= finding.ok
-        print(f"{'ok  ' if finding.ok else 'FAIL'} {finding.subject}: {finding.text}", flush=True)
-    if not healthy:
-        raise typer.Exit(1)
+    conclude(examine())

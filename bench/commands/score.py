@@ -6,7 +6,7 @@ pure function of images, so there is nothing to keep but the tables.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -145,12 +145,19 @@ def kept_images(sources: Sources, item: Item) -> UInt8Images:
     return images
 
 
-def checked_features(metric: SetMetric, images: UInt8Images) -> NDArray[np.float64]:
-    """Features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
+def _given(
+    metric: ImageMetric | SetMetric, function: Callable[..., object], *images: UInt8Images
+) -> NDArray[np.float64]:
+    """What a function of the metric gives. Raises BadInput for whatever it raises."""
     try:
-        found = np.asarray(metric.features(images), np.float64)
+        return np.asarray(function(*images), np.float64)
     except Exception as error:  # whatever a stranger's function raises
         raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
+
+
+def checked_features(metric: SetMetric, images: UInt8Images) -> NDArray[np.float64]:
+    """Features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
+    found = _given(metric, metric.features, images)
     if found.ndim != 2 or len(found) != len(images) or not np.isfinite(found).all():
         raise BadInput(
             f"metric '{metric.id}': gives features {list(found.shape)}, {np.isfinite(found).sum()} "
@@ -163,10 +170,7 @@ def checked_scores(
     metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images
 ) -> NDArray[np.float64]:
     """Scores [V] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
-    try:
-        found = np.asarray(metric.score(truth, drawn), np.float64)
-    except Exception as error:  # whatever a stranger's function raises
-        raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
+    found = _given(metric, metric.score, truth, drawn)
     if found.shape != (len(drawn),) or not np.isfinite(found).all():
         raise BadInput(
             f"metric '{metric.id}': gives {found.shape} values, {np.isfinite(found).sum()} finite, "

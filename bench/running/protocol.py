@@ -317,21 +317,18 @@ def manifest_of(
 ) -> dict[str, Any]:
     """The manifest of a run of any suite that is about to start; `own` is what only this has."""
     asked = {"request": request.request} if isinstance(request, Options) else {}
-    return (
-        asked
-        | {
-            "schema_version": SCHEMA_VERSION,
-            "protocol": PROTOCOL_VERSION,
-            "suite": suite,
-            "dataset": request.dataset,
-            "views": views,
-            "seed": request.seed,
-            "device": request.device,
-            **own,
-            "environment": dict(environment),
-        }
-        | circumstances()
-    )
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "protocol": PROTOCOL_VERSION,
+        **asked,
+        "suite": suite,
+        "dataset": request.dataset,
+        "views": views,
+        "seed": request.seed,
+        "device": request.device,
+        **own,
+        "environment": dict(environment),
+    } | circumstances()
 
 
 def method_identity(method_id: str, device: str) -> list[Any]:

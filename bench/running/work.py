@@ -129,8 +129,7 @@ def draw(
     Raises whatever the method raises, and StageFailure where what it gives are no images, or
     blank ones (unless the true image is blank too, or blank is what the method is for).
     """
-    if not method.sees_mesh:
-        cloud = PointCloud(cloud.points)
+    cloud = seen_by(method, cloud)
     start = time.perf_counter()
     state = renderer.prepare(cloud, rng)
     prepared = time.perf_counter()
@@ -144,6 +143,11 @@ def draw(
         _refuse_blank(images, truth)
     notes = "; ".join(getattr(state, "notes", ()))
     return Drawn(images, notes, prepared - start, (done - prepared) / len(views))
+
+
+def seen_by(method: Method, cloud: PointCloud) -> PointCloud:
+    """The cloud as the method gets it: without the mesh, unless it is there to look at that."""
+    return cloud if method.sees_mesh else PointCloud(cloud.points)
 
 
 def _batches(views: Sequence[View], batch: int | None) -> list[Sequence[View]]:

@@ -172,7 +172,7 @@ def _of_metric(
         metric,
         _mean([row.surface for row in rows]),
         _mean([row.network for row in rows]),
-        lead_over_classes(own, other)[0],
+        lead_over_classes(own, other)[0]._replace(value=_mean([row.lead.value for row in rows])),
         paper_lead(published, AVERAGE),
         sum(counts.values()),
         network,

@@ -16,17 +16,16 @@ import numpy as np
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import Limits
-from bench.checking.contract.findings import Broken, Finding
+from bench.checking.contract.findings import VIEWS, Broken, Finding, tried
 from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks, thread_counts
-from bench.running.work import draw, load_renderer, reason_of
+from bench.running.work import draw, load_renderer, reason_of, seen_by
 from data_prep.datasets import ProceduralObject
 from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Scaled
-from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
-from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
+from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 LIMITS = Limits(time_s=20.0, memory_gib=4.0)
-VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
 RUN_VIEWS = 20  # of a cloud in a run
 EXTREMES = {
     "no points": Count(0),
@@ -77,14 +76,9 @@ def _of_worker(name: str, result: Finding | Lost) -> Finding:
 
 def judge(check: Check) -> Finding:
     """What a check finds; in a worker."""
-    try:
-        if check.name in EXTREMES:
-            return Finding(True, check.name, _extreme(check))
-        return Finding(True, check.name, CHECKS[check.name](check.method))
-    except (BadInput, MissingDependency, Broken) as error:
-        return Finding(False, check.name, str(error))
-    except Exception as error:  # whatever a stranger's method raises
-        return Finding(False, check.name, reason_of(error))
+    if check.name in EXTREMES:
+        return tried(check.name, lambda: _extreme(check))
+    return tried(check.name, lambda: CHECKS[check.name](check.method))
 
 
 def _listing(method_id: str) -> Finding:
@@ -108,17 +102,14 @@ def _renderer(method_id: str) -> Renderer:
     return load_renderer(method_id, "auto")
 
 
-def _cloud(points: int = CLOUD_SIZE) -> PointCloud:
-    return ProceduralObject("chair", "validation", 0).cloud(generator("contract"), points)
+def _cloud() -> PointCloud:
+    return ProceduralObject("chair", "validation", 0).cloud(generator("contract"))
 
 
-def _images(
-    method_id: str, cloud: PointCloud | None = None, views: Sequence[View] = VIEWS
-) -> UInt8Images:
+def _images(method_id: str, views: Sequence[View] = VIEWS) -> UInt8Images:
     """As a run draws them, with the same random numbers each time."""
     method, renderer = find_method(method_id), _renderer(method_id)
-    cloud = _cloud() if cloud is None else cloud
-    return draw(method, renderer, cloud, views, generator("contract", "method")).images
+    return draw(method, renderer, _cloud(), views, generator("contract", "method")).images
 
 
 def _loads(method_id: str) -> str:
@@ -132,7 +123,7 @@ def _loads(method_id: str) -> str:
 
 def _draws(method_id: str) -> str:
     method, renderer, rng = find_method(method_id), _renderer(method_id), generator("contract")
-    cloud = _cloud() if method.sees_mesh else PointCloud(_cloud().points)
+    cloud = seen_by(method, _cloud())
     before = cloud.points.copy()
     images = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
     if not isinstance(images, np.ndarray) or images.dtype != np.float32:
@@ -197,8 +188,7 @@ def _extreme(check: Check) -> str:
     """Images as always, or a refusal that names the stage."""
     cloud = EXTREMES[check.name].apply(_cloud(), generator("contract", check.name))
     method, renderer = find_method(check.method), _renderer(check.method)
-    if not method.sees_mesh:
-        cloud = PointCloud(cloud.points)
+    cloud = seen_by(method, cloud)
     rng = generator("contract", "method")
     try:
         images = renderer.draw(renderer.prepare(cloud, rng), VIEWS[:1], rng)

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.plugins import ImageMetric, find_metric
-from bench.checking.contract.findings import Broken, Finding, tried
+from bench.checking.contract.findings import VIEWS, Broken, Finding, tried
 from data_prep.datasets import ProceduralObject
-from data_prep.scene import UInt8Images, View
-
-VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
+from data_prep.scene import UInt8Images
 
 
 def metric_findings(metric_id: str) -> Iterator[Finding]:
