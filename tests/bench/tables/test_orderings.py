@@ -105,6 +105,17 @@ def test_the_average():
     assert found.objects == 12
 
 
+def test_the_average_of_the_classes_that_have_a_value():
+    """Without an interval, which would be of other classes."""
+    without = records()
+    without.loc[without["class"] == "lamp", "ssim"] = math.nan
+    made = orderings(without, {}, SUITE, PAPER)
+    assert made is not None
+    found = row(made, "average")
+    assert found.lead.value == pytest.approx((0.105 + 0) / 2, abs=1e-12)
+    assert all(map(math.isnan, found.lead[1:]))
+
+
 def test_distances_are_ahead_where_they_are_smaller():
     frame = feature_index(("surface-apss", "pc2pix@all", "blank"), dict.fromkeys(LEADS, OBJECTS))
     values = np.random.default_rng(0).random((len(frame), 3), np.float32)
