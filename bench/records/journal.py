@@ -238,9 +238,14 @@ def _holds_run(directory: Path) -> bool:
         raise BadInput(f"{directory}: is a file; give a folder with --out")
     if (directory / MANIFEST).exists():
         return True
-    if any(path.name != "lock" for path in directory.iterdir()):
+    if any(not _of_a_start(path.name) for path in directory.iterdir()):
         raise BadInput(f"{directory}: not empty and not a run; give a new --out")
     return False
+
+
+def _of_a_start(name: str) -> bool:
+    """Whether a run that was killed before it had a manifest may have left this file."""
+    return name == "lock" or name.startswith(f".{MANIFEST}.")
 
 
 def read_finished(directory: Path) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import threading
@@ -97,6 +98,10 @@ Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 500  # then a fresh process: what leaks, leaks no further
 WATCH_EVERY_S = 0.1
+# Beyond the limit on resident memory the kernel refuses writable memory: 16 GiB asked for at once
+# are faster than the watch. Methods reserve at most 0.1 GiB more than they use; the rest is for
+# what a plug-in reserves, such as stacks of threads and the allocator of another device.
+RESERVED_GIB = 4.0
 LOOK_EVERY_S = 1.0  # whether the pool is well, while tasks are waited for
 PATIENCE_S = 10.0  # with workers that have nothing left to do, or ought to have ended
 MOST_BREAKS = 3  # of a pool, without a task's end in between
@@ -164,7 +169,8 @@ class TaskPool(Generic[Task, Result]):
             ProcessPool,
             max_workers=workers,
             max_tasks=TASKS_PER_WORKER,
-            initializer=_die_with_parent,
+            initializer=_bind_worker,
+            initargs=[limits.memory_gib],
             context=multiprocessing.get_context("spawn"),
         )
         self._pool = self._new_pool()
@@ -290,8 +296,8 @@ def _watch_memory(limit_gib: float) -> Iterator[set[int]]:
     """Kills workers of this process that outgrow the limit; yields the set of their pids.
 
     From outside: code that hangs in a native library, or allocates there, runs no Python thread.
-    Not RLIMIT_AS: torch and Mesa reserve far more than they use, and what a library does when an
-    allocation fails is anything from an exception to a wrong result.
+    Not by RLIMIT_DATA alone (`_bind_worker`): what a library does when an allocation fails is
+    anything from an exception to a wrong result.
     """
     import psutil
 
@@ -333,8 +339,18 @@ def _environment(changes: Mapping[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _die_with_parent() -> None:
-    """In a worker: SIGKILL to the run ends it too, even where native code hangs (Linux)."""
-    if sys.platform == "linux":
-        pr_set_pdeathsig = 1  # linux/prctl.h
-        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
+def _bind_worker(memory_gib: float) -> None:
+    """In a worker (Linux): it ends with the run, and the kernel bounds its memory.
+
+    SIGKILL to the run ends it too, even where native code hangs. What takes more than the limit and
+    RESERVED_GIB is refused, whoever asks: a MemoryError in Python.
+    """
+    if sys.platform != "linux":
+        return
+    pr_set_pdeathsig = 1  # linux/prctl.h
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
+    _, most = resource.getrlimit(resource.RLIMIT_DATA)
+    wanted = int((memory_gib + RESERVED_GIB) * 2**30)
+    if most != resource.RLIM_INFINITY:
+        wanted = min(wanted, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (wanted, most))

@@ -11,8 +11,10 @@ from hashlib import sha256
 
 import pytest
 
+import bench.records.journal as journals
 from bench.records.job import Result, failed
 from bench.records.journal import (
+    MANIFEST,
     JobOutcome,
     check_directory,
     open_journal,
@@ -23,6 +25,7 @@ from bench.records.journal import (
 )
 from bench.records.record import SCHEMA_VERSION
 from data_prep.failures import BadInput
+from tests.robustness.failing_writes import cut_everywhere
 
 from ..builders import make_job, make_manifest, make_record, write_artifact
 
@@ -146,6 +149,22 @@ def test_a_torn_line_is_done_again(tmp_path, length):
     with open_journal(tmp_path) as journal:
         assert journal.usable(torn) is not None
         assert journal.damage == []
+
+
+@pytest.fixture
+def four_lines(tmp_path):
+    return write_journal(tmp_path, *jobs_of(tmp_path, "splat", "blank", "constant", "true-mesh"))
+
+
+def test_cut_after_any_of_its_bytes_it_has_its_whole_lines_and_no_other(four_lines):
+    assert list(cut_everywhere(four_lines, step=9)) == []
+
+
+def test_a_whole_line_that_did_not_count_would_be_found(four_lines, monkeypatch):
+    counts = journals._counts
+    monkeypatch.setattr(journals, "_counts", lambda line: line.endswith(b"\n") and counts(line))
+    faults = list(cut_everywhere(four_lines, step=9))
+    assert len(faults) == 4 * 2  # those that lack their line feed alone
 
 
 @pytest.mark.parametrize("change", [(b'"ssim": 0.33', b'"ssim": 0.34'), (b" ", b""), (b"{", b"\n")])
@@ -276,6 +295,13 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
 
 
 FIXED = ["suite", "dataset", "views", "seed", "device"]
+
+
+def test_what_a_killed_start_leaves_of_its_manifest_is_no_obstacle(tmp_path):
+    (tmp_path / f".{MANIFEST}.0123abcd").write_text("{")
+    check_directory(tmp_path, make_manifest())
+    (tmp_path / ".hidden").touch()
+    assert "not empty and not a run" in refusal(check_directory, tmp_path, make_manifest())
 
 
 def test_new_and_empty_directories_a_lock_alone_and_the_same_run_are_welcome(tmp_path):

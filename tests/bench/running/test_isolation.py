@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import mmap
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -24,6 +26,16 @@ LIMITS = Limits(time_s=60.0, memory_gib=8.0)
 ROOT = Path(__file__).parents[3]
 
 
+USERS = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+AT_ONCE = {  # ways to 16 GiB in one call
+    "array": lambda: np.ones(2**31),
+    "mapping": lambda: mmap.mmap(-1, 2**34, mmap.MAP_PRIVATE).write(bytes(1)),
+    "child": lambda: subprocess.run(
+        [sys.executable, "-c", "bytearray(2**34)"], check=True, capture_output=True
+    ),
+}
+
+
 def square(x: int) -> int:
     return x * x
 
@@ -42,6 +54,12 @@ def misbehave(task: tuple[str, Path]) -> str:
         kept = []
         while True:
             kept.append(np.ones(2**23))  # 64 MiB, touched
+    if how in AT_ONCE:  # faster than the watch looks
+        try:
+            AT_ONCE[how]()
+        except (MemoryError, OSError, subprocess.CalledProcessError) as error:
+            used = max(resource.getrusage(who).ru_maxrss for who in USERS)  # KiB
+            return f"{type(error).__name__} at {used / 2**20:.0f} GiB"
     if how == "raise":
         raise KeyError(how)
     return how
@@ -64,6 +82,20 @@ def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on(tmp_path)
     }
     assert found["hang"].reason == "timeout: no result within 10 s"
     assert not psutil.pid_exists(int((tmp_path / "hang").read_text()))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel's limit is Linux's")
+def test_what_is_asked_for_at_once_beyond_the_limit_is_refused(tmp_path):
+    limits = Limits(time_s=60.0, memory_gib=2.0)
+    tasks = [(how, tmp_path) for how in (*AT_ONCE, "a")]
+    found = {how: result for (how, _), result in run_tasks(tasks, misbehave, 1, limits)}
+    assert found == {
+        "array": "MemoryError at 0 GiB",
+        "mapping": "OSError at 0 GiB",
+        "child": "CalledProcessError at 0 GiB",
+        "a": "a",
+    }
 
 
 def test_a_pool_may_break_as_often_as_allowed_each_time_before_a_task_ends():

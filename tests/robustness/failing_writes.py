@@ -1,0 +1,322 @@
+"""Every write of a run fails once, and every byte of its journal is the last one that was written.
+
+    python -m tests.robustness.failing_writes
+
+What a small run writes is counted: folders, files, their bytes, renames, and what is forced to
+disk. Then, for each of these calls and each way to fail (no space left, input/output error,
+SIGKILL), a run fails there and is started again. It has to fail as a user can handle it (OSError or
+BadInput), to leave no half-written file behind (only SIGKILL may), to keep each result that the
+journal had acknowledged, and to end with the tables of a run that nobody disturbed. Figures and
+report are left out: they are written as tables are, when all else is.
+
+The journal of a larger run is cut after each of its bytes: the lines that are whole count, and no
+other. Prints a line for what is wrong, and a summary; the exit status is 1 if anything is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import builtins
+import errno
+import io
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pyarrow.parquet as pq
+
+import bench.running.protocol
+import bench.running.run
+from bench.catalogue.suites import Limits
+from bench.commands.publish import interim
+from bench.commands.terminal import Terminal
+from bench.judges import views as _loaded_before_forks  # noqa: F401
+from bench.records.job import Job, Result
+from bench.records.journal import JOURNAL, Journal, Lines, open_journal, read_manifest
+from bench.running.environment import environment
+from bench.running.protocol import Options
+from bench.running.run import Measured, run
+from bench.running.work import do
+from bench.tables.build import Outputs, write_outputs
+from bench.tables.scored import scored_run
+from data_prep.failures import BadInput
+from tests.robustness.kill_and_resume import recorded, tables
+
+KILLED = "SIGKILL"
+WAYS: dict[str, int | None] = {"ENOSPC": errno.ENOSPC, "EIO": errno.EIO, KILLED: None}
+ACKNOWLEDGED = "acknowledged"
+PATH_CALLS = ("mkdir", "rename", "replace", "chmod")
+WRITING = os.O_WRONLY | os.O_RDWR
+
+
+class InProcess:
+    """Does jobs in this process: an executor (`bench.running.isolation`), made as `JobPool` is."""
+
+    room = 1
+
+    def __init__(self, count: int, workers: int, limits: Limits) -> None:
+        self._jobs: list[Job] = []
+
+    def submit(self, job: Job) -> None:
+        """Have a job done."""
+        self._jobs.append(job)
+
+    def collect(self) -> Iterator[Result]:
+        """Do what was submitted."""
+        while self._jobs:
+            yield do(self._jobs.pop(0))
+
+    def close(self) -> None:
+        """There is nothing to stop."""
+
+
+@dataclass
+class Writes:
+    """Counts the writes below a folder, and has one of them fail.
+
+    fails_at  the number of that call, from 1; None: none
+    way       a key of WAYS
+    """
+
+    folder: Path
+    fails_at: int | None = None
+    way: str = KILLED
+    count: int = 0
+
+    def note(self, path: object) -> bool:
+        """Count a call if it is below the folder; whether it is the one to fail."""
+        if not str(path).startswith(str(self.folder)):
+            return False
+        self.count += 1
+        return self.count == self.fails_at
+
+    def fail(self, path: object) -> None:
+        """As the operating system would."""
+        number = WAYS[self.way]
+        if number is None:
+            os.kill(os.getpid(), signal.SIGKILL)
+        else:
+            raise OSError(number, os.strerror(number), str(path))
+
+    def check(self, path: object) -> None:
+        """Before a call that writes."""
+        if self.note(path):
+            self.fail(path)
+
+
+def _file_type(writes: Writes) -> type[io.FileIO]:
+    class File(io.FileIO):
+        """A full disk takes a part of what is written."""
+
+        def write(self, data: Any, /) -> int:
+            if writes.note(self.name):
+                super().write(bytes(data)[: len(data) // 2])
+                writes.fail(self.name)
+            return super().write(data)
+
+    return File
+
+
+@contextmanager
+def failing(writes: Writes) -> Iterator[None]:
+    """Within, Python's writes below the folder are counted, and one may fail."""
+    file_type, real_open, real_os_open, real_fsync = _file_type(writes), io.open, os.open, os.fsync
+
+    def open_(file: Any, mode: str = "r", buffering: int = -1, *text: Any, **more: Any) -> Any:
+        if not set(mode) & set("wxa+") or not str(file).startswith(str(writes.folder)):
+            return real_open(file, mode, buffering, *text, **more)
+        writes.check(file)
+        raw = file_type(file, mode.replace("b", "").replace("t", ""))
+        if "+" in mode:
+            return io.BufferedRandom(raw)
+        binary = io.BufferedWriter(raw)
+        return binary if "b" in mode else io.TextIOWrapper(binary, *text, **more)
+
+    def os_open(path: Any, flags: int, *more: Any, **named: Any) -> int:
+        if flags & WRITING:
+            writes.check(path)
+        return real_os_open(path, flags, *more, **named)
+
+    def fsync(handle: Any) -> None:
+        number = handle if isinstance(handle, int) else handle.fileno()
+        writes.check(Path(f"/proc/self/fd/{number}").readlink())
+        real_fsync(handle)
+
+    def checked(function: Callable[..., Any], path: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **named: Any) -> Any:
+            writes.check(path(*arguments))
+            return function(*arguments, **named)
+
+        return call
+
+    with ExitStack() as stack:
+        for name in PATH_CALLS:
+            replaced = checked(getattr(os, name), lambda path, *_: path)
+            stack.enter_context(mock.patch.object(os, name, replaced))
+        write_table = checked(pq.ParquetWriter.write_table, lambda writer, *_: writer.where)
+        stack.enter_context(mock.patch.object(pq.ParquetWriter, "write_table", write_table))
+        for owner, name, ours in (
+            *((builtins, "open", open_), (io, "open", open_)),
+            *((os, "open", os_open), (os, "fsync", fsync)),
+        ):
+            stack.enter_context(mock.patch.object(owner, name, ours))
+        yield
+
+
+def publish(measured: Measured) -> Outputs:
+    """Write the tables."""
+    return write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
+
+
+def run_once(out: Path, writes: Writes, done: Any) -> None:
+    """In a process of its own: a small run. Sends how many writes there were, or what ended it.
+
+    Keys go into a file beside the run as soon as the journal has acknowledged them.
+    """
+    keys = os.open(out.with_suffix(f".{ACKNOWLEDGED}"), os.O_CREAT | os.O_WRONLY | os.O_APPEND)
+    append = Journal.append
+
+    def noted(journal: Journal, result: Result) -> None:
+        append(journal, result)
+        os.write(keys, f"{result.key}\n".encode())
+
+    sys.stdout = sys.stderr = io.StringIO()
+    bench.running.run.JobPool = InProcess  # type: ignore[misc]
+    options = Options(
+        suite="chair-robustness",
+        methods=("splat", "blank"),
+        conditions=("2048", "512"),
+        limit=1,
+        views=1,
+        workers=1,
+        device="cpu",
+        out=out,
+    )
+    with mock.patch.object(Journal, "append", noted), failing(writes):
+        try:
+            run(options, publish, partial(Terminal, interim))
+        except (OSError, BadInput) as error:
+            done.send(f"refused: {error}")
+        except BaseException as error:
+            done.send(f"broken: {type(error).__name__}: {error}")
+        else:
+            done.send(f"finished: {writes.count}")
+
+
+def apart(out: Path, writes: Writes) -> str:
+    """`run_once` in a forked process; what it sent, or "killed"."""
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    process = multiprocessing.get_context("fork").Process(
+        target=run_once, args=(out, writes, theirs)
+    )
+    process.start()
+    theirs.close()
+    try:
+        return ours.recv()
+    except EOFError:
+        return "killed"
+    finally:
+        process.join()
+
+
+def faults_of(out: Path, at: int, way: str, expected: dict[str, bytes]) -> list[str]:
+    """What is wrong after a run into `out` has failed at a write and has been started again."""
+    ended = apart(out, Writes(out, at, way))
+    survived = ended.startswith("finished")  # it can do without what it could not write
+    wrong = []
+    if not survived and not ended.startswith("killed" if way == KILLED else "refused"):
+        wrong.append(f"the run ended with {ended!r}")
+    left = [path.name for path in out.rglob(".*")] if way != KILLED else []
+    if left:
+        wrong.append(f"it left {', '.join(sorted(left))}")
+    again = apart(out, Writes(out))
+    if not again.startswith("finished"):
+        return [*wrong, f"the second start ended with {again!r}"]
+    there = {name: data for name, data in tables(out).items() if not name.startswith(".")}
+    if there != expected:
+        wrong.append("its tables are others")
+    found = recorded(out)
+    acknowledged = out.with_suffix(f".{ACKNOWLEDGED}").read_text().split()
+    if Counter(acknowledged) - Counter(set(acknowledged)):
+        wrong.append("a result was acknowledged, lost, and made again")
+    if set(acknowledged) - found.keys():
+        wrong.append("an acknowledged result is not in the journal")
+    return wrong
+
+
+def cut_everywhere(shard: Path, step: int = 1) -> Iterator[str]:
+    """What is wrong where a journal file ends after each of its bytes, or each `step`th of a line
+    and the last.
+
+    Only the last line can be cut, and lines are read one by one: of the whole lines before it, two
+    stand for all, but at each cut within the first and last line of the file all are there.
+    """
+    data = shard.read_bytes()
+    lines = data.splitlines(keepends=True)
+    keys = [json.loads(line.partition(b" ")[2])["key"] for line in lines]
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder)
+        (run / JOURNAL).mkdir()
+        part = run / JOURNAL / "0001.jsonl"
+        for number, line in enumerate(lines):
+            first = 0 if number == len(lines) - 1 else max(0, number - 2)
+            before = b"".join(lines[first:number])
+            for end in sorted({*range(0, len(line), step), len(line) - 1}):
+                part.write_bytes(before + line[:end])
+                found = Lines()
+                damage = found.take(part)
+                # a line that lacks nothing but its line feed is whole
+                whole = keys[first : number + (end == len(line) - 1)]
+                there = [key for key in keys if key in found]
+                if there != [key for key in keys if key in whole]:
+                    yield f"line {number + 1} cut after {end} bytes: {len(there)} lines count"
+                if len(damage) != (0 < end < len(line) - 1):
+                    yield f"line {number + 1} cut after {end} bytes: {len(damage)} are reported"
+        part.write_bytes(data[: -len(lines[-1]) // 2])
+        with open_journal(run) as journal:  # archives what is torn, and keeps the rest
+            if sum(key in journal.lines for key in keys) != len(keys) - 1:
+                yield "opened after a cut, the journal has lost a whole line"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Have all writes fail, and cut the journal everywhere; 0 if nothing is wrong."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--every", type=int, default=1, help="only each so many-th call")
+    parser.add_argument("--journal", type=Path, help="the folder of a finished run, to be cut")
+    chosen = parser.parse_args(arguments)
+    wrong, found = 0, environment()
+    bench.running.protocol.environment = lambda: found  # a second of each run
+    with tempfile.TemporaryDirectory() as folder:
+        alone = Path(folder) / "alone"
+        ended = apart(alone, Writes(alone))
+        count, expected = int(ended.removeprefix("finished: ")), tables(alone)
+        calls = range(1, count + 1, chosen.every)
+        for at in calls:
+            for way in WAYS:
+                for fault in faults_of(Path(folder) / f"{at}-{way}", at, way, expected):
+                    wrong += 1
+                    print(f"write {at} of {count}, {way}: {fault}", flush=True)
+        print(f"{len(calls)} of {count} writes failed in {len(WAYS)} ways each: {wrong} wrong")
+    if chosen.journal is not None:
+        shards = sorted((chosen.journal / JOURNAL).glob("*.jsonl"))
+        size = sum(shard.stat().st_size for shard in shards)
+        for fault in (fault for shard in shards for fault in cut_everywhere(shard)):
+            wrong += 1
+            print(fault, flush=True)
+        print(f"journal cut after each of {size} bytes: {wrong} wrong in all")
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
