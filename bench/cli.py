@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
@@ -130,8 +130,27 @@ app = typer.Typer(
 )
 
 
+def _print_protocol(wanted: bool) -> None:
+    from data_prep.protocol_version import CHANGES
+
+    if wanted:
+        for version, changes in sorted(CHANGES.items(), reverse=True):
+            print(f"{version}: {changes}")
+        raise typer.Exit
+
+
 @app.callback()
-def _all() -> None:
+def _all(
+    protocol: Annotated[
+        bool,
+        typer.Option(
+            "--protocol",
+            callback=_print_protocol,
+            is_eager=True,
+            help="Print the versions of the protocol, the current one first, and what changed.",
+        ),
+    ] = False,
+) -> None:
     """Makes this a group, though no command is registered here."""
 
 

@@ -32,7 +32,7 @@ from bench.checking.claim_rules import (
 from bench.checking.claims import CHAIRS, CLASSES, LATENT, SPEED, Claim, claims
 from bench.judges.answers import found, why_no_retrieval
 from bench.records.features import Features
-from bench.records.journal import read_finished
+from bench.records.journal import PROTOCOL, read_finished
 from bench.records.record import GROUND_TRUTH
 from bench.tables import markdown
 from bench.tables.classes import NETWORK, SURFACE
@@ -92,7 +92,7 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
         features = manifest.get("feature_identity", {}).items()
         for what, of_suite, value in (
             ("schema", "", manifest.get("schema_version")),
-            ("protocol", "", manifest.get("protocol", 1)),  # manifests of version 1 may lack it
+            (PROTOCOL, "", manifest[PROTOCOL]),
             ("dataset", "", manifest.get("dataset")),
             ("seed", "", manifest.get("seed")),
             ("objects", suite, manifest.get("objects")),

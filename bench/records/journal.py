@@ -42,6 +42,7 @@ SET_ASIDE = "set-aside"
 MOST_BYTES = 64 * MIB  # of a manifest: one line an object
 _FIELDS = Record.__dataclass_fields__.keys()
 FIXED = ("suite", "dataset", "views", "seed", "device")  # one directory, one value of each
+PROTOCOL = "protocol"  # its version
 SHARD = "shard"  # likewise; manifests from before there were any have none
 
 
@@ -281,7 +282,7 @@ def read_manifest(directory: Path) -> dict[str, Any]:
         raise BadInput(
             f"{path}: not a manifest (no {', '.join(lacking)}); move it away and run again"
         )
-    return manifest
+    return {PROTOCOL: 1} | manifest  # the first version was not written down at first
 
 
 def write_manifest(directory: Path, manifest: Mapping[str, Any]) -> None:

@@ -23,6 +23,7 @@ from bench.catalogue.metrics import WeightsUnavailable, find_extractor
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import artifact_path
 from bench.records.job import Job
+from bench.records.journal import PROTOCOL
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.environment import circumstances, cores, environment
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
@@ -319,7 +320,7 @@ def manifest_of(
     asked = {"request": request.request} if isinstance(request, Options) else {}
     return {
         "schema_version": SCHEMA_VERSION,
-        "protocol": PROTOCOL_VERSION,
+        PROTOCOL: PROTOCOL_VERSION,
         **asked,
         "suite": suite,
         "dataset": request.dataset,

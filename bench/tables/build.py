@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
 from bench.analysis.frontier import Place, Thinned, places, thinned
 from bench.catalogue.metrics import JUDGE
+from bench.records.journal import PROTOCOL
 from bench.tables import markdown
 from bench.tables.classes import class_table
 from bench.tables.crossings import Step, crossings_table
@@ -28,9 +29,10 @@ from bench.tables.quality import (
     with_objectives,
 )
 from bench.tables.scored import ScoredRun
-from bench.tables.table import Table, grid, write_tables
+from bench.tables.table import Table, grid, of_protocol, write_tables
 from data_prep.whole_files import write_whole
 
+R = TypeVar("R")
 COST = "cost.md"
 # File names and titles of image, set and detail table: the paper's, and of a suite of our own.
 DETAIL = ("table_detail", "Detail: the object alone, its outline and its thin parts")
@@ -72,7 +74,11 @@ def tables(run: ScoredRun) -> list[Table[Row]]:
             judged, skipped = run.features.get(JUDGE), run.skipped.get(JUDGE, "")
             made.append(control_table(run.records, judged, skipped, run.suite))
         objectives = dict(run.manifest.get("objectives", {}))
-        return [with_objectives(table, objectives) for table in made]
+        return [_of_run(run, with_objectives(table, objectives)) for table in made]
+
+
+def _of_run(run: ScoredRun, table: Table[R]) -> Table[R]:
+    return of_protocol(table, run.manifest[PROTOCOL])
 
 
 def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
@@ -80,7 +86,8 @@ def class_orderings(run: ScoredRun) -> Table[Ordering] | None:
     if not run.suite.class_metrics:
         return None
     with threadpool_limits(1):
-        return orderings(run.records, run.features, run.suite, published(run.suite.id))
+        made = orderings(run.records, run.features, run.suite, published(run.suite.id))
+    return None if made is None else _of_run(run, made)
 
 
 def curves(run: ScoredRun) -> tuple[ConditionCurve, ...]:
@@ -95,7 +102,7 @@ def crossings(run: ScoredRun) -> Table[Step] | None:
     metrics = run.measured(run.suite.crossings)
     with threadpool_limits(1):
         found = paired_comparisons(run.compared(metrics), metrics) if metrics else ()
-    return crossings_table(run.suite.id, found) if found else None
+    return _of_run(run, crossings_table(run.suite.id, found)) if found else None
 
 
 def trade(run: ScoredRun) -> tuple[Table[Place], Table[Thinned]] | None:
@@ -116,7 +123,8 @@ def trade(run: ScoredRun) -> tuple[Table[Place], Table[Thinned]] | None:
             for place in places(comparison, metrics, count)
         )
         frontier = frontier_table(placed, how_timed(run.manifest))
-        return frontier, points_table(thinned(compared, metrics, views), views)
+        fewer = points_table(thinned(compared, metrics, views), views)
+    return _of_run(run, frontier), _of_run(run, fewer)
 
 
 @dataclass(frozen=True)

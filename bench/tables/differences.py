@@ -23,6 +23,7 @@ from bench.analysis.paired import (
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import IMAGE_METRICS, higher_is_better, is_mean
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
+from bench.records.journal import PROTOCOL
 from bench.tables import markdown
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import (
@@ -163,6 +164,7 @@ def runs(
     have no method or condition in common; and as `methods_of_run`.
     """
     a, b = read_scored(first), read_scored(second)
+    _refuse_other_protocol(a, b)
     _refuse_other_objects(first, a.records, second, b.records)
     remarks: list[str] = []
     common = {
@@ -275,6 +277,15 @@ class _Seen(NamedTuple):
     azimuth_deg: float
     elevation_deg: float
     blank_ssim: float
+
+
+def _refuse_other_protocol(a: ScoredRun, b: ScoredRun) -> None:
+    of_a, of_b = a.manifest[PROTOCOL], b.manifest[PROTOCOL]
+    if of_a != of_b:
+        raise BadInput(
+            f"different protocols: {a.directory} has {of_a}, {b.directory} has {of_b}; run both "
+            "with one version ('bench --protocol')"
+        )
 
 
 def _refuse_other_objects(first: Path, a: pd.DataFrame, second: Path, b: pd.DataFrame) -> None:

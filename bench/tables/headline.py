@@ -11,10 +11,11 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from bench.catalogue.metrics import is_mean
+from bench.records.journal import PROTOCOL
 from bench.tables.classes import AVERAGE, class_table
 from bench.tables.quality import Row, all_methods, image_table, set_table, with_objectives
 from bench.tables.scored import ScoredRun
-from bench.tables.table import Block, Table, columns_of
+from bench.tables.table import Block, Table, columns_of, of_protocol
 
 HEADLINE = "headline"
 
@@ -44,4 +45,5 @@ def headline(run: ScoredRun) -> Table[Row]:
         yield from all_methods(rows)
 
     table = Table(HEADLINE, title, columns_of(Row), tuple(rows), layout)
+    table = of_protocol(table, run.manifest[PROTOCOL])
     return with_objectives(table, dict(run.manifest.get("objectives", {})))

@@ -13,7 +13,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -349,6 +349,12 @@ class Table(Generic[R]):
 
     def _blocks(self) -> Iterable[Block]:
         return self.layout(self.rows) if self.layout else ()
+
+
+def of_protocol(table: Table[R], version: int) -> Table[R]:
+    """The table with the version of the protocol in its title and as the last column of its CSV."""
+    title = f"{table.title}; protocol {version}"
+    return replace(table, title=title, columns=(*table.columns, constant("protocol", version)))
 
 
 def table_files(tables: Iterable[Table[Any]]) -> dict[str, str]:

@@ -201,6 +201,7 @@ def write_artifact(job: Job, seed=0, **arrays) -> str:
 def make_manifest(**changes):
     return {
         "schema_version": SCHEMA_VERSION,
+        "protocol": 1,
         "suite": SUITE,
         "dataset": "procedural",
         "views": 2,

@@ -25,6 +25,7 @@ from bench.catalogue.metrics import (
 from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from data_prep.conditions import CONDITIONS
+from data_prep.protocol_version import PROTOCOL_VERSION
 from learning.weights import file_sha256
 from pc2pix import weights as weight_files
 
@@ -189,6 +190,13 @@ def test_simple_questions_load_no_heavy_package(argument):
     )
     assert done.stderr == "\n"
     assert "chair" in done.stdout or "Usage" in done.stdout
+
+
+def test_the_version_of_the_protocol_is_printed_with_what_changed(command):
+    status, out, err = command("--protocol")
+    versions = [int(line.partition(": ")[0]) for line in out.splitlines()]
+    assert (status, err) == (0, "")
+    assert versions == list(range(PROTOCOL_VERSION, 0, -1))
 
 
 def test_help_names_all_commands(command):

@@ -16,6 +16,7 @@ from scipy.stats import t
 
 from bench.analysis.comparison import Estimate, Quality
 from bench.analysis.paired import Pair, Side, holm, paired_differences, sign_flip_p
+from bench.records.journal import read_manifest, write_manifest
 
 from ..builders import write_run
 
@@ -202,6 +203,17 @@ def test_what_one_run_cannot_be_asked(command, two_runs, arguments, message):
     status, out, err = command("compare", str(two_runs[0]), *arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert message in err
+
+
+def test_runs_of_two_versions_of_the_protocol_are_refused(command, two_runs):
+    first, second = two_runs
+    write_manifest(second, read_manifest(second) | {"protocol": 2})
+    status, _, err = command("compare", str(first), str(second))
+    assert status == 2
+    assert err == (
+        f"bench: different protocols: {first} has 1, {second} has 2; run both with one version "
+        "('bench --protocol')\n"
+    )
 
 
 def test_methods_of_one_run_alone_are_left_out_with_a_remark(command, two_runs):

@@ -19,6 +19,7 @@ from bench.tables.table import (
     constant,
     grid,
     number,
+    of_protocol,
     pivot,
     shown,
     table_files,
@@ -68,6 +69,11 @@ def test_csv_of_a_dataclass():
     )
     table = Table("t", "T", columns("n", ("first", "value")), ROWS[:1])
     assert table.to_csv() == "n,first\n2,0.500000\n"
+
+
+def test_the_version_of_the_protocol_is_in_title_and_csv():
+    table = of_protocol(Table("name", "Title", columns("method", "n"), ROWS[:1]), 3)
+    assert (table.title, table.to_csv()) == ("Title; protocol 3", "method,n,protocol\na|b,2,3\n")
 
 
 def test_a_table_without_a_layout_is_for_scripts_alone():
