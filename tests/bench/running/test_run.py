@@ -120,7 +120,7 @@ def test_ceiling_and_floor(finished):
 def test_what_is_printed(finished):
     directory, done = finished
     title, *shown, report, tables = done.stdout.splitlines()
-    assert title == "ssim-object and lpips: 3 of 3 objects"
+    assert title == "ssim-object and lpips: 3 of 3 objects; protocol 1"
     assert any(line.startswith("splat ") for line in shown)
     assert len(shown) < 38
     assert max(map(len, shown)) <= 100
