@@ -108,9 +108,10 @@ def _of_processor(name: str) -> str:
 
 
 def _git() -> dict[str, Any]:
-    """Commit and cleanliness of the checkout; empty where this is none."""
+    """Commit and cleanliness of the checkout; empty where this is none: installed, the packages may
+    lie in a checkout of something else."""
     try:
-        commit, status = (
+        root, commit, status = (
             subprocess.run(
                 ["git", "-C", str(ROOT), *command],
                 capture_output=True,
@@ -118,11 +119,15 @@ def _git() -> dict[str, Any]:
                 check=True,
                 timeout=10,
             ).stdout.strip()
-            for command in (["rev-parse", "HEAD"], ["status", "--porcelain"])
+            for command in (
+                ["rev-parse", "--show-toplevel"],
+                ["rev-parse", "HEAD"],
+                ["status", "--porcelain"],
+            )
         )
     except (OSError, subprocess.SubprocessError):
         return {}
-    return {"commit": commit, "clean": not status}
+    return {"commit": commit, "clean": not status} if Path(root) == ROOT else {}
 
 
 TIMEOUT_S = 120

@@ -1,7 +1,7 @@
 """What a run is compared with: the paper's values, golden values, the spread between trainings.
 
 They are never mixed: a published number is only ever quoted, a golden one only ever compared with.
-All live in `results/` of the checkout.
+All live in `results/`, which is installed beside the packages.
 """
 
 from __future__ import annotations
