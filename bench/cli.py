@@ -36,7 +36,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
         "Reduce the cloud of a failed record; it still has to fail.",
     ),
     "train": ("train:app", "Train the networks."),
-    "data": ("data:app", "Inspect and verify datasets."),
+    "data": ("data:app", "Inspect, verify and export datasets."),
     "test": ("contract:test", "Test a method, metric or dataset of your own."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }

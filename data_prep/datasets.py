@@ -8,6 +8,7 @@ from pathlib import Path
 
 from data_prep.announced import DATASETS, announced_ids, load_announced
 from data_prep.dataset import Dataset, DatasetReader
+from data_prep.dataset_exported import exported_dataset
 from data_prep.dataset_folder import BareCloud, folder_dataset
 from data_prep.dataset_modelnet import is_modelnet, modelnet_dataset
 from data_prep.dataset_paper import PaperObject, is_paper, paper_dataset
@@ -50,6 +51,7 @@ _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
     "folder": folder_dataset,
     "shapenet": shapenet_dataset,
     "modelnet": modelnet_dataset,
+    "exported": exported_dataset,
     "paper": paper_dataset,
 }
 

@@ -39,14 +39,29 @@ def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None =
     """The file's mesh, normalised to the unit sphere.
 
     Unless another `orientation` is given, the file's axes are kept: +Y has to be up and the front
-    has to look towards -Z already. Vertices are not merged (trimesh would, and change the surface).
-    Materials, textures and buffers are read from the mesh's own folder only, or from anywhere in
-    `within`, a folder above it.
+    has to look towards -Z already. Raises BadInput as `read_mesh`, and for non-finite vertices, no
+    extent and no area.
+    """
+    found = read_mesh(path, within)
+    try:
+        mesh = normalise(_turned(found, orientation))
+    except ValueError as error:
+        raise BadInput(f"{path}: {error}") from error
+    if not face_areas(mesh).any():
+        raise BadInput(f"{path}: all {len(mesh.faces)} faces have no area; a shape needs a surface")
+    return mesh
 
-    Raises BadInput, naming the file: missing, no regular file, too large, not a mesh, no faces,
-    non-finite vertices, no extent, no area. Time and memory grow with what the file holds, not with
-    what it claims; but parsers are libraries, so a mesh that nobody vouches for belongs into a
-    worker with limits.
+
+@np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
+def read_mesh(path: Path, within: Path | None = None) -> Mesh:
+    """The file's mesh as it stands.
+
+    Vertices are not merged (trimesh would, and change the surface). Materials, textures and buffers
+    are read from the mesh's own folder only, or from anywhere in `within`, a folder above it.
+
+    Raises BadInput, naming the file: missing, no regular file, too large, not a mesh, no faces.
+    Time and memory grow with what the file holds, not with what it claims; but parsers are
+    libraries, so a mesh that nobody vouches for belongs into a worker with limits.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
@@ -64,12 +79,9 @@ def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None =
         if not parts:
             raise BadInput(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
         try:
-            mesh = normalise(_turned(_joined(parts), orientation))
+            return _joined(parts)
         except ValueError as error:
             raise BadInput(f"{path}: {error}") from error
-    if not face_areas(mesh).any():
-        raise BadInput(f"{path}: all {len(mesh.faces)} faces have no area; a shape needs a surface")
-    return mesh
 
 
 def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:

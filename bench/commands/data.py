@@ -1,5 +1,6 @@
-"""What was understood of a dataset, and what is missing or odd in it: `bench data inspect`; and
-whether a folder is the set of real meshes of the documentation: `bench data verify`.
+"""What was understood of a dataset, and what is missing or odd in it: `bench data inspect`; whether
+a folder is an export, or the set of real meshes of the documentation: `bench data verify`; and a
+run's inputs as files: `bench data export`.
 
 Folders are listed in full; files are read of some objects of each class, in workers, because nobody
 vouches for them.
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import shlex
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -18,12 +20,24 @@ import numpy as np
 import typer
 
 from bench.catalogue.suites import Limits
-from bench.commands.options import SETTINGS, Group, WorkersOption, worker_count
+from bench.commands.options import (
+    RUN_OPTIONS,
+    SETTINGS,
+    Group,
+    Stated,
+    WorkersOption,
+    takes,
+    worker_count,
+)
+from bench.running.croissant import METADATA
 from bench.running.environment import cores
+from bench.running.export import export
 from bench.running.isolation import Lost, run_tasks
+from bench.running.protocol import Options
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
 from data_prep.dataset import Dataset, listed
+from data_prep.dataset_exported import listed_files
 from data_prep.dataset_paper import VIEWS, PaperObject
 from data_prep.datasets import is_dataset, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
@@ -36,6 +50,7 @@ from data_prep.scene_objects import SceneObject
 from data_prep.untrusted import is_regular_file
 
 REAL_MESHES = RESULTS / "real-meshes.csv"
+EXPORTED_SUFFIXES = (".ply", ".png")
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
 ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
 # Readings of the angles closer than this are not distinguished: an object that looks nearly the
@@ -187,7 +202,7 @@ def _fit(examined: Mapping[str, _Examined]) -> tuple[list[str], list[str]]:
 
 @dataclass(frozen=True)
 class Verification:
-    """How a folder differs from the real meshes of the documentation, files by name."""
+    """How a folder differs from a list of its files, by name."""
 
     missing: tuple[str, ...]
     changed: tuple[str, ...]
@@ -196,22 +211,25 @@ class Verification:
 
 
 def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
-    """Compare the meshes of a folder with a list of files and checksums.
+    """Compare the files of a folder with a list of files and checksums: its own where it is an
+    export, else that of the real meshes.
 
     Raises BadInput where the folder or the list is not there.
     """
     if not folder.is_dir():
-        raise BadInput(f"{folder}: no such folder; give that of the meshes")
-    if not listing.is_file():
-        raise BadInput(f"{listing}: not there; run from a checkout that has it")
-    with listing.open(encoding="utf-8", newline="") as file:
-        wanted = {row["file"]: row["sha256"] for row in csv.DictReader(file)}
+        raise BadInput(f"{folder}: no such folder; give that of the meshes, or an export")
+    if (folder / METADATA).is_file():
+        wanted, suffixes = listed_files(folder), EXPORTED_SUFFIXES
+    else:
+        with listing.open(encoding="utf-8", newline="") as file:
+            wanted = {row["file"]: row["sha256"] for row in csv.DictReader(file)}
+        suffixes = SUFFIXES
     classes = {PurePosixPath(name).parts[0] for name in wanted}
     there = {
         path.relative_to(folder).as_posix(): path
         for name in sorted(classes)
         for path in sorted((folder / name).rglob("*"))
-        if path.suffix.lower() in SUFFIXES and is_regular_file(path)
+        if path.suffix.lower() in suffixes and is_regular_file(path)
     }
     common = wanted.keys() & there.keys()
     changed = sorted(name for name in common if file_sha256(there[name]) != wanted[name])
@@ -223,7 +241,7 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
     )
 
 
-app = typer.Typer(cls=Group, help="Inspect and verify datasets.", **SETTINGS)
+app = typer.Typer(cls=Group, help="Inspect, verify and export datasets.", **SETTINGS)
 
 
 @app.command("inspect")
@@ -251,14 +269,35 @@ def inspect_data(
 @app.command("verify")
 def verify_data(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="The meshes, in sub-folders by class.")
+        Path,
+        typer.Argument(
+            metavar="FOLDER", help="An export, or the real meshes in sub-folders by class."
+        ),
     ],
 ) -> None:
-    """Say whether a folder holds the real meshes of the docs. Exit 1 if not."""
+    """Say whether a folder holds a whole export, or the real meshes of the docs. Exit 1 if not."""
     found = verify(folder)
-    print(f"{found.same} files are those of results/{REAL_MESHES.name}")
+    print(f"{found.same} files are those of the list")
     for what in ("missing", "changed", "further"):
         for name in getattr(found, what):
             print(f"{what.upper():<8} {visible(name)}")
     if found.missing or found.changed or found.further:
         raise typer.Exit(1)
+
+
+EXPORT_OPTIONS: dict[str, str | Stated] = {
+    "suite": Stated("The suite whose objects and views these are.", default="chair-robustness"),
+    "dataset": RUN_OPTIONS["dataset"],
+    "conditions": "Conditions, comma-separated, or 'all'. Default: the suite's.",
+    **{name: RUN_OPTIONS[name] for name in ("limit", "views", "workers", "seed")},
+}
+
+
+@app.command("export")
+@takes(Options, EXPORT_OPTIONS)
+def export_data(
+    options: Options, out: Annotated[Path, typer.Option(help="The new folder.")]
+) -> None:
+    """Write the clouds, views and true images of a run as files with checksums."""
+    print(f"{export(options, out)} objects written to {out}", file=sys.stderr)
+    print(f"use          --dataset {shlex.quote(f'exported:{out}')}")

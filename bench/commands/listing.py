@@ -47,6 +47,7 @@ def list_all() -> None:
             ("folder:PATH", "your meshes; sub-folders are classes"),
             ("shapenet:PATH", "ShapeNetCore v1 or v2, split by all.csv where that is there"),
             ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),
+            ("exported:PATH", "what 'bench data export' wrote: clouds, views and true images"),
             ("paper:PATH", "clouds, 20 pictures each and their cameras, as the paper's code has"),
             *((f"{id_}:PATH", "of another installed package") for id_ in announced_ids(DATASETS)),
         ],

@@ -183,7 +183,7 @@ def _budget(text: str | None) -> float | None:
 RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
     "suite": "The suite, see 'bench list'.",
     "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
-    "modelnet:PATH or paper:PATH; see 'bench data inspect PATH'.",
+    "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
     "methods": "Methods, comma-separated; blank is always measured. Default: the suite's.",
     "conditions": "Conditions, comma-separated. Default: the suite's.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "

@@ -24,6 +24,7 @@ from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_artifact, write_artifact
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH
+from data_prep.dataset_exported import ExportedObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
 from data_prep.images import to_uint8
 from data_prep.randomness import generator
@@ -178,7 +179,13 @@ def _or_none(score: np.float64) -> float | None:
 
 
 def cloud_of(job: Job) -> PointCloud:
-    """The perturbed cloud. It depends on seed, object and condition, never on the method."""
+    """The perturbed cloud. It depends on seed, object and condition, never on the method.
+
+    An export has it as a file, unless it was made without that condition.
+    """
+    stored = job.object.perturbed(job.condition) if isinstance(job.object, ExportedObject) else None
+    if stored is not None:
+        return stored
     sampled = job.object.cloud(generator(job.seed, "cloud", *_identity(job)))
     return job.perturbation.apply(sampled, generator(job.seed, job.condition, *_identity(job)))
 

@@ -167,7 +167,7 @@ def test_list_names_everything(command):
         "datasets": [
             *("procedural", "procedural:validation", "procedural:sealed"),
             *("procedural:novel-families", "procedural:widened", "folder:PATH"),
-            *("shapenet:PATH", "modelnet:PATH", "paper:PATH"),
+            *("shapenet:PATH", "modelnet:PATH", "exported:PATH", "paper:PATH"),
         ],
     }
 

@@ -330,7 +330,7 @@ def test_unknown_datasets(spec: str) -> None:
         BadInput,
         match=r"^unknown dataset '.*': use procedural, procedural:validation, procedural:sealed, "
         r"procedural:novel-families, procedural:widened, folder:PATH, "
-        r"shapenet:PATH, modelnet:PATH or paper:PATH$",
+        r"shapenet:PATH, modelnet:PATH, exported:PATH or paper:PATH$",
     ):
         open_dataset(spec)
 

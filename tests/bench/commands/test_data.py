@@ -155,7 +155,7 @@ def test_verify_says_what_differs(meshes, command, monkeypatch):
     assert (status, out.splitlines()) == (
         1,
         [
-            "1 files are those of results/real-meshes.csv",
+            "1 files are those of the list",
             "MISSING  lamp/d.ply",
             "CHANGED  car/b.ply",
             "FURTHER  lamp/c.obj",
@@ -170,7 +170,7 @@ def verify_list(meshes):
 def test_a_folder_that_is_not_there(command, tmp_path):
     status, out, err = command("data", "verify", tmp_path / "gone")
     assert (status, out) == (2, "")
-    assert err.endswith("gone: no such folder; give that of the meshes\n")
+    assert err.endswith("gone: no such folder; give that of the meshes, or an export\n")
 
 
 def test_the_list_of_real_meshes():

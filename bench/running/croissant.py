@@ -1,0 +1,133 @@
+"""The metadata of an exported dataset in Croissant 1.0 (docs.mlcommons.org/croissant)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.running.protocol import Protocol
+from data_prep.dataset_exported import CLOUDS, COLUMNS, OBJECTS, VIEWS
+from data_prep.protocol_version import PROTOCOL_VERSION
+
+METADATA = "croissant.json"
+PAPER = (
+    "https://openaccess.thecvf.com/content_CVPRW_2019/papers/3D-WidDGET/"
+    "Atienza_A_Conditional_Generative_Adversarial_Network_for_Rendering_Point_Clouds_"
+    "CVPRW_2019_paper.pdf"
+)
+_CONTEXT: dict[str, Any] = {  # as the specification has it
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "equivalentProperty": "cr:equivalentProperty",
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileProperty": "cr:fileProperty",
+    "fileObject": "cr:fileObject",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+_ABOUT = {
+    OBJECTS: "The objects and their meshes.",
+    CLOUDS: "The clouds that methods get: float32 coordinates in the unit sphere, +Y up, front -Z.",
+    VIEWS: "True images, 128 x 128 RGB on white, with azimuth and elevation in degrees.",
+}
+_TYPES = {
+    "protocol": "sc:Integer",
+    "seed": "sc:Integer",
+    "points": "sc:Integer",
+    "view": "sc:Integer",
+    "azimuth_deg": "sc:Float",
+    "elevation_deg": "sc:Float",
+}
+
+
+def metadata(
+    protocol: Protocol, conditions: Sequence[str], lists: Mapping[str, str], published: str
+) -> dict[str, Any]:
+    """JSON-LD of an export.
+
+    lists      its CSV files and their checksums
+    published  the date (2026-01-31)
+    """
+    suite = protocol.suite.id
+    described = {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "name": f"pc2pix-bench-{suite}",
+        "description": (
+            f"Inputs of the benchmark pc2pix-bench, suite {suite}, protocol {PROTOCOL_VERSION}: "
+            f"{len(protocol.objects)} objects of {protocol.dataset}, seed {protocol.seed}, "
+            f"{protocol.views} views each, conditions {', '.join(conditions)}. Paths and checksums "
+            "of all files are in the lists."
+        ),
+        "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "version": f"{PROTOCOL_VERSION}.0.0",
+        "datePublished": published,
+        "url": PAPER,
+        "citeAs": "The pc2pix-bench developers: pc2pix-bench (CITATION.cff)",
+    }
+    if protocol.dataset.startswith("procedural"):
+        described["license"] = "https://spdx.org/licenses/MIT.html"
+    return described | {
+        "distribution": [_list_file(name, checksum) for name, checksum in lists.items()],
+        "recordSet": [_records(name) for name in lists],
+    }
+
+
+def _list_file(name: str, checksum: str) -> dict[str, Any]:
+    return {
+        "@type": "cr:FileObject",
+        "@id": name,
+        "name": name,
+        "description": _ABOUT[name],
+        "contentUrl": name,
+        "encodingFormat": "text/csv",
+        "sha256": checksum,
+    }
+
+
+def _records(name: str) -> dict[str, Any]:
+    title = name.removesuffix(".csv")
+    return {
+        "@type": "cr:RecordSet",
+        "@id": title,
+        "name": title,
+        "description": _ABOUT[name],
+        "field": [
+            {
+                "@type": "cr:Field",
+                "@id": f"{title}/{column}",
+                "name": column,
+                "dataType": _TYPES.get(column, "sc:Text"),
+                "source": {"fileObject": {"@id": name}, "extract": {"column": column}},
+            }
+            for column in COLUMNS[name]
+        ],
+    }

@@ -1,0 +1,140 @@
+"""What a run sees, as a dataset of files that can be cited and read back (`exported:PATH`).
+
+The layout is that of `data_prep.dataset_exported`. Clouds, views and true images are made by the
+jobs of the run's plan, so that a run on the files has the same inputs to the last bit.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import secrets
+import shutil
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.catalogue.lookup import find
+from bench.catalogue.methods import FLOOR
+from bench.catalogue.suites import SUITES
+from bench.running.croissant import METADATA, metadata
+from bench.running.isolation import Lost, run_tasks
+from bench.running.protocol import ObjectJobs, Options, plan, protocol_of, workers_of
+from bench.running.work import cloud_of
+from data_prep.cloud_files import save_ply
+from data_prep.conditions import CONDITIONS
+from data_prep.dataset_exported import CLOUDS, COLUMNS, OBJECTS, UNPERTURBED, VIEWS
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.fingerprints import file_sha256
+from data_prep.progress import progress
+from data_prep.protocol_version import PROTOCOL_VERSION
+from data_prep.scene import Mesh, UInt8Images
+from data_prep.scene_objects import MeshObject
+from data_prep.whole_files import write_whole
+
+ALL = "all"
+Task = tuple[Path, str, ObjectJobs]  # the folder, the object's name in it, and its jobs
+Rows = dict[str, list[tuple[Any, ...]]]  # of the lists, without class and object
+
+
+def export(options: Options, out: Path) -> int:
+    """Write the inputs of a run into a new folder, whole or not at all; the number of objects.
+
+    Conditions: the suite's, those named, or ("all",), with the unperturbed cloud in any case.
+    Raises BadInput where the folder is there already, as `protocol_of` and `plan` do, and for an
+    object that cannot be drawn; CannotWrite where the disk refuses.
+    """
+    if out.exists():
+        raise BadInput(f"{out}: is there already; give a new folder with --out")
+    suite = find(options.suite, SUITES, "suite")
+    named = options.conditions or suite.conditions
+    every = tuple(condition.id for condition in CONDITIONS)
+    conditions = tuple(dict.fromkeys((UNPERTURBED, *(every if named == (ALL,) else named))))
+    asked = replace(options, methods=(FLOOR,), conditions=conditions)
+    protocol, _ = protocol_of(suite, asked)
+    objects = plan(protocol, out).objects
+    new = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
+    tasks = [(new, f"{obj.truth.object.class_name}/{i:05d}", obj) for i, obj in enumerate(objects)]
+    found: dict[str, Rows] = {}
+    try:
+        new.mkdir(parents=True)
+        workers = min(workers_of(suite, options), len(tasks))
+        with progress("objects", len(tasks)) as advance:
+            for (_, place, obj), rows in run_tasks(tasks, _write, workers, suite.limits):
+                if isinstance(rows, Lost):
+                    raise BadInput(f"{obj.truth.object.object_id}: {rows.reason}; leave it out")
+                found[place] = rows
+                advance(0)
+        for name, columns in COLUMNS.items():
+            lines: list[Sequence[Any]] = [columns]
+            for _, place, obj in tasks:
+                of = obj.truth.object.class_name, obj.truth.object.object_id
+                whole = (PROTOCOL_VERSION, protocol.seed, protocol.dataset)
+                lines += [
+                    (*of, *(whole if name == OBJECTS else ()), *row) for row in found[place][name]
+                ]
+            write_whole(new / name, _csv(lines))
+        lists = {name: file_sha256(new / name) for name in COLUMNS}
+        described = metadata(protocol, conditions, lists, datetime.now(UTC).date().isoformat())
+        text = json.dumps(described, indent=2, ensure_ascii=False) + "\n"
+        write_whole(new / METADATA, text.encode())
+        new.rename(out)
+    except OSError as error:
+        raise CannotWrite(f"{out}: cannot be written ({error.strerror}); give --out") from error
+    finally:
+        with suppress(FileNotFoundError):
+            shutil.rmtree(new)
+    return len(tasks)
+
+
+def _write(task: Task) -> Rows:
+    """In a worker: write the files of an object; their rows."""
+    root, place, jobs = task
+    rows: Rows = {OBJECTS: [("", "")], CLOUDS: [], VIEWS: []}
+    obj, views = jobs.truth.object, jobs.truth.views
+
+    def kept(name: str) -> tuple[str, str]:
+        return name, file_sha256(root / name)
+
+    if isinstance(obj, MeshObject):
+        name = f"meshes/{place}.ply"
+        write_whole(root / name, _ply(obj.load()), synced=False)
+        rows[OBJECTS] = [kept(name)]
+    for job in jobs.items:
+        points = cloud_of(job).points
+        name = f"clouds/{place}/{job.condition}.ply"
+        save_ply(points, root / name)
+        rows[CLOUDS].append((job.condition, len(points), *kept(name)))
+    for number, (view, image) in enumerate(zip(views, obj.truth(views), strict=True)):
+        name = f"images/{place}/{number:02d}.png"
+        write_whole(root / name, _png(image), synced=False)
+        angles = repr(view.azimuth_deg), repr(view.elevation_deg)
+        rows[VIEWS].append((number, *angles, *kept(name)))
+    return rows
+
+
+def _csv(rows: Sequence[Sequence[Any]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
+
+
+def _ply(mesh: Mesh) -> bytes:
+    import trimesh
+
+    colors: Any = mesh.face_colors
+    made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors, process=False)
+    data: Any = made.export(file_type="ply")
+    return data
+
+
+def _png(image: UInt8Images) -> bytes:
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()

@@ -1,0 +1,181 @@
+"""`bench data export`, and what reads it back: `exported:PATH`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.catalogue.suites import SUITES
+from bench.commands.publish import run_suite
+from bench.running.export import export
+from bench.running.protocol import Options, plan, protocol_of
+from bench.running.work import cloud_of
+from data_prep.datasets import open_dataset
+from data_prep.failures import BadInput
+from data_prep.protocol_version import PROTOCOL_VERSION
+from data_prep.randomness import generator
+
+OPTIONS = Options("chair-robustness", conditions=("noise-0.10", "512"), limit=2, views=3, workers=1)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("export") / "tree"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.running.protocol.environment", dict)
+        assert export(OPTIONS, out) == 2
+    return out
+
+
+@pytest.fixture
+def copied(exported, tmp_path) -> Path:
+    return Path(shutil.copytree(exported, tmp_path / "tree"))
+
+
+@pytest.fixture
+def jobs(no_machine):
+    """The plans of a run on the source and of one on the export, object by object."""
+
+    def of(dataset):
+        options = Options("chair-robustness", dataset, ("blank",), ("2048", "512"), 2, views=3)
+        return plan(protocol_of(SUITES[0], options)[0], Path()).objects
+
+    return of
+
+
+def problem(tree: Path) -> str:
+    with pytest.raises(BadInput) as error:
+        open_dataset(f"exported:{tree}")
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_its_objects_are_those_of_the_source_to_the_last_bit(exported, jobs):
+    pairs = zip(jobs("procedural"), jobs(f"exported:{exported}"), strict=True)
+    for ours, theirs in pairs:
+        a, b = ours.truth, theirs.truth
+        assert a.item.object == b.item.object
+        assert a.views == b.views
+        np.testing.assert_array_equal(a.object.truth(a.views), b.object.truth(b.views))
+        for field in ("vertices", "faces", "face_colors"):
+            one, other = (getattr(job.object.load(), field) for job in (a, b))
+            assert one.dtype == other.dtype
+            np.testing.assert_array_equal(one, other)
+        for one, other in zip(ours.items, theirs.items, strict=True):
+            assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
+
+
+def test_its_clouds_are_read_and_others_made(exported, jobs, monkeypatch):
+    (obj, _) = jobs(f"exported:{exported}")
+    job = obj.items[1]
+    monkeypatch.setattr("data_prep.conditions.Stride.apply", None)  # nobody needs it
+    assert job.condition == "512"
+    assert len(cloud_of(job)) == 512
+    assert job.object.perturbed("noise-0.05") is None
+    assert len(job.object.cloud(generator(0), 100)) == 100
+
+
+def test_the_lists_have_every_file_with_its_checksum(exported, command):
+    status, out, err = command("data", "verify", exported)
+    assert (status, out, err) == (0, f"{2 * (1 + 3 + 3)} files are those of the list\n", "")
+    clouds = pd.read_csv(exported / "clouds.csv", dtype={"condition": str})
+    assert clouds["condition"].tolist() == ["2048", "noise-0.10", "512"] * 2
+    assert clouds["points"].tolist() == [2048, 2048, 512] * 2
+
+
+def test_verify_finds_what_was_altered(copied, command):
+    (copied / "clouds/chair/00000/512.ply").write_bytes(b"ply")
+    (copied / "images/chair/00001/02.png").unlink()
+    status, out, _ = command("data", "verify", copied)
+    assert status == 1
+    assert out.splitlines()[1:] == [
+        "MISSING  images/chair/00001/02.png",
+        "CHANGED  clouds/chair/00000/512.ply",
+    ]
+
+
+def test_an_altered_file_is_not_used(copied, jobs):
+    (obj, _) = jobs(f"exported:{copied}")
+    (copied / "clouds/chair/00000/512.ply").write_bytes(b"ply")
+    with pytest.raises(BadInput, match=r"512\.ply: not the file of the list"):
+        cloud_of(obj.items[1])
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries of mlcroissant
+def test_its_metadata_is_valid_croissant_and_reads_the_lists(exported):
+    croissant = pytest.importorskip("mlcroissant")
+    dataset = croissant.Dataset(jsonld=str(exported / "croissant.json"))
+    assert not dataset.metadata.ctx.issues.errors
+    assert not dataset.metadata.ctx.issues.warnings
+    views = [*dataset.records("views")]
+    expected = pd.read_csv(exported / "views.csv")
+    assert [row["views/azimuth_deg"] for row in views] == expected["azimuth_deg"].tolist()
+    described = json.loads((exported / "croissant.json").read_text())
+    assert described["version"] == f"{PROTOCOL_VERSION}.0.0"
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("objects.csv", "test-0000,1,", "test-0000,7,", "objects.csv:2: of protocol '7'"),
+        ("objects.csv", "class,object", "class,name", "objects.csv:1: expected class,object,"),
+        ("clouds.csv", "clouds/chair/00000/", "../", "clouds.csv:2: '../2048.ply' is outside"),
+        ("clouds.csv", "clouds/chair/00000/", "/etc/", "is outside of the folder"),
+        ("views.csv", "test-0000,0,", "test-0000,0,x", "views.csv:2: could not convert"),
+        ("views.csv", "chair,", ",", "views.csv: '' has 0 characters"),
+    ],
+)
+def test_lists_that_are_refused(copied, name, old, new, message):
+    replace(copied / name, old, new)
+    assert message in problem(copied)
+
+
+def test_an_object_without_clouds_and_one_with_too_few_images(copied):
+    dataset = open_dataset(f"exported:{copied}")
+    with pytest.raises(BadInput, match="--views 4: chair/test-0000 has 3 true images"):
+        dataset.finite[0].views(4, generator(0))
+    text = (copied / "clouds.csv").read_text()
+    (copied / "clouds.csv").write_text(text.replace("test-0001", "test-0000"))
+    assert "objects.csv:3: 'chair/test-0001' is not in clouds.csv" in problem(copied)
+
+
+def test_a_folder_that_is_there_is_left_alone_and_nothing_is_left_of_a_failure(
+    tmp_path, no_machine, monkeypatch
+):
+    with pytest.raises(BadInput, match="is there already"):
+        export(OPTIONS, tmp_path)
+
+    def full(path, data, synced=True):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("bench.running.export.write_whole", full)
+    with pytest.raises(BadInput, match="No space left on device"):
+        export(OPTIONS, tmp_path / "tree")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_run_on_it_has_the_tables_of_the_run_on_its_source(
+    exported, tmp_path, no_machine, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # no weights for fid
+    cells = {"methods": ("pc2pix", "surface-bpa", "true-mesh"), "conditions": ("2048", "512")}
+    tables = []
+    for name, dataset in (("there", "procedural"), ("here", f"exported:{exported}")):
+        options = Options("chair-robustness", dataset, **cells, limit=2, views=3, workers=1)
+        out = tmp_path / name
+        run_suite(Options(**(vars(options) | {"out": out})))
+        tables.append({path.name: path.read_bytes() for path in (out / "tables").iterdir()})
+    assert "table4_fid.csv" in tables[0]
+    assert tables[0] == tables[1]
