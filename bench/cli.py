@@ -27,6 +27,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "table": ("results:table", "Make the tables of a run again, from its records."),
     "check": ("results:check", "Compare a run with the golden values; exit 1 if one differs."),
     "report": ("results:report", "Make one HTML file of a run: tables, curves, images; offline."),
+    "site": ("results:site", "Make a static site over many runs: ranks, methods, comparisons."),
     "compare": ("results:compare", "Compare two runs, or two methods of one, object by object."),
     "recommend": ("results:recommend", "Recommend a method for a budget, or for a quality."),
     "score": ("score:score_run", "Measure a finished run with metrics of other packages."),

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -73,6 +73,20 @@ class PairedDifference:
     p: float
     p_holm: float
     ahead: Ahead
+
+    def turned(self) -> PairedDifference:
+        """The same with its sides exchanged."""
+        pair = replace(
+            self.pair,
+            a=self.pair.b,
+            b=self.pair.a,
+            quality_a=self.pair.quality_b,
+            quality_b=self.pair.quality_a,
+        )
+        value, low, high = self.difference
+        exchanged: dict[Ahead, Ahead] = {"a": "b", "b": "a"}
+        ahead = exchanged.get(self.ahead, self.ahead)
+        return replace(self, pair=pair, difference=Estimate(-value, -high, -low), ahead=ahead)
 
 
 def paired_differences(pairs: Sequence[Pair]) -> list[PairedDifference]:

@@ -1,4 +1,4 @@
-"""The commands that read finished runs: merge, table, report, check, compare, recommend."""
+"""The commands that read finished runs: merge, table, report, site, check, compare, recommend."""
 
 from __future__ import annotations
 
@@ -63,6 +63,20 @@ def report(
     from bench.tables.scored import read_scored
 
     print(write_report(make_outputs(read_scored(directory)), out))
+
+
+def site(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="The folders of finished runs.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The new folder.")],
+) -> None:
+    """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
+    from bench.report.site.write import write_site
+    from data_prep.progress import progress
+
+    count = write_site(directories, out, progress)
+    print(f"{count} pages; open {out / 'index.html'}")
 
 
 def check(

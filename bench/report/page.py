@@ -168,13 +168,22 @@ class Page:
 
 def html(page: Page) -> str:
     """The page as one HTML document that loads nothing; the same values give the same text."""
-    from jinja2 import Environment, StrictUndefined
+    return rendered("report.html.jinja", page=page, script=bundled("report.js"))
+
+
+def rendered(template: str, **values: Any) -> str:
+    """A template of the assets with these values, the style sheet and its checksum.
+
+    Everything is escaped. `script`, where it is among the values, is trusted, and gets a checksum.
+    """
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
     from markupsafe import Markup
 
     def harmless(value: Any) -> Any:
         return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
     environment = Environment(
+        loader=FunctionLoader(bundled),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -183,19 +192,14 @@ def html(page: Page) -> str:
     )
     environment.filters["px"] = lambda value: f"{value:.1f}".removesuffix(".0")
     environment.filters["trusted"] = Markup
-    style, script = _bundled("report.css"), _bundled("report.js")
-    template = environment.from_string(_bundled("report.html.jinja"))
-    text = template.render(
-        page=page,
-        style=Markup(style),
-        script=Markup(script),
-        style_hash=_hash(style),
-        script_hash=_hash(script),
-    )
-    return text + "\n"
+    for name, text in (("style", bundled("report.css")), ("script", values.get("script"))):
+        if text is not None:
+            values |= {name: Markup(text), f"{name}_hash": _hash(text)}
+    return environment.get_template(template).render(**values) + "\n"
 
 
-def _bundled(name: str) -> str:
+def bundled(name: str) -> str:
+    """The text of an asset."""
     return resources.files("bench.report").joinpath("assets", name).read_text(encoding="utf-8")
 
 

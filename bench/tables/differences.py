@@ -91,7 +91,7 @@ class Differences:
             better = "higher" if higher_is_better(metric) else "lower"
             yield f"## {markdown.cell(f'{metric}, {class_name}')} ({better} is better)"
             yield pivot(
-                *(of_grid, "pair.b.method", "pair.condition", _cell),
+                *(of_grid, "pair.b.method", "pair.condition", difference_cell),
                 corner="method",
                 named=_methods,
             )
@@ -102,7 +102,8 @@ def _methods(row: PairedDifference) -> str:
     return b if a == b else f"{b} against {a}"
 
 
-def _cell(row: PairedDifference) -> Cell:
+def difference_cell(row: PairedDifference) -> Cell:
+    """Both values and their difference with its interval; a dash where there is none."""
     if not math.isfinite(row.difference.value):
         return NOTHING
     digits = decimals(row.pair.metric)
@@ -164,7 +165,7 @@ def runs(
     have no method or condition in common; and as `methods_of_run`.
     """
     a, b = read_scored(first), read_scored(second)
-    _refuse_other_protocol(a, b)
+    refuse_other_protocol(a, b)
     _refuse_other_objects(first, a.records, second, b.records)
     remarks: list[str] = []
     common = {
@@ -279,7 +280,8 @@ class _Seen(NamedTuple):
     blank_ssim: float
 
 
-def _refuse_other_protocol(a: ScoredRun, b: ScoredRun) -> None:
+def refuse_other_protocol(a: ScoredRun, b: ScoredRun) -> None:
+    """Raises BadInput, naming both, for runs of two versions of the protocol."""
     of_a, of_b = a.manifest[PROTOCOL], b.manifest[PROTOCOL]
     if of_a != of_b:
         raise BadInput(

@@ -126,6 +126,7 @@ class Cell:
               where none failed
     paper     the published value; empty where there is none
     special   what is special about it
+    link      where the value leads, on a page
     """
 
     text: str
@@ -136,6 +137,7 @@ class Cell:
     blank: str | None = None
     paper: str = ""
     special: Mark | None = None
+    link: str = ""
 
     @property
     def beside(self) -> str:
@@ -190,13 +192,15 @@ class Head(NamedTuple):
 
 @dataclass(frozen=True)
 class Line:
-    """A row of a grid: its name, `about` it in small letters, and a cell for each column."""
+    """A row of a grid: its name, `about` it in small letters, and a cell for each column; on a page
+    the name may `link` somewhere."""
 
     name: str
     cells: tuple[Cell, ...]
     about: str = ""
     tags: Tags = ANY
     special: Mark | None = None
+    link: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,75 @@
+"""A page of the site: what it shows, as plain values, and how these become an HTML file.
+
+All text is escaped by the template; model cards, which are Markdown, may hold no HTML.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bench.report.page import rendered
+from bench.tables.table import Grid
+
+Link = tuple[str, str]  # text and file
+_COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)
+_SHIFT = 2  # a card's first heading is of the third level
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page; `trusted` is HTML, of `card_html`."""
+
+    title: str
+    about: str = ""
+    grids: tuple[Grid, ...] = ()
+    links: tuple[Link, ...] = ()
+    images: tuple[Link, ...] = ()
+    trusted: str = ""
+
+
+@dataclass(frozen=True)
+class SitePage:
+    """A page, in a file of the site's one folder."""
+
+    file: str
+    title: str
+    kicker: str
+    about: str
+    facts: tuple[tuple[str, str], ...]
+    sections: tuple[Section, ...]
+
+
+def site_html(page: SitePage, menu: Sequence[Link]) -> str:
+    """The page as an HTML document without scripts that loads nothing but images beside it."""
+    return rendered("site.html.jinja", page=page, menu=menu)
+
+
+def card_html(markdown: str) -> str:
+    """A model card as HTML: tables can be scrolled, links are their text alone, because they lead
+    into the repository; HTML is escaped."""
+    from markdown_it import MarkdownIt
+
+    def no_tag(*_: Any) -> str:
+        return ""
+
+    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    for name in ("link_open", "link_close"):
+        reader.add_render_rule(name, no_tag)
+    tables = iter(range(1, 1000))
+    reader.add_render_rule(
+        "table_open",
+        lambda *_: (
+            f'<div class="scroll" role="region" aria-label="Table {next(tables)} of the card" '
+            'tabindex="0"><table>'
+        ),
+    )
+    reader.add_render_rule("table_close", lambda *_: "</table></div>")
+    reader.disable("image")
+    tokens = reader.parse(_COMMENT.sub("", markdown))
+    for token in tokens:
+        if token.type in ("heading_open", "heading_close"):
+            token.tag = f"h{min(6, int(token.tag[1]) + _SHIFT)}"
+    return str(reader.renderer.render(tokens, reader.options, {}))

@@ -1,0 +1,354 @@
+"""The pages of the site: what each shows of runs and their rankings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+
+from bench.analysis.comparison import Comparison, decimals, milliseconds
+from bench.analysis.paired import PairedDifference
+from bench.analysis.ranks import Ranking
+from bench.catalogue.methods import known_method, role
+from bench.catalogue.metrics import higher_is_better
+from bench.catalogue.parameters import PARAMETERS
+from bench.records.journal import PROTOCOL
+from bench.report.site.page import Link, Section, SitePage, card_html
+from bench.running.protocol import file_name
+from bench.tables.differences import difference_cell
+from bench.tables.scored import ScoredRun
+from bench.tables.table import BEST, NOTHING, Cell, Grid, Head, Line, Mark, grid, number, pivot
+
+LETTERS = (
+    "Methods that share a letter are not shown to differ (paired object by object, p below 0.05 "
+    "after Holm's correction for all pairs of a column); without letters there are too few objects."
+)
+INDEX, COMPARE, COSTS = "index.html", "compare.html", "cost.html"
+MENU = (("Overview", INDEX), ("Comparisons", COMPARE), ("Cost", COSTS))
+
+
+@dataclass(frozen=True, eq=False)
+class SiteRun:
+    """A run of the site: its name there, and its rankings by metric and condition."""
+
+    name: str
+    run: ScoredRun
+    compared: tuple[Comparison, ...]
+    rankings: tuple[Ranking, ...]
+
+    @cached_property
+    def metrics(self) -> list[str]:
+        """In order."""
+        return list(dict.fromkeys(ranking.metric for ranking in self.rankings))
+
+    @property
+    def page(self) -> str:
+        """The file of its page."""
+        return f"run-{self.name}.html"
+
+    @property
+    def machine(self) -> str:
+        """Its processor."""
+        return str(self.run.manifest.get("machine", {}).get("cpu", "an unknown processor"))
+
+
+def pages(runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]]) -> list[SitePage]:
+    """All pages of a site; `downloads` are links by the names of runs."""
+    ranked = list(dict.fromkeys(r.method for run in runs for of in run.rankings for r in of.ranks))
+    pairs = [(a, b) for a, b in combinations(ranked, 2) if _shared(runs, a, b)]
+    return [
+        _overview(runs, ranked),
+        *(_run_page(run, downloads[run.name]) for run in runs),
+        *(_method_page(method, ranked, runs) for method in ranked),
+        _matrix(runs, ranked),
+        *(_pair_page(a, b, runs) for a, b in pairs),
+        _costs(runs),
+    ]
+
+
+# --- grids ----------------------------------------------------------------------------------------
+
+
+def _rank_cell(of: Ranking, method: str) -> Cell:
+    rank = of.of(method)
+    if rank is None:
+        return NOTHING
+    digits = decimals(of.metric)
+    cell = number(rank.estimate, f"{{:.{digits}f}}".format, special=BEST if rank.first else None)
+    return Cell(
+        f"{cell.text} {rank.letters}".rstrip(), cell.value, cell.interval, special=cell.special
+    )
+
+
+def _caption(metric: str) -> str:
+    return f"{metric}, {'higher' if higher_is_better(metric) else 'lower'} is better"
+
+
+def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
+    """A grid for each metric: methods by condition, the best of the first column first."""
+    grids = []
+    for metric in run.metrics:
+        of_metric = [of for of in run.rankings if of.metric == metric]
+        methods = [rank.method for rank in of_metric[0].ranks]
+        lines = tuple(
+            Line(m, tuple(_rank_cell(of, m) for of in of_metric), role(m), link=_method_file(m))
+            for m in methods
+        )
+        heads = _heads(of.condition for of in of_metric)
+        grids.append(Grid("method", heads, lines, caption=_caption(metric), remark=LETTERS))
+    return tuple(grids)
+
+
+def _record(runs: Iterable[SiteRun], a: str, b: str) -> tuple[int, int, int]:
+    """How often a is ahead of b, neither, and b, over runs, metrics and conditions."""
+    outcomes = [one.ahead for run in runs for one in _differences(run, a, b)]
+    return outcomes.count("a"), outcomes.count("tie"), outcomes.count("b")
+
+
+def _differences(run: SiteRun, a: str, b: str) -> list[PairedDifference]:
+    """Of the two methods, by metric and condition."""
+    found = []
+    for of in run.rankings:
+        for one in of.pairs:
+            sides = one.pair.a.method, one.pair.b.method
+            if sides == (a, b):
+                found.append(one)
+            elif sides == (b, a):
+                found.append(one.turned())
+    return found
+
+
+def _shared(runs: Sequence[SiteRun], a: str, b: str) -> bool:
+    return any(of.of(a) and of.of(b) for run in runs for of in run.rankings)
+
+
+def _difference_cell(row: PairedDifference) -> Cell:
+    ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
+    return replace(difference_cell(row), special=Mark(f"{ahead} ahead") if ahead else None)
+
+
+def _heads(names: Iterable[str]) -> tuple[Head, ...]:
+    return tuple(map(Head, names))
+
+
+# --- pages ----------------------------------------------------------------------------------------
+
+
+def _method_file(method: str) -> str:
+    return f"method-{file_name(method)}.html"
+
+
+def _pair_file(a: str, b: str) -> str:
+    return f"compare-{file_name(a)}--{file_name(b)}.html"
+
+
+def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
+    heads = ("suite", "dataset", "objects × views", "machine", "finished", "commit")
+    lines = []
+    for run in runs:
+        manifest = run.run.manifest
+        size = f"{len(manifest['objects'])} × {manifest['views']}"
+        finished = str(manifest["finished"])[:10]
+        commit = str(manifest.get("git", {}).get("commit", ""))[:7] or "-"
+        texts = (manifest["suite"], manifest["dataset"], size, run.machine, finished, commit)
+        lines.append(Line(run.name, tuple(Cell(str(text)) for text in texts), link=run.page))
+    of_runs = Grid("run", _heads(heads), tuple(lines), caption="Runs")
+    firsts = []
+    for method in ranked:
+        cells = []
+        for run in runs:
+            ranks = [rank for of in run.rankings if (rank := of.of(method)) is not None]
+            count = sum(rank.first for rank in ranks)
+            cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
+        firsts.append(Line(method, tuple(cells), role(method), link=_method_file(method)))
+    of_methods = Grid(
+        "method",
+        _heads(run.name for run in runs),
+        tuple(firsts),
+        caption="How often a method is among the first",
+        remark="Of all metrics and conditions of a run: none is shown to be better. " + LETTERS,
+    )
+    version = runs[0].run.manifest[PROTOCOL]
+    return SitePage(
+        INDEX,
+        "Runs and methods",
+        "pc2pix-bench",
+        "Point clouds drawn by networks and by surface reconstruction, against true images.",
+        (("protocol", str(version)), ("runs", str(len(runs))), ("methods", str(len(ranked)))),
+        (
+            Section("Runs", grids=(of_runs,)),
+            Section("Methods", "Each run's accuracy stands for itself.", (of_methods,)),
+        ),
+    )
+
+
+def _run_page(run: SiteRun, downloads: Sequence[Link]) -> SitePage:
+    manifest = run.run.manifest
+    images = tuple((name, link) for name, link in downloads if link.endswith(".png"))
+    return SitePage(
+        run.page,
+        run.name,
+        "pc2pix-bench, a run",
+        run.run.suite.about,
+        (
+            ("suite", str(manifest["suite"])),
+            ("dataset", str(manifest["dataset"])),
+            ("objects", f"{len(manifest['objects'])} × {manifest['views']} views"),
+            ("machine", run.machine),
+            ("finished", str(manifest["finished"])[:10]),
+            ("protocol", str(manifest[PROTOCOL])),
+        ),
+        (
+            Section("Ranks", grids=_rank_grids(run)),
+            Section("Downloads", links=tuple(link for link in downloads if link not in images)),
+            *([Section("Figures", images=images)] if images else []),
+        ),
+    )
+
+
+def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) -> SitePage:
+    known = known_method(method)
+    own = [run for run in runs if method in run.run.manifest["methods"]]
+    grids = []
+    for metric in dict.fromkeys(metric for run in own for metric in run.metrics):
+        cells = [(run, of) for run in own for of in run.rankings if of.metric == metric]
+        conditions = list(dict.fromkeys(of.condition for _, of in cells))
+        lines = []
+        for run in own:
+            at = {of.condition: of for owner, of in cells if owner is run}
+            values = (_rank_cell(at[c], method) if c in at else NOTHING for c in conditions)
+            lines.append(Line(run.name, tuple(values), run.machine, link=run.page))
+        made = Grid(
+            "run", _heads(conditions), tuple(lines), caption=_caption(metric), remark=LETTERS
+        )
+        grids.append(made)
+    others = [other for other in ranked if other != method and _shared(runs, method, other)]
+    against = []
+    for other in others:
+        ahead, ties, behind = _record(runs, method, other)
+        cells = (Cell(str(ahead), float(ahead)), Cell(str(ties)), Cell(str(behind)))
+        pair = sorted((method, other), key=ranked.index)
+        against.append(Line(other, cells, link=_pair_file(*pair)))
+    sections = [
+        Section("Accuracy", grids=tuple(grids)),
+        Section(
+            "Against the others",
+            "Metrics and conditions of all runs, counted by what is shown.",
+            (
+                Grid(
+                    "other method",
+                    _heads(("ahead", "tie", "behind")),
+                    tuple(against),
+                    caption=f"{method} against each other method",
+                ),
+            ),
+        ),
+        Section("Cost", _COST, tuple(_cost_grid(run, [method]) for run in own)),
+    ]
+    knobs = [parameter for parameter in PARAMETERS if parameter.method == method]
+    if knobs:
+        rows = [[f"{method}@{k.name}=", f"{k.low:g} to {k.high:g}", k.about] for k in knobs]
+        made = grid(["variant", "values", "meaning"], rows, caption="Parameters")
+        sections.append(Section("Parameters", grids=(made,)))
+    card = known.weights_file().with_suffix(".md") if known and known.weights_file else None
+    if card is not None and card.is_file():
+        sections.append(Section("Model card", trusted=card_html(card.read_text("utf-8"))))
+    return SitePage(
+        _method_file(method),
+        method,
+        "pc2pix-bench, a method",
+        known.source if known else "no longer there: its package or its weights are gone",
+        (("kind", role(method) or "competes"), ("runs", str(len(own)))),
+        tuple(sections),
+    )
+
+
+def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
+    lines = []
+    for a in ranked:
+        cells = []
+        for b in ranked:
+            if a == b or not _shared(runs, a, b):
+                cells.append(NOTHING)
+                continue
+            record = _record(runs, a, b)
+            text = "–".join(map(str, record))
+            link = _pair_file(*sorted((a, b), key=ranked.index))
+            cells.append(Cell(text, float(record[0] - record[2]), link=link))
+        lines.append(Line(a, tuple(cells), link=_method_file(a)))
+    made = Grid(
+        "method",
+        _heads(ranked),
+        tuple(lines),
+        caption="Ahead, tie, behind: the method of the line against that of the column",
+        remark="Counted over all metrics and conditions of all runs that have both. A tie: no "
+        "difference is shown.",
+    )
+    return SitePage(
+        COMPARE,
+        "Comparisons",
+        "pc2pix-bench",
+        "Any two methods on the same objects; each count leads to the differences behind it.",
+        (("methods", str(len(ranked))), ("runs", str(len(runs)))),
+        (Section("All pairs", grids=(made,)),),
+    )
+
+
+def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
+    sections = []
+    for run in runs:
+        rows = _differences(run, a, b)
+        if rows:
+            made = pivot(
+                *(rows, "pair.metric", "pair.condition", _difference_cell),
+                corner="metric",
+                caption=f"{b} minus {a}, with 95 % intervals",
+                remark="Marked: who is ahead, p below 0.05 after Holm's correction for all pairs "
+                "of methods under that condition.",
+            )
+            sections.append(Section(run.name, str(run.run.manifest["dataset"]), (made,)))
+    ahead, ties, behind = _record(runs, a, b)
+    return SitePage(
+        _pair_file(a, b),
+        f"{a} and {b}",
+        "pc2pix-bench, two methods",
+        f"Over all runs, metrics and conditions {a} is ahead {ahead} times, {b} {behind} times, "
+        f"and {ties} times no difference is shown.",
+        (("runs with both", str(len(sections))),),
+        (
+            *sections,
+            Section("Pages", links=((a, _method_file(a)), (b, _method_file(b)))),
+        ),
+    )
+
+
+_COST = (
+    "Median milliseconds of a cloud with all its views, one thread. Times of different machines "
+    "are not compared."
+)
+
+
+def _cost_grid(run: SiteRun, methods: Sequence[str]) -> Grid:
+    views = int(run.run.manifest["views"])
+    lines = []
+    for method in methods:
+        cells = (number(of.cost_ms(method, views), milliseconds) for of in run.compared)
+        lines.append(Line(method, tuple(cells), link=_method_file(method)))
+    columns = _heads(of.condition for of in run.compared)
+    caption = f"{run.name}: {run.machine}, {views} views"
+    return Grid("method", columns, tuple(lines), caption=caption, higher=False)
+
+
+def _costs(runs: Sequence[SiteRun]) -> SitePage:
+    return SitePage(
+        COSTS,
+        "Cost",
+        "pc2pix-bench",
+        "What a cloud with all its views costs, run by run. " + _COST,
+        (("runs", str(len(runs))),),
+        tuple(
+            Section(run.name, grids=(_cost_grid(run, [r.method for r in run.rankings[0].ranks]),))
+            for run in runs
+        ),
+    )
