@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 from bench.report.page import rendered
@@ -67,9 +68,21 @@ def card_html(markdown: str) -> str:
         ),
     )
     reader.add_render_rule("table_close", lambda *_: "</table></div>")
+    blocks = iter(range(1, 1000))
+    reader.add_render_rule(
+        "fence",
+        lambda _, tokens, at, *rest: (
+            f'<pre role="region" aria-label="Lines {next(blocks)} of the card" tabindex="0"><code>'
+            f"{escape(tokens[at].content)}</code></pre>\n"
+        ),
+    )
     reader.disable("image")
     tokens = reader.parse(_COMMENT.sub("", markdown))
-    for token in tokens:
+    for token, following, end in zip(tokens, tokens[1:], tokens[2:], strict=False):
+        if "style" in token.attrs:  # which the page does not allow
+            token.attrs = {"class": "right"} if "right" in str(token.attrs["style"]) else {}
+        if token.type == "th_open" and not following.content:  # a header that says nothing is none
+            token.tag = end.tag = "td"
         if token.type in ("heading_open", "heading_close"):
             token.tag = f"h{min(6, int(token.tag[1]) + _SHIFT)}"
     return str(reader.renderer.render(tokens, reader.options, {}))

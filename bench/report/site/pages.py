@@ -153,12 +153,13 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         commit = str(manifest.get("git", {}).get("commit", ""))[:7] or "-"
         texts = (manifest["suite"], manifest["dataset"], size, run.machine, finished, commit)
         lines.append(Line(run.name, tuple(Cell(str(text)) for text in texts), link=run.page))
-    of_runs = Grid("run", _heads(heads), tuple(lines), caption="Runs")
+    of_runs = Grid("run", _heads(heads), tuple(lines), caption="What was run")
     firsts = []
     for method in ranked:
         cells = []
         for run in runs:
-            ranks = [rank for of in run.rankings if (rank := of.of(method)) is not None]
+            found = (of.of(method) for of in run.rankings)
+            ranks = [rank for rank in found if rank is not None and rank.letters]
             count = sum(rank.first for rank in ranks)
             cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
         firsts.append(Line(method, tuple(cells), role(method), link=_method_file(method)))
@@ -273,7 +274,7 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
                 cells.append(NOTHING)
                 continue
             record = _record(runs, a, b)
-            text = "–".join(map(str, record))
+            text = "–".join(map(str, record)) if any(record) else "untested"
             link = _pair_file(*sorted((a, b), key=ranked.index))
             cells.append(Cell(text, float(record[0] - record[2]), link=link))
         lines.append(Line(a, tuple(cells), link=_method_file(a)))
@@ -283,7 +284,7 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         tuple(lines),
         caption="Ahead, tie, behind: the method of the line against that of the column",
         remark="Counted over all metrics and conditions of all runs that have both. A tie: no "
-        "difference is shown.",
+        "difference is shown. Untested: too few objects.",
     )
     return SitePage(
         COMPARE,
@@ -314,7 +315,9 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
         f"{a} and {b}",
         "pc2pix-bench, two methods",
         f"Over all runs, metrics and conditions {a} is ahead {ahead} times, {b} {behind} times, "
-        f"and {ties} times no difference is shown.",
+        f"and {ties} times no difference is shown."
+        if ahead + ties + behind
+        else "Too few objects to test whether they differ.",
         (("runs with both", str(len(sections))),),
         (
             *sections,

@@ -10,12 +10,14 @@ import shutil
 
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
-from builders import make_failed, read_all, write_all
+from builders import make_failed, read_all, write_all, write_run
 from playwright.sync_api import sync_playwright
 
 from bench.report.build import write_report
+from bench.report.site.write import write_site
 from bench.tables.build import make_outputs
 from bench.tables.scored import read_scored
+from data_prep.progress import progress
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
@@ -48,6 +50,16 @@ def report(finished, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site of a run of random scores, with a network that has a model card."""
+    root = tmp_path_factory.mktemp("browser-site")
+    methods, objects = ["pc2pix", "splat", "blank"], [f"chair/{i:02d}" for i in range(9)]
+    run = write_run(root / "run", methods=methods, objects=objects)
+    assert write_site([run], root / "site", progress) > len(PAGES)
+    return root / "site"
+
+
+@pytest.fixture(scope="module")
 def browser():
     with sync_playwright() as playwright:
         started = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS])
@@ -60,14 +72,14 @@ def open_page(browser, report):
     """Opens the report in a context of its own; fails where anything was complained of."""
     contexts, complaints, requests = [], [], []
 
-    def open_it(**stated):
+    def open_it(path=report, **stated):
         context = browser.new_context(**({"viewport": WIDE, "offline": True} | stated))
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda message: complaints.append(message.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: requests.append(request.url))
-        page.goto(report.as_uri())
+        page.goto(path.as_uri())
         return page
 
     yield open_it
@@ -202,6 +214,35 @@ def test_axe_finds_nothing_serious(open_page, scheme, viewport):
     page = open_page(color_scheme=scheme, viewport=viewport)
     assert page.evaluate("document.documentElement.scrollWidth") == viewport["width"]
     page.evaluate("for (const one of document.querySelectorAll('main details')) one.open = true")
+    refuse_what_axe_finds(page)
+
+
+PAGES = ("index", "run-run", "method-splat", "method-pc2pix", "compare", "cost")
+
+
+@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize(
+    ("scheme", "viewport"), [("light", WIDE), ("dark", PHONE)], ids=["wide", "phone"]
+)
+def test_axe_finds_nothing_serious_on_a_site(open_page, site, name, scheme, viewport):
+    page = open_page(site / f"{name}.html", color_scheme=scheme, viewport=viewport)
+    assert page.evaluate("document.documentElement.scrollWidth") == viewport["width"]
+    refuse_what_axe_finds(page)
+
+
+def test_one_gets_from_page_to_page_of_a_site(open_page, site):
+    page = open_page(site / "index.html")
+    page.get_by_role("link", name="splat", exact=True).first.click()
+    assert page.locator("h1").inner_text() == "splat"
+    page.get_by_role("link", name="blank", exact=True).first.click()
+    assert "blank" in page.locator("h1").inner_text()
+    page.get_by_role("link", name="Overview").click()
+    page.get_by_role("link", name="run", exact=True).click()
+    page.get_by_role("link", name="the full report").click()
+    assert page.locator("h1").inner_text() == "chair-robustness"
+
+
+def refuse_what_axe_finds(page):
     page.evaluate(AXE_SCRIPT)
     found = page.evaluate("axe.run()")
     grave = [

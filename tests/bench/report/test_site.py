@@ -1,0 +1,138 @@
+"""`bench site`: what its pages say, that all links lead somewhere, and what it refuses."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
+from pathlib import Path
+
+import pytest
+from builders import make_manifest, read_all, write_all, write_run
+
+from bench.records.journal import write_manifest
+from bench.report.site.page import card_html
+
+OBJECTS = [f"chair/{i:02d}" for i in range(9)]  # enough for intervals
+LINK = re.compile(r'(?:href|src)="([^"#][^"]*)"')
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    root = tmp_path_factory.mktemp("runs")
+    first = write_run(root / "first", objects=OBJECTS)
+    second = write_run(root / "second", objects=OBJECTS, methods=["splat", "blank"], seed=1)
+    return first, second
+
+
+@pytest.fixture(scope="module")
+def site(runs, tmp_path_factory):
+    from bench.report.site.write import write_site
+    from data_prep.progress import progress
+
+    out = tmp_path_factory.mktemp("site") / "site"
+    assert write_site(runs, out, progress) == len(list(out.glob("*.html"))) - len(runs)
+    return out
+
+
+def text(path: Path) -> str:
+    """What a page says, without tags."""
+    body = path.read_text("utf-8").partition("<body>")[2]
+    return " ".join(unescape(re.sub(r"<[^>]+>", " ", body)).split())
+
+
+def test_every_link_is_a_file_beside_the_page_and_no_file_is_lost(site):
+    linked = {"index.html"}
+    for page in site.glob("*.html"):
+        if page.name.endswith("-report.html"):
+            continue
+        for target in LINK.findall(page.read_text("utf-8")):
+            if target != "data:,":
+                assert "/" not in target, (page.name, target)
+                linked.add(target)
+    assert linked == {path.name for path in site.iterdir()}
+
+
+def test_a_page_for_each_run_method_and_pair(site):
+    (pair,) = (path.name for path in site.glob("compare-*--*.html"))
+    assert pair in ("compare-splat--blank.html", "compare-blank--splat.html")  # the better first
+    assert {path.name for path in site.glob("*.html")} == {
+        *("index.html", "compare.html", "cost.html", pair),
+        *("run-first.html", "run-second.html", "first-report.html", "second-report.html"),
+        *("method-splat.html", "method-blank.html"),  # no ceiling is ranked
+    }
+
+
+def test_downloads_are_those_of_the_run(site, runs):
+    for run in runs:
+        for path in (*(run / "tables").glob("*.csv"), run / "records.parquet"):
+            assert (site / f"{run.name}-{path.name}").read_bytes() == path.read_bytes()
+
+
+def test_ranks_have_letters_and_pairs_their_counts(site):
+    ranks = text(site / "run-first.html")
+    assert re.search(r"0\.\d{3} a best", ranks)
+    pair = next(site.glob("compare-*--*.html"))
+    found = re.search(r"is ahead (\d+) times, \w+ (\d+) times, and (\d+) times no", text(pair))
+    assert found
+    metrics, conditions, folders = 3, 2, 2
+    assert sum(map(int, found.groups())) == metrics * conditions * folders
+
+
+def test_costs_name_their_machine_and_are_not_pooled(site):
+    assert text(site / "cost.html").count("an unknown processor") == 2
+
+
+def test_pages_have_no_script_and_no_inline_style(site):
+    for page in site.glob("*.html"):
+        if not page.name.endswith("-report.html"):
+            body = page.read_text("utf-8").partition("<body>")[2]
+            assert "<script" not in body
+            assert " style=" not in body
+
+
+def test_the_same_runs_give_the_same_bytes(site, runs, tmp_path):
+    from bench.report.site.write import write_site
+    from data_prep.progress import progress
+
+    write_site(runs, tmp_path / "again", progress)
+    assert {p.name: p.read_bytes() for p in (tmp_path / "again").iterdir()} == {
+        p.name: p.read_bytes() for p in site.iterdir()
+    }
+
+
+def test_a_card_is_shown_without_links_html_and_comments():
+    table = "| | n |\n|---|---:|\n| d | 1 |\n"
+    found = card_html(f"# T\n<!-- x -->\n[a](../b.md) <b>c</b>\n\n{table}\n```\nx<y\n```\n")
+    assert "<h3>T</h3>" in found
+    assert "href" not in found
+    assert "&lt;b&gt;c&lt;/b&gt;" in found
+    assert "x -->" not in found
+    assert '<td></td>\n<th class="right">n</th>' in found
+    assert "<code>x&lt;y\n</code>" in found
+
+
+def test_what_is_refused_writes_nothing(runs, command, tmp_path):
+    first, second = runs
+    other = write_run(tmp_path / "other", objects=OBJECTS)
+    write_manifest(other, make_manifest(objects=OBJECTS, protocol=2))
+    out = tmp_path / "site"
+    cases = [
+        ((first, other), f"different protocols: {first} has 1, {other} has 2"),
+        ((first, first), "a run is given twice"),
+        ((first, tmp_path / "gone"), "no run here"),
+    ]
+    for directories, message in cases:
+        status, printed, err = command("site", *directories, "--out", out)
+        assert (status, printed, err.count("\n")) == (2, "", 1)
+        assert message in err
+        assert {path.name for path in tmp_path.iterdir()} == {"other"}
+    status, _, err = command("site", second, "--out", tmp_path)
+    assert status == 2
+    assert "is there already" in err
+
+
+def test_few_objects_have_no_letters(tmp_path, command):
+    run = write_run(tmp_path / "few")
+    write_all(run, read_all(run))
+    assert command("site", run, "--out", tmp_path / "site")[0] == 0
+    assert "untested" in text(tmp_path / "site" / "compare.html")
