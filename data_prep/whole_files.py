@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, whatever ends the process that writes them.
+"""Files and folders that are written whole or not at all, whatever ends their process.
 
 A file is written under another name in its own folder, forced to disk, and renamed. Who reads the
 path sees the old file or the new one, never a part; also after a power cut, unless `synced=False`.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -51,6 +52,24 @@ def write_whole(path: Path, data: bytes, *, synced: bool = True) -> None:
     """Write `data` as a `whole_file`."""
     with whole_file(path, synced=synced) as new:
         new.write_bytes(data)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """An empty folder beside `path`, to be filled in the block; at its end it becomes `path`.
+
+    Where the block is left by an exception, nothing is left; only a process that is killed leaves
+    what it had, hidden. Raises OSError, also where something else is at `path`.
+    """
+    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    new.mkdir(parents=True)
+    try:
+        yield new
+        new.rename(path)
+    except BaseException:
+        shutil.rmtree(new, ignore_errors=True)
+        raise
+    sync_folder(path.parent)
 
 
 def sync_folder(folder: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from bench.running.protocol import Protocol
@@ -68,9 +68,7 @@ _TYPES = {
 }
 
 
-def metadata(
-    protocol: Protocol, conditions: Sequence[str], lists: Mapping[str, str], published: str
-) -> dict[str, Any]:
+def metadata(protocol: Protocol, lists: Mapping[str, str], published: str) -> dict[str, Any]:
     """JSON-LD of an export.
 
     lists      its CSV files and their checksums
@@ -84,8 +82,8 @@ def metadata(
         "description": (
             f"Inputs of the benchmark pc2pix-bench, suite {suite}, protocol {PROTOCOL_VERSION}: "
             f"{len(protocol.objects)} objects of {protocol.dataset}, seed {protocol.seed}, "
-            f"{protocol.views} views each, conditions {', '.join(conditions)}. Paths and checksums "
-            "of all files are in the lists."
+            f"{protocol.views} views each, conditions {', '.join(protocol.conditions)}. Paths and "
+            "checksums of all files are in the lists."
         ),
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "version": f"{PROTOCOL_VERSION}.0.0",

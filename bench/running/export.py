@@ -9,10 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-import secrets
-import shutil
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,7 +20,7 @@ from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES
 from bench.running.croissant import METADATA, metadata
 from bench.running.isolation import Lost, run_tasks
-from bench.running.protocol import ObjectJobs, Options, plan, protocol_of, workers_of
+from bench.running.protocol import ObjectJobs, Options, Protocol, plan, protocol_of, workers_of
 from bench.running.work import cloud_of
 from data_prep.cloud_files import save_ply
 from data_prep.conditions import CONDITIONS
@@ -34,7 +31,7 @@ from data_prep.progress import progress
 from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.scene import Mesh, UInt8Images
 from data_prep.scene_objects import MeshObject
-from data_prep.whole_files import write_whole
+from data_prep.whole_files import whole_folder, write_whole
 
 ALL = "all"
 Task = tuple[Path, str, ObjectJobs]  # the folder, the object's name in it, and its jobs
@@ -57,38 +54,38 @@ def export(options: Options, out: Path) -> int:
     asked = replace(options, methods=(FLOOR,), conditions=conditions)
     protocol, _ = protocol_of(suite, asked)
     objects = plan(protocol, out).objects
-    new = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
-    tasks = [(new, f"{obj.truth.object.class_name}/{i:05d}", obj) for i, obj in enumerate(objects)]
-    found: dict[str, Rows] = {}
     try:
-        new.mkdir(parents=True)
-        workers = min(workers_of(suite, options), len(tasks))
-        with progress("objects", len(tasks)) as advance:
-            for (_, place, obj), rows in run_tasks(tasks, _write, workers, suite.limits):
-                if isinstance(rows, Lost):
-                    raise BadInput(f"{obj.truth.object.object_id}: {rows.reason}; leave it out")
-                found[place] = rows
-                advance(0)
-        for name, columns in COLUMNS.items():
-            lines: list[Sequence[Any]] = [columns]
-            for _, place, obj in tasks:
-                of = obj.truth.object.class_name, obj.truth.object.object_id
-                whole = (PROTOCOL_VERSION, protocol.seed, protocol.dataset)
-                lines += [
-                    (*of, *(whole if name == OBJECTS else ()), *row) for row in found[place][name]
-                ]
-            write_whole(new / name, _csv(lines))
-        lists = {name: file_sha256(new / name) for name in COLUMNS}
-        described = metadata(protocol, conditions, lists, datetime.now(UTC).date().isoformat())
-        text = json.dumps(described, indent=2, ensure_ascii=False) + "\n"
-        write_whole(new / METADATA, text.encode())
-        new.rename(out)
+        with whole_folder(out) as new:
+            _fill(new, protocol, objects, min(workers_of(suite, options), len(objects)))
     except OSError as error:
         raise CannotWrite(f"{out}: cannot be written ({error.strerror}); give --out") from error
-    finally:
-        with suppress(FileNotFoundError):
-            shutil.rmtree(new)
-    return len(tasks)
+    return len(objects)
+
+
+def _fill(folder: Path, protocol: Protocol, objects: Sequence[ObjectJobs], workers: int) -> None:
+    tasks = [
+        (folder, f"{obj.truth.object.class_name}/{i:05d}", obj) for i, obj in enumerate(objects)
+    ]
+    found: dict[str, Rows] = {}
+    with progress("objects", len(tasks)) as advance:
+        for (_, place, obj), rows in run_tasks(tasks, _write, workers, protocol.suite.limits):
+            if isinstance(rows, Lost):
+                raise BadInput(f"{obj.truth.object.object_id}: {rows.reason}; leave it out")
+            found[place] = rows
+            advance(0)
+    for name, columns in COLUMNS.items():
+        lines: list[Sequence[Any]] = [columns]
+        for _, place, obj in tasks:
+            of = obj.truth.object.class_name, obj.truth.object.object_id
+            whole = (PROTOCOL_VERSION, protocol.seed, protocol.dataset)
+            lines += [
+                (*of, *(whole if name == OBJECTS else ()), *row) for row in found[place][name]
+            ]
+        write_whole(folder / name, _csv(lines))
+    lists = {name: file_sha256(folder / name) for name in COLUMNS}
+    described = metadata(protocol, lists, datetime.now(UTC).date().isoformat())
+    text = json.dumps(described, indent=2, ensure_ascii=False) + "\n"
+    write_whole(folder / METADATA, text.encode())
 
 
 def _write(task: Task) -> Rows:

@@ -10,7 +10,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from data_prep.whole_files import sync_folder, whole_file, write_whole
+from data_prep.whole_files import sync_folder, whole_file, whole_folder, write_whole
 
 
 def there(folder: Path) -> dict[str, bytes]:
@@ -135,3 +135,17 @@ def test_those_who_write_at_once_do_not_meet_and_folders_are_not_replaced(tmp_pa
     with pytest.raises(IsADirectoryError):
         write_whole(tmp_path / "folder", b"new")
     assert {path.name for path in tmp_path.iterdir()} == {"a.bin", "folder"}
+
+
+def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
+    with whole_folder(tmp_path / "a" / "b") as new:
+        (new / "x").write_text("1")
+        assert not (tmp_path / "a" / "b").exists()
+    assert (tmp_path / "a" / "b" / "x").read_text() == "1"
+    for path in (tmp_path / "c", tmp_path / "a" / "b"):
+        with pytest.raises(FileExistsError), whole_folder(path) as new:
+            write_whole(Path(__file__) / new.name, b"")
+    with pytest.raises(OSError), whole_folder(tmp_path / "a" / "b"):  # there already, and kept
+        tmp_path.touch()
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["b"]

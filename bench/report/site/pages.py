@@ -136,11 +136,16 @@ def _heads(names: Iterable[str]) -> tuple[Head, ...]:
 
 
 def _method_file(method: str) -> str:
-    return f"method-{file_name(method)}.html"
+    return f"method-{_named(method)}.html"
 
 
 def _pair_file(a: str, b: str) -> str:
-    return f"compare-{file_name(a)}--{file_name(b)}.html"
+    return f"compare-{_named(a)}--{_named(b)}.html"
+
+
+def _named(method: str) -> str:
+    """In a file's name, another for each method: ids have no underscore."""
+    return file_name(method.replace("@", "_"))
 
 
 def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:

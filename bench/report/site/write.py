@@ -30,7 +30,7 @@ from bench.tables.figure import FIGURES
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES
 from data_prep.failures import BadInput
-from data_prep.whole_files import write_whole
+from data_prep.whole_files import whole_folder
 
 QUALITY = "ssim"  # before the metrics of a suite's headline
 # Gets title and number of steps; gives what notes how many have failed.
@@ -51,19 +51,11 @@ def write_site(directories: Sequence[Path], out: Path, progress: Progress) -> in
     for run in scored[1:]:
         refuse_other_protocol(scored[0], run)
     runs = _ranked(scored, progress)
-    new = out.with_name(f".{out.name}.part")
-    if new.exists():
-        shutil.rmtree(new)
-    try:
-        new.mkdir(parents=True)
+    with whole_folder(out) as new:
         downloads = {run.name: _copy(run, new) for run in runs}
         made = pages(runs, downloads)
         for page in made:
-            write_whole(new / page.file, site_html(page, MENU).encode(), synced=False)
-        new.rename(out)
-    finally:
-        if new.exists():
-            shutil.rmtree(new)
+            (new / page.file).write_text(site_html(page, MENU), "utf-8")
     return len(made)
 
 
@@ -77,7 +69,7 @@ def _ranked(scored: Sequence[ScoredRun], progress: Progress) -> list[SiteRun]:
     todo = []
     with threadpool_limits(1):
         for run in scored:
-            metrics = run.measured(dict.fromkeys((QUALITY, *run.suite.headline)))  # type: ignore[arg-type]
+            metrics = run.measured([*dict.fromkeys((QUALITY, *run.suite.headline))])
             metrics = [metric for metric in metrics if is_mean(metric)]
             compared = run.compared(metrics)
             compared = pooled(compared) or compared  # of several classes all objects together
@@ -107,5 +99,8 @@ def _copy(run: SiteRun, folder: Path) -> list[Link]:
         shutil.copyfile(path, folder / name)
         links.append((path.name, name))
     report = f"{run.name}-{REPORT}"
-    write_report(make_outputs(run.run), folder / report)
+    if (directory / REPORT).is_file():  # a minute for a hundred objects
+        shutil.copyfile(directory / REPORT, folder / report)
+    else:
+        write_report(make_outputs(run.run), folder / report)
     return [("the full report: curves, images, worst cases, failures", report), *links]
