@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
-from bench.analysis.comparison import Comparison, decimals, milliseconds
+from bench.analysis.comparison import Comparison, decimals
 from bench.analysis.paired import PairedDifference
 from bench.analysis.ranks import Ranking
 from bench.catalogue.methods import known_method, role
@@ -17,13 +17,16 @@ from bench.records.journal import PROTOCOL
 from bench.report.site.page import Link, Section, SitePage, card_html
 from bench.running.protocol import file_name
 from bench.tables.differences import difference_cell
+from bench.tables.frontier import cost_grid
 from bench.tables.scored import ScoredRun
-from bench.tables.table import BEST, NOTHING, Cell, Grid, Head, Line, Mark, grid, number, pivot
+from bench.tables.table import NOTHING, Cell, Grid, Head, Line, Mark, grid, number, pivot
 
+QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with
 LETTERS = (
     "Methods that share a letter are not shown to differ (paired object by object, p below 0.05 "
     "after Holm's correction for all pairs of a column); without letters there are too few objects."
 )
+FIRST = Mark("first")  # nothing is shown to be better
 INDEX, COMPARE, COSTS = "index.html", "compare.html", "cost.html"
 MENU = (("Overview", INDEX), ("Comparisons", COMPARE), ("Cost", COSTS))
 
@@ -75,7 +78,7 @@ def _rank_cell(of: Ranking, method: str) -> Cell:
     if rank is None:
         return NOTHING
     digits = decimals(of.metric)
-    cell = number(rank.estimate, f"{{:.{digits}f}}".format, special=BEST if rank.first else None)
+    cell = number(rank.estimate, f"{{:.{digits}f}}".format, special=FIRST if rank.first else None)
     return Cell(
         f"{cell.text} {rank.letters}".rstrip(), cell.value, cell.interval, special=cell.special
     )
@@ -250,12 +253,12 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
                 ),
             ),
         ),
-        Section("Cost", _COST, tuple(_cost_grid(run, [method]) for run in own)),
+        Section("Cost", _COST, tuple(filter(None, (_cost_grid(run, [method]) for run in own)))),
     ]
     knobs = [parameter for parameter in PARAMETERS if parameter.method == method]
     if knobs:
         rows = [[f"{method}@{k.name}=", f"{k.low:g} to {k.high:g}", k.about] for k in knobs]
-        made = grid(["variant", "values", "meaning"], rows, caption="Parameters")
+        made = grid(["variant", "values", "meaning"], rows, caption="What can be set")
         sections.append(Section("Parameters", grids=(made,)))
     card = known.weights_file().with_suffix(".md") if known and known.weights_file else None
     if card is not None and card.is_file():
@@ -331,32 +334,29 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
     )
 
 
-_COST = (
-    "Median milliseconds of a cloud with all its views, one thread. Times of different machines "
-    "are not compared."
-)
+_COST = "One thread. Times of different machines are not compared, accuracy is."
 
 
-def _cost_grid(run: SiteRun, methods: Sequence[str]) -> Grid:
-    views = int(run.run.manifest["views"])
-    lines = []
-    for method in methods:
-        cells = (number(of.cost_ms(method, views), milliseconds) for of in run.compared)
-        lines.append(Line(method, tuple(cells), link=_method_file(method)))
-    columns = _heads(of.condition for of in run.compared)
-    caption = f"{run.name}: {run.machine}, {views} views"
-    return Grid("method", columns, tuple(lines), caption=caption, higher=False)
+def _cost_grid(run: SiteRun, methods: Sequence[str] | None = None) -> Grid | None:
+    """The costs of a run, all lines or those of `methods`, linked to their pages."""
+    made = cost_grid(run.compared, QUALITY, int(run.run.manifest["views"]))
+    if made is None:
+        return None
+    lines = (
+        replace(line, link=_method_file(line.name) if role(line.name) != "ceiling" else "")
+        for line in made.lines
+        if methods is None or line.name in methods
+    )
+    return replace(made, lines=tuple(lines), caption=f"{run.name}, {run.machine}: {made.caption}")
 
 
 def _costs(runs: Sequence[SiteRun]) -> SitePage:
+    grids = [(run.name, _cost_grid(run)) for run in runs]
     return SitePage(
         COSTS,
         "Cost",
         "pc2pix-bench",
-        "What a cloud with all its views costs, run by run. " + _COST,
+        f"What a cloud with all its views costs, and who is on the frontier, run by run. {_COST}",
         (("runs", str(len(runs))),),
-        tuple(
-            Section(run.name, grids=(_cost_grid(run, [r.method for r in run.rankings[0].ranks]),))
-            for run in runs
-        ),
+        tuple(Section(name, grids=(made,)) for name, made in grids if made is not None),
     )

@@ -22,7 +22,7 @@ from bench.records.journal import MANIFEST
 from bench.records.parquet import RECORDS
 from bench.report.build import REPORT, write_report
 from bench.report.site.page import Link, site_html
-from bench.report.site.pages import MENU, SiteRun, pages
+from bench.report.site.pages import MENU, QUALITY, SiteRun, pages
 from bench.running.protocol import file_name
 from bench.tables.build import make_outputs
 from bench.tables.differences import refuse_other_protocol
@@ -32,7 +32,6 @@ from bench.tables.table import TABLES
 from data_prep.failures import BadInput
 from data_prep.whole_files import whole_folder
 
-QUALITY = "ssim"  # before the metrics of a suite's headline
 # Gets title and number of steps; gives what notes how many have failed.
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
@@ -45,8 +44,9 @@ def write_site(directories: Sequence[Path], out: Path, progress: Progress) -> in
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; give a new folder with --out")
-    if len({directory.resolve() for directory in directories}) < len(directories):
-        raise BadInput("a run is given twice; give each folder once")
+    for i, directory in enumerate(directories):
+        if directory.resolve() in (other.resolve() for other in directories[:i]):
+            raise BadInput(f"{directory}: given twice; give each folder once")
     scored = [read_scored(directory) for directory in directories]
     for run in scored[1:]:
         refuse_other_protocol(scored[0], run)

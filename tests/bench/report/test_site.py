@@ -70,7 +70,7 @@ def test_downloads_are_those_of_the_run(site, runs):
 
 def test_ranks_have_letters_and_pairs_their_counts(site):
     ranks = text(site / "run-first.html")
-    assert re.search(r"0\.\d{3} a best", ranks)
+    assert re.search(r"0\.\d{3} a first", ranks)
     pair = next(site.glob("compare-*--*.html"))
     found = re.search(r"is ahead (\d+) times, \w+ (\d+) times, and (\d+) times no", text(pair))
     assert found
@@ -118,7 +118,7 @@ def test_what_is_refused_writes_nothing(runs, command, tmp_path):
     out = tmp_path / "site"
     cases = [
         ((first, other), f"different protocols: {first} has 1, {other} has 2"),
-        ((first, first), "a run is given twice"),
+        ((first, first), f"{first}: given twice"),
         ((first, tmp_path / "gone"), "no run here"),
     ]
     for directories, message in cases:
