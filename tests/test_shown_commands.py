@@ -34,6 +34,9 @@ GIVEN = {
     "DIR_A": "first",
     "DIR_B": "first",
     "merge DIR…": "merge part-1 part-2",
+    "site DIR…": "site first",
+    "SITE": "site",
+    "TREE": "tree",
     "--out DIR": "--out whole",
     "DIR": "first",
 }
@@ -41,12 +44,13 @@ FURTHER = {
     "run --suite ID": f"{SMALL} --dataset folder:meshes --out own",  # goes on: nothing is left
     "run --suite chair-robustness --dataset folder:PATH": f"{SMALL} --out own",
     "plan --suite ID": f"{SMALL} --pilot 1",
+    "data export --out TREE": "--limit 1 --views 2 --workers 1",
     "recommend DIR": "--budget-ms 2000",
     "train NAME": "--steps 1 --objects 2 --batch 2",
 }
 ENDS_WITH = {  # all others with 0
     "check DIR": (2, "no golden values for this protocol"),
-    "data verify FOLDER": (1, "0 files are those of results/real-meshes.csv"),
+    "data verify FOLDER": (1, "0 files are those of the list"),
     "score DIR": (2, "no installed package adds a metric"),
     "shrink RECORD": (2, "first"),
 }
@@ -106,6 +110,13 @@ def test_they_run(tmp_path, monkeypatch):
         assert ended == status, f"{command}: {output}"
         assert message in output, command
         Path("chair.png").unlink(missing_ok=True)
-    for made in ("first/report.html", "first/comparisons", "sheet.png", "turn.gif", "stool.png"):
+    for made in (
+        "first/report.html",
+        "first/comparisons",
+        "site/index.html",
+        "sheet.png",
+        "turn.gif",
+        "stool.png",
+    ):
         assert Path(made).exists(), made
     assert Path("whole/records.parquet").exists()

@@ -296,7 +296,7 @@ def test_some_objects_now_and_the_others_later(
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()
-    assert interim_table.startswith("# ssim-object and lpips: 1 of 3 objects\n")
+    assert interim_table.startswith("# ssim-object and lpips: 1 of 3 objects; protocol 1\n")
     assert set(records(directory)["object"]) == {"test-0000"}
 
     monkeypatch.setattr(bench.running.run, "Budget", OneMore)
@@ -305,7 +305,7 @@ def test_some_objects_now_and_the_others_later(
     assert read_manifest(directory)["finished"]
     status, out, err = command("table", directory)
     assert (status, err) == (0, "")
-    assert out.startswith("ssim-object and lpips: 2 of 3 objects\n")
+    assert out.startswith("ssim-object and lpips: 2 of 3 objects; protocol 1\n")
     assert {row.n for table in tables(read_scored(directory)) for row in table.rows} == {4}
     assert (directory / "report.html").stat().st_mtime_ns > (
         directory / "records.parquet"
