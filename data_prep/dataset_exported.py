@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -33,6 +34,7 @@ from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 from data_prep.untrusted import MIB, plain_text, read_text, shown
 
+METADATA = "croissant.json"
 OBJECTS, CLOUDS, VIEWS = "objects.csv", "clouds.csv", "views.csv"
 COLUMNS = {
     OBJECTS: ("class", "object", "protocol", "seed", "dataset", "file", "sha256"),
@@ -144,13 +146,21 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
     clouds: dict[tuple[str, str], list[tuple[str, StoredFile]]] = {}
     images: dict[tuple[str, str], list[tuple[View, StoredFile]]] = {}
     for where, name, row in _rows(root, CLOUDS):
-        clouds.setdefault(name, []).append((row["condition"], _file(root, row, where)))
+        of = clouds.setdefault(name, [])
+        if row["condition"] in (condition for condition, _ in of):
+            raise BadInput(f"{where}: {shown(row['condition'])} is there twice; export it again")
+        of.append((row["condition"], _file(root, row, where)))
     for where, name, row in _rows(root, VIEWS):
         try:
             view = View(float(row["azimuth_deg"]), float(row["elevation_deg"]))
         except ValueError as error:
             raise BadInput(f"{where}: {error}; export it again") from None
-        images.setdefault(name, []).append((view, _file(root, row, where)))
+        seen = images.setdefault(name, [])
+        if row["view"] != str(len(seen)):
+            raise BadInput(
+                f"{where}: view {shown(row['view'])} where {len(seen)} comes next; export it again"
+            )
+        seen.append((view, _file(root, row, where)))
     found = Found()
     for where, name, row in _rows(root, OBJECTS):
         if row["protocol"] != str(PROTOCOL_VERSION):
@@ -170,8 +180,19 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
 
 
 def listed_files(root: Path) -> dict[str, str]:
-    """The files of an export and their checksums. Raises BadInput as `exported_dataset`."""
-    return {
+    """The files of an export and their checksums, its lists included.
+
+    Raises BadInput as `exported_dataset`, and for metadata without the checksums of the lists.
+    """
+    path = root / METADATA
+    try:
+        described = json.loads(read_text(path, MOST_BYTES))["distribution"]
+        lists = {str(one["contentUrl"]): str(one["sha256"]) for one in described}
+    except (ValueError, KeyError, TypeError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"{path}: no checksums of the lists ({error}); export it again") from None
+    return lists | {
         row["file"]: _file(root, row, where).sha256
         for name in COLUMNS
         for where, _, row in _rows(root, name)

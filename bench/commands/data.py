@@ -29,7 +29,6 @@ from bench.commands.options import (
     takes,
     worker_count,
 )
-from bench.running.croissant import METADATA
 from bench.running.environment import cores
 from bench.running.export import export
 from bench.running.isolation import Lost, run_tasks
@@ -37,7 +36,7 @@ from bench.running.protocol import Options
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
 from data_prep.dataset import Dataset, listed
-from data_prep.dataset_exported import listed_files
+from data_prep.dataset_exported import METADATA, listed_files
 from data_prep.dataset_paper import VIEWS, PaperObject
 from data_prep.datasets import is_dataset, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
@@ -50,7 +49,7 @@ from data_prep.scene_objects import SceneObject
 from data_prep.untrusted import is_regular_file
 
 REAL_MESHES = RESULTS / "real-meshes.csv"
-EXPORTED_SUFFIXES = (".ply", ".png")
+EXPORTED_SUFFIXES = (".csv", ".ply", ".png")
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)  # for one object
 ENDLESS_SAMPLE = 3  # objects of a class where the dataset has no end
 # Readings of the angles closer than this are not distinguished: an object that looks nearly the
@@ -228,7 +227,7 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
     there = {
         path.relative_to(folder).as_posix(): path
         for name in sorted(classes)
-        for path in sorted((folder / name).rglob("*"))
+        for path in sorted([folder / name, *(folder / name).rglob("*")])
         if path.suffix.lower() in suffixes and is_regular_file(path)
     }
     common = wanted.keys() & there.keys()

@@ -9,7 +9,6 @@ from bench.running.protocol import Protocol
 from data_prep.dataset_exported import CLOUDS, COLUMNS, OBJECTS, VIEWS
 from data_prep.protocol_version import PROTOCOL_VERSION
 
-METADATA = "croissant.json"
 PAPER = (
     "https://openaccess.thecvf.com/content_CVPRW_2019/papers/3D-WidDGET/"
     "Atienza_A_Conditional_Generative_Adversarial_Network_for_Rendering_Point_Clouds_"

@@ -18,13 +18,20 @@ from typing import Any
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES
-from bench.running.croissant import METADATA, metadata
+from bench.running.croissant import metadata
 from bench.running.isolation import Lost, run_tasks
 from bench.running.protocol import ObjectJobs, Options, Protocol, plan, protocol_of, workers_of
 from bench.running.work import cloud_of
 from data_prep.cloud_files import save_ply
 from data_prep.conditions import CONDITIONS
-from data_prep.dataset_exported import CLOUDS, COLUMNS, OBJECTS, UNPERTURBED, VIEWS
+from data_prep.dataset_exported import (
+    CLOUDS,
+    COLUMNS,
+    METADATA,
+    OBJECTS,
+    UNPERTURBED,
+    VIEWS,
+)
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.fingerprints import file_sha256
 from data_prep.progress import progress

@@ -88,7 +88,7 @@ def test_its_clouds_are_read_and_others_made(exported, jobs, monkeypatch):
 
 def test_the_lists_have_every_file_with_its_checksum(exported, command):
     status, out, err = command("data", "verify", exported)
-    assert (status, out, err) == (0, f"{2 * (1 + 3 + 3)} files are those of the list\n", "")
+    assert (status, out, err) == (0, f"{3 + 2 * (1 + 3 + 3)} files are those of the list\n", "")
     clouds = pd.read_csv(exported / "clouds.csv", dtype={"condition": str})
     assert clouds["condition"].tolist() == ["2048", "noise-0.10", "512"] * 2
     assert clouds["points"].tolist() == [2048, 2048, 512] * 2
@@ -97,11 +97,13 @@ def test_the_lists_have_every_file_with_its_checksum(exported, command):
 def test_verify_finds_what_was_altered(copied, command):
     (copied / "clouds/chair/00000/512.ply").write_bytes(b"ply")
     (copied / "images/chair/00001/02.png").unlink()
+    replace(copied / "views.csv", "test-0000,0,", "test-0000,0,1")
     status, out, _ = command("data", "verify", copied)
     assert status == 1
     assert out.splitlines()[1:] == [
         "MISSING  images/chair/00001/02.png",
         "CHANGED  clouds/chair/00000/512.ply",
+        "CHANGED  views.csv",
     ]
 
 
@@ -133,6 +135,8 @@ def test_its_metadata_is_valid_croissant_and_reads_the_lists(exported):
         ("clouds.csv", "clouds/chair/00000/", "../", "clouds.csv:2: '../2048.ply' is outside"),
         ("clouds.csv", "clouds/chair/00000/", "/etc/", "is outside of the folder"),
         ("views.csv", "test-0000,0,", "test-0000,0,x", "views.csv:2: could not convert"),
+        ("views.csv", "test-0000,1,", "test-0000,2,", "views.csv:3: view '2' where 1 comes next"),
+        ("clouds.csv", "test-0000,512", "test-0000,2048", "clouds.csv:4: '2048' is there twice"),
         ("views.csv", "chair,", ",", "views.csv: '' has 0 characters"),
     ],
 )
@@ -146,7 +150,7 @@ def test_an_object_without_clouds_and_one_with_too_few_images(copied):
     with pytest.raises(BadInput, match="--views 4: chair/test-0000 has 3 true images"):
         dataset.finite[0].views(4, generator(0))
     text = (copied / "clouds.csv").read_text()
-    (copied / "clouds.csv").write_text(text.replace("test-0001", "test-0000"))
+    (copied / "clouds.csv").write_text(text.replace("test-0001", "test-0009"))
     assert "objects.csv:3: 'chair/test-0001' is not in clouds.csv" in problem(copied)
 
 
