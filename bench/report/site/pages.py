@@ -66,7 +66,7 @@ def pages(runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]]) -> l
         *(_method_page(method, ranked, runs) for method in ranked),
         _matrix(runs, ranked),
         *(_pair_page(a, b, runs) for a, b in pairs),
-        _costs(runs),
+        _costs(runs, ranked),
     ]
 
 
@@ -253,7 +253,7 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
                 ),
             ),
         ),
-        Section("Cost", _COST, tuple(filter(None, (_cost_grid(run, [method]) for run in own)))),
+        Section("Cost", _COST, tuple(filter(None, (_cost_grid(run, (), method) for run in own)))),
     ]
     knobs = [parameter for parameter in PARAMETERS if parameter.method == method]
     if knobs:
@@ -337,21 +337,21 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
 _COST = "One thread. Times of different machines are not compared, accuracy is."
 
 
-def _cost_grid(run: SiteRun, methods: Sequence[str] | None = None) -> Grid | None:
-    """The costs of a run, all lines or those of `methods`, linked to their pages."""
+def _cost_grid(run: SiteRun, ranked: Sequence[str], only: str | None = None) -> Grid | None:
+    """The costs of a run, of all methods or of one, linked to the pages of those that have one."""
     made = cost_grid(run.compared, QUALITY, int(run.run.manifest["views"]))
     if made is None:
         return None
     lines = (
-        replace(line, link=_method_file(line.name) if role(line.name) != "ceiling" else "")
+        replace(line, link=_method_file(line.name) if line.name in ranked else "")
         for line in made.lines
-        if methods is None or line.name in methods
+        if only in (None, line.name)
     )
     return replace(made, lines=tuple(lines), caption=f"{run.name}, {run.machine}: {made.caption}")
 
 
-def _costs(runs: Sequence[SiteRun]) -> SitePage:
-    grids = [(run.name, _cost_grid(run)) for run in runs]
+def _costs(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
+    grids = [(run.name, _cost_grid(run, ranked)) for run in runs]
     return SitePage(
         COSTS,
         "Cost",
