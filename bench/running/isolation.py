@@ -99,9 +99,9 @@ Result = TypeVar("Result")
 TASKS_PER_WORKER = 500  # then a fresh process: what leaks, leaks no further
 WATCH_EVERY_S = 0.1
 # Beyond the limit on resident memory the kernel refuses writable memory: 16 GiB asked for at once
-# are faster than the watch. Methods reserve at most 0.1 GiB more than they use; the rest is for
-# what a plug-in reserves, such as stacks of threads and the allocator of another device.
-RESERVED_GIB = 4.0
+# are faster than the watch. On the CPU methods reserve at most 0.1 GiB more than they use; the rest
+# is for what CUDA and plug-ins reserve.
+RESERVED_GIB = 8.0
 LOOK_EVERY_S = 1.0  # whether the pool is well, while tasks are waited for
 PATIENCE_S = 10.0  # with workers that have nothing left to do, or ought to have ended
 MOST_BREAKS = 3  # of a pool, without a task's end in between
