@@ -187,12 +187,12 @@ def listed_files(root: Path) -> dict[str, str]:
     path = root / METADATA
     try:
         described = json.loads(read_text(path, MOST_BYTES))["distribution"]
-        lists = {str(one["contentUrl"]): str(one["sha256"]) for one in described}
+        rows = [{"file": str(one["contentUrl"]), "sha256": str(one["sha256"])} for one in described]
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, BadInput):
             raise
         raise BadInput(f"{path}: no checksums of the lists ({error}); export it again") from None
-    return lists | {
+    return {row["file"]: _file(root, row, str(path)).sha256 for row in rows} | {
         row["file"]: _file(root, row, where).sha256
         for name in COLUMNS
         for where, _, row in _rows(root, name)

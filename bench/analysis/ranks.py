@@ -79,23 +79,16 @@ def letters(best_first: Sequence[str], differ: AbstractSet[frozenset[str]]) -> d
 
     Groups are named in the order of their best members; after "z" come "z1", "z2".
     """
-    groups = [frozenset(best_first)]
-    for pair in (frozenset(pair) for pair in combinations(best_first, 2)):
-        if pair not in differ:
-            continue
-        split = [group for group in groups if pair <= group]
-        groups = [group for group in groups if group not in split]
-        parts = {group - {one} for group in split for one in pair}
-        groups += [
-            part
-            for part in parts
-            if not any(part < other for other in (*groups, *parts)) and part not in groups
-        ]
-        groups = [group for group in groups if not any(group < other for other in groups)]
+    groups = {frozenset(best_first)}
+    for pair in map(frozenset, combinations(best_first, 2)):
+        if pair in differ:
+            split = {group for group in groups if pair <= group}
+            groups = (groups - split) | {group - {one} for group in split for one in pair}
+            groups = {group for group in groups if not any(group < other for other in groups)}
     place = {method: i for i, method in enumerate(best_first)}
-    groups.sort(key=lambda group: sorted(place[method] for method in group))
-    names = [ascii_lowercase[i] if i < 26 else f"z{i - 25}" for i in range(len(groups))]
+    ordered = sorted(groups, key=lambda group: sorted(place[method] for method in group))
+    names = [ascii_lowercase[i] if i < 26 else f"z{i - 25}" for i in range(len(ordered))]
     return {
-        method: "".join(name for name, group in zip(names, groups, strict=True) if method in group)
+        method: "".join(name for name, group in zip(names, ordered, strict=True) if method in group)
         for method in best_first
     }

@@ -219,6 +219,8 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
         raise BadInput(f"{folder}: no such folder; give that of the meshes, or an export")
     if (folder / METADATA).is_file():
         wanted, suffixes = listed_files(folder), EXPORTED_SUFFIXES
+    elif not listing.is_file():
+        raise BadInput(f"{listing}: not there; run from a checkout that has it")
     else:
         with listing.open(encoding="utf-8", newline="") as file:
             wanted = {row["file"]: row["sha256"] for row in csv.DictReader(file)}

@@ -73,9 +73,8 @@ def site(
 ) -> None:
     """Make a static site over many runs: ranks, methods, comparisons, downloads; offline."""
     from bench.report.site.write import write_site
-    from data_prep.progress import progress
 
-    count = write_site(directories, out, progress)
+    count = write_site(directories, out)
     print(f"{count} pages; open {out / 'index.html'}")
 
 

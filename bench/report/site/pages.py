@@ -45,6 +45,21 @@ class SiteRun:
         """In order."""
         return list(dict.fromkeys(ranking.metric for ranking in self.rankings))
 
+    @cached_property
+    def differences(self) -> dict[tuple[str, str], list[PairedDifference]]:
+        """By two methods in either order, by metric and condition."""
+        found: dict[tuple[str, str], list[PairedDifference]] = {}
+        for one in (one for of in self.rankings for one in of.pairs):
+            a, b = one.pair.a.method, one.pair.b.method
+            found.setdefault((a, b), []).append(one)
+            found.setdefault((b, a), []).append(one.turned())
+        return found
+
+    @cached_property
+    def costs(self) -> Grid | None:
+        """Of all its methods."""
+        return cost_grid(self.compared, QUALITY, int(self.run.manifest["views"]))
+
     @property
     def page(self) -> str:
         """The file of its page."""
@@ -79,9 +94,7 @@ def _rank_cell(of: Ranking, method: str) -> Cell:
         return NOTHING
     digits = decimals(of.metric)
     cell = number(rank.estimate, f"{{:.{digits}f}}".format, special=FIRST if rank.first else None)
-    return Cell(
-        f"{cell.text} {rank.letters}".rstrip(), cell.value, cell.interval, special=cell.special
-    )
+    return replace(cell, text=f"{cell.text} {rank.letters}".rstrip())
 
 
 def _caption(metric: str) -> str:
@@ -105,21 +118,8 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
 
 def _record(runs: Iterable[SiteRun], a: str, b: str) -> tuple[int, int, int]:
     """How often a is ahead of b, neither, and b, over runs, metrics and conditions."""
-    outcomes = [one.ahead for run in runs for one in _differences(run, a, b)]
+    outcomes = [one.ahead for run in runs for one in run.differences.get((a, b), ())]
     return outcomes.count("a"), outcomes.count("tie"), outcomes.count("b")
-
-
-def _differences(run: SiteRun, a: str, b: str) -> list[PairedDifference]:
-    """Of the two methods, by metric and condition."""
-    found = []
-    for of in run.rankings:
-        for one in of.pairs:
-            sides = one.pair.a.method, one.pair.b.method
-            if sides == (a, b):
-                found.append(one)
-            elif sides == (b, a):
-                found.append(one.turned())
-    return found
 
 
 def _shared(runs: Sequence[SiteRun], a: str, b: str) -> bool:
@@ -307,8 +307,7 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
 def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
     sections = []
     for run in runs:
-        rows = _differences(run, a, b)
-        if rows:
+        if rows := run.differences.get((a, b)):
             made = pivot(
                 *(rows, "pair.metric", "pair.condition", _difference_cell),
                 corner="metric",
@@ -339,8 +338,7 @@ _COST = "One thread. Times of different machines are not compared, accuracy is."
 
 def _cost_grid(run: SiteRun, ranked: Sequence[str], only: str | None = None) -> Grid | None:
     """The costs of a run, of all methods or of one, linked to the pages of those that have one."""
-    made = cost_grid(run.compared, QUALITY, int(run.run.manifest["views"]))
-    if made is None:
+    if (made := run.costs) is None:
         return None
     lines = (
         replace(line, link=_method_file(line.name) if line.name in ranked else "")

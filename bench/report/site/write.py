@@ -9,8 +9,7 @@ with the machine that they were taken on; accuracy is what is compared across ma
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -30,13 +29,11 @@ from bench.tables.figure import FIGURES
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES
 from data_prep.failures import BadInput
+from data_prep.progress import progress
 from data_prep.whole_files import whole_folder
 
-# Gets title and number of steps; gives what notes how many have failed.
-Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
-
-def write_site(directories: Sequence[Path], out: Path, progress: Progress) -> int:
+def write_site(directories: Sequence[Path], out: Path) -> int:
     """Write the site of finished runs into a new folder, whole or not at all; the number of pages.
 
     Raises BadInput where the folder is there already, a run is given twice, is of another protocol
@@ -50,7 +47,7 @@ def write_site(directories: Sequence[Path], out: Path, progress: Progress) -> in
     scored = [read_scored(directory) for directory in directories]
     for run in scored[1:]:
         refuse_other_protocol(scored[0], run)
-    runs = _ranked(scored, progress)
+    runs = _ranked(scored)
     with whole_folder(out) as new:
         downloads = {run.name: _copy(run, new) for run in runs}
         made = pages(runs, downloads)
@@ -59,7 +56,7 @@ def write_site(directories: Sequence[Path], out: Path, progress: Progress) -> in
     return len(made)
 
 
-def _ranked(scored: Sequence[ScoredRun], progress: Progress) -> list[SiteRun]:
+def _ranked(scored: Sequence[ScoredRun]) -> list[SiteRun]:
     names: list[str] = []
     for run in scored:
         name, count = file_name(run.directory.resolve().name), 1

@@ -17,7 +17,6 @@ from bench.report.build import write_report
 from bench.report.site.write import write_site
 from bench.tables.build import make_outputs
 from bench.tables.scored import read_scored
-from data_prep.progress import progress
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
@@ -55,7 +54,7 @@ def site(tmp_path_factory):
     root = tmp_path_factory.mktemp("browser-site")
     methods, objects = ["pc2pix", "splat", "blank"], [f"chair/{i:02d}" for i in range(9)]
     run = write_run(root / "run", methods=methods, objects=objects)
-    assert write_site([run], root / "site", progress) > len(PAGES)
+    assert write_site([run], root / "site") > len(PAGES)
     return root / "site"
 
 

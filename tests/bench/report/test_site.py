@@ -27,10 +27,9 @@ def runs(tmp_path_factory):
 @pytest.fixture(scope="module")
 def site(runs, tmp_path_factory):
     from bench.report.site.write import write_site
-    from data_prep.progress import progress
 
     out = tmp_path_factory.mktemp("site") / "site"
-    assert write_site(runs, out, progress) == len(list(out.glob("*.html"))) - len(runs)
+    assert write_site(runs, out) == len(list(out.glob("*.html"))) - len(runs)
     return out
 
 
@@ -92,9 +91,8 @@ def test_pages_have_no_script_and_no_inline_style(site):
 
 def test_the_same_runs_give_the_same_bytes(site, runs, tmp_path):
     from bench.report.site.write import write_site
-    from data_prep.progress import progress
 
-    write_site(runs, tmp_path / "again", progress)
+    write_site(runs, tmp_path / "again")
     assert {p.name: p.read_bytes() for p in (tmp_path / "again").iterdir()} == {
         p.name: p.read_bytes() for p in site.iterdir()
     }
