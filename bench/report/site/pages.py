@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 
 from bench.analysis.comparison import Comparison, decimals
 from bench.analysis.paired import PairedDifference
@@ -216,6 +217,15 @@ def _run_page(run: SiteRun, downloads: Sequence[Link]) -> SitePage:
     )
 
 
+def _card(weights: Path) -> str | None:
+    """The model card beside a weights file whose heading names it: one card may be of several."""
+    for path in sorted(weights.parent.glob("*.md")):
+        card = path.read_text("utf-8", errors="replace")
+        if f"`{weights.stem}`" in card.partition("\n")[0]:
+            return card
+    return None
+
+
 def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) -> SitePage:
     known = known_method(method)
     own = [run for run in runs if method in run.run.manifest["methods"]]
@@ -260,9 +270,8 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
         rows = [[f"{method}@{k.name}=", f"{k.low:g} to {k.high:g}", k.about] for k in knobs]
         made = grid(["variant", "values", "meaning"], rows, caption="What can be set")
         sections.append(Section("Parameters", grids=(made,)))
-    card = known.weights_file().with_suffix(".md") if known and known.weights_file else None
-    if card is not None and card.is_file():
-        sections.append(Section("Model card", trusted=card_html(card.read_text("utf-8"))))
+    if known and known.weights_file and (card := _card(known.weights_file())):
+        sections.append(Section("Model card", trusted=card_html(card)))
     return SitePage(
         _method_file(method),
         method,

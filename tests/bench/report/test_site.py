@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 from builders import make_manifest, read_all, write_all, write_run
 
+from bench.catalogue.methods import METHODS
 from bench.records.journal import write_manifest
 from bench.report.site.page import card_html
+from bench.report.site.pages import _card
 
 OBJECTS = [f"chair/{i:02d}" for i in range(9)]  # enough for intervals
 LINK = re.compile(r'(?:href|src)="([^"#][^"]*)"')
@@ -107,6 +109,15 @@ def test_a_card_is_shown_without_links_html_and_comments():
     assert "x -->" not in found
     assert '<td></td>\n<th class="right">n</th>' in found
     assert "<code>x&lt;y\n</code>" in found
+
+
+def test_a_card_is_found_by_its_heading(tmp_path):
+    (tmp_path / "a.md").write_text("# Model card: `a` and `a-grey`\n\nnot `b`\n")
+    (tmp_path / "b.md").write_text("# Other\n`c`\n")
+    found = {name: _card(tmp_path / f"{name}.safetensors") for name in ("a", "a-grey", "b", "c")}
+    assert [name for name, card in found.items() if card] == ["a", "a-grey"]
+    for bundled in filter(None, (method.weights_file for method in METHODS)):
+        assert _card(bundled()), bundled()
 
 
 def test_what_is_refused_writes_nothing(runs, command, tmp_path):
