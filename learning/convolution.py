@@ -85,7 +85,8 @@ def _prepacks(weight: Tensor) -> bool:
         return False
     if not hasattr(torch.ops.mkldnn, "_convolution_pointwise"):
         return False
-    return weight.dtype == torch.float32 or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+    bfloat16 = weight.dtype == torch.bfloat16 and torch.ops.mkldnn._is_mkldnn_bf16_supported()
+    return weight.dtype == torch.float32 or bfloat16  # float64 has no such layout
 
 
 def fold_normalisation(network: nn.Module) -> None:

@@ -1,13 +1,14 @@
 """How far trainings of one network that differ in their seeds lie apart.
 
     bench run --suite chair-robustness --methods pc2pix,pc2pix@1.safetensors,pc2pix@2.safetensors
-    bench table DIR --format csv > run.csv
-    python -m studies.seed_spread run.csv pc2pix=pc2pix@1.safetensors,pc2pix@2.safetensors
+    bench table DIR --format csv > results/docs/seeds.csv
+    python -m studies.seed_spread results/docs/seeds.csv \
+        pc2pix=pc2pix@1.safetensors,pc2pix@2.safetensors > results/seeds.csv
 
 The first argument is a file, each further one a bundled network and the other trainings of it.
 Prints CSV: by network, metric and condition the number of trainings, the lowest and the highest
-value, their difference, and the checksum of the bundled weights. `results/seeds.csv` is this
-output; what the claims compare is a tie where it is smaller than that difference.
+value, their difference with as many digits as tables have, and the checksum of the bundled
+weights. What the claims compare is a tie where it is smaller than that difference.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from bench.analysis.comparison import decimals
 from bench.catalogue.methods import find_method
 from data_prep.fingerprints import file_sha256
 
@@ -43,7 +45,8 @@ def spreads(values: pd.DataFrame, trainings: Mapping[str, Sequence[str]]) -> pd.
             if sorted(of["method"]) != sorted(methods):
                 raise ValueError(f"{metric} at {condition}: values of {list(of['method'])} alone")
             low, high = of["value"].min(), of["value"].max()
-            made.append((network, metric, condition, len(of), low, high, high - low))
+            spread = round(high - low, decimals(metric))
+            made.append((network, metric, condition, len(of), low, high, spread))
     names = ["network", "metric", "condition", "trainings", "lowest", "highest", "spread"]
     return pd.DataFrame(made, columns=names)
 

@@ -13,7 +13,7 @@ from learning.convolution import Convolution, fold_normalisation
 
 
 @pytest.mark.parametrize("prepacks", [False, True])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16, torch.float64])
 @pytest.mark.parametrize(("size", "stride", "padding"), [(3, 1, 1), (4, 2, 1), (1, 1, 0)])
 def test_against_pytorchs_own(monkeypatch, prepacks, dtype, size, stride, padding):
     """Kernels are laid out for one size of image, and right for any other."""
@@ -30,8 +30,8 @@ def test_against_pytorchs_own(monkeypatch, prepacks, dtype, size, stride, paddin
         expected = functional.conv2d(x.double(), kernel, given, **options)
         expected = expected.relu() if relu else expected
         # up to 80 products, of values up to 16 together: float32 keeps 2**-20 of them; bfloat16
-        # rounds kernels, and then values up to 64 to units of 1/4
-        atol = 45 * 2.0**-20 if dtype == torch.float32 else 0.25
+        # rounds kernels, and then values up to 64 to units of 1/4; float64 keeps 2**-49
+        atol = {torch.float32: 45 * 2.0**-20, torch.bfloat16: 0.25}.get(dtype, 45 * 2.0**-49)
         torch.testing.assert_close(conv(x), expected.to(dtype), rtol=0, atol=atol)
 
 
