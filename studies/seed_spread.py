@@ -45,7 +45,7 @@ def spreads(values: pd.DataFrame, trainings: Mapping[str, Sequence[str]]) -> pd.
             if sorted(of["method"]) != sorted(methods):
                 raise ValueError(f"{metric} at {condition}: values of {list(of['method'])} alone")
             low, high = of["value"].min(), of["value"].max()
-            spread = round(high - low, decimals(metric))
+            spread = round(high - low, decimals(str(metric)))
             made.append((network, metric, condition, len(of), low, high, spread))
     names = ["network", "metric", "condition", "trainings", "lowest", "highest", "spread"]
     return pd.DataFrame(made, columns=names)
