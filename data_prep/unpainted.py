@@ -13,8 +13,13 @@ from data_prep.scene_objects import MeshObject, SceneObject
 
 def unpainted(mesh: Mesh) -> Mesh:
     """The mesh with all faces in NEUTRAL_GREY."""
-    grey = np.broadcast_to(np.array(NEUTRAL_GREY, np.uint8), mesh.face_colors.shape)
-    return Mesh(mesh.vertices, mesh.faces, grey)
+    return in_one_colour(mesh, NEUTRAL_GREY)
+
+
+def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
+    """The mesh with all faces in a colour, red, green and blue in 0..255."""
+    every = np.broadcast_to(np.array(color, np.uint8), mesh.face_colors.shape)
+    return Mesh(mesh.vertices, mesh.faces, every)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from trimesh.remesh import subdivide_to_size
 
+from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.normalise import normalise
 from data_prep.scene import Mesh
 from data_prep.shapes.chair.backs import arm_parts, back_parts
@@ -23,6 +24,7 @@ from data_prep.shapes.deformations import Deformation, Vectors, draw_deformation
 from data_prep.shapes.palettes import LIGHTEST, MATERIALS, shade
 from data_prep.shapes.shape_class import ShapeClass
 from data_prep.shapes.solids import Color, Part, join, signed_volume
+from data_prep.unpainted import in_one_colour
 
 PLAIN = 0.2  # of the shapes are as their class draws them
 ATTEMPTS = 20
@@ -32,6 +34,9 @@ EDGE = 0.3  # longest edge of a face that is deformed, in half extents
 LARGEST_PART = 0.35  # of the surface, of a part that may be left out
 LONG = 4.0  # longest over second extent of a part that may become thicker
 COLOUR_SOURCES = {"kept": 0.4, "material": 0.35, "any": 0.25}
+# Half of the mesh files that people have carry one colour or none, which no class draws. Without
+# them a network paints whatever it is given.
+PAINTS = {"by part": 0.45, "one colour": 0.15, "none": 0.4}
 
 
 class Degenerate(Exception):
@@ -66,7 +71,7 @@ def _draw(shapes: ShapeClass, rng: np.random.Generator) -> Mesh:
     parts = recoloured(parts, rng)
     if chance(rng, 0.8):
         parts = deformed(parts, draw_deformation(rng))
-    return normalise(join(parts))
+    return painted(normalise(join(parts)), rng)
 
 
 def exchanged_chair(rng: np.random.Generator) -> list[Part]:
@@ -127,9 +132,23 @@ def _recolour(color: Color, rng: np.random.Generator) -> Color:
         case "material":
             return shade(rng, pick(rng, dict.fromkeys(MATERIALS, 1.0)))
         case "any":
-            red, green, blue = rng.integers(12, LIGHTEST + 1, 3).tolist()
-            return red, green, blue
+            return _any(rng)
     return color
+
+
+def _any(rng: np.random.Generator) -> Color:
+    red, green, blue = rng.integers(12, LIGHTEST + 1, 3).tolist()
+    return red, green, blue
+
+
+def painted(mesh: Mesh, rng: np.random.Generator) -> Mesh:
+    """The mesh as it is, in one colour of any, or in neutral grey as files without colours are."""
+    match pick(rng, PAINTS):
+        case "one colour":
+            return in_one_colour(mesh, _any(rng))
+        case "none":
+            return in_one_colour(mesh, NEUTRAL_GREY)
+    return mesh
 
 
 def deformed(parts: Sequence[Part], deformation: Deformation) -> list[Part]:
