@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from data_prep.datasets import ProceduralObject, open_dataset
+from data_prep.mesh_files import NEUTRAL_GREY
 from data_prep.shapes import widening
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.deformations import Deformation, draw_deformation
@@ -117,6 +118,27 @@ def test_colours_stay_together_and_visible():
     kept = np.mean([made[0].color == parts[0].color for made in drawn])
     # 40 % stay, five standard errors of 200 draws
     assert abs(kept - 0.4) < 5 * np.sqrt(0.4 * 0.6 / 200)
+
+
+def test_half_of_the_meshes_lose_the_colours_of_their_parts():
+    rng = np.random.default_rng(7)
+    mesh = join([box((i, 0, 0), (1, 1, 1), (40 + i, 50, 60)) for i in range(3)])
+    drawn = [widening.painted(mesh, rng) for _ in range(400)]
+    kinds = np.array(
+        [
+            "by part" if made is mesh
+            else "none" if (made.face_colors == NEUTRAL_GREY).all()
+            else "one colour"
+            for made in drawn
+        ]
+    )  # fmt: skip
+    for kind, share in widening.PAINTS.items():
+        # five standard errors of 400 draws
+        bound = 5 * np.sqrt(share * (1 - share) / 400)
+        assert abs(np.mean(kinds == kind) - share) < bound
+    for made in drawn:
+        assert np.array_equal(made.vertices, mesh.vertices)
+        assert made is mesh or len(np.unique(made.face_colors, axis=0)) == 1
 
 
 def test_small_parts_may_go_but_never_all():
