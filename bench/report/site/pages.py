@@ -218,10 +218,14 @@ def _run_page(run: SiteRun, downloads: Sequence[Link]) -> SitePage:
 
 
 def _card(weights: Path) -> str | None:
-    """The model card beside a weights file whose heading names it: one card may be of several."""
-    for path in sorted(weights.parent.glob("*.md")):
+    """The model card of a weights file: of the same name, or beside it with a heading that names
+    it, because one card may be of several."""
+    own = weights.with_suffix(".md")
+    for path in (own, *sorted(weights.parent.glob("*.md"))):
+        if not path.is_file():
+            continue
         card = path.read_text("utf-8", errors="replace")
-        if f"`{weights.stem}`" in card.partition("\n")[0]:
+        if path == own or f"`{weights.stem}`" in card.partition("\n")[0]:
             return card
     return None
 

@@ -111,11 +111,11 @@ def test_a_card_is_shown_without_links_html_and_comments():
     assert "<code>x&lt;y\n</code>" in found
 
 
-def test_a_card_is_found_by_its_heading(tmp_path):
+def test_a_card_is_found_by_its_name_or_its_heading(tmp_path):
     (tmp_path / "a.md").write_text("# Model card: `a` and `a-grey`\n\nnot `b`\n")
     (tmp_path / "b.md").write_text("# Other\n`c`\n")
     found = {name: _card(tmp_path / f"{name}.safetensors") for name in ("a", "a-grey", "b", "c")}
-    assert [name for name, card in found.items() if card] == ["a", "a-grey"]
+    assert [name for name, card in found.items() if card] == ["a", "a-grey", "b"]
     for bundled in filter(None, (method.weights_file for method in METHODS)):
         assert _card(bundled()), bundled()
 
