@@ -25,11 +25,15 @@ class Objective:
                   less the points say, the more the mean of all images that are possible is
                   blurred, and the more counts that an image is likely. None: there is no judge
     plain         the absolute error of all pixels alike, and no SSIM
+    colours       the judge sees the colours beside the grey image. The cloud has none: a judge of
+                  colours rewards guesses, in blotches; without, colours that the shape does not
+                  decide become the median of those that are possible
     """
 
     patch_weight: tuple[float, float] | None
     source: str
     plain: bool = False
+    colours: bool = False
 
     def image_error(self, drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
         """A scalar, of images [B, C, S, S] and coverage [B, 1, S, S] in 0..1.
@@ -41,14 +45,26 @@ class Objective:
             return functional.l1_loss(drawn, real)
         return weighted_error(drawn, real, coverage > 0, STRUCTURE_WEIGHT)
 
+    def judged(self, colour: Tensor, grey: Tensor) -> Tensor:
+        """What the judge sees [B, `judged_channels`, S, S] of images [B, 3, S, S], [B, 1, S, S]."""
+        return torch.cat([colour, grey], dim=1) if self.colours else grey
+
+    @property
+    def judged_channels(self) -> int:
+        """Of `judged`."""
+        return 4 if self.colours else 1
+
 
 OBJECTIVES = {
     "l1": Objective(None, "weighted L1 + SSIM + cross entropy of the coverage"),
-    "l1-patch": Objective((0.05, 0.2), "l1, and hinge losses of patches (Isola et al. 2017)"),
+    "l1-patch": Objective(
+        (0.05, 0.2), "l1, and hinge losses of patches in grey (after Isola et al. 2017)"
+    ),
     "pix2pix": Objective(
         (0.01, 0.01),
         "L1 and patches, 100 to 1 (Isola et al. 2017), here with hinge losses",
         plain=True,
+        colours=True,
     ),
 }
 
@@ -74,15 +90,15 @@ def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:
 
 
 class PatchJudge(nn.Sequential):
-    """Colour and grey image [B, 4, S, S] -> how real patches look [B, 1, S/8, S/8]."""
+    """Images [B, channels, S, S] -> how real their patches look [B, 1, S/8, S/8]."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: int) -> None:
         def layer(cin: int, cout: int, stride: int) -> nn.Module:
             return spectral_norm(nn.Conv2d(cin, cout, 4, stride, 1))
 
         slope = 0.2
         super().__init__(
-            layer(4, 24, 2), nn.LeakyReLU(slope), layer(24, 48, 2), nn.LeakyReLU(slope),
+            layer(channels, 24, 2), nn.LeakyReLU(slope), layer(24, 48, 2), nn.LeakyReLU(slope),
             layer(48, 96, 2), nn.LeakyReLU(slope), nn.Conv2d(96, 1, 3, padding=1),
         )  # fmt: skip
 

@@ -151,7 +151,8 @@ class _Trainer(NetworkTrainer):
         self.objective = OBJECTIVES[config.objective]
         self.clouds = torch.from_numpy(data.seen.clouds)
         network, judge = training_loop.seeded(
-            config.seed, lambda: (build(config.network), PatchJudge())
+            config.seed,
+            lambda: (build(config.network), PatchJudge(self.objective.judged_channels)),
         )
         if start is not None:
             network.load_state_dict(start.state_dict())
@@ -191,8 +192,8 @@ class _Trainer(NetworkTrainer):
         }
         total = terms["colour"] + GREY_WEIGHT * terms["grey"] + COVERAGE_WEIGHT * terms["coverage"]
         if self.objective.patch_weight:
-            drawn = torch.cat([colour, grey], dim=1)
-            error, patches = self._judge(drawn, torch.cat([truth.colour, truth.grey], dim=1))
+            judged = self.objective.judged
+            error, patches = self._judge(judged(colour, grey), judged(truth.colour, truth.grey))
             terms |= {"judge": error, "patches": patches.mean()}
             clean, noisy = self.objective.patch_weight
             weight = clean + (noisy - clean) * noise.to(self.device) / MAX_NOISE

@@ -74,10 +74,31 @@ def test_judges_are_held_to_margins_of_one():
     assert judge_error(torch.ones(5), -torch.ones(5)).item() == 0
 
 
+@pytest.mark.parametrize("name", [name for name, of in OBJECTIVES.items() if of.patch_weight])
+def test_only_the_judge_of_pix2pix_sees_colours(name):
+    """A change of the colours alone changes what it says, and what the colours are taught."""
+    torch.manual_seed(0)
+    objective = OBJECTIVES[name]
+    judge = PatchJudge(objective.judged_channels).eval()
+    colour, other, grey = (
+        torch.rand(2, 3, 32, 32),
+        torch.rand(2, 3, 32, 32),
+        torch.rand(2, 1, 32, 32),
+    )
+    same = torch.equal(judge(objective.judged(colour, grey)), judge(objective.judged(other, grey)))
+    assert same == (name != "pix2pix")
+    colour.requires_grad_(True)
+    grey.requires_grad_(True)
+    judge(objective.judged(colour, grey)).sum().backward()
+    assert grey.grad is not None
+    assert grey.grad.abs().sum() > 0
+    assert (colour.grad is None) == (name != "pix2pix")
+
+
 @pytest.mark.parametrize("size", [32, 64, 128])
 def test_patches_of_a_judge(size):
     torch.manual_seed(0)
-    judge = PatchJudge().eval()
+    judge = PatchJudge(4).eval()
     images = torch.rand(2, 4, size, size)
     found = judge(images)
     assert found.shape == (2, 1, size // 8, size // 8)
@@ -89,7 +110,7 @@ def test_patches_of_a_judge(size):
 def test_a_judge_is_bounded():
     """Spectral normalisation: no layer of the first three stretches by more than its norm, 1."""
     torch.manual_seed(0)
-    judge = PatchJudge()
+    judge = PatchJudge(4)
     for _ in range(30):  # the power iteration needs some rounds
         judge(torch.rand(1, 4, 32, 32))
     for place in (0, 2, 4):

@@ -73,9 +73,10 @@ def test_before_the_judge_takes_part_the_objective_is_l1(data):
     assert not torch.equal(plain.network.last.weight, patches.network.last.weight)
 
 
-def test_the_judge_learns_which_images_are_real(data):
-    trainer = build(data, objective="l1-patch", judge_lr=1e-2)
-    drawn, real = torch.zeros(2, 4, 32, 32), torch.ones(2, 4, 32, 32)
+@pytest.mark.parametrize(("objective", "channels"), [("l1-patch", 1), ("pix2pix", 4)])
+def test_the_judge_learns_which_images_are_real(data, objective, channels):
+    trainer = build(data, objective=objective, judge_lr=1e-2)
+    drawn, real = torch.zeros(2, channels, 32, 32), torch.ones(2, channels, 32, 32)
     errors = [trainer._judge(drawn, real)[0].item() for _ in range(20)]
     assert errors[-1] < 0.5 * errors[0]
     on_real, on_drawn = trainer.judge.eval()(torch.cat([real, drawn])).chunk(2)
