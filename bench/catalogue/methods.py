@@ -86,6 +86,11 @@ METHODS = (
         weights="all",
     ),
     _network(
+        "pc2pix@widened",
+        source="pc2pix trained on chairs that vary more (pc2pix/weights/chair-widened.md)",
+        weights="chair-widened",
+    ),
+    _network(
         "pc2pix@bf16",
         source="pc2pix in bfloat16: twice as fast where the processor has it",
         precision="bfloat16",
@@ -102,6 +107,17 @@ METHODS = (
         source="splat-net in neutral grey: no colour is made up",
     ),
     _splat_net(
+        "splat-net@all",
+        weights="all",
+        source="splat-net trained on shapes of all 13 classes that vary more "
+        "(baselines/splat_net/weights/all.md)",
+    ),
+    _splat_net(
+        "splat-net@all-grey",
+        weights="all-grey",
+        source="splat-net@all in neutral grey",
+    ),
+    _splat_net(
         "splat-net@bf16",
         weights="chair",
         source="splat-net in bfloat16",
@@ -112,6 +128,23 @@ METHODS = (
         weights="chair-tiny",
         source="splat-net without normals, of half the width "
         "(baselines/splat_net/weights/chair-tiny.md)",
+    ),
+    _splat_net(
+        "points2pix",
+        weights="points2pix",
+        source="the U-Net of pix2pix with a code of the cloud (Milz et al. 2019); its own loss, a "
+        "short training (baselines/splat_net/weights/points2pix.md)",
+    ),
+    _splat_net(
+        "points2pix@l1-patch",
+        weights="points2pix-l1-patch",
+        source="points2pix trained with the loss of splat-net",
+    ),
+    _splat_net(
+        "depth-net",
+        weights="depth",
+        source="splat-net fed with the nearest depth alone, as Z2P is; a short training "
+        "(baselines/splat_net/weights/depth.md)",
     ),
     Method(
         "surface-apss",

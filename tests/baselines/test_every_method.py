@@ -24,7 +24,10 @@ SURFACES = (
     *("alpha-shape", "poisson", "surface-apss", "surface-bpa", "surface-fit"),
     *("denoised-alpha", "denoised-bpa", "denoised-poisson", "pgr"),
 )
-NETWORKS = ("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny")
+NETWORKS = (
+    *("pc2pix", "pc2pix@acgan", "splat-net", "splat-net@tiny"),
+    *("splat-net@all", "points2pix", "depth-net"),
+)
 FLOORS = ("constant", "blank")
 METHODS = (*SURFACES, *NETWORKS, "splat", "true-mesh", *FLOORS)
 VIEWS = [View(10, 20), View(370, 20), View(-100, -40), View(0, 90), View(30, -90)]

@@ -331,8 +331,14 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
         # Its encoder takes 2,048 points: it is given rows as often as that in any case.
         **dict.fromkeys(_REPEATED, _EXACT),
     },
+    "pc2pix@widened": _PC2PIX,
     "splat-net": _SPLAT_NET,
     "splat-net@grey": _SPLAT_NET,
+    "splat-net@all": _SPLAT_NET,
+    "splat-net@all-grey": _SPLAT_NET,
+    "points2pix": _SPLAT_NET,
+    "points2pix@l1-patch": _SPLAT_NET,
+    "depth-net": _SPLAT_NET,
     "splat-net@bf16": _SPLAT_NET,
     "splat-net@tiny": _SPLAT_NET,
     "splat": _POINTS
