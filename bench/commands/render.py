@@ -97,7 +97,7 @@ def _of_chairs_only(methods: Sequence[str]) -> Notes:
     if not chairs:
         return ()
     return (
-        f"{', '.join(chairs)}: trained on chairs, other objects are drawn as chairs; {RECOMMENDED} "
+        f"{', '.join(chairs)}: trained on chairs, other objects may look like them; {RECOMMENDED} "
         f"knows {find_method(RECOMMENDED).trained_on}",
     )
 

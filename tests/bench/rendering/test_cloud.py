@@ -116,7 +116,7 @@ def test_what_of_the_file_is_not_drawn_and_what_knows_chairs_only_is_a_line_each
         f"note: {path}: its colours are not used; only the coordinates of its points are",
         f"note: {path}: its 2 faces are not used; only the coordinates of its points are",
         f"note: {path}: 1 of 4 points are left out, they are not finite",
-        "note: splat-net: trained on chairs, other objects are drawn as chairs; "
+        "note: splat-net: trained on chairs, other objects may look like them; "
         "splat-net@all-grey knows 13 classes",
     ]
 
