@@ -20,7 +20,7 @@ from bench.catalogue.parameters import find_setting
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from data_prep import announced
 from data_prep.announced import announced_ids, load_announced
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 from data_prep.untrusted import is_regular_file
 
 if TYPE_CHECKING:
@@ -357,11 +357,14 @@ def find_method(method_id: str) -> Method:
             weights_file=partial(Path, weights),
         )
     own = (*METHODS, *COST_VARIANTS)
-    if all(method.id != method_id for method in own) and method_id in plugin_ids():
+    for method in own:
+        if method.id == method_id:
+            return method
+    if method_id in plugin_ids():
         return _plugin(method_id)
     if network and suffix:
         raise BadInput(f"{weights}: weights are .safetensors files; '{network.command}' writes one")
-    return find(method_id, own, "method")
+    raise unknown(method_id, [*(method.id for method in own), *plugin_ids()], "method")
 
 
 @cache
