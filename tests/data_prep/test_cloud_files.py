@@ -100,6 +100,7 @@ def test_the_same_points_from_every_format(tmp_path: Path, name: str) -> None:
             [11, 12, 13, 14],
         ),
     ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_is_passed_over_and_the_line_of_each_point(
     tmp_path: Path, name: str, content: bytes, unused: tuple[str, ...], lines: list[int] | None
