@@ -1,7 +1,8 @@
 """The harness: suites, methods, metrics, runs, tables, checks and the command line.
 
-A folder is a room; `pyproject.toml` has their order. Packages of other people import some modules
-by the names that they had before there were rooms; these names go on working.
+`draw_cloud` and `turntable` make images of points. A folder is a room; `pyproject.toml` has their
+order. Packages of other people import some modules by the names that they had before there were
+rooms; these names go on working.
 """
 
 from __future__ import annotations
@@ -9,6 +10,12 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bench.rendering.points import draw_cloud, turntable
+
+__all__ = ["draw_cloud", "turntable"]
 
 _PUBLIC = {
     "methods": "bench.catalogue.methods",  # Method
@@ -26,3 +33,10 @@ class _Renamed(ModuleType):
 
 for _name in _PUBLIC:
     globals()[_name] = sys.modules[f"bench.{_name}"] = _Renamed(f"bench.{_name}")
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public function; what it needs is imported when it is asked for."""
+    if name not in __all__:
+        raise AttributeError(f"module 'bench' has no attribute '{name}'")
+    return getattr(import_module("bench.rendering.points"), name)

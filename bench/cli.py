@@ -118,7 +118,8 @@ def _refused(error: Any) -> typer.Exit:
     from bench.tables.markdown import visible
 
     command = error.ctx.command_path if error.ctx else "bench"
-    message = error.format_message().rstrip(".")
+    # Some Typers pass on what pydantic puts before the message of a ValueError.
+    message = error.format_message().rstrip(".").replace("Value error, ", "")
     print(f"bench: {visible(message)}; see '{command} --help'", file=sys.stderr)
     return typer.Exit(2)
 

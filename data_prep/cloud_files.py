@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.scan_files import SCAN_SUFFIXES, load_scan
+from data_prep.scan_files import SCAN_SUFFIXES, read_scan
 from data_prep.scene import Points
 from data_prep.untrusted import MIB, read_file, shown
 from data_prep.whole_files import write_whole
@@ -30,35 +30,63 @@ MOST_BYTES = 256 * MIB  # 22 million points, which take 1.3 GiB of memory and so
 MOST_TEXT_BYTES = 64 * MIB  # 2 million points of the usual length; some 10 s
 MOST_HEADER_BYTES = 2**16
 MOST_LINE_BYTES = 2**16
+COLOURS = "its colours"
 
 CloudPoints = NDArray[np.float64]  # [N, 3]
 
 
-@np.errstate(over="ignore", invalid="ignore")  # odd NaNs, and what only longdouble can hold
+@dataclass(frozen=True, eq=False)
+class CloudContents:
+    """The points of a file, and what else it holds.
+
+    points  the coordinates as they are, in the file's order and units
+    unused  what else the file has, for people: "its colours"
+    lines   the line of each point in a text file, else None
+    """
+
+    points: CloudPoints
+    unused: tuple[str, ...] = ()
+    lines: Sequence[int] | None = None
+
+
 def load_points(path: Path) -> CloudPoints:
-    """float64 [N, 3]: the file's coordinates as they are, in its order and units.
+    """Return the coordinates in a file, float64 [N, 3], as they are, in its order and units.
 
     PLY    ascii or binary, either byte order; whatever stands beside x, y, z is passed over
     NPY    an array of real numbers of shape [N, 3]
-    text   the first three columns, separated by white space or commas; # begins a comment
+    text   the first three columns, or x, y and z of a first line that names all columns; separated
+           by white space or commas; # begins a comment
     PTS    as text; lines of a single whole number, the counts of its parts, are passed over
     LAS, LAZ, E57, PCD  see `data_prep.scan_files`; large ones are thinned out
 
     N may be 0 and values may be NaN or infinite: judging a cloud is up to who uses it. Raises
     BadInput, naming file, value and remedy, for anything else.
     """
+    return read_cloud(path).points
+
+
+@np.errstate(over="ignore", invalid="ignore")  # odd NaNs, and what only longdouble can hold
+def read_cloud(path: Path) -> CloudContents:
+    """Return the points of a file as `load_points` does, and what is passed over."""
+    check_cloud_name(path)
     if path.suffix.lower() in SCAN_SUFFIXES:
-        return load_scan(path)
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise BadInput(
-            f"{path}: no point cloud by its name; use one of {', '.join(CLOUD_SUFFIXES)}"
-        )
+        points, has_colours = read_scan(path)
+        return CloudContents(points, (COLOURS,) if has_colours else ())
     data = read_file(path, MOST_BYTES)
     try:
-        return reader(data)
+        return _READERS[path.suffix.lower()](data)
     except _NotACloud as problem:
         raise BadInput(f"{path}: {problem}") from problem.__cause__
+
+
+def check_cloud_name(path: Path) -> None:
+    """Raise BadInput for the name of a file in another format."""
+    if path.suffix.lower() not in CLOUD_SUFFIXES:
+        name = path.suffix or "a name without a suffix"
+        raise BadInput(
+            f"{path}: {name} is not supported as a point cloud; use one of "
+            + ", ".join(CLOUD_SUFFIXES)
+        )
 
 
 def save_ply(points: Points, path: Path) -> None:
@@ -87,6 +115,7 @@ class _NotACloud(Exception):
 # --- PLY ------------------------------------------------------------------------------------------
 
 _PLY_HEADER = re.compile(rb"ply\r?\n((?:.*?\n)?)end_header\r?\n", re.DOTALL)
+_PLY_COLOURS = {"red", "r", "diffuse_red"}
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _PLY_TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -109,8 +138,8 @@ class _Element:
         return any(not code for _, code in self.properties)
 
 
-def _read_ply(data: bytes) -> CloudPoints:
-    """The vertices, by hand: faces are not read.
+def _read_ply(data: bytes) -> CloudContents:
+    """Return the vertices, read by hand: faces are only counted.
 
     trimesh reads a text that is cut short as if it were whole and refuses binary files with faces
     of different sizes; plyfile takes memory for as many rows as the header claims, and is under the
@@ -134,9 +163,17 @@ def _read_ply(data: bytes) -> CloudPoints:
     if vertex.has_lists:
         raise _NotACloud("a list among the properties of the vertices; write it without")
     columns = [own.index(axis) for axis in "xyz"]
+    faces = sum(element.count for element in elements if element.name == "face")
+    unused = (
+        *((COLOURS,) if _PLY_COLOURS & set(own) else ()),
+        *((f"its {faces} faces",) if faces else ()),
+    )
     if not byte_order:
-        return _ascii_vertices(data[found.end() :], before, vertex, columns)
-    return _binary_vertices(data, found.end(), byte_order, before, vertex, columns)
+        header_lines = data.count(b"\n", 0, found.end())
+        points, lines = _ascii_vertices(data[found.end() :], before, vertex, columns)
+        return CloudContents(points, unused, [header_lines + line for line in lines])
+    points = _binary_vertices(data, found.end(), byte_order, before, vertex, columns)
+    return CloudContents(points, unused)
 
 
 def _ply_header(text: bytes) -> tuple[str, list[_Element]]:
@@ -194,25 +231,27 @@ def _row(element: _Element, byte_order: str) -> np.dtype:
 
 def _ascii_vertices(
     body: bytes, before: Sequence[_Element], vertex: _Element, columns: Sequence[int]
-) -> CloudPoints:
+) -> tuple[CloudPoints, Sequence[int]]:
+    """Return the vertices, and the line of each after the header."""
     rows = ((n, f) for n, line in _lines(body) if (f := line.split(None, max(columns) + 1)))
     first = sum(element.count for element in before)
-    values = array("d")
+    values, lines = array("d"), array("q")
     for number, fields in islice(rows, first, first + vertex.count):
         values.extend(_numbers(fields, columns, f"line {number} after the header"))
+        lines.append(number)
     if len(values) != 3 * vertex.count:
         raise _NotACloud(
             f"{vertex.count} vertices in the header, {len(values) // 3} in the file; it is cut "
             "short, fetch it again"
         )
-    return np.array(values, np.float64).reshape(-1, 3)
+    return np.array(values, np.float64).reshape(-1, 3), lines
 
 
 # --- NPY ------------------------------------------------------------------------------------------
 
 
-def _read_npy(data: bytes) -> CloudPoints:
-    """Never unpickles: an array of objects is refused by its dtype.
+def _read_npy(data: bytes) -> CloudContents:
+    """Return the rows of an array; nothing is unpickled, an array of objects is refused.
 
     Not by numpy.load, which takes memory for as many rows as the header claims; workers fill what
     they take (`isolation.WORKER_ENVIRONMENT`), so that a claim would cost it all.
@@ -241,24 +280,47 @@ def _read_npy(data: bytes) -> CloudPoints:
             "damaged, fetch it again"
         )
     values = np.frombuffer(data, dtype, 3 * shape[0], file.tell())
-    return np.array(values.reshape(shape, order="F" if by_columns else "C"), np.float64)
+    rows = values.reshape(shape, order="F" if by_columns else "C")
+    return CloudContents(np.array(rows, np.float64))
 
 
 # --- text -----------------------------------------------------------------------------------------
 
 
-def _read_text(data: bytes) -> CloudPoints:
-    values = array("d")
+def _read_text(data: bytes) -> CloudContents:
+    values, lines = array("d"), array("q")
+    columns, width, begun = (0, 1, 2), 3, False
     for number, line in _lines(data.removeprefix(b"\xef\xbb\xbf")):
         text = line.partition(b"#")[0].strip()
-        if text:
-            fields = text.split(b",", 3) if b"," in text else text.split(None, 3)
-            values.extend(_numbers(fields, (0, 1, 2), f"line {number}"))
-    return np.array(values, np.float64).reshape(-1, 3)
+        if not text:
+            continue
+        if not begun:
+            begun, first = True, _fields(text)
+            width = len(first)
+            if named := _named_columns(first):
+                columns = named
+                continue
+        values.extend(_numbers(_fields(text, max(columns) + 1), columns, f"line {number}"))
+        lines.append(number)
+    unused = (f"{width - 3} of its {width} columns",) if width > 3 else ()
+    return CloudContents(np.array(values, np.float64).reshape(-1, 3), unused, lines)
 
 
-def _read_pts(data: bytes) -> CloudPoints:
-    """Leica's counts are believed as little as others: what is there is read."""
+def _fields(text: bytes, most: int = -1) -> list[bytes]:
+    """Return the first `most` fields of a line, and the rest of it as one."""
+    return text.split(b",", most) if b"," in text else text.split(None, most)
+
+
+def _named_columns(fields: Sequence[bytes]) -> tuple[int, int, int] | None:
+    """Return the columns of x, y and z where a header names them, as `x,y,z` or `//X Y Z R G B`."""
+    names = [field.strip(b" \"'/").lower() for field in fields]
+    if not {b"x", b"y", b"z"} <= set(names):
+        return None
+    return names.index(b"x"), names.index(b"y"), names.index(b"z")
+
+
+def _read_pts(data: bytes) -> CloudContents:
+    """Return the points of all parts; Leica's counts are believed as little as others."""
     lines = (b"#" if _COUNT.fullmatch(line.strip()) else line for line in data.split(b"\n"))
     return _read_text(b"\n".join(lines))
 
@@ -267,7 +329,7 @@ _COUNT = re.compile(rb"[0-9]{1,12}")
 
 
 def _lines(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Numbered lines, from 1."""
+    """Yield the lines with their numbers, from 1."""
     if len(data) > MOST_TEXT_BYTES:
         raise _NotACloud(f"{len(data)} bytes of text, at most {MOST_TEXT_BYTES} are read; use NPY")
     file = io.BytesIO(data)

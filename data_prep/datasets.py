@@ -19,7 +19,7 @@ from data_prep.dataset_procedural import (
     widened_dataset,
 )
 from data_prep.dataset_shapenet import is_shapenet, shapenet_dataset
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 from data_prep.scene_objects import MeshObject, SceneObject, Split
 from data_prep.stored_meshes import MeshFile, PlacedMesh
 from data_prep.untrusted import shown
@@ -57,7 +57,7 @@ _STORED: Mapping[str, Callable[[str, Path], Dataset]] = {
 
 
 def open_dataset(spec: str) -> Dataset:
-    """The dataset named on the command line: `procedural`, or a kind and a folder (`folder:PATH`).
+    """Return the dataset of a name: `procedural`, or a kind and a folder (`folder:PATH`).
 
     Choices are made on `procedural:validation`. `procedural:sealed` is for final numbers alone,
     measured once per version of the protocol: no training, study or default takes it.
@@ -72,12 +72,23 @@ def open_dataset(spec: str) -> Dataset:
         return _STORED[kind](spec, _folder(location))
     if location and kind in reader_ids():
         return _read(kind, spec, _folder(location))
-    *kinds, last = [*_EMBEDDED, *(f"{known}:PATH" for known in (*_STORED, *reader_ids()))]
-    raise BadInput(f"unknown dataset '{spec}': use {', '.join(kinds)} or {last}")
+    first, *others = _EMBEDDED
+    forms = [first, *(f"{known}:PATH" for known in (*_STORED, *reader_ids())), *others]
+    raise unknown(spec, forms, "dataset", near=_as_folder(spec))
+
+
+def _as_folder(location: str) -> str:
+    """Return the dataset that somebody means who gives a folder alone; "" for other words."""
+    if ":" in location:
+        return ""
+    try:
+        return f"{layout_of(location)}:{location}"
+    except BadInput:  # no such folder, or none that can be read
+        return f"folder:{location}" if "/" in location else ""
 
 
 def is_dataset(text: str) -> bool:
-    """Whether this is the name of a dataset, and not that of a folder."""
+    """Return whether this is the name of a dataset, and not that of a folder."""
     kind, colon, _ = text.partition(":")
     kinds = ("procedural", *_STORED, *reader_ids())
     return text == "procedural" or bool(colon and kind in kinds)

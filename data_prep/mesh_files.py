@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, NoFaces
 from data_prep.normalise import normalise
 from data_prep.orientations import OURS, Orientation
 from data_prep.sampling import face_areas
@@ -54,12 +54,12 @@ def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None =
 
 @np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
 def read_mesh(path: Path, within: Path | None = None) -> Mesh:
-    """The file's mesh as it stands.
+    """Return the file's mesh as it stands.
 
     Vertices are not merged (trimesh would, and change the surface). Materials, textures and buffers
     are read from the mesh's own folder only, or from anywhere in `within`, a folder above it.
 
-    Raises BadInput, naming the file: missing, no regular file, too large, not a mesh, no faces.
+    Raises BadInput, naming the file: missing, no regular file, too large, not a mesh; and NoFaces.
     Time and memory grow with what the file holds, not with what it claims; but parsers are
     libraries, so a mesh that nobody vouches for belongs into a worker with limits.
     """
@@ -77,7 +77,7 @@ def read_mesh(path: Path, within: Path | None = None) -> Mesh:
                 + ", ".join(SUFFIXES)
             ) from error
         if not parts:
-            raise BadInput(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
+            raise NoFaces(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
         try:
             return _joined(parts)
         except ValueError as error:

@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from data_prep.failures import BadInput
+from data_prep.orientations import upright
 from data_prep.scene import Mesh, PointCloud
 
 
@@ -45,8 +46,20 @@ def normalise(mesh: Mesh) -> Mesh:
     return Mesh(scaled, mesh.faces, mesh.face_colors)
 
 
+def cloud_of_points(points: ArrayLike, up: str = "y", front: str | None = None) -> PointCloud:
+    """Return real numbers [N, 3] in any units and axes as a cloud in the unit sphere.
+
+    Raises ValueError for what is no array of such a shape, and BadInput as `upright` and
+    `normalise_points`.
+    """
+    given = np.asarray(points)
+    if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
+        raise ValueError(f"points: expected real numbers [N, 3], got {given.dtype} {given.shape}")
+    return normalise_points(upright(given.astype(np.float64), up, front))
+
+
 def normalise_points(points: NDArray[Any]) -> PointCloud:
-    """Real numbers [N, 3] in any units, centred and scaled to the unit sphere.
+    """Return real numbers [N, 3] in any units, centred and scaled to the unit sphere.
 
     Afterwards the bounding box is centred at the origin and the farthest point lies at radius 1
     (float64 arithmetic, rounded to float32 once). Works at any scale and far from the origin, as

@@ -33,8 +33,8 @@ RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
 ScanPoints = NDArray[np.float64]  # [N, 3]
 
 
-def load_scan(path: Path) -> ScanPoints:
-    """float64 [N, 3], in the file's order and units.
+def read_scan(path: Path) -> tuple[ScanPoints, bool]:
+    """Return float64 [N, 3], in the file's order and units, and whether the points have colours.
 
     Raises BadInput, naming the file: missing, no regular file, too large, not readable; and
     MissingDependency, naming the extra, where the library is not installed.
@@ -62,7 +62,7 @@ def _stride(count: int) -> int:
     return max(1, math.ceil(count / MOST_POINTS))
 
 
-def _read_las(path: Path) -> ScanPoints:
+def _read_las(path: Path) -> tuple[ScanPoints, bool]:
     import laspy
 
     with open_file(path, MOST_BYTES) as file:
@@ -76,7 +76,8 @@ def _read_las(path: Path) -> ScanPoints:
                 seen += len(points)
         if seen != las.header.point_count:
             raise _cut_short(path, las.header.point_count, seen)
-    return np.concatenate(kept)
+        has_colours = "red" in las.header.point_format.dimension_names
+    return np.concatenate(kept), has_colours
 
 
 def _check_records(file: BinaryIO) -> None:
@@ -91,23 +92,24 @@ def _check_records(file: BinaryIO) -> None:
     file.seek(0)
 
 
-def _read_e57(path: Path) -> ScanPoints:
+def _read_e57(path: Path) -> tuple[ScanPoints, bool]:
     import pye57
 
     file = pye57.E57(str(path))
     try:
-        counts = [file.get_header(i).point_count for i in range(file.scan_count)]
-        _check_claim(path, sum(counts))
+        headers = [file.get_header(i) for i in range(file.scan_count)]
+        _check_claim(path, sum(header.point_count for header in headers))
+        has_colours = any("colorRed" in header.point_fields for header in headers)
         scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     finally:
         file.close()
     axes = "cartesianX", "cartesianY", "cartesianZ"
     parts = [np.stack([scan[axis] for axis in axes], axis=1) for scan in scans]
     points = np.concatenate([np.empty((0, 3)), *parts])
-    return points[:: _stride(len(points))]
+    return points[:: _stride(len(points))], has_colours
 
 
-def _read_pcd(path: Path) -> ScanPoints:
+def _read_pcd(path: Path) -> tuple[ScanPoints, bool]:
     from pypcd4.pypcd4 import PointCloud
 
     claimed = 0
@@ -124,7 +126,7 @@ def _read_pcd(path: Path) -> ScanPoints:
         raise _cut_short(path, claimed, len(cloud.pc_data))
     points = cloud.numpy(("x", "y", "z")).astype(np.float64)
     points = points[~np.isnan(points).all(axis=1)]
-    return points[:: _stride(len(points))]
+    return points[:: _stride(len(points))], bool({"rgb", "rgba"} & set(cloud.fields))
 
 
 def _cut_short(path: Path, claimed: int, found: int) -> BadInput:

@@ -178,6 +178,8 @@ def check_name(path: Path, root: Path) -> None:
 def _why(error: OSError | ValueError) -> str:
     if isinstance(error, FileNotFoundError):
         return "no such file"
+    if isinstance(error, IsADirectoryError):
+        return "a folder; give a file"
     reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return f"cannot be read ({reason})"
 

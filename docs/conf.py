@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from itertools import groupby
+from pkgutil import resolve_name
 from typing import Any
 
 from docutils.nodes import document, image
@@ -41,7 +43,39 @@ def link_pictures(app: Any, page: document) -> None:
         picture["width"] = "100%"
 
 
+def add_directives(app: Any, page: str, source: list[str]) -> None:
+    """Add to two pages what only Sphinx can do, since GitHub shows directives as they stand.
+
+    The navigation is made from the lists of the index, and the text of each name of the reference
+    stands below its table.
+    """
+    if page not in ("index", "api"):
+        return
+    head, *sections = re.split(r"^(?=## )", source[0], flags=re.MULTILINE)
+    add = contents if page == "index" else reference
+    source[0] = head + "".join(section + add(section) for section in sections)
+
+
+def contents(section: str) -> str:
+    """Return a hidden table of contents of the pages that a section links."""
+    caption = section.partition("\n")[0].removeprefix("## ")
+    pages = "\n".join(re.findall(r"\]\(([\w-]+)\.md\)", section))
+    return f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{pages}\n```\n\n"
+
+
+def reference(section: str) -> str:
+    """Return the directives for all names in the table of a section."""
+    lines = []
+    for name in re.findall(r"^\| `([\w.]+)`", section, re.MULTILINE):
+        if inspect.isclass(resolve_name(name)):
+            lines += [f".. autoclass:: {name}", "   :members:"]
+        else:
+            lines += [f".. autofunction:: {name}"]
+    return "\n".join(["", "```{eval-rst}", *lines, "```", "", ""])
+
+
 def setup(app: Any) -> None:
-    """Called by Sphinx."""
+    """Connect the functions above to the steps of a build."""
+    app.connect("source-read", add_directives)
     app.connect("doctree-read", link_pictures)
     app.connect("autodoc-process-docstring", show_plain)

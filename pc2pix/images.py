@@ -1,4 +1,7 @@
-"""From bare points to images, in one call; for more than that see `pc2pix.load`."""
+"""Images of bare points by pc2pix, in one call; `pc2pix.load` does more than that.
+
+The bundled network knows chairs only. `bench.draw_cloud` draws any object.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_prep.images import to_uint8
-from data_prep.normalise import normalise_points
-from data_prep.orientations import upright
+from data_prep.normalise import cloud_of_points
 from data_prep.scene import View
 
 if TYPE_CHECKING:
@@ -26,13 +28,14 @@ def draw_cloud(
     front: str | None = None,
     renderer: Pc2pixRenderer | None = None,
 ) -> NDArray[np.uint8]:
-    """An image [128, 128, 3] of real numbers [N, 3], in any units and anywhere.
+    """Return an image [128, 128, 3] of the chair of points [N, 3], in any units and anywhere.
 
     azimuth_deg    0: the front; 90: from +X (see `data_prep.scene`)
     elevation_deg  -90..90; the networks were trained within -40..40
     up, front      axes of the points that point up and to the front, "z" or "-x" say; the front is
                    "-z" where it is not given, or "-y" where z is up
-    renderer       of `pc2pix.load`; None: the bundled weights `chair`, read once a process
+    renderer       of `pc2pix.load`; None: the bundled weights `chair`, read once a process, which
+                   draw every cloud as a chair (`bench.draw_cloud` draws other objects)
 
     Any number of points will do; of many, the network gets several random thousands. The same
     points give the same image. Raises ValueError for what is no array of such a shape and for
@@ -53,7 +56,7 @@ def turntable(
     front: str | None = None,
     renderer: Pc2pixRenderer | None = None,
 ) -> NDArray[np.uint8]:
-    """Images [frames, 128, 128, 3] from all around, from azimuth 0 on, in equal steps.
+    """Return images [frames, 128, 128, 3] from all around, from azimuth 0 on, in equal steps.
 
     Everything else as in `draw_cloud`; the cloud is encoded once. No frames give an empty array.
     """
@@ -68,10 +71,7 @@ def _draw(
     front: str | None,
     renderer: Pc2pixRenderer | None,
 ) -> NDArray[np.uint8]:
-    given = np.asarray(points)
-    if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "fiu":
-        raise ValueError(f"points: expected real numbers [N, 3], got {given.dtype} {given.shape}")
-    cloud = normalise_points(upright(given.astype(np.float64), up, front))
+    cloud = cloud_of_points(points, up, front)
     renderer = renderer or _bundled()
     return to_uint8(renderer.draw(renderer.prepare(cloud), views))
 

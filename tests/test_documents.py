@@ -67,6 +67,11 @@ def test_links_lead_somewhere(page):
                 assert anchor in {slug(title) for title in titles}, target
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_pages_hold_no_directives_which_github_would_show(page):
+    assert re.findall(r"^(?:```|:::)\{.*", page.read_text(), re.MULTILINE) == []
+
+
 def slug(title: str) -> str:
     """As GitHub and MyST make the anchor of a heading."""
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")

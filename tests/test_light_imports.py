@@ -10,7 +10,7 @@ import pytest
 HEAVY = {"numpy", "scipy", "pandas", "trimesh", "pyrender", "OpenGL", "pymeshlab", "torch", "PIL"}
 # Of one interpreter, what is done after what, and which of these packages may be there then.
 STEPS = {
-    "import pc2pix": set(),
+    "import bench, pc2pix": set(),
     "import data_prep.scene": {"numpy"},
     "pc2pix.draw_cloud, pc2pix.turntable": {"numpy"},
     "import pc2pix.weights, baselines.splat_net.weights, learning.weights": {"numpy"},

@@ -17,7 +17,10 @@ pytestmark = pytest.mark.slow
 
 PAGE = Path(__file__).parents[1] / "docs" / "rendering.md"
 BENCH = (sys.executable, "-c", "from bench.cli import main; main()")
-FRAMES = {"chair.png": 1, "pc2pix.png": 1, "sheet.png": 1, "turntable.gif": 36, "lying.png": 1}
+FRAMES = {
+    **dict.fromkeys(("chair.png", "pc2pix.png", "splat.png", "sheet.png", "lying.png"), 1),
+    "turntable.gif": 36,
+}
 TILES = {"sheet.png": (3, 2), "turntable.gif": (4, 1)}  # columns, rows; of all others one image
 WIDTH, HEIGHT = 256 + 6, 256 + 18 + 6  # of a tile: the image, its margin, its label
 

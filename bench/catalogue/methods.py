@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from bench.catalogue import loaders
 from bench.catalogue.lookup import find
@@ -20,12 +20,15 @@ from bench.catalogue.parameters import find_setting
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from data_prep import announced
 from data_prep.announced import announced_ids, load_announced
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 from data_prep.untrusted import is_regular_file
 
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
     from pc2pix.engine import Precision
+
+
+TrainedOn = Literal["chairs", "13 classes", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,8 @@ class Method:
     by hand when a change alters its images (finished work is then done again); `identity` gives
     whatever else its images depend on: the versions of its libraries, the checksum of its
     weights. Only ceilings have `sees_mesh`; what has not `sees_cloud` draws the same under every
-    condition, and is drawn once.
+    condition, and is drawn once. `trained_on` names the objects that a network has seen; it is
+    None where nobody knows, as of weights in a file.
     """
 
     id: str
@@ -47,6 +51,7 @@ class Method:
     sees_mesh: bool = False
     sees_cloud: bool = True
     weights_file: Callable[[], Path] | None = None  # of a network
+    trained_on: TrainedOn | None = None
 
 
 def _network(
@@ -56,8 +61,9 @@ def _network(
     network: loaders.Network = loaders.PC2PIX,
     precision: Precision = "float32",
     load: Callable[[str], Renderer] | None = None,
+    trained_on: TrainedOn = "chairs",
 ) -> Method:
-    """A network with bundled weights; `load` where it is not loaded as usual."""
+    """Return a network with bundled weights; `load` where it is not loaded as usual."""
     return Method(
         method_id,
         load=load or partial(network.load, weights, precision=precision),
@@ -65,6 +71,7 @@ def _network(
         version=network.version,
         source=source,
         weights_file=partial(network.file, weights),
+        trained_on=trained_on,
     )
 
 
@@ -82,6 +89,7 @@ METHODS = (
     ),
     _network(
         "pc2pix@all",
+        trained_on="13 classes",
         source="one network for all 13 classes, objective paired (pc2pix/weights/all.md)",
         weights="all",
     ),
@@ -109,12 +117,14 @@ METHODS = (
     _splat_net(
         "splat-net@all",
         weights="all",
+        trained_on="13 classes",
         source="splat-net trained on shapes of all 13 classes that vary more "
         "(baselines/splat_net/weights/all.md)",
     ),
     _splat_net(
         "splat-net@all-grey",
         weights="all-grey",
+        trained_on="13 classes",
         source="splat-net@all in neutral grey",
     ),
     _splat_net(
@@ -132,17 +142,20 @@ METHODS = (
     _splat_net(
         "points2pix",
         weights="points2pix",
+        trained_on="13 classes",
         source="the U-Net of pix2pix with a code of the cloud (Milz et al. 2019); its own loss, a "
         "short training (baselines/splat_net/weights/points2pix.md)",
     ),
     _splat_net(
         "points2pix@l1-patch",
         weights="points2pix-l1-patch",
+        trained_on="13 classes",
         source="points2pix trained with the loss of splat-net",
     ),
     _splat_net(
         "depth-net",
         weights="depth",
+        trained_on="13 classes",
         source="splat-net fed with the nearest depth alone, as Z2P is; a short training "
         "(baselines/splat_net/weights/depth.md)",
     ),
@@ -152,6 +165,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
+        trained_on="nothing",
     ),
     Method(
         "surface-fit",
@@ -159,6 +173,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="the paper's SR on a grid no finer than the picture can show",
+        trained_on="nothing",
     ),
     Method(
         "surface-bpa",
@@ -166,6 +181,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="the paper's SR without its last step: ball pivoting and holes closed",
+        trained_on="nothing",
     ),
     Method(
         "poisson",
@@ -173,6 +189,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=2,
         source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
+        trained_on="nothing",
     ),
     Method(
         "alpha-shape",
@@ -180,6 +197,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "scipy"),
         version=2,
         source="alpha shape (Edelsbrunner and Muecke 1994)",
+        trained_on="nothing",
     ),
     Method(
         "denoised-bpa",
@@ -187,6 +205,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=1,
         source="ball pivoting on points smoothed as their noise asks for",
+        trained_on="nothing",
     ),
     Method(
         "denoised-alpha",
@@ -194,6 +213,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "scipy"),
         version=1,
         source="the alpha shape of points smoothed as their noise asks for",
+        trained_on="nothing",
     ),
     Method(
         "denoised-poisson",
@@ -201,6 +221,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=1,
         source="screened Poisson on points smoothed as their noise asks for",
+        trained_on="nothing",
     ),
     Method(
         "pgr",
@@ -208,6 +229,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "scikit-image", "scipy"),
         version=1,
         source="parametric Gauss reconstruction (Lin et al. 2022)",
+        trained_on="nothing",
     ),
     Method(
         "open3d-poisson",
@@ -215,6 +237,7 @@ METHODS = (
         identity=loaders.open3d_identity,
         version=1,
         source="screened Poisson as a first script with Open3D does it; extra [open3d]",
+        trained_on="nothing",
     ),
     Method(
         "splat",
@@ -222,6 +245,7 @@ METHODS = (
         identity=partial(loaders.versions, "scipy"),
         version=1,
         source="depth-buffered discs: what a viewer shows",
+        trained_on="nothing",
     ),
     Method(
         "true-mesh",
@@ -231,6 +255,7 @@ METHODS = (
         source="the ceiling: the mesh behind the cloud",
         sees_mesh=True,
         sees_cloud=False,
+        trained_on="nothing",
     ),
     Method(
         "true-mesh@grey",
@@ -240,6 +265,7 @@ METHODS = (
         source="the mesh behind the cloud in neutral grey: a ceiling for what has no colour",
         sees_mesh=True,
         sees_cloud=False,
+        trained_on="nothing",
     ),
     Method(
         "constant",
@@ -248,6 +274,7 @@ METHODS = (
         version=1,
         source="a second floor: the one picture that SSIM likes best on the training set",
         sees_cloud=False,
+        trained_on="chairs",
     ),
     Method(
         "blank",
@@ -256,9 +283,10 @@ METHODS = (
         version=1,
         source="the floor: white pictures; failures are scored as these",
         sees_cloud=False,
+        trained_on="nothing",
     ),
 )
-RECOMMENDED = "splat-net@tiny"  # docs/trade.md; draws where no method is named
+RECOMMENDED = "splat-net@all-grey"  # for a cloud of an unknown object: docs/trade.md
 # What nobody would draw with, but a measurement of cost needs beside the others.
 COST_VARIANTS = (
     _network(
@@ -329,11 +357,14 @@ def find_method(method_id: str) -> Method:
             weights_file=partial(Path, weights),
         )
     own = (*METHODS, *COST_VARIANTS)
-    if all(method.id != method_id for method in own) and method_id in plugin_ids():
+    for method in own:
+        if method.id == method_id:
+            return method
+    if method_id in plugin_ids():
         return _plugin(method_id)
     if network and suffix:
         raise BadInput(f"{weights}: weights are .safetensors files; '{network.command}' writes one")
-    return find(method_id, own, "method")
+    raise unknown(method_id, [*(method.id for method in own), *plugin_ids()], "method")
 
 
 @cache

@@ -166,8 +166,8 @@ def find_setting(method_id: str) -> Setting | None:
 
     Raises BadInput for a parameter that the method does not have, and for a value out of its range.
     """
-    method, at, turned = method_id.partition("@")
-    name, equals, text = turned.partition("=")
+    method, at, setting = method_id.partition("@")
+    name, equals, text = setting.partition("=")
     if not (at and equals) or method_id.endswith(".safetensors"):
         return None
     parameter = next((k for k in PARAMETERS if (k.method, k.name) == (method, name)), None)

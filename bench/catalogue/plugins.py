@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from bench.catalogue.lookup import unknown
 from data_prep.announced import EXTRACTORS, METRICS, announced_ids, load_announced
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 
 if TYPE_CHECKING:
     import numpy as np

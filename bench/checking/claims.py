@@ -234,13 +234,13 @@ CONCLUSIONS = (
         "more-data-helps",
         "pc2pix outputs improve with quantity of the training data",
         "section 4.2",
-        why_not="no run of a suite; the benchmark class_data does, see docs/thirteen-classes.md",
+        why_not="no run of a suite; docs/thirteen-classes.md has trainings that do",
     ),
     Claim(
         "imbalance-hurts",
         "it suffers when there is dataset imbalance",
         "section 4.2",
-        why_not="no run of a suite; the benchmark class_data does, see docs/thirteen-classes.md",
+        why_not="no run of a suite; docs/thirteen-classes.md has trainings that do",
     ),
     Claim(
         "colours-are-predicted",

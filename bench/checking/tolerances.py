@@ -8,7 +8,7 @@ drivers and processors. How they were measured, at 128 px:
   (SSIM and its components) and 1 % (fd-views) over 40 images. Allowed: three times that.
 * Another processor rounds elsewhere, and APSS is ill-conditioned: where normals disagree, one
   rounding error decides about a spike. Two runs that differed in one rounding error here and there
-  (see `bench.running.executors`) differed per chair by a standard deviation of 0.0156 (ssim),
+  (see `bench.running.isolation`) differed per chair by a standard deviation of 0.0156 (ssim),
   0.0146 (contrast), 0.0043 (structure) and 0.0017 (luminance), hence by 3 standard errors over 24
   chairs of 0.010, 0.009, 0.003 and 0.001; and in fd-views by up to 40 % in a cell of 12 chairs, the
   largest of five.

@@ -10,8 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.catalogue.lookup import unknown
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 from data_prep.untrusted import MIB, read_text
 
 REQUEST = "request"  # of a manifest: what the command said
@@ -48,7 +47,8 @@ def _take(context: typer.Context, path: Path | None) -> Path | None:
     known = sorted({str(one.name) for one in context.command.params} - {"config", "help"})
     for name in found:
         if name not in known:
-            raise BadInput(f"{path}: {unknown(name, known, 'option')}")
+            see = f"{context.command_path} --help"
+            raise BadInput(f"{path}: {unknown(name, known, 'option', see=see)}")
     context.default_map = {**(context.default_map or {}), **found}
     return path
 

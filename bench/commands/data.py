@@ -35,12 +35,13 @@ from bench.running.isolation import Lost, run_tasks
 from bench.running.protocol import Options
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
+from data_prep.cloud_files import CLOUD_SUFFIXES
 from data_prep.dataset import Dataset, listed
 from data_prep.dataset_exported import METADATA, listed_files
 from data_prep.dataset_paper import VIEWS, PaperObject
-from data_prep.datasets import is_dataset, layout_of, open_dataset
+from data_prep.datasets import BareCloud, is_dataset, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
-from data_prep.failures import BadInput, MissingDependency
+from data_prep.failures import BadInput, MissingDependency, NoFaces
 from data_prep.fingerprints import file_sha256
 from data_prep.mesh_files import SUFFIXES
 from data_prep.progress import progress
@@ -59,19 +60,28 @@ INDIFFERENCE = 0.01
 
 @dataclass(frozen=True)
 class Inspection:
-    """The lines of a report, and what is irregular, a line each."""
+    """The lines of a report, and what is irregular, a line each.
+
+    spec    the dataset as `bench run` takes it
+    clouds  whether all that was read are clouds without a mesh, which cannot be scored
+    """
 
     spec: str
     lines: tuple[str, ...]
     irregular: tuple[str, ...]
+    clouds: bool = False
 
 
 @dataclass(frozen=True)
 class _Examined:
-    """What an object showed: what is odd, and where; how well its cloud fits its images."""
+    """What an object showed: what is odd, and where; how well its cloud fits its images.
+
+    bare  whether it is a cloud without a mesh
+    """
 
     odd: tuple[tuple[str, str], ...]
     agreement: tuple[float, ...] | None = None
+    bare: bool = False
 
 
 def inspect(location: str, sample: int, workers: int) -> Inspection:
@@ -93,15 +103,18 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
             examined[f"{obj.class_name}/{obj.object_id}"] = found
             advance(sum(bool(one.odd) for one in examined.values()))
     fit, misfit = _fit(examined)
-    irregular = (*dataset.irregular, *_without_images(dataset), *_grouped(examined), *misfit)
+    clouds = bool(examined) and all(one.bare for one in examined.values())
+    odd = [] if clouds else _grouped(examined)
+    irregular = (*dataset.irregular, *_without_images(dataset), *odd, *misfit)
     lines = (
         f"layout       {dataset.layout}",
         f"orientation  {dataset.orientation}",
         *_counts(dataset),
         f"read         {len(chosen)} objects",
         *fit,
+        *(("clouds       points without faces: they can be drawn, not scored",) if clouds else ()),
     )
-    return Inspection(spec, lines, irregular)
+    return Inspection(spec, lines, irregular, clouds)
 
 
 def _counts(dataset: Dataset) -> list[str]:
@@ -149,8 +162,9 @@ def _examine(obj: SceneObject) -> _Examined:
     except MissingDependency:
         raise
     except BadInput as error:
-        return _Examined((("it cannot be used", str(error)),))
-    return _Examined(())
+        bare = isinstance(error, NoFaces) and Path(obj.object_id).suffix.lower() in CLOUD_SUFFIXES
+        return _Examined((("it cannot be used", str(error)),), bare=bare)
+    return _Examined((), bare=isinstance(obj, BareCloud))
 
 
 def _grouped(examined: Mapping[str, _Examined]) -> list[str]:
@@ -262,7 +276,8 @@ def inspect_data(
         print(visible(line))
     for line in found.irregular:
         print(f"IRREGULAR    {visible(line)}")
-    print(f"use          --dataset {shlex.quote(found.spec)}")
+    use = "bench render FILE" if found.clouds else f"--dataset {shlex.quote(found.spec)}"
+    print(f"use          {use}")
     if found.irregular:
         raise typer.Exit(1)
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import typer
 from typer.core import TyperGroup
 
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, unknown
 
 SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 RunDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a finished run.")]
@@ -25,11 +25,18 @@ class Group(TyperGroup):
     """A group of commands. Without arguments it shows its help and ends with status 2."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # click's Context
-        """What stands before the command, and the command."""
+        """Return what stands before the command, and the command."""
         if not args:
             print(ctx.get_help(), file=sys.stderr)
             raise typer.Exit(2)
         return super().parse_args(ctx, args)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command and its arguments. Raises BadInput for an unknown one."""
+        if self.get_command(ctx, args[0]) is None:
+            see = f"{ctx.command_path} --help"
+            raise unknown(args[0], self.list_commands(ctx), "command", see=see)
+        return super().resolve_command(ctx, args)
 
 
 class Device(StrEnum):

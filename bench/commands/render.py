@@ -12,13 +12,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from bench.catalogue.methods import RECOMMENDED
+from bench.catalogue.methods import RECOMMENDED, find_method
 from bench.commands.options import Device, DeviceOption, WorkersOption, names, worker_count
 from bench.rendering.cloud import (
     CloudFile,
     Dots,
     Drawing,
     Failed,
+    Notes,
     Wanted,
     draw_each,
     make_view,
@@ -27,6 +28,7 @@ from bench.rendering.files import MOVING, moves, write_images
 from bench.rendering.sheet import Tile, columns_of, draw_sheet
 from bench.running.environment import cores
 from bench.tables.markdown import visible
+from data_prep.cloud_files import check_cloud_name
 from data_prep.failures import BadInput
 from data_prep.orientations import upright
 from data_prep.progress import progress
@@ -55,8 +57,20 @@ class Request:
     device: str = "auto"
 
 
-def render(request: Request) -> dict[str, str]:
-    """Draw it and write it, unless all methods fail. Gives the reasons of those that do.
+@dataclass(frozen=True)
+class Outcome:
+    """The reasons of the methods that failed, and what the user should know of the others.
+
+    failed  the reason of each method that failed
+    notes   a line each: what of the file is not used, which methods know chairs only
+    """
+
+    failed: Mapping[str, str]
+    notes: Notes
+
+
+def render(request: Request) -> Outcome:
+    """Draw what is requested and write it, unless all methods fail.
 
     One method gives its images as they are. Several give a sheet: the points as dots, then a
     tile for each method, with the reason in it where there is no image. Raises BadInput for what
@@ -66,7 +80,7 @@ def render(request: Request) -> dict[str, str]:
     views = views_of(request)
     drawings = [Drawing(method, views, request.device) for method in dict.fromkeys(request.methods)]
     dots = [Dots(views)] if len(drawings) > 1 else []
-    drawn = _drawn(request.file, [*dots, *drawings])
+    drawn, notes = _drawn(request.file, [*dots, *drawings])
     failed = {
         one.method: remedied(images, request.file)
         for one, images in drawn.items()
@@ -74,11 +88,22 @@ def render(request: Request) -> dict[str, str]:
     }
     if len(failed) < len(drawings):
         write_images(_frames(drawn), request.out)
-    return failed
+    return Outcome(failed, (*notes, *_of_chairs_only(request.methods)))
+
+
+def _of_chairs_only(methods: Sequence[str]) -> Notes:
+    """Return a line that names the methods that were trained on chairs; nothing without such."""
+    chairs = [name for name in dict.fromkeys(methods) if find_method(name).trained_on == "chairs"]
+    if not chairs:
+        return ()
+    return (
+        f"{', '.join(chairs)}: trained on chairs, other objects may look like them; {RECOMMENDED} "
+        f"knows {find_method(RECOMMENDED).trained_on}",
+    )
 
 
 def remedied(failed: Failed, file: CloudFile) -> str:
-    """The reason, and the remedy where points may be too many."""
+    """Return the reason, and the remedy where points may be too many."""
     timing = failed.reason.startswith(("timeout: ", "memory: "))
     return (
         f"{failed.reason}{'; --points 20000 would take less' if timing and not file.most else ''}"
@@ -86,7 +111,7 @@ def remedied(failed: Failed, file: CloudFile) -> str:
 
 
 def check(request: Request) -> None:
-    """Raises BadInput for what is wrong with any file and any method."""
+    """Raise BadInput for what is wrong whatever the file holds and the methods do."""
     turns = moves(request.out)
     if request.frames is not None and not turns:
         raise BadInput(
@@ -98,10 +123,16 @@ def check(request: Request) -> None:
     if request.file.most is not None and request.file.most < 1:
         raise BadInput(f"--points {request.file.most}: must be at least 1")
     upright(np.empty((0, 3)), request.file.up, request.file.front)
+    if request.out.is_dir():
+        raise BadInput(f"{request.out}: a folder; give another -o")
+    if not request.out.parent.is_dir():
+        raise BadInput(
+            f"{request.out}: no such folder, {request.out.parent}; make it, or give another -o"
+        )
 
 
 def views_of(request: Request) -> tuple[View, ...]:
-    """The view, or all of a turntable. Raises BadInput for angles that there are not."""
+    """Return the view, or all of a turntable. Raises BadInput for an angle out of its range."""
     first = make_view(request.azimuth_deg, request.elevation_deg)
     if not moves(request.out):
         return (first,)
@@ -111,20 +142,27 @@ def views_of(request: Request) -> tuple[View, ...]:
     )
 
 
-def _drawn(file: CloudFile, wanted: Sequence[Wanted]) -> dict[Wanted, UInt8Images | Failed]:
-    """All of it, in the order in which it was wanted; progress where there is time for some."""
+def _drawn(
+    file: CloudFile, wanted: Sequence[Wanted]
+) -> tuple[dict[Wanted, UInt8Images | Failed], Notes]:
+    """Return all images in the order in which they were wanted, and the notes on the file.
+
+    Progress is shown where there is time for some.
+    """
     quick = len(wanted) == 1 and len(wanted[0].views) == 1
     done: dict[Wanted, UInt8Images | Failed] = {}
+    notes: dict[str, None] = {}  # each worker reads the file, and has the same notes
     with nullcontext() if quick else progress("drawing", len(wanted)) as advance:
-        for one, images in draw_each(file, wanted, min(len(wanted), cores())):
+        for one, images, of_file in draw_each(file, wanted, min(len(wanted), cores())):
             done[one] = images
+            notes |= dict.fromkeys(of_file)
             if advance is not None:
                 advance(sum(isinstance(images, Failed) for images in done.values()))
-    return {one: done[one] for one in wanted}
+    return {one: done[one] for one in wanted}, tuple(notes)
 
 
 def _frames(drawn: Mapping[Wanted, UInt8Images | Failed]) -> UInt8Images:
-    """What is written: the images of the only method, or a sheet."""
+    """Return what is written: the images of the only method, or a sheet."""
     if len(drawn) == 1:
         (images,) = drawn.values()
         assert not isinstance(images, Failed)
@@ -176,6 +214,13 @@ def render_cloud(
     points: Annotated[
         int | None, typer.Option(help="Points at most, chosen at random. Default: all.")
     ] = None,
+    drop_invalid: Annotated[
+        bool,
+        typer.Option(
+            "--drop-invalid",
+            help="Leave out points that are not finite, and print how many. Default: refuse them.",
+        ),
+    ] = False,
     device: DeviceOption = Device.auto,
     as_is: Annotated[
         bool,
@@ -191,20 +236,32 @@ def render_cloud(
     --points takes fewer.
     """
     methods = names(method) or ()
-    file = CloudFile(cloud, as_is, up, front, points)
+    _check_cloud(cloud)  # before its name becomes that of the image
+    file = CloudFile(cloud, as_is, up, front, points, drop_invalid)
     target = out or _beside(cloud)
-    failed = render(Request(file, methods, azimuth, elevation, target, frames, device.value))
-    for name, reason in failed.items():
+    outcome = render(Request(file, methods, azimuth, elevation, target, frames, device.value))
+    for note in outcome.notes:
+        print(f"note: {visible(note)}", file=sys.stderr)
+    for name, reason in outcome.failed.items():
         print(f"bench: {visible(f'{name}: {reason}')}", file=sys.stderr)
-    if len(failed) == len(set(methods)):
+    if len(outcome.failed) == len(set(methods)):
         raise typer.Exit(1)
     if out is None or method == RECOMMENDED:
         print(f"drawn by {visible(', '.join(methods))}; 'bench list' has others", file=sys.stderr)
     print(target)
 
 
+def _check_cloud(path: Path) -> None:
+    """Raise BadInput for a folder, a name of another format, and where nothing is."""
+    if path.is_dir():
+        raise BadInput(f"{path}: a folder; give a file")
+    check_cloud_name(path)
+    if not path.exists():
+        raise BadInput(f"{path}: no such file; check its name")
+
+
 def _beside(cloud: Path) -> Path:
-    """The image's name where none is given. Raises BadInput rather than replace a file."""
+    """Return the image's name where none is given. Raises BadInput rather than replace a file."""
     image = cloud.with_suffix(".png")
     if image.exists():
         raise BadInput(f"{image}: exists already; -o {image} replaces it, -o NAME keeps both")

@@ -15,7 +15,7 @@ from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
 from bench.running.isolation import Lost, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
-from data_prep.cloud_files import load_points
+from data_prep.cloud_files import read_cloud
 from data_prep.dots import draw_dots
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.normalise import normalise_points
@@ -24,15 +24,18 @@ from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, UInt8Images, View
 
 LIMITS = Limits(time_s=120.0, memory_gib=4.0)
+Notes = tuple[str, ...]  # a line each on what a file holds that is left out
 
 
 @dataclass(frozen=True)
 class CloudFile:
     """A file with points, and how they become a cloud.
 
-    as_is      keep their units (in float32), else they are brought to the unit sphere
-    up, front  of the file's axes, see `data_prep.orientations.upright`
-    most       of more points so many are chosen at random, the same each time; None: all are kept
+    as_is         keep their units (in float32), else they are brought to the unit sphere
+    up, front     of the file's axes, see `data_prep.orientations.upright`
+    most          of more points so many are chosen at random, the same each time; None: all are
+                  kept
+    drop_invalid  leave out points that are not finite; else they are refused, unless as_is
     """
 
     path: Path
@@ -40,18 +43,43 @@ class CloudFile:
     up: str = "y"
     front: str | None = None
     most: int | None = None
+    drop_invalid: bool = False
 
     def load(self) -> PointCloud:
-        """Raises BadInput for what is no cloud, or cannot be brought to the unit sphere."""
-        points = upright(load_points(self.path), self.up, self.front)
+        """Return the cloud.
+
+        Raises BadInput for what is no cloud, or cannot be brought to the unit sphere.
+        """
+        return self.load_with_notes()[0]
+
+    def load_with_notes(self) -> tuple[PointCloud, Notes]:
+        """Return the cloud as `load` does, and a note on each thing that is left out."""
+        contents = read_cloud(self.path)
+        notes = [
+            f"{self.path}: {what} are not used; only the coordinates of its points are"
+            for what in contents.unused
+        ]
+        points = upright(contents.points, self.up, self.front)
+        invalid = ~np.isfinite(points).all(axis=1)
+        count = f"{np.count_nonzero(invalid)} of {len(points)} points"
+        if invalid.any() and self.drop_invalid:
+            points = points[~invalid]
+            notes.append(f"{self.path}: {count} are left out, they are not finite")
+        elif invalid.any() and not self.as_is:
+            first, lines = int(np.flatnonzero(invalid)[0]), contents.lines
+            where = f"is point {first + 1}" if lines is None else f"in line {lines[first]}"
+            raise BadInput(
+                f"{self.path}: {count} are not finite (the first {where}); remove them, or leave "
+                "them out with --drop-invalid"
+            )
         if self.most is not None and len(points) > self.most:
             chosen = generator("render", "points").choice(len(points), self.most, replace=False)
             points = points[np.sort(chosen)]
         if self.as_is:
             with np.errstate(over="ignore"):  # beyond float32 is infinite
-                return PointCloud(points.astype(np.float32))
+                return PointCloud(points.astype(np.float32)), tuple(notes)
         try:
-            return normalise_points(points)
+            return normalise_points(points), tuple(notes)
         except BadInput as error:
             raise BadInput(f"{self.path}: {error}") from error
 
@@ -88,7 +116,7 @@ class Failed:
 
 
 def make_view(azimuth_deg: float, elevation_deg: float) -> View:
-    """The view of these angles. Raises BadInput where there is none."""
+    """Return the view of these angles. Raises BadInput where there is none."""
     try:
         return View(azimuth_deg, elevation_deg)
     except ValueError as error:
@@ -96,7 +124,7 @@ def make_view(azimuth_deg: float, elevation_deg: float) -> View:
 
 
 def find_drawer(method_id: str) -> Method:
-    """The method. Raises BadInput as `find_method`, and where it needs the mesh of a cloud."""
+    """Return the method. Raises BadInput as `find_method`, and where it draws meshes alone."""
     method = find_method(method_id)
     if method.sees_mesh:
         raise BadInput(
@@ -107,18 +135,18 @@ def find_drawer(method_id: str) -> Method:
 
 
 def draw_file(file: CloudFile, drawing: Drawing) -> UInt8Images | Failed:
-    """The images, made in a worker; or what became of the method, or of its worker.
+    """Return the images, made in a worker; or what became of the method, or of its worker.
 
     Raises BadInput for a file that cannot be used, and a method that cannot be had.
     """
-    ((_, drawn),) = draw_each(file, [drawing], 1)
+    ((_, drawn, _),) = draw_each(file, [drawing], 1)
     return drawn
 
 
 def draw_each(
     file: CloudFile, wanted: Sequence[Wanted], workers: int
-) -> Iterator[tuple[Wanted, UInt8Images | Failed]]:
-    """All that is wanted of a file, as it comes; each reads the file for itself.
+) -> Iterator[tuple[Wanted, UInt8Images | Failed, Notes]]:
+    """Yield all that is wanted of a file, as it comes; each reads the file for itself.
 
     Raises BadInput as `draw_file`, for a method before anything is drawn.
     """
@@ -126,12 +154,13 @@ def draw_each(
         if isinstance(one, Drawing):
             find_drawer(one.method)
     tasks = [(file, one) for one in wanted]
-    for (_, one), drawn in run_tasks(tasks, _load_and_draw, workers, LIMITS):
-        yield one, Failed(drawn.reason) if isinstance(drawn, Lost) else drawn
+    for (_, one), result in run_tasks(tasks, _load_and_draw, workers, LIMITS):
+        drawn, notes = (Failed(result.reason), ()) if isinstance(result, Lost) else result
+        yield one, drawn, notes
 
 
 def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
-    """The images, made in this process. Raises BadInput for a method that cannot be had."""
+    """Return the images, made in this process. Raises BadInput for a method that cannot be had."""
     renderer: Renderer | None = None
     rng = drawing.rng or generator("render")
     try:
@@ -147,9 +176,9 @@ def draw_cloud(cloud: PointCloud, drawing: Drawing) -> UInt8Images | Failed:
     return drawn.images
 
 
-def _load_and_draw(task: tuple[CloudFile, Wanted]) -> UInt8Images | Failed:
+def _load_and_draw(task: tuple[CloudFile, Wanted]) -> tuple[UInt8Images | Failed, Notes]:
     file, wanted = task
-    cloud = file.load()
+    cloud, notes = file.load_with_notes()
     if isinstance(wanted, Dots):
-        return draw_dots(cloud.points, wanted.views)
-    return draw_cloud(cloud, wanted)
+        return draw_dots(cloud.points, wanted.views), notes
+    return draw_cloud(cloud, wanted), notes

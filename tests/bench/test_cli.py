@@ -55,7 +55,7 @@ def run_refused(command, *arguments):
             ("--suite", "chair-robustnes"),
             "unknown suite 'chair-robustnes': did you mean 'chair-robustness'? there are "
             "chair-robustness, chair-robustness-grey, speed-accuracy, thirteen-classes, "
-            "beyond-training, latent, stability, speed",
+            "beyond-training and 3 more; see 'bench list'",
         ),
         (("--methods", "splta,blank"), "unknown method 'splta': did you mean 'splat'? there are "),
         (("--methods", "pc2pix@x"), "unknown method 'pc2pix@x': did you mean 'pc2pix'? there are "),
@@ -69,8 +69,13 @@ def run_refused(command, *arguments):
             ("--methods", "pc2pix@no.pt"),
             "no.pt: weights are .safetensors files; 'bench train gan' ",
         ),
-        (("--dataset", "shapenet"), "unknown dataset 'shapenet': use procedural, "),
-        (("--dataset", "folder:"), "unknown dataset 'folder:': use procedural, "),
+        (
+            ("--dataset", "shapenet"),
+            "unknown dataset 'shapenet': did you mean 'shapenet:PATH'? there are procedural, "
+            "folder:PATH, shapenet:PATH, modelnet:PATH, exported:PATH and 5 more; see 'bench list'",
+        ),
+        (("--dataset", "folder:"), "unknown dataset 'folder:': did you mean 'folder:PATH'? "),
+        (("--dataset", "/meshes"), "unknown dataset '/meshes': did you mean 'folder:/meshes'? "),
         (("--dataset", "folder:gone"), "gone: no such folder; give the folder that holds your "),
         (("--inception-weights", "no.pth"), "no.pth: no such file; "),
     ],
@@ -95,11 +100,28 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
     ("arguments", "message"),
     [
         (("run", "--suite", SUITE, "--views", "many"), "Invalid value for '--views': "),
-        (("run", "--suite", SUITE, "--device", "gpu"), "'gpu' is not one of 'auto', 'cpu', 'cuda'"),
+        (
+            ("run", "--suite", SUITE, "--device", "gpu"),
+            "bench: Invalid value for '--device': 'gpu' is not one of 'auto', 'cpu', 'cuda'; see ",
+        ),
         (("run",), "Missing option '--suite'; see 'bench run --help'"),
         (("table",), "Missing argument 'DIR'; see 'bench table --help'"),
         (("run", "--suit", SUITE), "No such option: --suit (Possible options: "),
-        (("runn",), "No such command 'runn'; see 'bench --help'"),
+        (
+            ("rnder",),
+            "unknown command 'rnder': did you mean 'render'? there are run, plan, merge, list, "
+            "table and 12 more; see 'bench --help'",
+        ),
+        (("xyz",), "unknown command 'xyz': there are run, plan, merge, list, table and 12 more; "),
+        (("train", "gann"), "unknown command 'gann': did you mean 'gan'? there are autoencoder, "),
+        (("list", "nosuch"), "(nosuch); see 'bench list --help'"),
+        (("table", "nowhere"), "nowhere: no run here (manifest.json is missing); give a run's "),
+        (("render",), "Missing argument 'CLOUD'; see 'bench render --help'"),
+        (
+            ("test", "nosuch"),
+            "unknown method 'nosuch': there are pc2pix, pc2pix@acgan, pc2pix@all, pc2pix@widened, "
+            "pc2pix@bf16 and ",
+        ),
         (("train", "gan", "--steps", "x"), "see 'bench train gan --help'"),
     ],
 )

@@ -8,6 +8,9 @@ from importlib import import_module
 
 import pytest
 
+import bench
+from bench.rendering.points import draw_cloud
+
 
 def test_the_same_object_by_both_names():
     for module, name, inside in (
@@ -21,6 +24,9 @@ def test_the_same_object_by_both_names():
         ("bench.metrics", "frechet_distance", "bench.metrics.frechet"),
     ):
         assert getattr(import_module(module), name) is getattr(import_module(inside), name)
+    assert bench.draw_cloud is draw_cloud
+    with pytest.raises(AttributeError, match="module 'bench' has no attribute 'nothing'"):
+        bench.nothing  # noqa: B018
     for module in ("methods", "metrics"):
         with pytest.raises(ImportError, match="nothing"):
             exec(f"from bench.{module} import nothing")

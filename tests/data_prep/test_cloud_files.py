@@ -11,7 +11,7 @@ import plyfile
 import pytest
 
 from data_prep import cloud_files
-from data_prep.cloud_files import load_points, save_ply
+from data_prep.cloud_files import load_points, read_cloud, save_ply
 from data_prep.failures import BadInput, CannotWrite
 
 # Exact in binary and in text; nothing is ever rounded on the way in.
@@ -60,6 +60,10 @@ WHOLE = {
     "mark.csv": b"\xef\xbb\xbf" + rows().replace(b" ", b","),
     "colours.xyz": rows().replace(b"\n", b" 255 0 0\n"),
     "no-end-of-line.xyz": rows()[:-1],
+    "header.csv": b"x,y,z\n" + rows().replace(b" ", b","),
+    "header.xyz": b"# of a scan\n\n//X Y Z R G B\n" + rows().replace(b"\n", b" 255 0 0\n"),
+    "turned.csv": b'"Id","Z","X","Y"\r\n'
+    + b"".join(b"7,%r,%r,%r\r\n" % (z, x, y) for x, y, z in POINTS.tolist()),
     "names.csv": rows().replace(b" ", b",").replace(b"\n", b",chair leg\n"),
 }
 
@@ -69,6 +73,42 @@ def test_the_same_points_from_every_format(tmp_path: Path, name: str) -> None:
     points = load(tmp_path, name, WHOLE[name])
     assert points.dtype == np.float64
     np.testing.assert_array_equal(points, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "unused", "lines"),
+    [
+        ("a.ply", WHOLE["ascii.ply"], (), [9, 10, 11, 12]),
+        ("b.ply", WHOLE["little.ply"], (), None),
+        ("a.npy", WHOLE["a.npy"], (), None),
+        ("a.csv", WHOLE["a.csv"], (), [1, 2, 3, 4]),
+        ("b.csv", WHOLE["header.csv"], (), [2, 3, 4, 5]),
+        ("a.xyz", WHOLE["header.xyz"], ("3 of its 6 columns",), [4, 5, 6, 7]),
+        ("b.xyz", WHOLE["colours.xyz"], ("3 of its 6 columns",), [1, 2, 3, 4]),
+        (
+            "c.ply",
+            ply("ascii", f"{XYZ},uchar red,uchar green,uchar blue", b"1 2 3 9 9 9\n", 1),
+            ("its colours",),
+            [12],
+        ),
+        (
+            "d.ply",
+            ply(
+                "ascii", f"{XYZ}\nelement face 1\nproperty list uchar int v", rows() + b"3 0 1 2\n"
+            ),
+            ("its 1 faces",),
+            [11, 12, 13, 14],
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_is_passed_over_and_the_line_of_each_point(
+    tmp_path: Path, name: str, content: bytes, unused: tuple[str, ...], lines: list[int] | None
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    contents = read_cloud(tmp_path / name)
+    assert contents.unused == unused
+    assert (None if contents.lines is None else list(contents.lines)) == lines
 
 
 @pytest.mark.parametrize("text", [False, True])
@@ -145,15 +185,20 @@ BROKEN = {
     "huge.npy": (npy(POINTS).replace(b"(4, 3), }", b"(9999999999999999999999, 3), }"), "claims"),
     "negative.npy": (npy(POINTS).replace(b"(4, 3), }", b"(-4, 3), }"), r"shape '\(-4, 3\)'"),
     "deep.npy": (npy(POINTS).replace(b"(4, 3), }", b"(" * 60), "not a readable NPY"),
-    "words.xyz": (b"x y z\n1 2 3\n", "line 1: 'x' is not a number; start comment lines with #"),
+    "words.xyz": (b"id a b\n1 2 3\n", "line 1: 'id' is not a number; start comment lines with #"),
+    "two-headers.csv": (b"x,y,z\nx,y,z\n1,2,3\n", "line 2: 'x' is not a number"),
+    "late-header.csv": (b"1,2,3\nx,y,z\n", "line 2: 'x' is not a number"),
     "two.xyz": (b"1 2 3\n1 2\n", "line 2 has 2 columns"),
     "gap.csv": (b"1,,2,3\n", "line 1: '' is not a number"),
     "python.xyz": (b"1_0 2 3\n", "'1_0' is not a number"),
     "semicolons.csv": (b"1;2;3\n", "line 1 has 1 columns"),
     "wide.xyz": ("1 2 3\n".encode("utf-16"), "is not a number"),
     "long.xyz": (b"1 2 3\n1 2 " + b"3" * 70000, "line 2 is longer than 65536 bytes"),
-    "cloud.obj": (b"v 1 2 3\n", r"use one of \.ply, \.npy, \.xyz, \.txt, \.csv"),
-    "cloud": (b"1 2 3\n", "no point cloud by its name"),
+    "cloud.obj": (
+        b"v 1 2 3\n",
+        r"\.obj is not supported as a point cloud; use one of \.ply, \.npy, \.xyz, \.txt, \.csv",
+    ),
+    "cloud": (b"1 2 3\n", "a name without a suffix is not supported as a point cloud; use one of"),
 }
 
 

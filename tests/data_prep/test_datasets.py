@@ -318,7 +318,9 @@ def test_a_reader_of_another_package_that_fails_is_named(monkeypatch, tmp_path, 
         open_dataset(f"made:{tmp_path}")
     with pytest.raises(BadInput, match="no such folder"):
         open_dataset(f"made:{tmp_path}/gone")
-    with pytest.raises(BadInput, match=r"unknown dataset 'other:x'.*paper:PATH or made:PATH$"):
+    with pytest.raises(
+        BadInput, match=r"unknown dataset 'other:x'.* and 6 more; see 'bench list'$"
+    ):
         open_dataset("other:x")
     assert datasets.is_dataset("made:x")
     assert not datasets.is_dataset("other:x")
@@ -328,11 +330,29 @@ def test_a_reader_of_another_package_that_fails_is_named(monkeypatch, tmp_path, 
 def test_unknown_datasets(spec: str) -> None:
     with pytest.raises(
         BadInput,
-        match=r"^unknown dataset '.*': use procedural, procedural:validation, procedural:sealed, "
-        r"procedural:novel-families, procedural:widened, folder:PATH, "
-        r"shapenet:PATH, modelnet:PATH, exported:PATH or paper:PATH$",
+        match=r"^unknown dataset '.*': (did you mean '.*'\? )?there are procedural, folder:PATH, "
+        r"shapenet:PATH, modelnet:PATH, exported:PATH and 5 more; see 'bench list'$",
     ):
         open_dataset(spec)
+
+
+def test_a_folder_alone_is_guessed_by_its_layout(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_box(tmp_path / "mine" / "a.ply")
+    write_box(tmp_path / "nets" / "03001627" / "a" / "model.obj")
+    for spec, guess in (
+        ("mine", "folder:mine"),
+        (str(tmp_path / "mine"), f"folder:{tmp_path / 'mine'}"),
+        ("nets", "shapenet:nets"),
+        ("/gone", "folder:/gone"),
+        ("procedual", "procedural"),
+        ("ShapeNet", "shapenet:PATH"),
+    ):
+        with pytest.raises(BadInput) as refusal:
+            open_dataset(spec)
+        assert str(refusal.value).startswith(
+            f"unknown dataset '{spec}': did you mean '{guess}'? there are procedural, "
+        )
 
 
 def test_pipes_devices_and_links_in_a_folder(tmp_path: Path) -> None:

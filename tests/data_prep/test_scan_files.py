@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from data_prep import scan_files
-from data_prep.cloud_files import load_points
+from data_prep.cloud_files import COLOURS, load_points, read_cloud
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.scan_files import load_scan
 
 laspy = pytest.importorskip("laspy", reason="the extra 'clouds' is not installed")
 pye57 = pytest.importorskip("pye57", reason="the extra 'clouds' is not installed")
@@ -50,14 +49,14 @@ def test_las_and_large_ones_thinned_out(tmp_path: Path, monkeypatch) -> None:
     for most, piece, step in ((1, 64, 1000), (333, 63, 4), (999, 64, 2), (100, 1000, 10)):
         monkeypatch.setattr(scan_files, "MOST_POINTS", most)
         monkeypatch.setattr(scan_files, "PIECE", piece)
-        assert np.array_equal(load_scan(tmp_path / "a.las"), POINTS[::step])
+        assert np.array_equal(load_points(tmp_path / "a.las"), POINTS[::step])
 
 
 def test_e57(tmp_path: Path, monkeypatch) -> None:
     write_e57(tmp_path / "a.e57", POINTS[:600], POINTS[600:])
     assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS)
     monkeypatch.setattr(scan_files, "MOST_POINTS", 500)
-    assert np.array_equal(load_scan(tmp_path / "a.e57"), POINTS[::2])
+    assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS[::2])
 
 
 def test_scans_of_an_e57_stand_where_their_pose_puts_them(tmp_path: Path) -> None:
@@ -66,7 +65,7 @@ def test_scans_of_an_e57_stand_where_their_pose_puts_them(tmp_path: Path) -> Non
     x, y, z = POINTS.T
     expected = np.stack([10 - y, x, z], axis=1)
     # The quaternion's sine and cosine are off by a rounding error each, of coordinates below 500.
-    np.testing.assert_allclose(load_scan(tmp_path / "a.e57"), expected, atol=500 * 2.0**-50)
+    np.testing.assert_allclose(load_points(tmp_path / "a.e57"), expected, atol=500 * 2.0**-50)
 
 
 def test_pcd_and_places_without_a_return(tmp_path: Path, monkeypatch) -> None:
@@ -77,10 +76,10 @@ def test_pcd_and_places_without_a_return(tmp_path: Path, monkeypatch) -> None:
     points[::2] = np.nan
     points[1, 0] = np.nan
     write_pcd(tmp_path / "a.pcd", points)
-    found = load_scan(tmp_path / "a.pcd")
+    found = load_points(tmp_path / "a.pcd")
     assert np.array_equal(found, points[1::2], equal_nan=True)
     monkeypatch.setattr(scan_files, "MOST_POINTS", 250)
-    assert np.array_equal(load_scan(tmp_path / "a.pcd"), points[1::4], equal_nan=True)
+    assert np.array_equal(load_points(tmp_path / "a.pcd"), points[1::4], equal_nan=True)
 
 
 @pytest.mark.parametrize("suffix", [".las", ".laz", ".e57", ".pcd"])
@@ -101,12 +100,12 @@ def test_files_cut_short_and_claims_are_not_believed(tmp_path: Path, monkeypatch
     monkeypatch.setattr(scan_files, "MOST_CLAIMED", 999)
     for name in ("a.pcd", "a.e57"):
         with pytest.raises(BadInput, match="1000 points, at most 999 are read; thin it out"):
-            load_scan(tmp_path / name)
+            load_points(tmp_path / name)
     monkeypatch.undo()
     for path in tmp_path.iterdir():
         path.write_bytes(path.read_bytes()[:-3000])
         with pytest.raises(BadInput, match=path.name.replace(".", r"\.")):
-            load_scan(path)
+            load_points(path)
 
 
 @pytest.mark.parametrize(
@@ -137,3 +136,25 @@ def test_pts(tmp_path: Path) -> None:
     path.write_text("2\n1 2\n")
     with pytest.raises(BadInput, match="line 2 has 2 columns"):
         load_points(path)
+
+
+def test_colours_are_seen_but_not_read(tmp_path: Path) -> None:
+    write_las(tmp_path / "a.las")
+    assert read_cloud(tmp_path / "a.las").unused == (COLOURS,)  # point format 3 has them
+    for write, name in ((write_e57, "a.e57"), (write_pcd, "a.pcd")):
+        write(tmp_path / name, POINTS)
+        assert read_cloud(tmp_path / name).unused == ()
+    colours = np.zeros(len(POINTS), np.float32)
+    pypcd4.PointCloud.from_xyzrgb_points(
+        np.column_stack([POINTS.astype(np.float32), colours])
+    ).save(tmp_path / "b.pcd")
+    file = pye57.E57(str(tmp_path / "b.e57"), mode="w")
+    axes = ("cartesianX", "cartesianY", "cartesianZ")
+    scan = {name: np.ascontiguousarray(v) for name, v in zip(axes, POINTS.T, strict=True)}
+    channels = ("colorRed", "colorGreen", "colorBlue")
+    file.write_scan_raw(scan | {name: np.zeros(len(POINTS), np.uint8) for name in channels})
+    file.close()
+    for name in ("b.pcd", "b.e57"):
+        contents = read_cloud(tmp_path / name)
+        assert contents.unused == (COLOURS,)
+        assert np.array_equal(contents.points, POINTS)

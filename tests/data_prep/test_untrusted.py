@@ -47,7 +47,7 @@ def test_what_is_no_file(tmp_path: Path) -> None:
     for name, problem in (
         ("pipe", "no regular file but a pipe or device; give a file"),
         ("zero", "no regular file but a pipe or device; give a file"),
-        ("folder", r"cannot be read \(Is a directory\)"),
+        ("folder", "a folder; give a file"),
         ("loop", r"cannot be read \(Too many levels"),
         ("dangling", "no such file"),
         ("gone", "no such file"),

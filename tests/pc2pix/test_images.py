@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import bench
 import pc2pix
 from bench.metrics import ssim
 from data_prep.cloud_files import load_points, save_ply
@@ -126,7 +127,7 @@ def test_the_examples_of_the_page(tmp_path, points):
         [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    expected = pc2pix.draw_cloud(load_points(tmp_path / "cloud.ply"), 30, 20)
+    expected = bench.draw_cloud(load_points(tmp_path / "cloud.ply"), 30, 20)
     blank = np.full_like(expected, 255)
     assert float(done.stdout) == pytest.approx(ssim(expected[None], blank[None]).ssim, abs=1e-4)
     with Image.open(tmp_path / "chair.png") as image:

@@ -73,7 +73,7 @@ def test_the_request_of_a_run_is_in_its_manifest(finished):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.toml", "metods = 3", "unknown option 'metods': did you mean 'methods'.*views, workers"),
+        ("a.toml", "metods = 3", "unknown option 'metods': did you mean 'methods'.* --help'"),
         ("a.toml", "config = 'b.toml'", "unknown option 'config'"),
         ("a.toml", "suite: x", "a.toml: cannot be read .*; give a TOML file"),
         ("a.json", "{", "a.json: cannot be read"),

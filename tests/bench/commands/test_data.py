@@ -8,11 +8,13 @@ import shutil
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bench.commands.data import REAL_MESHES, Verification, inspect, verify
 from bench.commands.publish import run_suite
 from bench.running.protocol import Options
+from data_prep.cloud_files import save_ply
 from data_prep.datasets import ProceduralObject
 
 from ...data_prep.dataset_trees import write_obj, write_paper_tree
@@ -106,6 +108,31 @@ def test_a_folder(tmp_path, command):
     ]
     assert irregular.startswith("IRREGULAR    1 of 4 read: it cannot be used (first chair/bad.ply")
     assert use == f"use          --dataset 'folder:{tmp_path / 'my meshes'}'"
+
+
+@pytest.mark.parametrize("suffix", ["ply", "npy"])
+def test_a_folder_of_clouds_is_nothing_irregular_but_for_bench_render(tmp_path, command, suffix):
+    points = np.eye(3, dtype=np.float32)
+    for name in "ab":
+        path = tmp_path / f"{name}.{suffix}"
+        save_ply(points, path) if suffix == "ply" else np.save(path, points)
+    status, out, _ = command("data", "inspect", tmp_path, "--workers", "1")
+    assert status == 0
+    assert out.splitlines()[-2:] == [
+        "clouds       points without faces: they can be drawn, not scored",
+        "use          bench render FILE",
+    ]
+
+
+def test_a_cloud_among_meshes_is_irregular(tmp_path, command):
+    write_obj(tmp_path / "a.obj")
+    save_ply(np.eye(3, dtype=np.float32), tmp_path / "b.ply")
+    status, out, _ = command("data", "inspect", tmp_path, "--workers", "1")
+    assert status == 1
+    *_, irregular, use = out.splitlines()
+    assert irregular.startswith("IRREGULAR    1 of 2 read: it cannot be used (first ")
+    assert irregular.endswith("b.ply: the mesh has no faces; a bare point cloud cannot be scored)")
+    assert use == f"use          --dataset folder:{tmp_path}"
 
 
 @pytest.mark.parametrize(

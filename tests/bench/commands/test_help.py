@@ -52,7 +52,11 @@ def test_a_group_alone_shows_its_help(words):
     ("words", "said"),
     [
         (["--foo"], "bench: No such option: --foo; see 'bench --help'\n"),
-        (["runn"], "bench: No such command 'runn'; see 'bench --help'\n"),
+        (
+            ["runn"],
+            "bench: unknown command 'runn': did you mean 'run'? there are run, plan, merge, list, "
+            "table and 12 more; see 'bench --help'\n",
+        ),
         (["run"], "bench: Missing option '--suite'; see 'bench run --help'\n"),
         (
             ["train", "gan", "--zzz"],

@@ -8,6 +8,7 @@ import plugin_methods
 import pytest
 from PIL import Image
 
+import bench
 import bench.rendering.cloud
 from bench.catalogue.suites import SUITES, Limits
 from bench.commands.render import remedied
@@ -43,10 +44,10 @@ def read(path):
 
 
 def test_an_image_of_a_cloud(command, plugins, cloud, tmp_path):
-    out = tmp_path / "new" / "out.png"
+    out = tmp_path / "out.png"
     assert command("render", cloud, "--method", "fake-healthy", "-o", out) == (0, f"{out}\n", "")
     assert message(out) == [30, 20, 3, 10]
-    assert [path.name for path in out.parent.iterdir()] == ["out.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "out.png"]
     done = command("render", cloud, "--method", "fake-healthy")  # without a name: beside its cloud
     said = "drawn by fake-healthy; 'bench list' has others\n"
     assert done == (0, f"{tmp_path / 'cloud.png'}\n", said)
@@ -77,12 +78,18 @@ def test_the_image_is_that_of_the_method_and_of_the_clouds_axes(command, tmp_pat
     assert (here < 255).any()
 
 
-@pytest.mark.slow
-def test_a_cloud_alone_is_drawn_by_the_recommended_method(command, cloud, tmp_path):
-    status, out, err = command("render", str(cloud))
+def test_the_command_and_python_draw_a_cloud_alone_alike_by_a_network_of_all_classes(
+    command, tmp_path
+):
+    points = generator("test").normal(size=(300, 3)) * (1, 2, 3)
+    np.save(tmp_path / "cloud.npy", points)
+    status, out, err = command("render", tmp_path / "cloud.npy")
     assert (status, out) == (0, f"{tmp_path / 'cloud.png'}\n")
-    assert err == "drawn by splat-net@tiny; 'bench list' has others\n"
-    assert (read(tmp_path / "cloud.png") < 255).any()
+    assert err == "drawn by splat-net@all-grey; 'bench list' has others\n"
+    image = read(tmp_path / "cloud.png")
+    assert np.array_equal(bench.draw_cloud(points, azimuth_deg=30, elevation_deg=20), image)
+    assert np.array_equal(bench.draw_cloud(points, method="splat-net@all-grey"), image)
+    assert (image < 255).any()
 
 
 def test_a_file_that_nobody_named_is_not_replaced(refused, cloud, tmp_path):
@@ -92,6 +99,43 @@ def test_a_file_that_nobody_named_is_not_replaced(refused, cloud, tmp_path):
         "-o NAME keeps both"
     )
     assert (tmp_path / "cloud.png").read_bytes() == b"mine"
+
+
+def test_what_of_the_file_is_not_drawn_and_what_knows_chairs_only_is_a_line_each(command, tmp_path):
+    path, out = tmp_path / "cloud.ply", tmp_path / "out.png"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+        "property float z\nproperty uchar red\nelement face 2\n"
+        "property list uchar int vertex_indices\nend_header\n"
+        "0 0 0 255\n4 0 0 255\n0 2 0 255\nnan 0 0 255\n3 0 1 2\n3 0 1 2\n"
+    )
+    drawn = ("render", path, "--drop-invalid", "--method", "blank,splat-net,splat", "-o", out)
+    status, printed, err = command(*drawn)
+    assert (status, printed) == (0, f"{out}\n")
+    assert [line for line in err.splitlines() if not line.startswith("drawing: ")] == [
+        f"note: {path}: its colours are not used; only the coordinates of its points are",
+        f"note: {path}: its 2 faces are not used; only the coordinates of its points are",
+        f"note: {path}: 1 of 4 points are left out, they are not finite",
+        "note: splat-net: trained on chairs, other objects may look like them; "
+        "splat-net@all-grey knows 13 classes",
+    ]
+
+
+def test_points_that_are_not_finite_are_refused_or_left_out(tmp_path):
+    text, array = tmp_path / "a.xyz", tmp_path / "a.npy"
+    text.write_text("# a scan\n0 0 0\n1 nan 2\ninf 0 0\n3 4 5\n")
+    np.save(array, [[0.0, 0, 0], [1, np.nan, 2], [np.inf, 0, 0], [3, 4, 5]])
+    for path, where in ((text, "in line 3"), (array, "is point 2")):
+        with pytest.raises(BadInput) as refusal:
+            CloudFile(path, as_is=False).load()
+        assert str(refusal.value) == (
+            f"{path}: 2 of 4 points are not finite (the first {where}); remove them, or leave "
+            "them out with --drop-invalid"
+        )
+        kept, notes = CloudFile(path, as_is=True, drop_invalid=True).load_with_notes()
+        assert kept.points.tolist() == [[0, 0, 0], [3, 4, 5]]
+        assert notes == (f"{path}: 2 of 4 points are left out, they are not finite",)
+    assert CloudFile(text, as_is=False, drop_invalid=True, most=2).load().points.shape == (2, 3)
 
 
 def test_random_numbers_are_the_same_each_time(plugins):
@@ -277,6 +321,8 @@ def test_the_limits_are_those_of_the_paper_suite():
 
 def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_path):
     out = tmp_path / "out.png"
+    folder = tmp_path / "folder.png"
+    folder.mkdir()
     render = ("render", cloud, "--method", "blank", "-o", out)
     for wrong, problem in [
         (("--method", "splta"), "unknown method 'splta': did you mean 'splat'? there are "),
@@ -295,6 +341,12 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
         (("--frames", "1", "-o", "turn.gif"), "--frames 1: must be 2 to 120"),
         (("--frames", "121", "-o", "turn.gif"), "--frames 121: must be 2 to 120"),
         (("--method", " , "), "' , ': expected names separated by commas"),
+        (("-o", tmp_path), f"{tmp_path}: pictures are written as PNG, turntables as GIF, "),
+        (("-o", folder), f"{folder}: a folder; give another -o"),
+        (
+            ("-o", tmp_path / "new" / "out.png"),
+            f"{tmp_path}/new/out.png: no such folder, {tmp_path}/new; make it, or give another -o",
+        ),
         (("--method", "blank,splta"), "unknown method 'splta': did you mean 'splat'?"),
         (("--method", "fake-healthy,fake-no-library"), "no libGL: install libgl1"),
     ]:
@@ -304,10 +356,20 @@ def test_what_cannot_be_used_is_the_users_to_fix(refused, plugins, cloud, tmp_pa
         f"{jpeg}: pictures are written as PNG, turntables as GIF, WebP or APNG; give a name that "
         "ends in .png, .gif, .webp or .apng"
     )
-    assert [path.name for path in tmp_path.iterdir()] == ["cloud.ply"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cloud.ply", "folder.png"]
 
 
-def test_files_that_are_no_clouds(refused, tmp_path):
+def test_files_that_are_no_clouds(refused, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, problem in (
+        (".", ".: a folder; give a file"),
+        (tmp_path, f"{tmp_path}: a folder; give a file"),
+        ("gone.ply", "gone.ply: no such file; check its name"),
+        ("gone/gone.ply", "gone/gone.ply: no such file; check its name"),
+        ("points.obj", "points.obj: .obj is not supported as a point cloud; use one of .ply, .npy"),
+        ("a\nb", "a\\nb: a name without a suffix is not supported as a point cloud; use one of "),
+    ):
+        assert refused("render", name).startswith(problem)
     equal, gone = tmp_path / "equal.xyz", tmp_path / "gone.ply"
     equal.write_text("1 2 3\n1 2 3\n")
     with pytest.raises(BadInput) as refusal:
@@ -322,8 +384,7 @@ def test_images_that_cannot_be_written(refused, cloud, tmp_path):
     (tmp_path / "file").touch()
     out = tmp_path / "file" / "out.png"
     message = refused("render", cloud, "--method", "blank", "-o", out)
-    assert message.startswith(f"{out}: cannot be written (")
-    assert message.endswith("; make room, or give another -o")
+    assert message.startswith(f"{out}: no such folder, {tmp_path / 'file'}; ")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cloud.ply", "file"]
 
 

@@ -1,0 +1,47 @@
+"""`bench.draw_cloud` and `bench.turntable`; their default is in `test_cloud`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import bench
+from bench.rendering.cloud import Drawing, Failed, draw_cloud
+from data_prep.failures import BadInput, StageFailure
+from data_prep.normalise import normalise_points
+from data_prep.randomness import generator
+from data_prep.scene import View
+
+
+@pytest.fixture(scope="module")
+def points():
+    return generator("test").normal(size=(300, 3)) * (1, 2, 3)
+
+
+def test_any_method_from_all_around_and_in_other_axes(points):
+    views = tuple(View(90.0 * i, 10.0) for i in range(4))
+    expected = draw_cloud(normalise_points(points), Drawing("splat", views))
+    assert not isinstance(expected, Failed)
+    assert np.array_equal(bench.turntable(points, 4, 10, method="splat"), expected)
+    x, y, z = points.T
+    theirs = np.stack([-z, -x, y], axis=1).tolist()
+    turned = bench.draw_cloud(theirs, 90, 10, up="z", front="x", method="splat")
+    assert np.array_equal(turned, expected[1])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kind", "message"),
+    [
+        ({"points": np.zeros((0, 3))}, BadInput, "the cloud has no points"),
+        ({"points": np.zeros((5, 2))}, ValueError, r"points: expected real numbers \[N, 3\]"),
+        ({"up": "w"}, BadInput, "up 'w': no axis"),
+        ({"method": "splta"}, BadInput, "unknown method 'splta': did you mean 'splat'"),
+        ({"method": "true-mesh"}, BadInput, "method 'true-mesh' draws the mesh behind a cloud"),
+        ({"elevation_deg": 91}, ValueError, "elevation_deg must lie in"),
+        ({"frames": 0}, ValueError, "frames must be at least 1, got 0"),
+        ({"points": [[0, 0, 0], [1, 0, 0]], "method": "surface-apss"}, StageFailure, "2 points"),
+    ],
+)
+def test_what_cannot_be_drawn(points, wrong, kind, message):
+    with pytest.raises(kind, match=message):
+        bench.turntable(**({"points": points, "method": "splat"} | wrong))
