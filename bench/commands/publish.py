@@ -125,7 +125,7 @@ def _write_figures(
 ) -> None:
     by_class = next((t for t in outputs.tables if t.name == CLASSES), None)
     if by_class is not None:
-        write_class_figures(directory, by_class, published(suite), artifacts)
+        write_class_figures(directory, by_class, outputs.headline, published(suite), artifacts)
     elif outputs.trade is not None:
         frontier, _ = outputs.trade
         write_frontier(directory / FIGURES, frontier.rows)

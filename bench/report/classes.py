@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.catalogue.methods import role
+from bench.catalogue.metrics import higher_is_better
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import Artifact, Item
 from bench.records.record import GROUND_TRUTH
@@ -30,33 +32,61 @@ MARKERS = {SURFACE: "s", PAPER_NETWORK: "o"}
 
 
 def write_class_figures(
-    directory: Path, table: Table[Row], published: Published, artifacts: Sequence[Artifact]
+    directory: Path,
+    table: Table[Row],
+    headline: Table[Row],
+    published: Published,
+    artifacts: Sequence[Artifact],
 ) -> None:
-    """`classes.png` (the paper's Figure 4) and `table5.png`.
+    """Write `classes.png` (the paper's Figure 4) and `table5.png`.
 
-    `artifacts` are all that there are, ground truths included. Without pc2pix or without SR, there
-    is no second figure; where all methods have failed, none.
+    `classes.png` shows one method of each approach, and the best by each metric of the headline.
+    `artifacts` are all images, ground truths included. Without pc2pix or without SR there is no
+    second figure; where all methods have failed, none.
     """
-    methods = ordered(artifact.item.method for artifact in artifacts if artifact.item.condition)
-    if not methods:
+    cells = [artifact.item for artifact in artifacts if artifact.item.condition]
+    if not cells:
         return
     folder = directory / FIGURES
+    methods, condition = ordered(item.method for item in cells), cells[0].condition
     network = network_of(methods)
-    shown = [method for method in (SURFACE, network, "splat-net", "splat") if method in methods]
-    save(images_figure(shown, artifacts), folder / "classes.png")
+    best = best_methods(headline.rows, condition)
+    wanted = ordered([SURFACE, network, *best.values(), "splat-net", "splat"])
+    shown = [method for method in wanted if method in methods]
+    save(images_figure(shown, condition, best, artifacts), folder / "classes.png")
     if network is not None and SURFACE in methods:
         dots = dots_figure(table.rows, network, published)
         if dots is not None:
             save(dots, folder / "table5.png")
 
 
-@drawing()
-def images_figure(shown: Sequence[str], artifacts: Sequence[Artifact]) -> Figure:
-    """The first view of the first object of each class, nobody has chosen: truth, then methods.
+def best_methods(headline: Sequence[Row], condition: str) -> dict[str, str]:
+    """Return the best of the methods that compete by each metric, in the mean over classes.
 
-    At the first condition; below each image its SSIM with the truth.
+    Failed images are scored as blank ones, so that no method is best by failing.
     """
-    condition = next(artifact.item.condition for artifact in artifacts if artifact.item.condition)
+    best: dict[str, Row] = {}
+    for row in headline:
+        if row.condition != condition or role(row.method) or math.isnan(row.failures_as_blank):
+            continue
+        gain = row.failures_as_blank - best.setdefault(row.metric, row).failures_as_blank
+        if gain * (1 if higher_is_better(row.metric) else -1) > 0:
+            best[row.metric] = row
+    return {metric: row.method for metric, row in best.items()}
+
+
+@drawing()
+def images_figure(
+    shown: Sequence[str],
+    condition: str,
+    best: Mapping[str, str],
+    artifacts: Sequence[Artifact],
+) -> Figure:
+    """Draw the first view of the first object of each class, which nobody has chosen: the truth,
+    then what the methods drew at a condition; below each image its SSIM with the truth.
+
+    `best` are methods by the metrics that they are best by.
+    """
     first: dict[str, Artifact] = {}
     for artifact in artifacts:
         if artifact.item.method == GROUND_TRUTH:
@@ -84,9 +114,10 @@ def images_figure(shown: Sequence[str], artifacts: Sequence[Artifact]) -> Figure
         if row == 0:
             for axis, title in zip(line, ["truth", *shown], strict=True):
                 axis.set_title(visible(title), fontsize=8)
-    figure.supxlabel(
-        f"{condition}: the first object of each class in its first view; SSIM below", fontsize=8
-    )
+    caption = f"{condition}: the first object of each class in its first view; SSIM below"
+    winners = (f"{visible(method)} by {metric}" for metric, method in best.items())
+    lines = [caption, f"best of all methods: {', '.join(winners)}"] if best else [caption]
+    figure.supxlabel("\n".join(lines), fontsize=8)
     return figure
 
 

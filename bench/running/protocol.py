@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
+from unicodedata import category, normalize
 
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, find_method, objectives
@@ -427,8 +428,14 @@ def default_name(suite: str, dataset: str, shard: Shard | None = None) -> str:
 
 
 def file_name(*parts: str) -> str:
-    """The parts as one file name; what a name should not have is a hyphen."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", "-".join(parts))
+    """Join the parts to one file name; a hyphen stands for what a name should not have."""
+    kept = (char if _names_files(char) else "/" for char in normalize("NFC", "-".join(parts)))
+    return re.sub("/+", "-", "".join(kept))
+
+
+def _names_files(char: str) -> bool:
+    """Return whether a file name keeps a character: letters, digits and marks of any script do."""
+    return char.isalnum() or char in "._-" or category(char).startswith("M")
 
 
 def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str]]:

@@ -148,6 +148,7 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
             milliseconds(cost),
             cost if math.isfinite(cost) else None,
             rest=_made_of(comparison, method, views),
+            caveat=_of_images(*comparison.images[method]),
             special=MARKS["frontier"] if (condition, class_name, method) in ahead else None,
         )
 
@@ -170,6 +171,11 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         higher=False,
     )
     return made if made.valued else None
+
+
+def _of_images(n_ok: int, n: int) -> str:
+    """Say how many images there are times of; empty where none failed."""
+    return f"of {n_ok} of {n} images" if n_ok < n else ""
 
 
 def _made_of(comparison: Comparison, method: str, views: int) -> str:

@@ -124,6 +124,7 @@ class Cell:
     count     images that are there, and that should be
     blank     the value with a blank image in place of each that failed, "-" without one; None
               where none failed
+    caveat    what speaks against a value that scores failed images as blank ones already
     paper     the published value; empty where there is none
     special   what is special about it
     link      where the value leads, on a page
@@ -135,6 +136,7 @@ class Cell:
     rest: str = ""
     count: tuple[int, int] | None = None
     blank: str | None = None
+    caveat: str = ""
     paper: str = ""
     special: Mark | None = None
     link: str = ""
@@ -155,12 +157,17 @@ class Cell:
         if self.special and self.special.against:
             return self.special.word
         if self.blank is None or self.count is None:
-            return ""
+            return self.caveat
         text = f"{self.count[0]} of {self.count[1]} pictures"
         return text if self.blank == "-" else f"{text}; {self.blank} with blank ones for the others"
 
 
 NOTHING = Cell("-")
+
+
+def scored_as_blank(n_ok: int, n: int) -> str:
+    """Say how many images a value scores as blank ones because they failed; empty for none."""
+    return f"{n_ok} of {n} images, the others scored as blank" if n_ok < n else ""
 
 
 def number(

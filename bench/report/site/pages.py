@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from pathlib import Path
 
@@ -15,18 +15,37 @@ from bench.catalogue.methods import known_method, role
 from bench.catalogue.metrics import higher_is_better
 from bench.catalogue.parameters import PARAMETERS
 from bench.records.journal import PROTOCOL
+from bench.report.site.methods import SiteMethod, method_slug
 from bench.report.site.page import Link, Section, SitePage, card_html
-from bench.running.protocol import file_name
 from bench.tables.differences import difference_cell
 from bench.tables.frontier import cost_grid
+from bench.tables.ranks import RankedValue
 from bench.tables.scored import ScoredRun
-from bench.tables.table import NOTHING, Cell, Grid, Head, Line, Mark, grid, number, pivot
+from bench.tables.table import (
+    NOTHING,
+    Cell,
+    Grid,
+    Head,
+    Line,
+    Mark,
+    Table,
+    grid,
+    number,
+    pivot,
+    scored_as_blank,
+)
+from data_prep.fingerprints import file_sha256
 
 QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with
 LETTERS = (
     "Methods that share a letter are not shown to differ (paired object by object, p below 0.05 "
     "after Holm's correction for all pairs of a column); without letters there are too few objects."
 )
+FAILURES = (
+    "Values are means over objects. A failed image counts as a blank one, as in the column "
+    "“failures_as_blank” of the CSV files; their column “value” leaves it out."
+)
+MOST_REASONS = 20  # listed on the page of a run
 FIRST = Mark("first")  # nothing is shown to be better
 INDEX, COMPARE, COSTS = "index.html", "compare.html", "cost.html"
 MENU = (("Overview", INDEX), ("Comparisons", COMPARE), ("Cost", COSTS))
@@ -34,12 +53,24 @@ MENU = (("Overview", INDEX), ("Comparisons", COMPARE), ("Cost", COSTS))
 
 @dataclass(frozen=True, eq=False)
 class SiteRun:
-    """A run of the site: its name there, and its rankings by metric and condition."""
+    """A run of the site.
+
+    name      no other run has it
+    slug      begins the names of its files
+    methods   by their names on the site
+    rankings  by metric and condition, of methods by these names
+    ranks     the same for scripts, of methods by their ids
+    copies    folders with the same records, which are not counted
+    """
 
     name: str
+    slug: str
     run: ScoredRun
+    methods: Mapping[str, SiteMethod]
     compared: tuple[Comparison, ...]
     rankings: tuple[Ranking, ...]
+    ranks: Table[RankedValue]
+    copies: tuple[Path, ...] = ()
 
     @cached_property
     def metrics(self) -> list[str]:
@@ -57,14 +88,34 @@ class SiteRun:
         return found
 
     @cached_property
+    def images(self) -> dict[tuple[str, str], tuple[int, int]]:
+        """Images that exist and images that should, by condition and method."""
+        return {
+            (of.condition, name): of.images[method.id]
+            for of in self.compared
+            for name, method in self.methods.items()
+            if method.id in of.images
+        }
+
+    @property
+    def failed(self) -> tuple[int, int]:
+        """Images that failed, of how many."""
+        outcomes = self.run.records["outcome"]
+        return int((outcomes != "ok").sum()), len(outcomes)
+
+    @cached_property
     def costs(self) -> Grid | None:
-        """Of all its methods."""
-        return cost_grid(self.compared, QUALITY, int(self.run.manifest["views"]))
+        """The costs of all its methods."""
+        made = cost_grid(self.compared, QUALITY, int(self.run.manifest["views"]))
+        names = {method.id: name for name, method in self.methods.items()}
+        return made and replace(
+            made, lines=tuple(replace(line, name=names[line.name]) for line in made.lines)
+        )
 
     @property
     def page(self) -> str:
         """The file of its page."""
-        return f"run-{self.name}.html"
+        return f"run-{self.slug}.html"
 
     @property
     def machine(self) -> str:
@@ -89,13 +140,14 @@ def pages(runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]]) -> l
 # --- grids ----------------------------------------------------------------------------------------
 
 
-def _rank_cell(of: Ranking, method: str) -> Cell:
+def _rank_cell(run: SiteRun, of: Ranking, method: str) -> Cell:
     rank = of.of(method)
+    caveat = scored_as_blank(*run.images.get((of.condition, method), (0, 0)))
     if rank is None:
-        return NOTHING
+        return replace(NOTHING, caveat=caveat)
     digits = decimals(of.metric)
     cell = number(rank.estimate, f"{{:.{digits}f}}".format, special=FIRST if rank.first else None)
-    return replace(cell, text=f"{cell.text} {rank.letters}".rstrip())
+    return replace(cell, text=f"{cell.text} {rank.letters}".rstrip(), caveat=caveat)
 
 
 def _caption(metric: str) -> str:
@@ -109,7 +161,11 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
         of_metric = [of for of in run.rankings if of.metric == metric]
         methods = [rank.method for rank in of_metric[0].ranks]
         lines = tuple(
-            Line(m, tuple(_rank_cell(of, m) for of in of_metric), role(m), link=_method_file(m))
+            Line(
+                *(m, tuple(_rank_cell(run, of, m) for of in of_metric)),
+                role(run.methods[m].id),
+                link=_method_file(m),
+            )
             for m in methods
         )
         heads = _heads(of.condition for of in of_metric)
@@ -127,9 +183,14 @@ def _shared(runs: Sequence[SiteRun], a: str, b: str) -> bool:
     return any(of.of(a) and of.of(b) for run in runs for of in run.rankings)
 
 
-def _difference_cell(row: PairedDifference) -> Cell:
+def _difference_cell(run: SiteRun, row: PairedDifference) -> Cell:
     ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
-    return replace(difference_cell(row), special=Mark(f"{ahead} ahead") if ahead else None)
+    cell = replace(difference_cell(row), special=Mark(f"{ahead} ahead") if ahead else None)
+    failures = []
+    for method in (row.pair.a.method, row.pair.b.method):
+        if text := scored_as_blank(*run.images[row.pair.condition, method]):
+            failures.append(f"{method}: {text}")
+    return replace(cell, caveat="; ".join(failures))
 
 
 def _heads(names: Iterable[str]) -> tuple[Head, ...]:
@@ -140,16 +201,16 @@ def _heads(names: Iterable[str]) -> tuple[Head, ...]:
 
 
 def _method_file(method: str) -> str:
-    return f"method-{_named(method)}.html"
+    return f"method-{method_slug(method)}.html"
 
 
 def _pair_file(a: str, b: str) -> str:
-    return f"compare-{_named(a)}--{_named(b)}.html"
+    return f"compare-{method_slug(a)}--{method_slug(b)}.html"
 
 
-def _named(method: str) -> str:
-    """In a file's name, another for each method: ids have no underscore."""
-    return file_name(method.replace("@", "_"))
+def _method_id(runs: Iterable[SiteRun], name: str) -> str:
+    """Return the id of a method of the site."""
+    return next(run.methods[name].id for run in runs if name in run.methods)
 
 
 def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
@@ -160,9 +221,20 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         size = f"{len(manifest['objects'])} × {manifest['views']}"
         finished = str(manifest["finished"])[:10]
         commit = str(manifest.get("git", {}).get("commit", ""))[:7] or "-"
-        texts = (manifest["suite"], manifest["dataset"], size, run.machine, finished, commit)
-        lines.append(Line(run.name, tuple(Cell(str(text)) for text in texts), link=run.page))
-    of_runs = Grid("run", _heads(heads), tuple(lines), caption="What was run")
+        failed, images = run.failed
+        cells = (
+            Cell(str(manifest["suite"])),
+            Cell(str(manifest["dataset"])),
+            Cell(size, caveat=f"{failed} of {images} images failed" if failed else ""),
+            *map(Cell, (run.machine, finished, commit)),
+        )
+        lines.append(Line(run.name, cells, link=run.page))
+    copies = tuple(
+        f"{path.resolve().name} has the same records as {run.name}, and is not counted again."
+        for run in runs
+        for path in run.copies
+    )
+    of_runs = Grid("run", _heads(heads), tuple(lines), caption="What was run", notes=copies)
     firsts = []
     for method in ranked:
         cells = []
@@ -171,7 +243,9 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
             ranks = [rank for rank in found if rank is not None and rank.letters]
             count = sum(rank.first for rank in ranks)
             cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
-        firsts.append(Line(method, tuple(cells), role(method), link=_method_file(method)))
+        firsts.append(
+            Line(method, tuple(cells), role(_method_id(runs, method)), link=_method_file(method))
+        )
     of_methods = Grid(
         "method",
         _heads(run.name for run in runs),
@@ -205,16 +279,55 @@ def _run_page(run: SiteRun, downloads: Sequence[Link]) -> SitePage:
             ("suite", str(manifest["suite"])),
             ("dataset", str(manifest["dataset"])),
             ("objects", f"{len(manifest['objects'])} × {manifest['views']} views"),
+            ("failed", "{} of {} images".format(*run.failed)),
             ("machine", run.machine),
             ("finished", str(manifest["finished"])[:10]),
             ("protocol", str(manifest[PROTOCOL])),
         ),
         (
-            Section("Ranks", grids=_rank_grids(run)),
+            Section("Ranks", FAILURES, _rank_grids(run)),
+            *_failures(run),
             Section("Downloads", links=tuple(link for link in downloads if link not in images)),
             *([Section("Figures", images=images)] if images else []),
         ),
     )
+
+
+def _failures(run: SiteRun) -> list[Section]:
+    """Return how many images of each method failed, and why; nothing where none did."""
+    records = run.run.records
+    failed = records[records["outcome"] != "ok"]
+    if failed.empty:
+        return []
+    names = {method.id: name for name, method in run.methods.items()}
+    by_cell = failed.groupby(["method", "condition"]).size()
+    of_cell = records.groupby(["method", "condition"]).size()
+    conditions = [str(name) for name in run.run.manifest["conditions"]]
+    lines = [
+        [names[method]]
+        + [
+            Cell(f"{by_cell[method, at]} of {of_cell[method, at]}", float(by_cell[method, at]))
+            if (method, at) in by_cell.index
+            else NOTHING
+            for at in conditions
+        ]
+        for method in dict.fromkeys(failed["method"])
+    ]
+    reasons = failed.groupby(["method", "reason"]).size().sort_values(ascending=False)
+    notes = [
+        f"{names[str(method)]}: {count} × {reason}"
+        for (method, reason), count in reasons.head(MOST_REASONS).items()  # type: ignore[misc]
+    ]
+    if len(reasons) > MOST_REASONS:
+        notes.append(f"{len(reasons) - MOST_REASONS} more reasons are in the full report.")
+    made = grid(["method", *conditions], lines, caption="Failed images", notes=tuple(notes))
+    return [Section("Failures", grids=(made,))]
+
+
+def _of_weights(method: SiteMethod, weights: Path) -> bool:
+    """Return whether a method was drawn with these weights, as far as its runs say."""
+    stated = [part for part in method.identity if part.startswith("weights ")]
+    return not stated or (weights.is_file() and f"weights {file_sha256(weights)}" in stated)
 
 
 def _card(weights: Path) -> str | None:
@@ -231,8 +344,9 @@ def _card(weights: Path) -> str | None:
 
 
 def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) -> SitePage:
-    known = known_method(method)
-    own = [run for run in runs if method in run.run.manifest["methods"]]
+    own = [run for run in runs if method in run.methods]
+    of_site = own[0].methods[method]
+    known = known_method(of_site.id)
     grids = []
     for metric in dict.fromkeys(metric for run in own for metric in run.metrics):
         cells = [(run, of) for run in own for of in run.rankings if of.metric == metric]
@@ -240,8 +354,9 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
         lines = []
         for run in own:
             at = {of.condition: of for owner, of in cells if owner is run}
-            values = (_rank_cell(at[c], method) if c in at else NOTHING for c in conditions)
-            lines.append(Line(run.name, tuple(values), run.machine, link=run.page))
+            values = (_rank_cell(run, at[c], method) if c in at else NOTHING for c in conditions)
+            about = "; ".join(filter(None, [run.machine, run.methods[method].libraries]))
+            lines.append(Line(run.name, tuple(values), about, link=run.page))
         made = Grid(
             "run", _heads(conditions), tuple(lines), caption=_caption(metric), remark=LETTERS
         )
@@ -254,7 +369,7 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
         pair = sorted((method, other), key=ranked.index)
         against.append(Line(other, cells, link=_pair_file(*pair)))
     sections = [
-        Section("Accuracy", grids=tuple(grids)),
+        Section("Accuracy", FAILURES, tuple(grids)),
         Section(
             "Against the others",
             "Metrics and conditions of all runs, counted by what is shown.",
@@ -269,19 +384,31 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
         ),
         Section("Cost", _COST, tuple(filter(None, (_cost_grid(run, (), method) for run in own)))),
     ]
-    knobs = [parameter for parameter in PARAMETERS if parameter.method == method]
+    knobs = [parameter for parameter in PARAMETERS if parameter.method == of_site.id]
     if knobs:
-        rows = [[f"{method}@{k.name}=", f"{k.low:g} to {k.high:g}", k.about] for k in knobs]
+        rows = [[f"{of_site.id}@{k.name}=", f"{k.low:g} to {k.high:g}", k.about] for k in knobs]
         made = grid(["variant", "values", "meaning"], rows, caption="What can be set")
         sections.append(Section("Parameters", grids=(made,)))
-    if known and known.weights_file and (card := _card(known.weights_file())):
-        sections.append(Section("Model card", trusted=card_html(card)))
+    about = known.source if known else "no longer installed: its package or its weights are gone"
+    if known and known.weights_file:
+        weights = known.weights_file()
+        if not _of_weights(of_site, weights):
+            about += "; the weights of these runs are not those installed"
+        elif card := _card(weights):
+            sections.append(Section("Model card", trusted=card_html(card)))
+    counts = [run.images[of.condition, method] for run in own for of in run.compared]
+    failed, images = sum(n - n_ok for n_ok, n in counts), sum(n for _, n in counts)
     return SitePage(
         _method_file(method),
         method,
         "pc2pix-bench, a method",
-        known.source if known else "no longer there: its package or its weights are gone",
-        (("kind", role(method) or "competes"), ("runs", str(len(own)))),
+        about,
+        (
+            ("kind", role(of_site.id) or "competes"),
+            ("runs", str(len(own))),
+            ("failed", f"{failed} of {images} images"),
+            *([("identity", ", ".join(of_site.identity))] if of_site.identity else []),
+        ),
         tuple(sections),
     )
 
@@ -298,7 +425,7 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
             text = "–".join(map(str, record)) if any(record) else "untested"
             link = _pair_file(*sorted((a, b), key=ranked.index))
             cells.append(Cell(text, float(record[0] - record[2]), link=link))
-        lines.append(Line(a, tuple(cells), link=_method_file(a)))
+        lines.append(Line(a, tuple(cells), role(_method_id(runs, a)), link=_method_file(a)))
     made = Grid(
         "method",
         _heads(ranked),
@@ -322,9 +449,9 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
     for run in runs:
         if rows := run.differences.get((a, b)):
             made = pivot(
-                *(rows, "pair.metric", "pair.condition", _difference_cell),
+                *(rows, "pair.metric", "pair.condition", partial(_difference_cell, run)),
                 corner="metric",
-                caption=f"{b} minus {a}, with 95 % intervals",
+                caption=f"{run.name}: {b} minus {a}, with 95 % intervals",
                 remark="Marked: who is ahead, p below 0.05 after Holm's correction for all pairs "
                 "of methods under that condition.",
             )

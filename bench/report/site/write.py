@@ -8,6 +8,7 @@ with the machine that they were taken on; accuracy is what is compared across ma
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,27 +18,34 @@ from threadpoolctl import threadpool_limits
 from bench.analysis.comparison import pooled
 from bench.analysis.ranks import ranking
 from bench.catalogue.metrics import is_mean
-from bench.records.journal import MANIFEST
+from bench.records.journal import FIXED, MANIFEST, PROTOCOL, SHARD
 from bench.records.parquet import RECORDS
 from bench.report.build import REPORT, write_report
+from bench.report.site.methods import shortened_name, site_methods, under_site_names
 from bench.report.site.page import Link, site_html
 from bench.report.site.pages import MENU, QUALITY, SiteRun, pages
-from bench.running.protocol import file_name
+from bench.running.protocol import digest, file_name
 from bench.tables.build import make_outputs
 from bench.tables.differences import refuse_other_protocol
 from bench.tables.figure import FIGURES
+from bench.tables.ranks import RANKS, ranks_table
 from bench.tables.scored import ScoredRun, read_scored
-from bench.tables.table import TABLES
+from bench.tables.table import TABLES, of_protocol
 from data_prep.failures import BadInput
-from data_prep.progress import progress
+from data_prep.fingerprints import file_sha256
+from data_prep.progress import progress, say
 from data_prep.whole_files import whole_folder
+
+# What a run was to measure, in its manifest.
+REQUEST = (PROTOCOL, *FIXED, SHARD, "methods", "identities", "conditions", "objects")
 
 
 def write_site(directories: Sequence[Path], out: Path) -> int:
-    """Write the site of finished runs into a new folder, whole or not at all; the number of pages.
+    """Write the site of finished runs into a new folder, whole or not at all; return its pages.
 
-    Raises BadInput where the folder is there already, a run is given twice, is of another protocol
-    than the first, or is no run whose images were scored.
+    A folder with the same records as another is a copy of that run: it is named, and not counted
+    again. Raises BadInput where the folder is there already, a folder is given twice, a run is of
+    another protocol than the first, or is no run whose images were scored.
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; give a new folder with --out")
@@ -47,7 +55,11 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
     scored = [read_scored(directory) for directory in directories]
     for run in scored[1:]:
         refuse_other_protocol(scored[0], run)
-    runs = _ranked(scored)
+    with_copies = _with_copies(scored)
+    for run, copies in with_copies:
+        for copy in copies:
+            say(f"{copy}: the same records as {run.directory}; the run is counted once")
+    runs = _ranked(with_copies)
     with whole_folder(out) as new:
         downloads = {run.name: _copy(run, new) for run in runs}
         made = pages(runs, downloads)
@@ -56,13 +68,34 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
     return len(made)
 
 
-def _ranked(scored: Sequence[ScoredRun]) -> list[SiteRun]:
-    names: list[str] = []
+def _with_copies(scored: Sequence[ScoredRun]) -> list[tuple[ScoredRun, tuple[Path, ...]]]:
+    """Return each run once, with the folders that hold copies of it.
+
+    A copy has the same records to the byte, times included, of the same request.
+    """
+    same: dict[str, list[ScoredRun]] = {}
     for run in scored:
-        name, count = file_name(run.directory.resolve().name), 1
-        while (named := name if count == 1 else f"{name}-{count}") in names:
-            count += 1
-        names.append(named)
+        request = [run.manifest.get(key) for key in REQUEST]
+        same.setdefault(digest([request, file_sha256(run.directory / RECORDS)]), []).append(run)
+    return [(run, tuple(copy.directory for copy in copies)) for run, *copies in same.values()]
+
+
+def _numbered(texts: Sequence[str]) -> list[str]:
+    """Return the texts, with a number where one came before that is the same but for its case."""
+    numbered: list[str] = []
+    taken: set[str] = set()
+    for text in texts:
+        candidates = (text if count == 1 else f"{text}-{count}" for count in itertools.count(1))
+        numbered.append(next(name for name in candidates if name.casefold() not in taken))
+        taken.add(numbered[-1].casefold())
+    return numbered
+
+
+def _ranked(with_copies: Sequence[tuple[ScoredRun, tuple[Path, ...]]]) -> list[SiteRun]:
+    scored = [run for run, _ in with_copies]
+    names = _numbered([run.directory.resolve().name for run in scored])
+    slugs = _numbered([shortened_name(file_name(name)).strip("-.") or "run" for name in names])
+    methods = site_methods([run.manifest for run in scored])
     todo = []
     with threadpool_limits(1):
         for run in scored:
@@ -73,29 +106,39 @@ def _ranked(scored: Sequence[ScoredRun]) -> list[SiteRun]:
             todo.append((compared, [(of, metric) for metric in metrics for of in compared]))
         made = []
         with progress("rankings", sum(len(cells) for _, cells in todo)) as advance:
-            for name, run, (compared, cells) in zip(names, scored, todo, strict=True):
+            for i, (run, (compared, cells)) in enumerate(zip(scored, todo, strict=True)):
                 rankings = []
                 for of, metric in cells:
                     rankings.append(ranking(of, metric))
                     advance(0)
-                made.append(SiteRun(name, run, tuple(compared), tuple(rankings)))
+                site_run = SiteRun(
+                    *(names[i], slugs[i], run),
+                    methods={method.name: method for method in methods[i].values()},
+                    compared=tuple(compared),
+                    rankings=tuple(under_site_names(of, methods[i]) for of in rankings),
+                    ranks=of_protocol(ranks_table(compared, rankings), run.manifest[PROTOCOL]),
+                    copies=with_copies[i][1],
+                )
+                made.append(site_run)
     return made
 
 
 def _copy(run: SiteRun, folder: Path) -> list[Link]:
-    """Put the downloads and the report of a run beside the pages; their links."""
+    """Put the downloads and the report of a run beside the pages, and return their links."""
     directory = run.run.directory
     files = [
         *sorted((directory / TABLES).glob("*.csv")),
         *(path for path in (directory / RECORDS, directory / MANIFEST) if path.is_file()),
         *sorted((directory / FIGURES).glob("*.png")),
     ]
-    links = []
+    ranks = f"{run.slug}-{RANKS}.csv"
+    (folder / ranks).write_text(run.ranks.to_csv(), "utf-8")
+    links = [(f"{RANKS}.csv: the values of this page", ranks)]
     for path in files:
-        name = f"{run.name}-{path.name}"
+        name = f"{run.slug}-{path.name}"
         shutil.copyfile(path, folder / name)
         links.append((path.name, name))
-    report = f"{run.name}-{REPORT}"
+    report = f"report-{run.slug}.html"  # the page of a run is run-SLUG.html
     if (directory / REPORT).is_file():  # a minute for a hundred objects
         shutil.copyfile(directory / REPORT, folder / report)
     else:

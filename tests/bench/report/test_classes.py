@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,7 +10,7 @@ from bench.metrics.structural_similarity import ssim_per_image
 from bench.records.artifacts import read_artifact
 from bench.records.record import GROUND_TRUTH
 from bench.report.classes import write_class_figures
-from bench.tables.classes import table_of_classes
+from bench.tables.classes import AVERAGE, table_of_classes
 from bench.tables.published import published
 from bench.tables.quality import Row
 
@@ -24,8 +25,9 @@ def row(metric, method, class_name, value, low=NAN, high=NAN):
     return Row("s", method, "2048", class_name, metric, value, low, high, 2, 2, NAN, value, "")
 
 
-def figures(drawn, rows, jobs):
-    return drawn(write_class_figures, table_of_classes(rows, ""), PAPER, jobs=jobs)
+def figures(drawn, rows, jobs, headline=()):
+    tables = (table_of_classes(of, "") for of in (rows, headline))
+    return drawn(write_class_figures, *tables, PAPER, jobs=jobs)
 
 
 ROWS = [
@@ -73,6 +75,26 @@ def test_every_approach_of_the_run_has_a_column(drawn, tmp_path):
     images, _ = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods))
     titles = [axis.get_title() for axis in images.axes if axis.get_title()]
     assert titles == ["truth", "surface-apss", "pc2pix@all", "splat-net", "splat"] * 2
+
+
+def test_the_best_by_the_headline_has_a_column(drawn, tmp_path):
+    methods = ("surface-apss", "splat-net", "splat-net@all", "depth-net", "splat", "blank")
+    headline = [
+        row("ssim-object", "splat-net", AVERAGE, 0.7),
+        row("ssim-object", "splat-net@all", AVERAGE, 0.8),
+        row("ssim-object", "blank", AVERAGE, 0.9),  # does not compete
+        replace(row("ssim-object", "splat", AVERAGE, 0.95), failures_as_blank=0.2),
+        row("ssim-object", "best-reconstruction", AVERAGE, 0.99),  # another by that name
+        row("lpips", "splat-net@all", AVERAGE, 0.2),
+        row("lpips", "depth-net", AVERAGE, 0.1),
+        row("lpips", "surface-apss", AVERAGE, NAN),
+        replace(row("lpips", "splat-net", AVERAGE, 0.05), condition="512"),
+    ]
+    (images,) = figures(drawn, ROWS, make_jobs(tmp_path, methods=methods), headline)
+    titles = [axis.get_title() for axis in images.axes if axis.get_title()]
+    wanted = ["truth", "surface-apss", "splat-net@all", "depth-net", "splat-net", "splat"]
+    assert titles == wanted * 2
+    assert images.get_supxlabel().endswith("splat-net@all by ssim-object, depth-net by lpips")
 
 
 def dots_of(axis):

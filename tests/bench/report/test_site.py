@@ -44,7 +44,7 @@ def text(path: Path) -> str:
 def test_every_link_is_a_file_beside_the_page_and_no_file_is_lost(site):
     linked = {"index.html"}
     for page in site.glob("*.html"):
-        if page.name.endswith("-report.html"):
+        if page.name.startswith("report-"):
             continue
         for target in LINK.findall(page.read_text("utf-8")):
             if target != "data:,":
@@ -58,7 +58,7 @@ def test_a_page_for_each_run_method_and_pair(site):
     assert pair in ("compare-splat--blank.html", "compare-blank--splat.html")  # the better first
     assert {path.name for path in site.glob("*.html")} == {
         *("index.html", "compare.html", "cost.html", pair),
-        *("run-first.html", "run-second.html", "first-report.html", "second-report.html"),
+        *("run-first.html", "run-second.html", "report-first.html", "report-second.html"),
         *("method-splat.html", "method-blank.html"),  # no ceiling is ranked
     }
 
@@ -85,7 +85,7 @@ def test_costs_name_their_machine_and_are_not_pooled(site):
 
 def test_pages_have_no_script_and_no_inline_style(site):
     for page in site.glob("*.html"):
-        if not page.name.endswith("-report.html"):
+        if not page.name.startswith("report-"):
             body = page.read_text("utf-8").partition("<body>")[2]
             assert "<script" not in body
             assert " style=" not in body
