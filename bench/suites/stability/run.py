@@ -107,7 +107,7 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
     directory = options.directory
     workers = options.workers or cores()
     machine = environment()
-    jobs = stability_jobs(suite, methods, options.seed, options.device, machine, directory)
+    jobs = stability_jobs(suite, methods, options.seed or 0, options.device, machine, directory)
     manifest = manifest_of(
         options,
         suite.id,
