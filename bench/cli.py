@@ -1,8 +1,9 @@
 """The list of commands, each loaded when it is called. Results go to stdout, the rest to stderr.
 
 Exit status: 0 done, 1 a regression, a machine that cannot run, a training that diverged, a method
-that failed on a cloud, a failure that no longer occurs or a request that no method meets, 2
-something the user has to fix, 130 interrupted, 141 nobody reads the output any more.
+that failed on a cloud or in a run on all objects, a failure that no longer occurs or a request that
+no method meets, 2 something the user has to fix, 130 interrupted, 141 nobody reads the output any
+more.
 """
 
 from __future__ import annotations
