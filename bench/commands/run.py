@@ -15,7 +15,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
-from bench.commands.config import ConfigOption
+from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, takes
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
@@ -149,12 +149,12 @@ def run(
     options: Options,
     config: ConfigOption = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would run; do not run it.")
+        bool, typer.Option("--dry-run/--no-dry-run", help="Say what would run; do not run it.")
     ] = False,
     format_: FormatOption = None,
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its headline table."""
-    del config  # the options have been read
+    refuse_other_objects(options, config)
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:
         print(describe_run(options))

@@ -28,6 +28,7 @@ from bench.records.journal import PROTOCOL
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.environment import circumstances, cores, environment
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
+from data_prep.dataset_exported import ExportedObject
 from data_prep.datasets import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.fingerprints import file_sha256
@@ -246,6 +247,14 @@ def _refuse_bare_clouds(protocol: Protocol) -> None:
 
 def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
     for obj in protocol.objects:
+        if isinstance(obj, ExportedObject):  # its images are as they were exported
+            if not obj.in_grey:
+                raise BadInput(
+                    f"{protocol.dataset}: {name_of(obj)} was exported in colour; export it again "
+                    f"with --suite {protocol.suite.id}"
+                )
+            yield obj
+            continue
         if not isinstance(obj, MeshObject):
             raise BadInput(
                 f"{protocol.dataset}: {obj.class_name}/{obj.object_id} has pictures but no mesh, "

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -61,7 +62,7 @@ def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
     with one_thread():
         networks = [load_network(method, options.device, view) for method in methods]
         manifest = manifest_of(
-            options,
+            replace(options, methods=methods, seed=seed),  # a repetition has no defaults
             suite.id,
             1,
             environment(),

@@ -110,7 +110,9 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     clouds = options.limit or suite.clouds
     dataset = open_dataset(options.dataset)
-    options = replace(options, seed=seed_of(dataset, options))
+    pinned = {"limit": clouds, "views": options.views or suite.views}  # for a repetition
+    pinned |= {"methods": methods, "conditions": conditions, "seed": seed_of(dataset, options)}
+    options = replace(options, **pinned)
     objects = dataset.objects(suite.class_name, clouds, clouds)
     directory = options.directory
     manifest = manifest_of(
