@@ -68,20 +68,16 @@ def join(options: Options, protocol: Protocol) -> tuple[Protocol, KeptRun | None
     kept = _kept(directory, protocol, read_manifest(directory))
     if kept is None:
         return protocol, None
-    _check_known(directory, protocol, kept)
+    _check_known(directory, protocol.device, {*kept.methods} - {*protocol.methods}, kept.conditions)
     wide = replace(
         protocol,
         methods=joined(protocol.methods, kept.methods, protocol.suite.methods),
         conditions=joined(protocol.conditions, kept.conditions, protocol.suite.conditions),
         objects=_with_kept(directory, protocol, kept),
     )
-    more = [
-        _counted(len(getattr(wide, kind)) - len(getattr(protocol, kind)), kind)
-        for kind in ("methods", "conditions", "objects")
-    ]
-    if any(more):
-        kinds = ", ".join(filter(None, more))
-        say(f"{directory}: keeps {kinds} of the run there; {APART}")
+    kinds = ("methods", "conditions", "objects")
+    more = (len(getattr(wide, kind)) - len(getattr(protocol, kind)) for kind in kinds)
+    _tell(directory, list(map(_counted, more, kinds)))
     return wide, kept
 
 
@@ -112,6 +108,26 @@ def joined(asked: tuple[str, ...], kept: tuple[str, ...], listed: Sequence[str])
     return (*(name for name in listed if name in every), *(n for n in every if n not in listed))
 
 
+def with_methods_there(
+    options: Options, suite: str, asked: tuple[str, ...], listed: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the methods of a suite with a procedure of its own, with those its folder has.
+
+    Raises BadInput where the folder holds a method that is not known here.
+    """
+    directory = options.directory
+    if options.fresh or not (directory / MANIFEST).is_file():
+        return asked
+    manifest = read_manifest(directory)
+    if manifest["suite"] != suite:  # which is refused before anything is written
+        return asked
+    kept = tuple(map(str, manifest.get("methods", ())))
+    _check_known(directory, options.device, {*kept} - {*asked}, ())
+    methods = joined(asked, kept, listed)
+    _tell(directory, [_counted(len(methods) - len(asked), "methods")])
+    return methods
+
+
 def refuse_narrowing(directory: Path, manifest: Mapping[str, Any]) -> None:
     """Raise BadInput where a run with this manifest would have less than the one in the folder."""
     if not (directory / MANIFEST).is_file():
@@ -123,6 +139,11 @@ def refuse_narrowing(directory: Path, manifest: Mapping[str, Any]) -> None:
                 f"{directory}: holds a run with {_counted(len(lacking), kind)}, {lacking[0]} among "
                 "them; give a new --out"
             )
+
+
+def _tell(directory: Path, more: Sequence[str]) -> None:
+    if any(more):
+        say(f"{directory}: keeps {', '.join(filter(None, more))} of the run there; {APART}")
 
 
 def _fixed(protocol: Protocol) -> dict[str, Any]:
@@ -152,7 +173,7 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
         and kept.objects <= asked
     ):
         return None  # only objects may be added, and what is complete of them stays so
-    _check_known(directory, protocol, kept)
+    _check_known(directory, protocol.device, {*methods} - {*protocol.methods}, conditions)
     found = tuple(obj for obj in _search(protocol, manifest) if name_of(obj) in kept.objects)
     before = replace(protocol, methods=methods, conditions=conditions, objects=found)
     lines = read_lines(directory)
@@ -164,13 +185,14 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
     return replace(kept, objects=complete) if complete else None
 
 
-def _check_known(directory: Path, protocol: Protocol, kept: KeptRun) -> None:
+def _check_known(
+    directory: Path, device: str, methods: Iterable[str], conditions: Iterable[str]
+) -> None:
     """Raise BadInput for a method that cannot be used here, and for an unknown condition."""
     try:
-        for method in kept.methods:
-            if method not in protocol.methods:
-                method_identity(method, protocol.device)
-        for condition in kept.conditions:
+        for method in sorted(methods):
+            method_identity(method, device)
+        for condition in conditions:
             find(condition, CONDITIONS, "condition")
     except BadInput as error:
         # Of an unknown name without the list of all that are known.

@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import LatentSuite, SpeedSuite, StabilitySuite
+from bench.running.extension import with_methods_there
 from bench.running.protocol import Options, refuse, refuse_absent_gpu, refuse_counts
 from bench.tables.table import Table
 
@@ -32,6 +33,8 @@ def methods_of(
 ) -> tuple[str, ...]:
     """Return the methods of a run, each once, in the order of the request or else of the suite.
 
+    Those that a run in the folder has stay in it.
+
     meaningless  options that this suite does not take, and why
 
     Raises BadInput for one of these, for counts that cannot be met, for a GPU that is not there and
@@ -45,4 +48,4 @@ def methods_of(
     methods = tuple(dict.fromkeys(options.methods or suite.methods))
     for method in methods:
         find_method(method)
-    return methods
+    return with_methods_there(options, suite.id, methods, suite.methods)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from bench.catalogue.suites import SUITES
+from bench.catalogue.suites import STABILITY, SUITES
 from bench.commands.publish import interim, merge_shards, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest, write_manifest
 from bench.running.extension import join, joined
 from bench.running.protocol import Options, Shard, protocol_of
 from bench.running.run import run
+from bench.suites.procedure import methods_of
 from data_prep.failures import BadInput
 
 from ..builders import file_bytes, finished_options, make_manifest
@@ -166,6 +168,18 @@ def test_a_shard_of_other_objects_is_refused(tmp_path, no_machine):
         asked(tmp_path, limit=2, shard=Shard(1, 2))
     _, wide, _ = asked(tmp_path, limit=5, shard=Shard(1, 2))
     assert names(wide) == [f"chair/test-000{i}" for i in (0, 2, 4)]
+
+
+def test_suites_of_their_own_keep_their_methods(tmp_path, capsys):
+    options = Options("stability", methods=("splat",), out=tmp_path)
+    assert methods_of(options, STABILITY) == ("splat",)
+    write_manifest(tmp_path, make_manifest(suite="stability", methods=["pc2pix", "splat"]))
+    assert methods_of(options, STABILITY) == ("pc2pix", "splat")
+    assert "keeps 1 more method of the run there; give --out" in capsys.readouterr().err
+    assert methods_of(replace(options, fresh=True), STABILITY) == ("splat",)
+    write_manifest(tmp_path, make_manifest(suite="stability", methods=["my-plug-in"]))
+    with pytest.raises(BadInput, match="cannot be kept here: unknown method 'my-plug-in'; install"):
+        methods_of(options, STABILITY)
 
 
 def test_a_merge_does_not_narrow_a_run(copied, tmp_path, same_machine, tiny_weights):
