@@ -1,8 +1,9 @@
 """The list of commands, each loaded when it is called. Results go to stdout, the rest to stderr.
 
 Exit status: 0 done, 1 a regression, a machine that cannot run, a training that diverged, a method
-that failed on a cloud, a failure that no longer occurs or a request that no method meets, 2
-something the user has to fix, 130 interrupted, 141 nobody reads the output any more.
+that failed on a cloud or in a run on all objects, a failure that no longer occurs or a request that
+no method meets, 2 something the user has to fix, 130 interrupted, 141 nobody reads the output any
+more.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bench.commands.options import SETTINGS, Group
+from bench.commands.options import SETTINGS, USAGE_ERROR, Group
 
 COMMANDS = {  # name: module and name in it, first line of its help
     "run": ("run:run", "Run a suite, or go on with one that was stopped; print its tables."),
@@ -41,7 +42,6 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "test": ("contract:test", "Test a method, metric or dataset of your own."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
-_USAGE_ERROR: Any = typer.BadParameter.__mro__[1]  # Click's, which some Typers contain
 
 
 class Commands(Group):
@@ -77,7 +77,7 @@ class Commands(Group):
         """Read what stands before the command."""
         try:
             return super().make_context(*args, **kwargs)
-        except _USAGE_ERROR as error:
+        except USAGE_ERROR as error:
             raise _refused(error) from error
 
     def invoke(self, ctx: Any) -> Any:
@@ -96,7 +96,7 @@ class Commands(Group):
         except TrainingDiverged as error:
             print(f"bench: {visible(str(error))}; a lower learning rate may help", file=sys.stderr)
             raise typer.Exit(1) from error
-        except _USAGE_ERROR as error:  # no such command or option, a value that it does not take
+        except USAGE_ERROR as error:  # no such command or option, a value that it does not take
             raise _refused(error) from error
         except KeyboardInterrupt as error:
             goes_on = ctx.invoked_subcommand in ("run", "train")

@@ -27,6 +27,7 @@ class Dataset:
     layout       what the source looks like, in words
     orientation  how its objects stood, and what was done about it
     irregular    what is missing or odd, a line each; nothing of it keeps the dataset from its use
+    seed         of the run that clouds and views were exported from; None where a run decides
     """
 
     id: str
@@ -38,6 +39,7 @@ class Dataset:
     orientation: str = ""
     irregular: tuple[str, ...] = ()
     endless: Callable[[str, Split, int], SceneObject] | None = None
+    seed: int | None = None
 
     def objects(
         self,

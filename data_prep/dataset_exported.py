@@ -16,7 +16,7 @@ import csv
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -32,6 +32,7 @@ from data_prep.mesh_files import read_mesh
 from data_prep.orientations import OURS
 from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+from data_prep.unpainted import is_unpainted
 from data_prep.untrusted import MIB, plain_text, read_text, shown
 
 METADATA = "croissant.json"
@@ -94,6 +95,11 @@ class ExportedObject:
             )
         return read_mesh(self.mesh.checked())
 
+    @property
+    def in_grey(self) -> bool:
+        """Whether the mesh, and with it the images, are of a suite in neutral grey."""
+        return self.mesh is not None and is_unpainted(self.load())
+
     def perturbed(self, condition: str) -> PointCloud | None:
         """The cloud that was exported for a condition; None where there is none."""
         file = dict(self.clouds).get(condition)
@@ -138,10 +144,11 @@ class ExportedObject:
 
 
 def exported_dataset(spec: str, root: Path) -> Dataset:
-    """All objects of an export, in their order.
+    """Return all objects of an export, in their order, with the seed of the run exported.
 
     Raises BadInput, naming file and line, for a list that is missing or malformed, for a file
-    outside the folder, for an object without clouds or images, and for another protocol.
+    outside the folder, for an object without clouds or images, for another protocol, and for
+    objects of several seeds.
     """
     clouds: dict[tuple[str, str], list[tuple[str, StoredFile]]] = {}
     images: dict[tuple[str, str], list[tuple[View, StoredFile]]] = {}
@@ -162,11 +169,18 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
             )
         seen.append((view, _file(root, row, where)))
     found = Found()
+    seed = None
     for where, name, row in _rows(root, OBJECTS):
         if row["protocol"] != str(PROTOCOL_VERSION):
             raise BadInput(
                 f"{where}: of protocol {shown(row['protocol'])}, this is {PROTOCOL_VERSION}; "
                 "export it again, or use the version that made it ('bench --protocol')"
+            )
+        seed = row["seed"] if seed is None else seed
+        if row["seed"] != seed or not seed.isdecimal():
+            raise BadInput(
+                f"{where}: seed {shown(row['seed'])} in an export with --seed {shown(seed)}; "
+                "export it again"
             )
         lacking = [file for file, of in ((CLOUDS, clouds), (VIEWS, images)) if name not in of]
         if lacking:
@@ -176,7 +190,8 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
         found.objects.append(ExportedObject(*name, mesh, tuple(clouds[name]), tuple(images[name])))
     if not found.objects:
         raise BadInput(f"{root / OBJECTS}: no object in this list; export it again")
-    return found.dataset(spec, "clouds, views and true images of an export", OURS.message)
+    dataset = found.dataset(spec, "clouds, views and true images of an export", OURS.message)
+    return replace(dataset, seed=int(seed or 0))
 
 
 def listed_files(root: Path) -> dict[str, str]:

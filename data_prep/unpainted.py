@@ -16,6 +16,11 @@ def unpainted(mesh: Mesh) -> Mesh:
     return in_one_colour(mesh, NEUTRAL_GREY)
 
 
+def is_unpainted(mesh: Mesh) -> bool:
+    """Return whether all faces of a mesh are in NEUTRAL_GREY."""
+    return bool((mesh.face_colors[:, :3] == NEUTRAL_GREY).all())
+
+
 def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
     """The mesh with all faces in a colour, red, green and blue in 0..255."""
     every = np.broadcast_to(np.array(color, np.uint8), mesh.face_colors.shape)

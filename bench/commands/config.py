@@ -4,53 +4,154 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from bench.catalogue.suites import SUITES
+from bench.commands.options import USAGE_ERROR
+from bench.records.journal import PROTOCOL
+from bench.records.record import SCHEMA_VERSION
+from bench.running.protocol import Options, name_of, objects_of
+from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput, unknown
+from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.untrusted import MIB, read_text
 
 REQUEST = "request"  # of a manifest: what the command said
+ITEM_SUITES = {suite.id: suite for suite in SUITES}
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """The options in a file, by their names with underscores.
+    """Return the options in a file, by their names with underscores.
 
     A list is what the command line separates by commas. Raises BadInput for a file that cannot be
-    read, is not TOML, or is a JSON file that is no manifest of a run.
+    read, is not TOML, or is a JSON file that is no manifest of a run which this version can repeat.
     """
-    text = read_text(path, 4 * MIB)
+    values = _repeated(path, _manifest(path)) if path.suffix == ".json" else _toml(path)
+    return {name.replace("-", "_"): _as_given(value) for name, value in values.items()}
+
+
+def refuse_other_objects(options: Options, path: Path | None) -> None:
+    """Raise BadInput where a run is to be repeated and would have other objects.
+
+    Options choose the first of each class (or a shard): what was complete of a run that was stopped
+    may be others, and the dataset may have changed. Not asked where the command line says
+    otherwise.
+    """
+    if path is None or path.suffix != ".json" or options.suite not in ITEM_SUITES:
+        return
+    manifest, said = _manifest(path), read_config(path)
+    shard = str(options.shard) if options.shard else None
+    if (options.suite, options.dataset, options.limit, shard) != (
+        *(said.get(name) for name in ("suite", "dataset", "limit", "shard")),
+    ):
+        return
+    suite = ITEM_SUITES[options.suite]
+    names = [name_of(obj) for obj in objects_of(suite, open_dataset(options.dataset), options)]
+    if names != manifest.get("objects"):
+        raise BadInput(
+            f"{path}: the {len(manifest.get('objects', ()))} objects of that run are not the "
+            f"{len(names)} that options can choose now; finish it with its command, bring its "
+            "dataset back as it was, or give another --limit"
+        )
+
+
+def _toml(path: Path) -> Mapping[str, Any]:
     try:
-        found = json.loads(text).get(REQUEST) if path.suffix == ".json" else tomllib.loads(text)
-    except (ValueError, AttributeError) as error:  # both decoders raise subclasses of ValueError
+        return tomllib.loads(read_text(path, 4 * MIB))
+    except ValueError as error:
+        if isinstance(error, BadInput):
+            raise
         raise BadInput(f"{path}: cannot be read ({error}); give a TOML file") from error
-    if not isinstance(found, Mapping):
+
+
+def _manifest(path: Path) -> Mapping[str, Any]:
+    try:
+        manifest = json.loads(read_text(path, 64 * MIB))
+        request = manifest.get(REQUEST)
+    except (ValueError, AttributeError, RecursionError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"{path}: cannot be read ({error}); give a TOML file") from error
+    if not isinstance(request, Mapping):
         raise BadInput(
             f"{path}: says not what was asked for; give the manifest.json of a run of this version"
         )
-    return {name.replace("-", "_"): _as_given(value) for name, value in found.items()}
+    return manifest
+
+
+def _repeated(path: Path, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the request of a run, with what it has measured in place of what it left to defaults.
+
+    Raises BadInput for a run of another version of the protocol or of the schema.
+    """
+    for what, version, ours in (
+        (PROTOCOL, manifest.get(PROTOCOL, 1), PROTOCOL_VERSION),
+        ("schema", manifest.get("schema_version"), SCHEMA_VERSION),
+    ):
+        if version != ours:
+            raise BadInput(
+                f"{path}: of {what} {version}, this version has {ours} and would measure something "
+                "else; use the version that made it, or state the options in a TOML file"
+            )
+    request = manifest[REQUEST]
+    if request.get("suite") not in ITEM_SUITES:
+        return request
+    names = ("methods", "conditions", "views")
+    repeated = request | {name: manifest[name] for name in names if name in manifest}
+    if manifest.get("shard"):
+        return repeated | {"shard": manifest["shard"]}
+    classes = Counter(name.partition("/")[0] for name in manifest.get("objects", ()))
+    return repeated | ({"limit": max(classes.values())} if classes else {})
 
 
 def _as_given(value: Any) -> Any:
-    """As the command line would have it."""
+    """Return a value as the command line would have it."""
     return ",".join(map(str, value)) if isinstance(value, list) else value
 
 
 def _take(context: typer.Context, path: Path | None) -> Path | None:
-    """Make the options of the file the defaults of the command; BadInput for an unknown one."""
+    """Make the options of the file the defaults of the command.
+
+    Raises BadInput for an unknown option, and for a value that it does not take.
+    """
     if path is None:
         return None
-    found = read_config(path)
-    known = sorted({str(one.name) for one in context.command.params} - {"config", "help"})
-    for name in found:
+    known = {
+        flag.lstrip("-").replace("-", "_"): option
+        for option in context.command.params
+        for flag in option.opts
+        if option.name not in ("config", "help")
+    }
+    defaults = dict(context.default_map or {})
+    for name, value in read_config(path).items():
         if name not in known:
             see = f"{context.command_path} --help"
-            raise BadInput(f"{path}: {unknown(name, known, 'option', see=see)}")
-    context.default_map = {**(context.default_map or {}), **found}
+            raise BadInput(f"{path}: {unknown(name, sorted(known), 'option', see=see)}")
+        option = known[name]
+        _check(path, context, name, option, value)
+        defaults[option.name] = value
+    context.default_map = defaults
     return path
+
+
+def _check(path: Path, context: typer.Context, name: str, option: Any, value: Any) -> None:
+    """Raise BadInput for a value that an option does not take.
+
+    The command line makes text of any kind of value: it would take true and 1.5 for 1.
+    """
+    where = f"{path}: {name} = {value!r}"
+    if isinstance(value, bool) != option.is_flag or not isinstance(value, bool | int | str):
+        kinds = "true or false" if option.is_flag else "text, a whole number or a list of names"
+        raise BadInput(f"{where}: give {kinds}")
+    try:
+        option.process_value(context, value)
+    except USAGE_ERROR as error:
+        raise BadInput(f"{where}: {error.message.rstrip('.')}") from error
 
 
 ConfigOption = Annotated[

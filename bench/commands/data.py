@@ -37,7 +37,7 @@ from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
 from data_prep.cloud_files import CLOUD_SUFFIXES
 from data_prep.dataset import Dataset, listed
-from data_prep.dataset_exported import METADATA, listed_files
+from data_prep.dataset_exported import COLUMNS, METADATA, listed_files
 from data_prep.dataset_paper import VIEWS, PaperObject
 from data_prep.datasets import BareCloud, is_dataset, layout_of, open_dataset
 from data_prep.examine_paper import READINGS, agreement, oddities
@@ -233,6 +233,11 @@ def verify(folder: Path, listing: Path = REAL_MESHES) -> Verification:
         raise BadInput(f"{folder}: no such folder; give that of the meshes, or an export")
     if (folder / METADATA).is_file():
         wanted, suffixes = listed_files(folder), EXPORTED_SUFFIXES
+    elif any((folder / name).is_file() for name in COLUMNS):
+        raise BadInput(
+            f"{folder}: an export without its {METADATA}, which has the checksums of its lists; "
+            "fetch that file, or export it again"
+        )
     elif not listing.is_file():
         raise BadInput(f"{listing}: not there; run from a checkout that has it")
     else:

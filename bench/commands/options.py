@@ -17,6 +17,8 @@ from typer.core import TyperGroup
 
 from data_prep.failures import BadInput, unknown
 
+# Click's, which some Typers contain.
+USAGE_ERROR: Any = typer.BadParameter.__mro__[1]
 SETTINGS: dict[str, Any] = {"add_completion": False, "rich_markup_mode": None}
 RunDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a finished run.")]
 
@@ -62,6 +64,17 @@ def worker_count(workers: int | None) -> int | None:
     if workers is not None and workers < 1:
         raise BadInput(f"--workers {workers}: must be at least 1")
     return workers
+
+
+def expanded(path: Path) -> Path:
+    """Return a path with the home folder in place of ~, which a shell leaves in `--out=~/x`.
+
+    Raises BadInput for the home of an unknown user.
+    """
+    try:
+        return path.expanduser()
+    except RuntimeError as error:
+        raise BadInput(f"{path}: no such user; give the folder's path") from error
 
 
 class Format(StrEnum):
@@ -160,7 +173,7 @@ def _option(
     if isinstance(kind, type) and issubclass(kind, Enum):
         default, convert = kind(default), str
     flags = [option.flag] if option.flag else []
-    if kind is bool and not default:
+    if kind is bool and not default and not flags:
         flags = [f"--{name.replace('_', '-')}"]  # there is nothing to switch off
     return (
         inspect.Parameter(
@@ -209,8 +222,11 @@ RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
         convert=worker_count,
     ),
     "device": Stated(DEVICE, kind=Device),
-    "seed": "Seed of clouds, views and noise.",
-    "out": "The run's folder. Default: results/runs/SUITE-DATASET.",
+    "seed": "Seed of clouds, views and noise. Default: 0, or that of an export.",
+    "out": Stated(
+        "The run's folder. Default: results/runs/SUITE-DATASET.",
+        convert=lambda path: path and expanded(path),
+    ),
     "shard": Stated(
         "Only the kth of N parts of the objects; 'bench merge' joins them. Default: all objects.",
         metavar="k/N",
@@ -222,8 +238,10 @@ RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
         "machine.",
         metavar="ADDRESS|local",
     ),
-    "fresh": "Start again; a run that is in the folder is renamed, not deleted. Default: go on "
-    "with it.",
+    "fresh": Stated(
+        "Start again; a run that is in the folder is renamed, not deleted. Default: go on with it.",
+        flag="--fresh/--no-fresh",  # a file may switch it on
+    ),
     "inception_weights": Stated(
         "Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded before, else "
         "fid is skipped.",

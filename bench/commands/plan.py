@@ -60,8 +60,8 @@ def forecast(
         find_method(method)
     if samples is not None and not samples.absolute().parent.is_dir():
         raise BadInput(f"--samples {samples}: its folder is not there; make it first")
-    protocol, _ = protocol_of(suite, options)
-    run = look_ahead(options, protocol)
+    run = look_ahead(options, protocol_of(suite, options)[0])
+    protocol = run.protocol
     if not any(run.left.values()):
         return f"{run.directory}: nothing is left to do; the run would make its tables."
     methods = tuple(dict.fromkeys((*protocol.methods, *also)))

@@ -42,7 +42,8 @@ def run_suite(options: Options) -> Finished[Outputs]:
     Raises BadInput for anything the user has to fix; what was done until then is kept.
     """
     finished = run(options, publish, partial(Terminal, interim))
-    _report(finished.outputs)
+    if finished.outputs is not None:
+        _report(finished.outputs)
     return finished
 
 

@@ -15,11 +15,12 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
-from bench.commands.config import ConfigOption
+from bench.commands.config import ConfigOption, refuse_other_objects
 from bench.commands.options import RUN_OPTIONS, FormatOption, takes
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import GROUND_TRUTH
+from bench.report.build import REPORT
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Protocol, method_identity, protocol_of
 from bench.running.run import Finished, RunStatus, look_ahead, refuse_small
@@ -37,8 +38,9 @@ def describe_run(options: Options) -> str:
     suite = find(options.suite, ALL_SUITES, "suite")
     if not isinstance(suite, Suite):
         raise refuse_small(suite.id, "--dry-run")
-    protocol, skipped = _protocol(suite, options)
-    prospect = look_ahead(options, protocol)
+    asked, skipped = _protocol(suite, options)
+    prospect = look_ahead(options, asked)
+    protocol = prospect.protocol
     return "\n".join(
         [
             *(f"{name:<13}{visible(text)}" for name, text in _settings(prospect, options)),
@@ -147,12 +149,12 @@ def run(
     options: Options,
     config: ConfigOption = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would run; do not run it.")
+        bool, typer.Option("--dry-run/--no-dry-run", help="Say what would run; do not run it.")
     ] = False,
     format_: FormatOption = None,
 ) -> None:
     """Run a suite, or go on with one that was stopped; print its headline table."""
-    del config  # the options have been read
+    refuse_other_objects(options, config)
     suite = find(options.suite, ALL_SUITES, "suite")
     if dry_run:
         print(describe_run(options))
@@ -164,23 +166,33 @@ def run(
         print(f"{done.summary}\nresults in {done.directory}", file=sys.stderr)
         return
     finished = run_suite(options)
-    print_outputs(finished.outputs, format_)
+    if finished.outputs is not None:
+        print_outputs(finished.outputs, format_)
     print(f"{_summary(finished)}\nresults in {options.directory}", file=sys.stderr)
     if finished.objects < finished.planned:
+        kept = "" if finished.outputs is not None else "; the tables there stay those of before"
         print(
             f"bench: {'interrupted' if finished.interrupted else 'the budget is used up'}: "
-            f"{finished.objects} of {finished.planned} objects are complete; the same command"
+            f"{finished.objects} of {finished.planned} objects are complete{kept}; the same command"
             f"{'' if finished.interrupted else ' without --budget'} goes on with the others",
+            file=sys.stderr,
+        )
+    if finished.hopeless:
+        print(
+            f"bench: without a single image: {', '.join(finished.hopeless)}; the reasons are in "
+            f"{options.directory / REPORT}, 'bench shrink' makes a small case of one",
             file=sys.stderr,
         )
     if finished.interrupted:
         raise typer.Exit(130)
+    if finished.hopeless:
+        raise typer.Exit(1)
 
 
 def _summary(finished: Finished[Outputs]) -> str:
     stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     return (
-        f"{finished.done} items done, {finished.reused} from before, {finished.failed} failed "
+        f"{finished.done} jobs done, {finished.reused} from before, {finished.failed} failed "
         f"({stages})\ntime of the workers: {parts}"
     )

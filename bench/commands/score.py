@@ -156,9 +156,10 @@ def _given(
 
 
 def checked_features(metric: SetMetric, images: UInt8Images) -> NDArray[np.float64]:
-    """Features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
+    """Return features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
     found = _given(metric, metric.features, images)
-    if found.ndim != 2 or len(found) != len(images) or not np.isfinite(found).all():
+    usable = found.ndim == 2 and len(found) == len(images) and found.shape[1]
+    if not usable or not np.isfinite(found).all():
         raise BadInput(
             f"metric '{metric.id}': gives features {list(found.shape)}, {np.isfinite(found).sum()} "
             f"finite, for {len(images)} images; fix that package"

@@ -84,6 +84,8 @@ class FeatureFile:
         if lacking := [n for n in (*CELL, "object", "view", VALUES) if n not in arrow.names]:
             raise BadInput(f"{path}: no column {', '.join(lacking)}; start the run again")
         self._width = int(getattr(arrow.field(VALUES).type, "list_size", 0))
+        if self._width < 1:  # of variable length, or -1
+            raise BadInput(f"{path}: features of no fixed number; start the run again")
         self._spans = [
             {name: _span(self._footer, group, name) for name in (*CELL, "object")}
             for group in range(self._footer.num_row_groups)

@@ -287,7 +287,7 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> Item:
     suite = find(manifest["suite"], SUITES, "suite")
     dataset, count = open_dataset(manifest["dataset"]), objects_to_search(manifest)
     wanted = record["class"], record["object"]
-    candidates = (o for c in suite.classes for o in dataset.objects(c, count, count))
+    candidates = (o for c in suite.classes for o in dataset.objects(c, None, count))
     objects = tuple(o for o in candidates if (o.class_name, o.object_id) == wanted)[:1]
     if not objects:
         raise BadInput(

@@ -77,7 +77,7 @@ def _cloud_jobs(
     objects = tuple(
         obj
         for class_name in dict.fromkeys(name for name, _ in wanted)
-        for obj in dataset.objects(class_name, count, count)
+        for obj in dataset.objects(class_name, None, count)
         if (obj.class_name, obj.object_id) in wanted
     )
     protocol = Protocol(

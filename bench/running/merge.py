@@ -23,6 +23,7 @@ from bench.records.job import Result
 from bench.records.journal import FIXED, Journal, read_finished, read_lines
 from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
+from bench.running.extension import refuse_narrowing
 from bench.running.protocol import WHOLE, Shard, interleave, read_shard
 from bench.running.run import Measured, Outputs, open_run, write_parquet
 from data_prep.failures import BadInput, CannotWrite
@@ -63,10 +64,11 @@ def merge(
 
     Raises BadInput where a directory is no finished shard, one is missing, there twice or of
     another run, naming it; where images of a shard are missing or altered; and where `out` holds
-    another run. The shards stay as they are.
+    another run, or one with more methods, conditions or objects. The shards stay as they are.
     """
     parts = _in_order([_read_part(directory) for directory in directories])
     manifest = _describe(parts)
+    refuse_narrowing(out, manifest)
     with open_run(out, manifest) as journal:
         jobs = _collect(parts, manifest["objects"], journal)
         seconds: dict[str, float] = {}

@@ -28,6 +28,7 @@ from bench.records.journal import PROTOCOL
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.environment import circumstances, cores, environment
 from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
+from data_prep.dataset_exported import ExportedObject
 from data_prep.datasets import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.fingerprints import file_sha256
@@ -40,6 +41,7 @@ from data_prep.unpainted import Unpainted
 
 Thing = TypeVar("Thing")
 WHOLE: str | None = None  # stands in a manifest where a shard's name stands
+LOCAL = "local"  # address of a Ray cluster that a run starts on this machine
 
 
 @dataclass(frozen=True)
@@ -82,11 +84,18 @@ def interleave(shards: Sequence[Sequence[Thing]]) -> list[Thing]:
 
 
 def objects_to_search(manifest: Mapping[str, Any]) -> int:
-    """How far into its dataset a run with this manifest can have reached: a number of objects."""
+    """Return how many objects of a class hold all those of the run with this manifest."""
     name = manifest.get("shard")
-    return len(manifest["objects"]) * (read_shard(name).count if name else 1)
+    # Of a run that was stopped, the complete objects need not be the first that were planned.
+    count = max(len(manifest["objects"]), manifest.get("planned", 0))
+    return count * (read_shard(name).count if name else 1)
 
 
+# More objects of a class than published datasets have (ShapeNet: 8,509 tables). Procedural classes
+# have no end, and the plan of an object takes 3 ms and 70 kB.
+MOST_OBJECTS = 10_000
+# A job draws all views of an object at once; so many in float32 are half of what a worker may have.
+MOST_VIEWS = 10_000
 UNCHANGED = "2048"  # in the keys of what is the same under every condition
 SCORES_VERSION = 2  # raise when a change alters a score
 
@@ -112,6 +121,11 @@ class Protocol:
     feature_identity: Mapping[str, str]
     environment: Mapping[str, str]
     shard: Shard | None = None
+
+
+def name_of(obj: SceneObject) -> str:
+    """Return class and name of an object, as manifests have them."""
+    return f"{obj.class_name}/{obj.object_id}"
 
 
 @dataclass(frozen=True)
@@ -233,6 +247,14 @@ def _refuse_bare_clouds(protocol: Protocol) -> None:
 
 def _in_grey(protocol: Protocol) -> Iterator[SceneObject]:
     for obj in protocol.objects:
+        if isinstance(obj, ExportedObject):  # its images are as they were exported
+            if not obj.in_grey:
+                raise BadInput(
+                    f"{protocol.dataset}: {name_of(obj)} was exported in colour; export it again "
+                    f"with --suite {protocol.suite.id}"
+                )
+            yield obj
+            continue
         if not isinstance(obj, MeshObject):
             raise BadInput(
                 f"{protocol.dataset}: {obj.class_name}/{obj.object_id} has pictures but no mesh, "
@@ -303,7 +325,7 @@ def describe(
         identities={m: method_identity(m, protocol.device) for m in protocol.methods},
         objectives=objectives(protocol.methods),
         conditions=list(protocol.conditions),
-        objects=[f"{o.class_name}/{o.object_id}" for o in protocol.objects],
+        objects=[name_of(obj) for obj in protocol.objects],
         skipped_metrics=dict(skipped_metrics),
         feature_identity=dict(protocol.feature_identity),
         workers=workers,
@@ -326,7 +348,7 @@ def manifest_of(
         "suite": suite,
         "dataset": request.dataset,
         "views": views,
-        "seed": request.seed,
+        "seed": request.seed or 0,
         "device": request.device,
         **own,
         "environment": dict(environment),
@@ -354,7 +376,7 @@ REPEATED = (
 
 @dataclass(frozen=True)
 class Options:
-    """The options of the command line; None means the suite's choice."""
+    """The options of the command line; None means the choice of the suite or of the dataset."""
 
     suite: str
     dataset: str = "procedural"
@@ -365,7 +387,7 @@ class Options:
     views: int | None = None
     workers: int | None = None
     device: str = "auto"
-    seed: int = 0
+    seed: int | None = None
     out: Path | None = None
     fresh: bool = False
     shard: Shard | None = None
@@ -399,11 +421,36 @@ def refuse(suite: str, stated: Iterable[tuple[str, object, str]]) -> None:
             raise BadInput(f"--{option}: has no meaning for the suite {suite}, {why}; leave it")
 
 
-def refuse_below_one(options: Options) -> None:
-    """Raises BadInput where objects or views are limited to fewer than one."""
-    for name, value in (("limit", options.limit), ("views", options.views)):
+def refuse_counts(options: Options) -> None:
+    """Raise BadInput for fewer than one object or view, and for more than a run can hold."""
+    for name, value, most, remedy in (
+        ("limit", options.limit, MOST_OBJECTS, ", or leave it for all objects of a folder"),
+        ("views", options.views, MOST_VIEWS, ""),
+    ):
         if value is not None and value < 1:
             raise BadInput(f"--{name} {value}: must be at least 1")
+        if value is not None and value > most:
+            raise BadInput(f"--{name} {value}: too many; give at most {most}{remedy}")
+
+
+def refuse_absent_gpu(options: Options) -> None:
+    """Raise BadInput for `--device cuda` where this machine, which is to draw, has no GPU."""
+    if options.device == "cuda" and options.ray in (None, LOCAL):  # other nodes have GPUs of theirs
+        from learning.training_loop import prepare_device
+
+        prepare_device(options.device)
+
+
+def seed_of(dataset: Dataset, options: Options) -> int:
+    """Return the seed of a run. Raises BadInput for another than that of an exported dataset."""
+    if dataset.seed is None:
+        return options.seed or 0
+    if options.seed not in (None, dataset.seed):
+        raise BadInput(
+            f"--seed {options.seed}: {dataset.id} was exported with --seed {dataset.seed}, which "
+            "decides its clouds and views; leave --seed, or export it again with yours"
+        )
+    return dataset.seed
 
 
 def workers_of(suite: Suite, options: Options) -> int:
@@ -450,15 +497,14 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     for condition in conditions:
         find(condition, CONDITIONS, "condition")
-    refuse_below_one(options)
+    refuse_counts(options)
+    refuse_absent_gpu(options)
     dataset = open_dataset(options.dataset)
-    objects = tuple(
-        obj
-        for class_name in _classes(suite, dataset)
-        for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
-    )
-    if options.shard is not None:
-        objects = _dealt(options.shard, objects)
+    seed = seed_of(dataset, options)
+    objects = objects_of(suite, dataset, options)
+    lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
+    if lacking and len(suite.classes) > 1:
+        say(f"{dataset.id}: no {', '.join(lacking)}; left out")
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
     skipped: dict[str, str] = {}
@@ -479,7 +525,7 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
         objects=objects,
         shard=options.shard,
         views=options.views or suite.views,
-        seed=options.seed,
+        seed=seed,
         device=options.device,
         features=tuple(features),
         feature_identity=identity,
@@ -488,14 +534,27 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
     return protocol, skipped
 
 
-def _dealt(shard: Shard, objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
-    if not (own := shard.of(objects)):
-        raise BadInput(f"--shard {shard}: there are only {len(objects)} objects; make fewer shards")
-    return own
+def objects_of(suite: Suite, dataset: Dataset, options: Options) -> tuple[SceneObject, ...]:
+    """Return the objects of a run, class by class; of a shard its own.
+
+    Raises BadInput for a class that the dataset does not have, and for a shard without objects.
+    """
+    objects = tuple(
+        obj
+        for class_name in _classes(suite, dataset)
+        for obj in dataset.objects(class_name, options.limit, suite.endless_limit)
+    )
+    if options.shard is None:
+        return objects
+    if not (dealt := options.shard.of(objects)):
+        raise BadInput(
+            f"--shard {options.shard}: there are only {len(objects)} objects; make fewer shards"
+        )
+    return dealt
 
 
 def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
-    """The suite's classes that the dataset has; of several, those it lacks are named and left out.
+    """Return the suite's classes that the dataset has.
 
     Raises BadInput where the suite compares classes and the dataset does not tell them apart.
     """
@@ -506,8 +565,5 @@ def _classes(suite: Suite, dataset: Dataset) -> tuple[str, ...]:
             f"{dataset.id}: {suite.id} compares classes, and this dataset has none; give a folder "
             "whose sub-folders are classes"
         )
-    there = tuple(name for name in suite.classes if name in dataset.classes)
-    if there and len(there) < len(suite.classes):
-        lacking = [name for name in suite.classes if name not in there]
-        say(f"{dataset.id}: no {', '.join(lacking)}; left out")
-    return there or suite.classes[:1]  # which the dataset refuses, with what it has
+    shared = tuple(name for name in suite.classes if name in dataset.classes)
+    return shared or suite.classes[:1]  # which the dataset refuses, with what it has

@@ -35,7 +35,7 @@ from bench.records.job import Job, Result, failed
 from bench.records.record import GROUND_TRUTH
 from bench.running.environment import code_sha256, environment, versions
 from bench.running.executors import JobPool
-from bench.running.protocol import Protocol, method_identity
+from bench.running.protocol import LOCAL, Protocol, method_identity
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.fingerprints import file_sha256
 from data_prep.scene_objects import SceneObject
@@ -183,7 +183,6 @@ def _sum(path: str) -> str:
         return str(error).removeprefix(f"{path}: ")
 
 
-LOCAL = "local"
 PATIENCE_S = 10.0
 COUNTED_EVERY_S = 5.0  # the CPUs of a cluster
 NODES_PER_JOB = 5  # lost ones; then it is the job that takes them down

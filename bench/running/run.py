@@ -22,6 +22,7 @@ from bench.records.journal import (
     check_directory,
     open_journal,
     read_lines,
+    read_manifest,
     set_aside,
     write_manifest,
 )
@@ -29,9 +30,11 @@ from bench.records.parquet import JobRow, artifacts_of, write_features, write_jo
 from bench.records.record import GROUND_TRUTH, Record
 from bench.running import environment as manifests
 from bench.running.executors import JobPool, results
+from bench.running.extension import KeptRun, join, pinned_request
 from bench.running.isolation import Executor
 from bench.running.pilot import Cell
 from bench.running.protocol import (
+    LOCAL,
     Options,
     Plan,
     Protocol,
@@ -40,7 +43,7 @@ from bench.running.protocol import (
     protocol_of,
     workers_of,
 )
-from bench.running.ray import LOCAL, RayPool, connected, requirements
+from bench.running.ray import RayPool, connected, requirements
 from bench.running.schedule import Budget, Schedule, guess_s
 from data_prep.failures import BadInput
 from data_prep.progress import say
@@ -93,11 +96,11 @@ def look_ahead(options: Options, protocol: Protocol) -> RunStatus:
     """
     suite = protocol.suite
     directory = options.directory
+    protocol, _ = join(options, protocol)
     todo = plan(protocol, directory)
     workers = workers_of(suite, options)
     there: frozenset[str] = frozenset()
     if not options.fresh:
-        check_directory(directory, describe(protocol, workers, {}))
         there = _there(directory, todo)
     elif not (directory / MANIFEST).exists():  # else it would be renamed
         check_directory(directory, {})
@@ -208,22 +211,28 @@ Watch = Callable[[str, int], AbstractContextManager[Observer]]
 
 @dataclass(frozen=True)
 class Finished(Generic[Outputs]):
-    """A run that is complete, or of which some objects are: where it is, what was made of it, and
-    how many items were done when.
+    """A run that is complete, or of which some objects are.
 
+    outputs           of what is complete; None where the folder keeps those of the run before,
+                      because these would be of fewer objects
     objects, planned  complete, and of the whole run
     interrupted       whether Ctrl-C ended it
+    done, reused      jobs of this start, and of earlier ones; as in the progress, those that a
+                      ground truth without images makes pointless are among them
+    failed            jobs without images
+    hopeless          methods without an image, though there is something to draw
     shares            of the workers' time, see `bench.records.job.shares`
     """
 
     directory: Path
-    outputs: Outputs
+    outputs: Outputs | None
     objects: int
     planned: int
     interrupted: bool
     done: int
     reused: int
     failed: int
+    hopeless: tuple[str, ...]
     seconds: dict[str, float]
     shares: dict[str, float]
 
@@ -233,10 +242,12 @@ def run(
 ) -> Finished[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
-    `publish` makes the outputs from the Parquet files; the run counts as finished after it. Where
-    the budget or Ctrl-C ends it, it is a run of the objects that are complete; the same options go
-    on with the others. Raises BadInput for anything the user has to fix, and KeyboardInterrupt
-    where no object is complete; what was done until then is kept.
+    `publish` makes the outputs from the Parquet files; the run counts as finished after it. What a
+    run in the folder has beyond the request is kept and goes on (`bench.running.extension`). Where
+    the budget or Ctrl-C ends it, it is a run of the objects that are complete, unless the folder
+    has outputs of more; the same options go on with the others. Raises BadInput for anything the
+    user has to fix, and KeyboardInterrupt where no object is complete; what was done until then is
+    kept.
     """
     begun = time.perf_counter()
     suite = find(options.suite, SUITES, "suite")
@@ -245,42 +256,56 @@ def run(
             f"--budget: has no meaning with --shard {options.shard}, whose objects are fixed; "
             "leave one of the two"
         )
-    protocol, skipped = protocol_of(suite, options)
+    asked, skipped = protocol_of(suite, options)
+    protocol, kept = join(options, asked)
     todo = plan(protocol, options.directory)  # refuses weights that cannot be used
     with executor_factory(options, protocol) as factory:
         budget = Budget(options.budget, guess_s(todo.objects[0], factory.workers))
         if options.budget is not None and not _any_complete(options, todo):
             budget.check()
         manifest = describe(protocol, factory.workers, skipped) | {
-            "request": options.request,
+            "request": pinned_request(options, protocol),
             "cluster": factory.cluster,
             "planned": len(todo.objects),  # "objects" are those that are complete, at the end
         }
-        return _carry_out(options, protocol, todo, factory, budget, manifest, begun, publish, watch)
+        return _carry_out(
+            options, protocol, kept, todo, factory, budget, manifest, begun, publish, watch
+        )
 
 
 @contextmanager
 def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> Iterator[Journal]:
-    """The journal of a run, whose directory is locked for as long as the block lasts.
+    """Yield the journal of a run, whose directory is locked for as long as the block lasts.
 
     The manifest is written first, and again where the block ends without an error, with the time
     and what the block has added to it. `fresh` renames an old run first. Raises BadInput where the
     directory holds something else or another process writes there.
     """
+    with _locked_journal(directory, manifest, fresh) as journal:
+        write_manifest(directory, manifest)
+        yield journal
+        _write_finished(directory, manifest)
+
+
+def _write_finished(directory: Path, manifest: dict[str, Any]) -> None:
+    write_manifest(directory, manifest | {"finished": manifests.now()})
+
+
+@contextmanager
+def _locked_journal(directory: Path, manifest: dict[str, Any], fresh: bool) -> Iterator[Journal]:
     if fresh and (old := set_aside(directory)):
         say(f"the old run is now {old}")
     check_directory(directory, manifest)
     with open_journal(directory) as journal:
-        write_manifest(directory, manifest)
         yield journal
         for line in journal.damage:
             say(line)
-        write_manifest(directory, manifest | {"finished": manifests.now()})
 
 
 def _carry_out(
     options: Options,
     protocol: Protocol,
+    kept: KeptRun | None,
     todo: Plan,
     factory: ExecutorFactory,
     budget: Budget,
@@ -291,8 +316,17 @@ def _carry_out(
 ) -> Finished[Outputs]:
     suite, directory = protocol.suite, options.directory
     seconds: dict[str, float] = {}
-    with open_run(directory, manifest, options.fresh) as journal:
+    with _locked_journal(directory, manifest, options.fresh) as journal:
+        if kept is None:
+            write_manifest(directory, manifest)
+        elif read_manifest(directory) != kept.manifest:  # another process had the lock meanwhile
+            raise BadInput(f"{directory}: another run has changed it just now; run again")
         schedule = Schedule(todo, journal.usable_of(todo.jobs), budget)
+        reused = schedule.total - schedule.left
+
+        def narrows() -> bool:
+            """Return whether outputs of what is complete would lack an object of those before."""
+            return kept is not None and not kept.objects <= {*schedule.complete}
 
         def so_far() -> SoFar:
             """And the manifest says what is complete."""
@@ -308,31 +342,35 @@ def _carry_out(
             return SoFar(directory, manifest, rows, records)
 
         with timed("items", seconds):
-            interrupted = _do(schedule, journal, factory, suite.id, so_far, watch)
+            interrupted = _do(schedule, journal, factory, suite.id, so_far, narrows, watch)
         _check_any_truth(todo, schedule.outcomes)
-        made = so_far()
-        extractors = [metric for metric, _ in protocol.features]
-        write_manifest(directory, manifest)  # the tables are of these objects
-        outputs = publish(
-            write_parquet(directory, suite.id, made.jobs, made.records, extractors, seconds)
-        )
+        outputs = None
+        if not narrows():
+            made = so_far()
+            extractors = [metric for metric, _ in protocol.features]
+            write_manifest(directory, manifest)  # the tables are of these objects
+            outputs = publish(
+                write_parquet(directory, suite.id, made.jobs, made.records, extractors, seconds)
+            )
         timing = (outcome.timing for outcome in schedule.outcomes.values())
         of_workers = shares(timing, factory.workers * (time.perf_counter() - begun))
         manifest |= {
             "stage_seconds": seconds,
             "worker_shares": {part: round(share, 4) for part, share in of_workers.items()},
         }
-    items = [job for job in made.jobs if job.item.method != GROUND_TRUTH]
-    done = _count_new(todo, items, journal)
+        if outputs is not None:
+            _write_finished(directory, manifest)
+    without = {key for key, found in schedule.outcomes.items() if found.artifact_sha256 is None}
     return Finished(
         directory,
         outputs,
         objects=len(schedule.complete),
         planned=len(todo.objects),
         interrupted=interrupted,
-        done=done,
-        reused=len(items) - done,
-        failed=sum(job.artifact_sha256 is None for job in items),
+        done=schedule.total - reused - schedule.left,
+        reused=reused,
+        failed=len(without | _unscorable(todo, schedule.outcomes).keys()),
+        hopeless=_hopeless(todo, schedule),
         seconds=seconds,
         shares=of_workers,
     )
@@ -344,6 +382,7 @@ def _do(
     factory: ExecutorFactory,
     title: str,
     so_far: Callable[[], SoFar],
+    narrows: Callable[[], bool],
     watch: Watch,
 ) -> bool:
     """Do the jobs; whether Ctrl-C came in between. Raises KeyboardInterrupt where that leaves
@@ -355,7 +394,7 @@ def _do(
     failures = 0
     try:
         with (
-            watch(title, schedule.left) as observer,
+            watch(f"{title}, jobs", schedule.left) as observer,
             closing(results(schedule.jobs(), schedule.left, journal, factory.start)) as stream,
         ):
             for result in stream:
@@ -364,7 +403,7 @@ def _do(
                 ended = before - schedule.left  # with a ground truth its items fail
                 failures += ended * (result.artifact_sha256 is None)
                 observer.jobs(ended, failures)
-                if complete and schedule.scored:
+                if complete and schedule.scored and not narrows():
                     observer.object(so_far)
     except KeyboardInterrupt:
         if not schedule.scored:
@@ -424,13 +463,15 @@ def _unscorable(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> dict[str, tup
     }
 
 
-def _count_new(todo: Plan, items: Iterable[JobRow], journal: Journal) -> int:
-    """Items that this start has done; one without a ground truth is done with that."""
-    truths = {obj.truth.item.object: obj.truth.key for obj in todo.objects}
-    return sum(
-        (job.key if job.key in journal.lines else truths[job.item.object]) in journal.added
-        for job in items
-    )
+def _hopeless(todo: Plan, schedule: Schedule) -> tuple[str, ...]:
+    """Return the methods that have failed on all complete objects that can be drawn."""
+    drawn = {
+        key for key, outcome in schedule.outcomes.items() if outcome.artifact_sha256 is not None
+    }
+    complete = todo.of(frozenset(schedule.complete)).objects
+    items = [job for obj in complete if obj.truth.key in drawn for job in obj.items]
+    working = {job.method for job in items if job.key in drawn}
+    return tuple(dict.fromkeys(job.method for job in items if job.method not in working))
 
 
 def _in_order(todo: Plan, outcomes: Mapping[str, JobOutcome]) -> list[JobRow]:

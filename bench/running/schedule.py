@@ -103,7 +103,8 @@ class Schedule:
     complete  names of the objects whose jobs have all ended. Where the ground truth has failed,
               there is nothing to score, and the object is complete
     scored    how many of these have a ground truth
-    left      how many jobs are to be done, were there no budget
+    total     how many jobs the run has
+    left      how many of these are to be done, were there no budget
     """
 
     def __init__(self, todo: Plan, outcomes: Mapping[str, JobOutcome], budget: Budget) -> None:
@@ -114,7 +115,7 @@ class Schedule:
         self.outcomes: dict[str, JobOutcome] = {}
         self.complete: list[str] = []
         self.scored = 0
-        self.left = sum(map(len, self._open.values()))
+        self.total = self.left = sum(map(len, self._open.values()))
         for key, outcome in outcomes.items():
             self._put(key, outcome)
 

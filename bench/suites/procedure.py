@@ -8,7 +8,8 @@ from typing import Any
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import LatentSuite, SpeedSuite, StabilitySuite
-from bench.running.protocol import Options, refuse, refuse_below_one
+from bench.running.extension import with_methods_there
+from bench.running.protocol import Options, refuse, refuse_absent_gpu, refuse_counts
 from bench.tables.table import Table
 
 
@@ -30,17 +31,21 @@ class SuiteRun:
 def methods_of(
     options: Options, suite: LatentSuite | SpeedSuite | StabilitySuite, **meaningless: str
 ) -> tuple[str, ...]:
-    """The methods of a run, each once, in the order of the request or else of the suite.
+    """Return the methods of a run, each once, in the order of the request or else of the suite.
+
+    Those that a run in the folder has stay in it.
 
     meaningless  options that this suite does not take, and why
 
-    Raises BadInput for one of these, for counts below 1 and for unknown methods.
+    Raises BadInput for one of these, for counts that cannot be met, for a GPU that is not there and
+    for unknown methods.
     """
     given = vars(options)
     meaningless = {"budget": "which is not done object by object", **meaningless}
     refuse(suite.id, [(name, given[name], why) for name, why in meaningless.items()])
-    refuse_below_one(options)
+    refuse_counts(options)
+    refuse_absent_gpu(options)
     methods = tuple(dict.fromkeys(options.methods or suite.methods))
     for method in methods:
         find_method(method)
-    return methods
+    return with_methods_there(options, suite.id, methods, suite.methods)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -48,12 +49,12 @@ def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
         **dict.fromkeys(("workers", "shard", "ray"), "it works in one process"),
         inception_weights="no fid is taken",
     )
-    split = _split(options)
+    split, seed = _split(options), options.seed or 0
     for method in methods:
         weights_of(method)
     chairs = specified_chairs(split, max(suite.pool, 2 * suite.pairs))
-    pairs = choose_pairs(chairs[: 2 * suite.pairs], generator(options.seed, "latent pairs"))
-    rng = generator(options.seed, "latent triples")
+    pairs = choose_pairs(chairs[: 2 * suite.pairs], generator(seed, "latent pairs"))
+    rng = generator(seed, "latent triples")
     triples = choose_triples(chairs[: suite.pool], suite.triples, rng)
     pairs, triples = pairs[: options.limit], triples[: options.limit]
     view = View(suite.azimuth_deg, suite.elevation_deg)
@@ -61,7 +62,7 @@ def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
     with one_thread():
         networks = [load_network(method, options.device, view) for method in methods]
         manifest = manifest_of(
-            options,
+            replace(options, methods=methods, seed=seed),  # a repetition has no defaults
             suite.id,
             1,
             environment(),
@@ -77,7 +78,7 @@ def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
             triples=[triple.id for triple in triples],
         )
         with open_run(directory, manifest, options.fresh):
-            tables = _measure(networks, pairs, triples, options.seed, suite, directory)
+            tables = _measure(networks, pairs, triples, seed, suite, directory)
     seconds = time.perf_counter() - start
     return SuiteRun(
         directory, tables, [table.to_markdown() for table in tables], f"{seconds:.0f} s"

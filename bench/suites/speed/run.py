@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.running import environment as manifests
 from bench.running.environment import code_sha256, environment
 from bench.running.isolation import Lost, run_tasks, thread_counts
-from bench.running.protocol import Options, digest, manifest_of, method_identity
+from bench.running.protocol import Options, digest, manifest_of, method_identity, seed_of
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.speed.figure import amortised_figure
@@ -108,7 +109,11 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
     )
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     clouds = options.limit or suite.clouds
-    objects = open_dataset(options.dataset).objects(suite.class_name, clouds, clouds)
+    dataset = open_dataset(options.dataset)
+    pinned = {"limit": clouds, "views": options.views or suite.views}  # for a repetition
+    pinned |= {"methods": methods, "conditions": conditions, "seed": seed_of(dataset, options)}
+    options = replace(options, **pinned)
+    objects = dataset.objects(suite.class_name, clouds, clouds)
     directory = options.directory
     manifest = manifest_of(
         options,
@@ -128,7 +133,7 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
         objects,
         manifest["threads"],
         manifest["views"],
-        options.seed,
+        manifest["seed"],
         options.device,
         {name: manifest[name] for name in ("environment", "versions", "machine")},
     )

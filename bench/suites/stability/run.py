@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -107,9 +108,9 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
     directory = options.directory
     workers = options.workers or cores()
     machine = environment()
-    jobs = stability_jobs(suite, methods, options.seed, options.device, machine, directory)
+    jobs = stability_jobs(suite, methods, options.seed or 0, options.device, machine, directory)
     manifest = manifest_of(
-        options,
+        replace(options, methods=methods),  # a repetition has no defaults
         suite.id,
         len(VIEWS),
         machine,

@@ -88,7 +88,7 @@ def test_the_classes_that_the_folder_has_their_values_and_the_files(measured):
     out = measured.directory
     expected = [f"{name}/{i}.ply" for name, count in OBJECTS.items() for i in range(count)]
     assert read_manifest(out)["objects"] == expected
-    assert (measured.done, measured.failed) == (20, 0)
+    assert (measured.done, measured.failed) == (25, 0)
     found = {path.name for name in ("tables", "figures") for path in (out / name).iterdir()}
     tables = ("headline", "table5_classes", "table5_orderings", "table_ssim", "table_detail")
     assert found == {

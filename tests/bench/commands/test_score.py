@@ -123,6 +123,7 @@ def of_set(function, id_="fd-made"):
         (lambda images: 1 / 0, "ZeroDivisionError: division by zero"),
         (lambda images: np.ones(2), r"gives features \[2\], 2 finite, for 2 images"),
         (lambda images: np.ones((1, 4)), r"gives features \[1, 4\], 4 finite, for 2 images"),
+        (lambda images: np.ones((2, 0)), r"gives features \[2, 0\], 0 finite, for 2 images"),
         (lambda images: np.full((2, 2), np.nan), r"gives features \[2, 2\], 0 finite, for 2"),
     ],
 )

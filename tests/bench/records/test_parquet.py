@@ -202,6 +202,15 @@ def test_features_that_cannot_be_used_are_refused(tmp_path):
         read_features(tmp_path, "metric")
 
 
+def test_features_without_a_column_are_refused(tmp_path):
+    columns = {name: ["a"] for name in ("method", "condition", "class", "object")}
+    table = pa.table({**columns, "view": [0], "features": pa.array([[]], pa.list_(pa.float32()))})
+    (tmp_path / "features").mkdir()
+    pq.write_table(table, tmp_path / "features" / "fd-views.parquet")
+    with pytest.raises(BadInput, match=r"fd-views\.parquet: features of no fixed number; start"):
+        read_features(tmp_path, "fd-views")
+
+
 def test_without_features_there_is_no_file(tmp_path):
     write_features(tmp_path, "metric", [])
     assert list(tmp_path.iterdir()) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -10,11 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.commands.publish import run_suite
 from bench.running.export import export
 from bench.running.protocol import Options, plan, protocol_of
-from bench.running.work import cloud_of
+from bench.running.work import cloud_of, rng_of
 from data_prep.datasets import open_dataset
 from data_prep.failures import BadInput
 from data_prep.protocol_version import PROTOCOL_VERSION
@@ -74,6 +76,67 @@ def test_its_objects_are_those_of_the_source_to_the_last_bit(exported, jobs):
             np.testing.assert_array_equal(one, other)
         for one, other in zip(ours.items, theirs.items, strict=True):
             assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
+
+
+def test_the_seed_is_that_of_the_export(no_machine, tmp_path, command):
+    """Also of the clouds that it does not have, and of what methods draw."""
+    tree = tmp_path / "tree"
+    export(dataclasses.replace(OPTIONS, seed=5, limit=1, views=2, conditions=("512",)), tree)
+    assert set(pd.read_csv(tree / "objects.csv")["seed"]) == {5}
+
+    def jobs(dataset, seed=None):
+        cells = {"methods": ("splat",), "conditions": ("2048", "512", "noise-0.05")}
+        options = Options("chair-robustness", dataset, **cells, limit=1, views=2, seed=seed)
+        protocol, _ = protocol_of(SUITES[0], options)
+        return protocol, plan(protocol, Path()).items
+
+    (source, ours), (protocol, theirs) = jobs("procedural", 5), jobs(f"exported:{tree}")
+    assert protocol.seed == source.seed == 5
+    for one, other in zip(ours, theirs, strict=True):
+        assert one.views == other.views
+        assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
+        assert rng_of(one).random() == rng_of(other).random()
+    assert jobs(f"exported:{tree}", 5)[0] == protocol
+    out = tmp_path / "run"
+    arguments = ("run", "--suite", "chair-robustness", "--dataset", f"exported:{tree}")
+    status, _, err = command(*arguments, "--views", "2", "--seed", "0", "--out", out)
+    assert (status, err) == (
+        2,
+        f"bench: --seed 0: exported:{tree} was exported with --seed 5, which decides its clouds "
+        "and views; leave --seed, or export it again with yours\n",
+    )
+    assert not out.exists()
+    replace(tree / "objects.csv", ",5,procedural", ",five,procedural")
+    assert "objects.csv:2: seed 'five' in an export with --seed 'five'" in problem(tree)
+
+
+def test_a_grey_suite_reads_its_own_export(no_machine, tmp_path, exported):
+    suite = find("chair-robustness-grey", SUITES, "suite")
+    tree = tmp_path / "grey"
+    export(Options(suite.id, conditions=("512",), limit=1, views=2, workers=1), tree)
+
+    def jobs(dataset):
+        options = Options(suite.id, dataset, ("splat",), ("2048", "512"), 1, views=2)
+        return plan(protocol_of(suite, options)[0], Path()).objects[0]
+
+    ours, theirs = jobs("procedural"), jobs(f"exported:{tree}")
+    images = [obj.truth.object.truth(obj.truth.views) for obj in (ours, theirs)]
+    np.testing.assert_array_equal(*images)
+    assert (images[1].max(axis=-1) - images[1].min(axis=-1)).max() == 0  # no colour
+    for one, other in zip(ours.items, theirs.items, strict=True):
+        assert cloud_of(one).points.tobytes() == cloud_of(other).points.tobytes()
+    with pytest.raises(BadInput, match="chair/test-0000 was exported in colour; export it again"):
+        jobs(f"exported:{exported}")
+
+
+def test_verify_of_an_export_without_its_metadata_says_so(copied, command):
+    (copied / "croissant.json").unlink()
+    assert command("data", "verify", copied) == (
+        2,
+        "",
+        f"bench: {copied}: an export without its croissant.json, which has the checksums of its "
+        "lists; fetch that file, or export it again\n",
+    )
 
 
 def test_its_clouds_are_read_and_others_made(exported, jobs, monkeypatch):

@@ -208,6 +208,26 @@ def test_a_longer_run_begins_with_the_shorter_one():
     assert short.items() < long.items()
 
 
+@pytest.mark.parametrize("command_line", ["run --dry-run", "plan", "data export", "run"])
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--views", "99999999999999999999", "too many; give at most 10000"),
+        ("--views", "0", "must be at least 1"),
+        ("--limit", "100000000", "too many; give at most 10000, or leave it for all objects of a"),
+        ("--limit", "-1", "must be at least 1"),
+    ],
+)
+def test_counts_that_cannot_be_met_are_refused_at_once(
+    tmp_path, command, command_line, option, value, message
+):
+    arguments = (*command_line.split(), "--suite", "chair-robustness", "--out", tmp_path / "x")
+    status, _, err = command(*arguments, option, value)
+    assert (status, err.count("\n")) == (2, 1)
+    assert err.startswith(f"bench: {option} {value}: {message}")
+    assert not (tmp_path / "x").exists()
+
+
 def test_the_floor_is_always_measured_once():
     assert with_floor(["splat"]) == ("splat", "blank")
     assert with_floor(["blank", "splat", "blank"]) == ("blank", "splat")

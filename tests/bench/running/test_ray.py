@@ -52,12 +52,12 @@ def test_two_nodes_make_the_tables_that_one_machine_makes(cluster, finished, arg
     for _ in range(2):
         cluster.add_node(num_cpus=1)
     _, err = end(start(arguments, tmp_path / "run", "--ray", cluster.address))
-    assert "24 items done, 0 from before, 0 failed" in err
+    assert "21 jobs done, 0 from before, 0 failed" in err
     assert_equal_runs(tmp_path / "run", finished[0])
     message = read_manifest(tmp_path / "run")
     assert (message["workers"], message["cluster"]["nodes"]) == (2, 3)
     _, err = end(start(arguments, tmp_path / "run", "--workers", "1"))  # without the cluster
-    assert "0 items done, 24 from before" in err
+    assert "0 jobs done, 21 from before" in err
 
 
 def test_a_node_is_lost_in_the_middle(cluster, finished, arguments, tmp_path):

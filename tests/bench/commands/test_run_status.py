@@ -1,0 +1,61 @@
+"""What `bench run` refuses before its first job, and its exit status where a method has failed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from bench.records.journal import open_journal, read_manifest
+from bench.records.parquet import read_jobs
+
+
+@pytest.fixture
+def no_gpu(monkeypatch):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "--suite", "chair-robustness", "--methods", "splat"),
+        ("run", "--suite", "chair-robustness", "--ray", "local"),
+        ("run", "--suite", "chair-robustness", "--dry-run"),
+        ("run", "--suite", "stability"),
+        ("plan", "--suite", "speed-accuracy"),
+    ],
+)
+def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(
+    arguments, tmp_path, command, no_machine, no_gpu
+):
+    out = tmp_path / "run"
+    status, printed, err = command(*arguments, "--device", "cuda", "--out", out)
+    assert (status, printed, err.count("\n")) == (2, "", 1)
+    assert err.startswith("bench: --device cuda: PyTorch ")
+    assert "finds no usable GPU; use --device cpu" in err
+    assert not out.exists()
+
+
+def test_a_method_without_an_image_is_no_success(copied, same_machine, arguments, command):
+    """Its jobs are in the journal as failed; one of another method, too."""
+    jobs = [job for job in read_jobs(copied) if job.item.method == "splat"]
+    jobs.append(next(job for job in read_jobs(copied) if job.item.method == "true-mesh"))
+    with open_journal(copied) as journal:
+        for job in jobs:
+            result = journal.lines.result(job.key)
+            lost = {"outcome": "failed", "reason": "draw: no images", "ssim": None}
+            records = tuple(replace(record, **lost) for record in result.records)
+            journal.append(replace(result, records=records, artifact_sha256=None))
+    status, printed, err = command(*arguments, "--out", copied)
+    assert (status, err.splitlines()[-1]) == (
+        1,
+        f"bench: without a single image: splat; the reasons are in {copied / 'report.html'}, "
+        "'bench shrink' makes a small case of one",
+    )
+    assert printed.startswith("ssim-object and lpips: 3 of 3 objects")
+    frame = pd.read_parquet(copied / "records.parquet")
+    assert set(frame[frame["method"] == "splat"]["outcome"]) == {"failed"}
+    assert read_manifest(copied)["finished"]

@@ -1,0 +1,206 @@
+"""A run folder only grows: what is asked for is joined with what is there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from bench.catalogue.suites import STABILITY, SUITES
+from bench.commands.publish import interim, merge_shards, publish, run_suite
+from bench.commands.terminal import Terminal
+from bench.records.journal import read_manifest, write_manifest
+from bench.running.extension import join, joined
+from bench.running.protocol import Options, Shard, protocol_of
+from bench.running.run import run
+from bench.suites.procedure import methods_of
+from data_prep.failures import BadInput
+
+from ..builders import file_bytes, finished_options, make_manifest
+
+TABLE = "tables/table3_ssim.csv"
+
+
+def every_file(directory: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+
+
+def outputs(directory: Path) -> list[dict[str, bytes]]:
+    return [file_bytes(directory / name) for name in ("tables", "figures", "features")]
+
+
+def asked(out: Path, **changes):
+    """What a command of no machine asks for, and the same joined with what its folder has."""
+    options = Options("chair-robustness", out=out, **{"limit": 1, "views": 2} | changes)
+    protocol, _ = protocol_of(SUITES[0], options)
+    return protocol, *join(options, protocol)
+
+
+def names(protocol):
+    return [f"{obj.class_name}/{obj.object_id}" for obj in protocol.objects]
+
+
+def test_asking_for_less_computes_nothing_and_removes_nothing(
+    finished, copied, same_machine, tiny_weights, capsys
+):
+    less = {"methods": ("splat",), "conditions": ("2048",), "limit": 1}
+    before, manifest = every_file(copied / "journal"), read_manifest(copied)
+    done = run_suite(finished_options(tiny_weights, copied, **less))
+    assert (done.done, done.reused, done.failed, done.objects) == (0, 21, 0, 3)
+    assert outputs(copied) == outputs(finished[0])
+    assert (copied / "records.parquet").read_bytes() == (
+        finished[0] / "records.parquet"
+    ).read_bytes()
+    assert every_file(copied / "journal") == before
+    after = read_manifest(copied)
+    for name in ("methods", "conditions", "objects", "request"):
+        assert after[name] == manifest[name]
+    assert after["request"]["methods"] == manifest["methods"]
+    assert after["request"]["limit"] == 3
+    # blank is always measured, so that it does not count as more
+    line = (
+        f"{copied}: keeps 2 more methods, 1 more condition, 2 more objects of the run there; "
+        "give --out for a run of its own, or --fresh to start over\n"
+    )
+    assert capsys.readouterr().err.count(line) == 1
+
+
+class Stopped(Terminal):
+    """Ctrl-C after so many jobs; notes the manifests that the folder has until then."""
+
+    def __init__(self, after: int, directory: Path, seen: list, *terminal) -> None:
+        super().__init__(*terminal)
+        self._after, self._directory, self._seen = after, directory, seen
+
+    def jobs(self, ended, failed):
+        super().jobs(ended, failed)
+        self._seen.append(read_manifest(self._directory))
+        if len(self._seen) == self._after:
+            raise KeyboardInterrupt
+
+
+def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
+    finished, copied, same_machine, tiny_weights
+):
+    """With a further method: one of three objects is complete when Ctrl-C comes."""
+    manifest, seen = read_manifest(copied), []
+    options = finished_options(tiny_weights, copied, methods=("constant",))
+    stopped = run(options, publish, partial(Stopped, 1, copied, seen, interim))
+    assert (stopped.interrupted, stopped.outputs) == (True, None)
+    assert (stopped.objects, stopped.planned, stopped.done) == (1, 3, 1)
+    assert seen == [manifest]  # a kill finds the run as it was, too
+    assert read_manifest(copied) == manifest
+    assert outputs(copied) == outputs(finished[0])
+
+    again = run_suite(options)
+    assert (again.objects, again.done, again.reused) == (3, 2, 22)
+    wide = read_manifest(copied)
+    # Neither has all: in the order of the suite, and then the others.
+    network = f"pc2pix@{tiny_weights}"
+    assert wide["methods"] == ["splat", "true-mesh", "constant", "blank", network]
+    assert wide["request"]["methods"] == wide["methods"]
+    assert (wide["objects"], wide["conditions"]) == (manifest["objects"], manifest["conditions"])
+    old, new = (set((d / TABLE).read_text().splitlines()) for d in (finished[0], copied))
+    assert old < new
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"methods": ["splat", "my-plug-in"]}, "kept here: unknown method 'my-plug-in'; install"),
+        ({"methods": ["pc2pix@gone.safetensors"]}, "gone.safetensors"),
+        ({"conditions": ["2048", "my-noise"]}, "kept here: unknown condition 'my-noise'; install"),
+        ({"objects": ["chair/gone"]}, r"has chair/gone \(1 in all\), which procedural no longer"),
+    ],
+)
+def test_what_cannot_be_kept_is_refused_and_nothing_changes(tmp_path, no_machine, changes, message):
+    here = make_manifest(device="auto", objects=["chair/test-0000"]) | changes
+    write_manifest(tmp_path, here)
+    before = every_file(tmp_path)
+    with pytest.raises(BadInput, match=message) as refused:
+        run_suite(Options("chair-robustness", methods=("blank",), limit=1, views=2, out=tmp_path))
+    assert str(refused.value).endswith("or --fresh to start over")
+    assert "\n" not in str(refused.value)
+    assert every_file(tmp_path) == before
+
+
+def test_objects_are_joined_in_the_order_of_the_dataset(tmp_path, no_machine):
+    """Of a run that was stopped the complete objects need not be the first ones."""
+    some = ["chair/test-0000", "chair/test-0003"]
+    write_manifest(tmp_path, make_manifest(device="auto", objects=some, planned=5))
+    _, wide, kept = asked(tmp_path, methods=("splat",), limit=2)
+    assert names(wide) == ["chair/test-0000", "chair/test-0001", "chair/test-0003"]
+    assert kept.objects == {*some}
+    assert wide.methods == ("splat", "true-mesh", "blank")
+    assert wide.conditions == ("2048", "1024", "512", "noise-0.05", "noise-0.10")
+
+
+def test_of_a_run_that_was_killed_before_an_object_was_complete_nothing_is_kept(
+    tmp_path, no_machine
+):
+    write_manifest(tmp_path, make_manifest(device="auto", finished=None))
+    protocol, wide, kept = asked(tmp_path, methods=("splat",))
+    assert (wide, kept) == (protocol, None)
+
+
+def test_a_run_that_was_killed_while_its_tables_were_made_is_kept(
+    copied, same_machine, tiny_weights
+):
+    write_manifest(copied, read_manifest(copied) | {"finished": None})
+    options = finished_options(tiny_weights, copied, methods=("splat",), limit=1)
+    wide, kept = join(options, protocol_of(SUITES[0], options)[0])
+    assert kept.objects == {f"chair/test-000{i}" for i in range(3)}
+    assert (len(wide.methods), len(wide.objects)) == (4, 3)
+
+
+def test_fresh_keeps_nothing(tmp_path, no_machine):
+    write_manifest(tmp_path, make_manifest(device="auto"))
+    protocol, wide, kept = asked(tmp_path, methods=("splat",), fresh=True)
+    assert (wide, kept) == (protocol, None)
+
+
+def test_a_shard_of_other_objects_is_refused(tmp_path, no_machine):
+    here = make_manifest(device="auto", shard="1/2", objects=["chair/test-0000", "chair/test-0002"])
+    write_manifest(tmp_path, here)
+    with pytest.raises(BadInput, match=r"shard 1/2 there has other objects; give its --limit"):
+        asked(tmp_path, limit=2, shard=Shard(1, 2))
+    _, wide, _ = asked(tmp_path, limit=5, shard=Shard(1, 2))
+    assert names(wide) == [f"chair/test-000{i}" for i in (0, 2, 4)]
+
+
+def test_suites_of_their_own_keep_their_methods(tmp_path, capsys):
+    options = Options("stability", methods=("splat",), out=tmp_path)
+    assert methods_of(options, STABILITY) == ("splat",)
+    write_manifest(tmp_path, make_manifest(suite="stability", methods=["pc2pix", "splat"]))
+    assert methods_of(options, STABILITY) == ("pc2pix", "splat")
+    assert "keeps 1 more method of the run there; give --out" in capsys.readouterr().err
+    assert methods_of(replace(options, fresh=True), STABILITY) == ("splat",)
+    write_manifest(tmp_path, make_manifest(suite="stability", methods=["my-plug-in"]))
+    with pytest.raises(BadInput, match="cannot be kept here: unknown method 'my-plug-in'; install"):
+        methods_of(options, STABILITY)
+
+
+def test_a_merge_does_not_narrow_a_run(copied, tmp_path, same_machine, tiny_weights):
+    shard = tmp_path / "shard"
+    cell = {"methods": ("blank",), "conditions": ("2048",), "limit": 1}
+    run_suite(finished_options(tiny_weights, shard, shard=Shard(1, 1), **cell))
+    before = every_file(copied)
+    with pytest.raises(BadInput, match=r"run: holds a run with 3 more methods, splat among them"):
+        merge_shards([shard], copied)
+    assert every_file(copied) == before
+
+
+@pytest.mark.parametrize(
+    ("asked", "kept", "both"),
+    [
+        ("ca", "", "ca"),
+        ("ca", "a", "ca"),
+        ("a", "xca", "xca"),
+        ("a", "xc", "acx"),
+        ("ay", "cx", "acxy"),
+    ],
+)
+def test_order_of_what_is_joined(asked, kept, both):
+    assert joined(tuple(asked), tuple(kept), "abc") == tuple(both)
