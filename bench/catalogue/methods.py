@@ -295,6 +295,10 @@ COST_VARIANTS = (
     ),
 )
 OWN_WEIGHTS = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}  # that take files of yours
+# A method's variants follow its id and "@". The first two stand where a method's id stands.
+OUR_FAMILIES = {"ground-truth", BEST_RECONSTRUCTION} | {
+    method.id.partition("@")[0] for method in (*METHODS, *COST_VARIANTS)
+}
 FLOOR = "blank"
 FLOORS = ("constant", FLOOR)  # what looks at no cloud
 
@@ -344,7 +348,8 @@ def plugin_ids() -> tuple[str, ...]:
 
 @cache
 def _plugin(method_id: str) -> Method:
-    return load_announced(announced.METHODS, method_id, "method", Method, "bench.methods.Method")
+    named = "bench.methods.Method"
+    return load_announced((announced.METHODS,), method_id, "method", Method, named, OUR_FAMILIES)
 
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:
