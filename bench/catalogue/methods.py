@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from bench.catalogue import loaders
 from bench.catalogue.lookup import find
@@ -36,7 +36,8 @@ class Method:
     by hand when a change alters its images (finished work is then done again); `identity` gives
     whatever else its images depend on: the versions of its libraries, the checksum of its
     weights. Only ceilings have `sees_mesh`; what has not `sees_cloud` draws the same under every
-    condition, and is drawn once.
+    condition, and is drawn once. `reconstruction` says whether it makes a surface of the points:
+    "paper" by the chain of the paper or a part of it, "other" in another way.
     """
 
     id: str
@@ -47,6 +48,7 @@ class Method:
     sees_mesh: bool = False
     sees_cloud: bool = True
     weights_file: Callable[[], Path] | None = None  # of a network
+    reconstruction: Literal["", "paper", "other"] = ""
 
 
 def _network(
@@ -152,6 +154,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
+        reconstruction="paper",
     ),
     Method(
         "surface-fit",
@@ -159,6 +162,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="the paper's SR on a grid no finer than the picture can show",
+        reconstruction="paper",
     ),
     Method(
         "surface-bpa",
@@ -166,6 +170,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="the paper's SR without its last step: ball pivoting and holes closed",
+        reconstruction="paper",
     ),
     Method(
         "poisson",
@@ -173,6 +178,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=2,
         source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
+        reconstruction="other",
     ),
     Method(
         "alpha-shape",
@@ -180,6 +186,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "scipy"),
         version=2,
         source="alpha shape (Edelsbrunner and Muecke 1994)",
+        reconstruction="other",
     ),
     Method(
         "denoised-bpa",
@@ -187,6 +194,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=1,
         source="ball pivoting on points smoothed as their noise asks for",
+        reconstruction="other",
     ),
     Method(
         "denoised-alpha",
@@ -194,6 +202,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "scipy"),
         version=1,
         source="the alpha shape of points smoothed as their noise asks for",
+        reconstruction="other",
     ),
     Method(
         "denoised-poisson",
@@ -201,6 +210,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=1,
         source="screened Poisson on points smoothed as their noise asks for",
+        reconstruction="other",
     ),
     Method(
         "pgr",
@@ -208,6 +218,7 @@ METHODS = (
         identity=partial(loaders.versions, "embreex", "scikit-image", "scipy"),
         version=1,
         source="parametric Gauss reconstruction (Lin et al. 2022)",
+        reconstruction="other",
     ),
     Method(
         "open3d-poisson",
@@ -215,6 +226,7 @@ METHODS = (
         identity=loaders.open3d_identity,
         version=1,
         source="screened Poisson as a first script with Open3D does it; extra [open3d]",
+        reconstruction="other",
     ),
     Method(
         "splat",
