@@ -9,7 +9,10 @@ more.
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import time
+from collections.abc import Callable
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -42,6 +45,7 @@ COMMANDS = {  # name: module and name in it, first line of its help
     "test": ("contract:test", "Test a method, metric or dataset of your own."),
     "doctor": ("doctor:doctor", "Check that everything that a run needs is installed."),
 }
+INTERRUPT_EVERY_S = 1.0
 
 
 class Commands(Group):
@@ -102,6 +106,8 @@ class Commands(Group):
             goes_on = ctx.invoked_subcommand in ("run", "train")
             hint = "; the same command goes on from here" if goes_on else ""
             print(f"bench: interrupted{hint}", file=sys.stderr)
+            # Python hands Ctrl-C back to the kernel when it ends: another one would kill it.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
             raise typer.Exit(130) from error
         except BrokenPipeError as error:
             for stream in (sys.stdout, sys.stderr):  # Python flushes them when it ends
@@ -156,8 +162,27 @@ def _all(
     """Makes this a group, though no command is registered here."""
 
 
+def _interrupt_handler() -> Callable[[int, object], None]:
+    """Return a handler of Ctrl-C that raises KeyboardInterrupt, but not twice within a second.
+
+    A second one would break off what the first has begun: stopping workers, closing files.
+    """
+    last = float("-inf")
+
+    def handle(signum: int, frame: object) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now > last + INTERRUPT_EVERY_S:
+            last = now
+            raise KeyboardInterrupt
+
+    return handle
+
+
 def main() -> None:
-    """Entry point of the console script `bench`."""
+    """Run the console script `bench`."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored
+        signal.signal(signal.SIGINT, _interrupt_handler())
     for name in ("stdout", "stderr"):  # closed by the caller: there is nobody to tell
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))

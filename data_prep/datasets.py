@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
 
-from data_prep.announced import DATASETS, announced_ids, load_announced
+from data_prep.announced import DATASETS, OUR_KINDS, announced_ids, load_announced
 from data_prep.dataset import Dataset, DatasetReader
 from data_prep.dataset_exported import exported_dataset
 from data_prep.dataset_folder import BareCloud, folder_dataset
@@ -90,7 +90,7 @@ def _as_folder(location: str) -> str:
 def is_dataset(text: str) -> bool:
     """Return whether this is the name of a dataset, and not that of a folder."""
     kind, colon, _ = text.partition(":")
-    kinds = ("procedural", *_STORED, *reader_ids())
+    kinds = (*OUR_KINDS, *reader_ids())
     return text == "procedural" or bool(colon and kind in kinds)
 
 
@@ -103,7 +103,7 @@ def reader_ids() -> tuple[str, ...]:
 def _read(kind: str, spec: str, folder: Path) -> Dataset:
     """By another package's reader. Raises BadInput, naming it, for whatever it raises."""
     named = "data_prep.dataset.DatasetReader"
-    reader = load_announced(DATASETS, kind, "dataset", DatasetReader, named)
+    reader = load_announced((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
     try:
         found = reader.read(spec, folder)
     except BadInput:

@@ -40,7 +40,8 @@ class Method:
     whatever else its images depend on: the versions of its libraries, the checksum of its
     weights. Only ceilings have `sees_mesh`; what has not `sees_cloud` draws the same under every
     condition, and is drawn once. `trained_on` names the objects that a network has seen; it is
-    None where nobody knows, as of weights in a file.
+    None where nobody knows, as of weights in a file. `reconstruction` says whether it makes a surface of the points:
+    "paper" by the chain of the paper or a part of it, "other" in another way.
     """
 
     id: str
@@ -52,6 +53,7 @@ class Method:
     sees_cloud: bool = True
     weights_file: Callable[[], Path] | None = None  # of a network
     trained_on: TrainedOn | None = None
+    reconstruction: Literal["", "paper", "other"] = ""
 
 
 def _network(
@@ -166,6 +168,7 @@ METHODS = (
         version=2,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
         trained_on="nothing",
+        reconstruction="paper",
     ),
     Method(
         "surface-fit",
@@ -174,6 +177,7 @@ METHODS = (
         version=2,
         source="the paper's SR on a grid no finer than the picture can show",
         trained_on="nothing",
+        reconstruction="paper",
     ),
     Method(
         "surface-bpa",
@@ -182,6 +186,7 @@ METHODS = (
         version=2,
         source="the paper's SR without its last step: ball pivoting and holes closed",
         trained_on="nothing",
+        reconstruction="paper",
     ),
     Method(
         "poisson",
@@ -190,6 +195,7 @@ METHODS = (
         version=2,
         source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
         trained_on="nothing",
+        reconstruction="other",
     ),
     Method(
         "alpha-shape",
@@ -198,6 +204,7 @@ METHODS = (
         version=2,
         source="alpha shape (Edelsbrunner and Muecke 1994)",
         trained_on="nothing",
+        reconstruction="other",
     ),
     Method(
         "denoised-bpa",
@@ -206,6 +213,7 @@ METHODS = (
         version=1,
         source="ball pivoting on points smoothed as their noise asks for",
         trained_on="nothing",
+        reconstruction="other",
     ),
     Method(
         "denoised-alpha",
@@ -214,6 +222,7 @@ METHODS = (
         version=1,
         source="the alpha shape of points smoothed as their noise asks for",
         trained_on="nothing",
+        reconstruction="other",
     ),
     Method(
         "denoised-poisson",
@@ -222,6 +231,7 @@ METHODS = (
         version=1,
         source="screened Poisson on points smoothed as their noise asks for",
         trained_on="nothing",
+        reconstruction="other",
     ),
     Method(
         "pgr",
@@ -230,6 +240,7 @@ METHODS = (
         version=1,
         source="parametric Gauss reconstruction (Lin et al. 2022)",
         trained_on="nothing",
+        reconstruction="other",
     ),
     Method(
         "open3d-poisson",
@@ -238,6 +249,7 @@ METHODS = (
         version=1,
         source="screened Poisson as a first script with Open3D does it; extra [open3d]",
         trained_on="nothing",
+        reconstruction="other",
     ),
     Method(
         "splat",
@@ -323,6 +335,10 @@ COST_VARIANTS = (
     ),
 )
 OWN_WEIGHTS = {"pc2pix": loaders.PC2PIX, "splat-net": loaders.SPLAT_NET}  # that take files of yours
+# A method's variants follow its id and "@". The first two stand where a method's id stands.
+OUR_FAMILIES = {"ground-truth", BEST_RECONSTRUCTION} | {
+    method.id.partition("@")[0] for method in (*METHODS, *COST_VARIANTS)
+}
 FLOOR = "blank"
 FLOORS = ("constant", FLOOR)  # what looks at no cloud
 
@@ -375,7 +391,8 @@ def plugin_ids() -> tuple[str, ...]:
 
 @cache
 def _plugin(method_id: str) -> Method:
-    return load_announced(announced.METHODS, method_id, "method", Method, "bench.methods.Method")
+    named = "bench.methods.Method"
+    return load_announced((announced.METHODS,), method_id, "method", Method, named, OUR_FAMILIES)
 
 
 def objectives(method_ids: Iterable[str]) -> dict[str, str]:

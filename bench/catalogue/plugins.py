@@ -12,7 +12,16 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from data_prep.announced import EXTRACTORS, METRICS, announced_ids, load_announced
+from bench.catalogue.methods import OUR_FAMILIES
+from bench.catalogue.metrics import (
+    CONTROL_METRICS,
+    IMAGE_METRICS,
+    KERNEL_METRICS,
+    RECOGNITION_METRICS,
+    SET_METRICS,
+)
+from data_prep import announced
+from data_prep.announced import OUR_KINDS, announced_ids, load_announced, refusal
 from data_prep.failures import BadInput, unknown
 
 if TYPE_CHECKING:
@@ -53,17 +62,29 @@ class SetMetric:
     about: str
 
 
+OUR_METRICS = {
+    *(*IMAGE_METRICS, *CONTROL_METRICS, *RECOGNITION_METRICS, *KERNEL_METRICS),
+    *(metric.id for metric in SET_METRICS),
+}
+# By kind: groups of entry points, and the ids of this project.
+_KINDS = {
+    "method": ((announced.METHODS,), OUR_FAMILIES),
+    "metric": ((announced.METRICS, announced.EXTRACTORS), OUR_METRICS),
+    "dataset": ((announced.DATASETS,), OUR_KINDS),
+}
+
+
 @cache
 def metric_ids() -> tuple[str, ...]:
-    """Ids of the metrics that installed packages announce, sorted; none is loaded."""
-    return tuple(sorted({*announced_ids(METRICS), *announced_ids(EXTRACTORS)}))
+    """Return the ids of the metrics that installed packages announce, sorted; load none."""
+    return announced_ids(*_KINDS["metric"][0])
 
 
 def find_metric(metric_id: str) -> ImageMetric | SetMetric:
-    """The metric with this id.
+    """Return the metric with this id.
 
     Raises BadInput for an unknown id, naming the nearest, and where a package announces a metric
-    that it does not have.
+    that it does not have, or by an id that is refused.
     """
     if not metric_ids():
         raise BadInput(
@@ -72,8 +93,28 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
         )
     if metric_id not in metric_ids():
         raise unknown(metric_id, metric_ids(), "metric")
-    if metric_id in announced_ids(EXTRACTORS):
-        named = "bench.catalogue.plugins.SetMetric"
-        return load_announced(EXTRACTORS, metric_id, "metric", SetMetric, named, names_files=True)
-    named = "bench.image_metric.ImageMetric"
-    return load_announced(METRICS, metric_id, "metric", ImageMetric, named, names_files=True)
+    if metric_id in announced_ids(announced.EXTRACTORS):
+        type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
+    else:
+        type_, named = ImageMetric, "bench.image_metric.ImageMetric"
+    groups, ours = _KINDS["metric"]
+    return load_announced(groups, metric_id, "metric", type_, named, ours)
+
+
+def plugin_problem(kind: str, id_: str) -> str:
+    """Return why what packages announce under an id cannot be used; "" where it can, or is none.
+
+    `kind` is "method", "metric" or "dataset". Nothing is loaded.
+    """
+    groups, ours = _KINDS[kind]
+    return refusal(groups, id_, kind, ours) if id_ in announced_ids(*groups) else ""
+
+
+def plugin_problems() -> tuple[str, ...]:
+    """Return the problems of all ids that installed packages announce."""
+    problems = (
+        plugin_problem(kind, id_)
+        for kind, (groups, _) in _KINDS.items()
+        for id_ in announced_ids(*groups)
+    )
+    return tuple(filter(None, problems))

@@ -87,7 +87,9 @@ is left is the rounding of the file. Elsewhere they move farther than the mean o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from bench.catalogue.methods import known_method
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,7 @@ class Tolerance:
 
 _DRIVER = "other drivers sample edges elsewhere: 3 x the effect of a shift by 0.1 px"
 _SPIKES_SEEN = "APSS turns a rounding error into a spike: as measured"
+_OF_APSS = "the tolerance of surface-apss, whose steps it takes"
 _SPIKES = "APSS turns a rounding error into a spike: 3 standard errors over 24 chairs"
 
 EXACT = Tolerance(1e-6, 0.0, "exact by construction; files keep 6 decimals")
@@ -174,7 +177,7 @@ OBJECT_RECONSTRUCTION: Mapping[str, float] = OBJECT_RENDERING | {  # 3 x the dev
 
 
 def tolerance(method: str, metric: str) -> Tolerance | None:
-    """The tolerance of a cell; None where there is no golden value.
+    """Return the tolerance of a cell; None where there is no golden value.
 
     `fid` and `kid` have none: their weights are not part of the default protocol. The judge and
     the classifier err on true images too, so that their answers are never exact.
@@ -186,16 +189,25 @@ def tolerance(method: str, metric: str) -> Tolerance | None:
         return EXACT
     if (method, metric) in _OF_FEW:
         return _OF_FEW[method, metric]
-    table = RECONSTRUCTION if method.startswith("surface-") else RENDERING
-    return table.get(metric)
+    if not _has_papers_chain(method):
+        return RENDERING.get(metric)
+    rule = RECONSTRUCTION.get(metric)
+    if rule is None or rule.reason == _DRIVER or method.partition("@")[0] == "surface-apss":
+        return rule
+    return replace(rule, reason=_OF_APSS)
+
+
+def _has_papers_chain(method: str) -> bool:
+    known = known_method(method)
+    return known is not None and known.reconstruction == "paper"
 
 
 def object_tolerance(method: str, metric: str, same_environment: bool) -> float:
-    """How far the value of an object may move: the mean of an image metric over its views.
+    """Return how far the value of an object may move: the mean of an image metric over its views.
 
     Raises KeyError for a metric that is none of images.
     """
     if same_environment or method == "true-mesh":
         return PRINTED
-    table = OBJECT_RECONSTRUCTION if method.startswith("surface-") else OBJECT_RENDERING
+    table = OBJECT_RECONSTRUCTION if _has_papers_chain(method) else OBJECT_RENDERING
     return table[metric]

@@ -7,16 +7,23 @@ from typing import Annotated
 
 import typer
 
-from bench.catalogue.plugins import metric_ids
+from bench.catalogue.plugins import metric_ids, plugin_problem
 from bench.checking.contract.datasets import dataset_findings
 from bench.checking.contract.findings import Finding
 from bench.checking.contract.methods import method_findings
 from bench.checking.contract.metrics import metric_findings
 from data_prep.datasets import is_dataset
+from data_prep.failures import BadInput
 
 
 def findings_of(name: str) -> Iterator[Finding]:
-    """About a dataset, a metric of another package, or else a method. Raises BadInput: unknown."""
+    """Return those about a dataset, a metric of another package, or else a method.
+
+    Raises BadInput for an unknown name, and for one that a package announces and may not have.
+    """
+    for kind, id_ in (("method", name), ("metric", name), ("dataset", name.partition(":")[0])):
+        if problem := plugin_problem(kind, id_):
+            raise BadInput(problem)
     if is_dataset(name):
         return dataset_findings(name)
     if name in metric_ids():

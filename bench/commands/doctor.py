@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
+from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding
 from bench.commands.contract import conclude
 from bench.running.environment import PACKAGES, cores, environment
@@ -52,6 +53,8 @@ def examine() -> Iterator[Finding]:
             yield Finding(True, f"metric {metric.id}", f"skipped in runs: {error}")
         except BadInput as error:
             yield Finding(False, f"metric {metric.id}", str(error))
+    for problem in plugin_problems():
+        yield Finding(False, "other packages", problem)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     yield Finding(True, "machine", f"{cores()} cores, {memory:.1f} GiB of memory")
 

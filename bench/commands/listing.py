@@ -23,7 +23,7 @@ def list_all() -> None:
         "suites": [(s.id, s.about) for s in ALL_SUITES],
         "methods": [
             *((m.id, m.source) for m in METHODS),
-            *((id_, "of another installed package") for id_ in plugin_ids()),
+            *((id_, _of_package("method", id_)) for id_ in plugin_ids()),
         ],
         "variants": [
             *((f"{k.method}@{k.name}=", f"{k.low:g} to {k.high:g}: {k.about}") for k in PARAMETERS),
@@ -36,7 +36,7 @@ def list_all() -> None:
             *((name, about) for name, (_, about) in KERNEL_METRICS.items()),
             *RECOGNITION_METRICS.items(),
             *CONTROL_METRICS.items(),
-            *((id_, "of another installed package; see 'bench score'") for id_ in metric_ids()),
+            *((id_, _of_package("metric", id_, "; see 'bench score'")) for id_ in metric_ids()),
         ],
         "datasets": [
             ("procedural", "parametric shapes, nothing to download (the default); test split"),
@@ -49,10 +49,17 @@ def list_all() -> None:
             ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),
             ("exported:PATH", "what 'bench data export' wrote: clouds, views and true images"),
             ("paper:PATH", "clouds, 20 pictures each and their cameras, as the paper's code has"),
-            *((f"{id_}:PATH", "of another installed package") for id_ in announced_ids(DATASETS)),
+            *((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in announced_ids(DATASETS)),
         ],
     }
     for title, entries in sections.items():
         print(f"{title}:")
         for name, about in entries:
             print(f"  {name:<25} {about}")
+
+
+def _of_package(kind: str, id_: str, use: str = "") -> str:
+    from bench.catalogue.plugins import plugin_problem
+
+    problem = plugin_problem(kind, id_)
+    return f"refused: {problem}" if problem else f"of another installed package{use}"

@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 from bench.catalogue.lookup import find
-from bench.catalogue.methods import FLOOR, METHODS, find_method
+from bench.catalogue.methods import FLOOR, METHODS, find_method, known_method
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.options import RUN_OPTIONS, names, takes
 from bench.records.record import GROUND_TRUTH
@@ -37,7 +37,6 @@ from data_prep.failures import BadInput
 from data_prep.whole_files import write_whole
 
 LIMITS = (10, 25, 50, 100, 250, 500, 1000)  # of which the three largest that limit anything
-RECONSTRUCTIONS = ("surface-apss", "surface-fit", "surface-bpa", "poisson", "alpha-shape")
 NO_VALUE = "-"
 
 
@@ -268,9 +267,13 @@ def _scores(pilot: Pilot, method: str, other: str) -> str:
 
 
 def _kind(method: str) -> str:
-    """Methods of one kind may stand for each other; variants are of their method's kind."""
+    """Return the kind of a method: those of one kind may stand for each other.
+
+    Variants are of their method's kind.
+    """
     base = method.partition("@")[0]
-    return "reconstruction" if base in RECONSTRUCTIONS else base
+    known = known_method(base)
+    return "reconstruction" if known and known.reconstruction else base
 
 
 @takes(Options, RUN_OPTIONS, leave_out=("fresh", "ray", "budget"))

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.running.isolation import WORKER_ENVIRONMENT
+from bench.running.worker_process import own_python
 from data_prep.failures import MissingDependency
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -143,7 +144,7 @@ def environment() -> dict[str, str]:
 
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "bench.running.environment"],
+            own_python("-m", "bench.running.environment"),
             env=os.environ | WORKER_ENVIRONMENT,
             capture_output=True,
             text=True,

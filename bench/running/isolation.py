@@ -8,27 +8,21 @@ one depends on nothing but the task: an executor may do one twice, on any machin
 
 from __future__ import annotations
 
-import ctypes
-import multiprocessing
+import atexit
 import os
-import resource
 import signal
-import sys
-import threading
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
+from multiprocessing import connection
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from bench.catalogue.suites import Limits
-
-if TYPE_CHECKING:
-    from pebble import ProcessPool
+from bench.running.worker_process import SAFE_PATH, WorkerProcess, watched_memory
 
 
 @contextmanager
@@ -97,18 +91,13 @@ def feed(
 Result = TypeVar("Result")
 
 TASKS_PER_WORKER = 500  # then a fresh process: what leaks, leaks no further
-WATCH_EVERY_S = 0.1
-# Beyond the limit on resident memory the kernel refuses writable memory: 16 GiB asked for at once
-# are faster than the watch. On the CPU methods reserve at most 0.1 GiB more than they use; the rest
-# is for what CUDA and plug-ins reserve.
-RESERVED_GIB = 8.0
-LOOK_EVERY_S = 1.0  # whether the pool is well, while tasks are waited for
-PATIENCE_S = 10.0  # with workers that have nothing left to do, or ought to have ended
-MOST_BREAKS = 3  # of a pool, without a task's end in between
+LONGEST_WAIT_S = 3600.0  # more overflows in the system call for limits without end
+START_S = 120.0  # for a worker to get ready, on a machine that swaps, too
+MOST_BREAKS = 3  # workers lost before they were ready, without a task's end in between
 
 
 def thread_counts(threads: int) -> dict[str, str]:
-    """What libraries read from the environment, when they are loaded, to use so many threads."""
+    """Return what libraries read from the environment when they are loaded, for so many threads."""
     names = (
         *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"),
         "LP_NUM_THREADS",  # Mesa's software rasteriser
@@ -138,16 +127,36 @@ class Lost:
         return f"{self.kind}: {self.detail}"
 
 
+@dataclass
+class _Worker(Generic[Task]):
+    """A worker of a pool.
+
+    Attributes
+    ----------
+    deadline : float
+        When to stop it, by `time.monotonic`, which nobody sets: for its start, then for each task.
+    ready : bool
+        Whether it has started.
+    under_way : tuple
+        The task that it was given; empty where it is idle.
+    begun : int
+        How many tasks it was given.
+    """
+
+    process: WorkerProcess
+    deadline: float
+    ready: bool = False
+    under_way: tuple[Task, ...] = ()
+    begun: int = 0
+
+
 class TaskPool(Generic[Task, Result]):
     """Worker processes that do `work(task)`, one task at a time each.
 
     `work` and the tasks cross process boundaries: a function of a module, and plain values.
     `environment` is put on top of this process's own. To be closed, whatever happens, before
-    another is made.
-
-    Pebble takes a worker's death before its task's beginning is known for the end of the whole pool
-    (`BrokenProcessPool`), or loses the task (noxdafox/pebble#153). What it has not finished then is
-    done by another pool, from the beginning.
+    another is made. Nothing is in other threads but the watch on memory: workers get tasks, and are
+    stopped when their time is over, within `submit` and `collect`.
     """
 
     def __init__(
@@ -157,89 +166,150 @@ class TaskPool(Generic[Task, Result]):
         limits: Limits,
         environment: Mapping[str, str] = WORKER_ENVIRONMENT,
     ) -> None:
-        from pebble import ProcessPool
-
-        self._work, self._limits = work, limits
-        # A short queue: what is scheduled has been pickled; there may be 10^5 tasks.
-        self.room = 2 * workers
-        self._waiting: dict[Future[Result], Task] = {}
-        self._around = ExitStack()
-        self._around.enter_context(_environment(environment))  # workers read it when they start
-        self._new_pool: Callable[[], ProcessPool] = partial(
-            ProcessPool,
-            max_workers=workers,
-            max_tasks=TASKS_PER_WORKER,
-            initializer=_bind_worker,
-            initargs=[limits.memory_gib],
-            context=multiprocessing.get_context("spawn"),
-        )
-        self._pool = self._new_pool()
+        self._work, self._size, self._limits = work, workers, limits
+        self.room = 2 * workers  # a queue as short as keeps them busy: there may be 10^5 tasks
+        self._queue: deque[Task] = deque()
+        self._workers: list[_Worker[Task]] = []
+        self._leaving: list[WorkerProcess] = []
+        self._ended: deque[tuple[Task, bool, Any]] = deque()  # as a worker's answers
         self._breaks = 0
-        self._around.callback(lambda: _stop(self._pool))
-        self._over_limit = self._around.enter_context(_watch_memory(limits.memory_gib))
+        self._around = ExitStack()
+        self._around.enter_context(_environment({SAFE_PATH: "1", **environment}))
+        self._over_limit = self._around.enter_context(
+            watched_memory(self._process_ids, limits.memory_gib)
+        )
+        atexit.register(self.close)  # else multiprocessing waits for the workers for ever
+
+    def _process_ids(self) -> list[int]:
+        return [worker.process.pid for worker in self._workers]
 
     def submit(self, task: Task) -> None:
-        """Have a task done; at most `room` may be under way. Raises BrokenProcessPool, too."""
-        try:
-            future = self._pool.schedule(self._work, args=[task], timeout=self._limits.time_s)
-        except RuntimeError:  # the pool broke meanwhile
-            self._start_again()
-            self.submit(task)
-        else:
-            self._waiting[future] = task  # type: ignore[index]
+        """Have a task done; at most `room` may be under way."""
+        self._queue.append(task)
+        self._hand_out()
 
     def collect(self) -> Iterator[tuple[Task, Result | Lost]]:
         """Wait until tasks have ended; each with its result, or with what became of its worker.
 
-        What `work` raises is raised here, and BrokenProcessPool where one pool after another breaks
-        before any task has ended: no worker can be started, say.
+        What `work` raises is raised here, and BrokenProcessPool where one worker after another is
+        lost before it is ready.
         """
-        from pebble import ProcessExpired
+        while not self._ended and (self._queue or any(w.under_way for w in self._workers)):
+            self._hand_out()
+            self._wait()
+            for worker in tuple(self._workers):
+                self._look_at(worker)
+            self._hand_out()  # before the results are looked at, which may take long
+        while self._ended:
+            task, fine, value = self._ended.popleft()
+            if not fine:
+                raise value
+            yield task, value
 
-        ended: set[Future[Result]] = set()
-        while self._waiting and not ended:
-            ended = self._ended()
-        for future in ended:
-            task = self._waiting.pop(future)
-            try:
-                result: Result | Lost = future.result()
-            except TimeoutError:
-                result = Lost("timeout", f"no result within {self._limits.time_s:g} s")
-            except ProcessExpired as error:
-                result = _exit_reason(error, self._over_limit, self._limits)
-            yield task, result
+    def _hand_out(self) -> None:
+        """Give tasks to idle workers, and to new ones, which find theirs when they are ready."""
+        for worker in self._workers:
+            if self._queue and not worker.under_way:
+                self._give(worker, self._queue.popleft())
+        while self._queue and len(self._workers) < self._size:
+            process = WorkerProcess(self._work, self._limits.memory_gib)
+            worker = _Worker[Task](process, time.monotonic() + START_S)
+            self._workers.append(worker)
+            self._give(worker, self._queue.popleft())
 
-    def _ended(self) -> set[Future[Result]]:
-        """Tasks that have ended; none where the pool broke, which another has replaced by then."""
-        ended: set[Future[Result]] = set()
-        # Of tasks that have begun, one ends within the limit.
-        until = time.monotonic() + 2 * self._limits.time_s + PATIENCE_S
-        while not ended and self._pool.active and time.monotonic() < until:
-            ended = wait(self._waiting, LOOK_EVERY_S, FIRST_COMPLETED).done
-        ended = {future for future in ended if not _is_lost(future)}
-        if ended:
+    def _give(self, worker: _Worker[Task], task: Task) -> None:
+        try:
+            worker.process.connection.send(task)
+        except OSError:  # it has died: another one does the task
+            self._queue.appendleft(task)
+            return
+        worker.under_way = (task,)
+        worker.begun += 1
+        if worker.ready:
+            worker.deadline = time.monotonic() + self._limits.time_s
+
+    def _wait(self) -> None:
+        """Wait until a worker has something to say, has ended or has used up its time."""
+        handles = [
+            handle
+            for worker in self._workers
+            for handle in (worker.process.connection, worker.process.sentinel)
+        ]
+        first = min(worker.deadline for worker in self._workers)
+        connection.wait(handles, max(0.0, min(first - time.monotonic(), LONGEST_WAIT_S)))
+
+    def _look_at(self, worker: _Worker[Task]) -> None:
+        """Take a worker's answer where it has one, even after the deadline, or see to its end."""
+        process = worker.process
+        try:
+            if process.connection.poll():
+                self._take(worker, *process.connection.recv())
+            elif process.has_ended:
+                self._lose(worker, self._exit_reason(process))
+            elif time.monotonic() > worker.deadline:
+                process.stop()
+                limit_s = self._limits.time_s if worker.ready else START_S
+                self._lose(worker, Lost("timeout", f"no result within {limit_s:g} s"))
+        except (EOFError, OSError):
+            self._lose(worker, self._exit_reason(process))
+
+    def _take(self, worker: _Worker[Task], fine: bool, value: Any) -> None:
+        if not worker.ready:  # it says that it is, and goes on with its first task
+            worker.ready, worker.deadline = True, time.monotonic() + self._limits.time_s
+            return
+        self._breaks = 0
+        self._ended.append((worker.under_way[0], fine, value))
+        worker.under_way, worker.deadline = (), float("inf")
+        if worker.begun >= TASKS_PER_WORKER:
+            self._let_go(worker)
+
+    def _lose(self, worker: _Worker[Task], reason: Lost) -> None:
+        """Go on without a worker that has ended or is stopped."""
+        self._remove(worker)
+        worker.process.join()
+        if not worker.ready:
+            self._queue.extendleft(worker.under_way)
+            self._breaks += 1
+            if self._breaks > MOST_BREAKS:
+                raise BrokenProcessPool(
+                    f"{self._breaks} workers were lost before they could begin ({reason.reason})"
+                )
+        elif worker.under_way:
             self._breaks = 0
-        else:
-            self._start_again()
-        return ended
+            self._ended.append((worker.under_way[0], True, reason))
 
-    def _start_again(self) -> None:
-        """Another pool, for what this one has not finished."""
-        self._breaks += 1
-        if self._breaks > MOST_BREAKS:
-            raise BrokenProcessPool(
-                f"{self._breaks} times all workers were lost before any task had ended"
-            )
-        _stop(self._pool)
-        self._pool = self._new_pool()
-        for future in [future for future in self._waiting if _is_lost(future)]:
-            self.submit(self._waiting.pop(future))
+    def _let_go(self, worker: _Worker[Task]) -> None:
+        """Let an idle worker end by itself: libraries are unloaded, what they hold is freed."""
+        self._remove(worker)
+        worker.process.let_go()
+
+    def _remove(self, worker: _Worker[Task]) -> None:
+        self._leaving.append(worker.process)
+        self._workers.remove(worker)
+        self._leaving = [process for process in self._leaving if not process.has_ended]
+
+    def _exit_reason(self, process: WorkerProcess) -> Lost:
+        code = process.exit_code()
+        if process.pid in self._over_limit:
+            return Lost("memory", f"the worker used more than {self._limits.memory_gib:g} GiB")
+        try:
+            how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        except ValueError:
+            how = f"signal {-code}"
+        return Lost("crash", f"the worker died ({how})")
 
     def close(self) -> None:
         """Stop all workers at once; idle ones are let go."""
-        if not self._waiting:
-            _let_go(self._pool)
+        for worker in tuple(self._workers):
+            if not worker.under_way:
+                self._let_go(worker)
+            else:
+                worker.process.stop()
+                self._remove(worker)
+        for process in self._leaving:
+            process.join()
         self._around.close()
+        atexit.unregister(self.close)  # at last: what an interrupt leaves undone is done at exit
 
 
 def run_tasks(
@@ -258,73 +328,6 @@ def run_tasks(
         yield from feed(tasks, pool)
 
 
-def _is_lost(future: Future[Any]) -> bool:
-    """Whether nothing is known of a task of a pool that broke or was stopped."""
-    return not future.done() or isinstance(future.exception(), BrokenProcessPool)
-
-
-def _stop(pool: ProcessPool) -> None:
-    """Stop all workers at once, and wait until nothing is left of the pool."""
-    pool.stop()
-    # An interrupt in the middle of `Condition.notify`, while a task is put into the queue, leaves a
-    # waiter behind that swallows the next notification: that of the end, which the pool's thread
-    # would wait for without end. So there is one more.
-    pool._context.task_queue.put(None)  # pyright: ignore[reportPrivateUsage]
-    pool.join()
-
-
-def _let_go(pool: ProcessPool) -> None:
-    """Let idle workers end by themselves; one that is just starting would complain if stopped."""
-    pool.close()
-    with suppress(TimeoutError):  # a library that hangs when it is unloaded
-        pool.join(PATIENCE_S)
-
-
-def _exit_reason(error: object, over_limit: set[int], limits: Limits) -> Lost:
-    if getattr(error, "pid", None) in over_limit:
-        return Lost("memory", f"the worker used more than {limits.memory_gib:g} GiB")
-    code = getattr(error, "exitcode", 0)
-    try:
-        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-    except ValueError:
-        how = f"signal {-code}"
-    return Lost("crash", f"the worker died ({how})")
-
-
-@contextmanager
-def _watch_memory(limit_gib: float) -> Iterator[set[int]]:
-    """Kills workers of this process that outgrow the limit; yields the set of their pids.
-
-    From outside: code that hangs in a native library, or allocates there, runs no Python thread.
-    Not by RLIMIT_DATA alone (`_bind_worker`): what a library does when an allocation fails is
-    anything from an exception to a wrong result.
-    """
-    import psutil
-
-    killed: set[int] = set()
-    stop = threading.Event()
-
-    def watch() -> None:
-        while not stop.wait(WATCH_EVERY_S):
-            for child in psutil.Process().children():
-                try:
-                    if "--multiprocessing-fork" not in child.cmdline():
-                        continue
-                    if child.memory_info().rss > limit_gib * 2**30:
-                        killed.add(child.pid)
-                        child.kill()
-                except psutil.Error:  # gone meanwhile
-                    continue
-
-    watcher = threading.Thread(target=watch, name="memory watch", daemon=True)
-    watcher.start()
-    try:
-        yield killed
-    finally:
-        stop.set()
-        watcher.join()
-
-
 @contextmanager
 def _environment(changes: Mapping[str, str]) -> Iterator[None]:
     before = {name: os.environ.get(name) for name in changes}
@@ -337,20 +340,3 @@ def _environment(changes: Mapping[str, str]) -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-def _bind_worker(memory_gib: float) -> None:
-    """In a worker (Linux): it ends with the run, and the kernel bounds its memory.
-
-    SIGKILL to the run ends it too, even where native code hangs. What takes more than the limit and
-    RESERVED_GIB is refused, whoever asks: a MemoryError in Python.
-    """
-    if sys.platform != "linux":
-        return
-    pr_set_pdeathsig = 1  # linux/prctl.h
-    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
-    _, most = resource.getrlimit(resource.RLIMIT_DATA)
-    wanted = int((memory_gib + RESERVED_GIB) * 2**30)
-    if most != resource.RLIM_INFINITY:
-        wanted = min(wanted, most)
-    resource.setrlimit(resource.RLIMIT_DATA, (wanted, most))

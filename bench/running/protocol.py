@@ -21,6 +21,7 @@ from unicodedata import category, normalize
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, find_method, objectives
 from bench.catalogue.metrics import WeightsUnavailable, find_extractor
+from bench.catalogue.plugins import plugin_problem
 from bench.catalogue.suites import Suite
 from bench.records.artifacts import artifact_path
 from bench.records.job import Job
@@ -494,6 +495,8 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
     methods = with_floor(options.methods or suite.methods)
     for method in methods:
         find_method(method)
+        if problem := plugin_problem("method", method):  # ours is run
+            say(problem)
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     for condition in conditions:
         find(condition, CONDITIONS, "condition")

@@ -22,7 +22,7 @@ import tempfile
 import time
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -218,12 +218,13 @@ def connected(address: str, workers: int) -> Iterator[Cluster]:
     _check_reachable(address)
     own = {"num_cpus": workers, "object_store_memory": STORE_BYTES, "include_dashboard": False}
     try:
-        ray.init(
-            address=address,
-            logging_level=logging.ERROR,
-            log_to_driver=False,
-            **(own if address == LOCAL else {}),
-        )
+        with chdir("/"):  # workers would import from the current folder: a `random.py`, say
+            ray.init(
+                address=address,
+                logging_level=logging.ERROR,
+                log_to_driver=False,
+                **(own if address == LOCAL else {}),
+            )
     except (ConnectionError, RuntimeError, ValueError, OSError) as error:
         message = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise _no_cluster(address, message) from error

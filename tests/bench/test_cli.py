@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -24,6 +25,7 @@ from bench.catalogue.metrics import (
 )
 from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
+from bench.cli import _interrupt_handler
 from data_prep.conditions import CONDITIONS
 from data_prep.protocol_version import PROTOCOL_VERSION
 from learning.weights import file_sha256
@@ -274,3 +276,14 @@ def test_nobody_reads_the_output(buffered):
             [*BENCH, "list"], stdout=closed, stderr=subprocess.PIPE, check=False, env=environment
         )
     assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_an_impatient_user_interrupts_once(clock):
+    handle = _interrupt_handler()
+    with pytest.raises(KeyboardInterrupt):
+        handle(signal.SIGINT, None)
+    clock[0] += 0.5
+    handle(signal.SIGINT, None)
+    clock[0] += 0.6
+    with pytest.raises(KeyboardInterrupt):
+        handle(signal.SIGINT, None)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import resource
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -19,6 +18,7 @@ from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import VIEWS, Broken, Finding, tried
 from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks, thread_counts
 from bench.running.work import draw, load_renderer, reason_of, seen_by
+from bench.running.worker_process import own_python
 from data_prep.datasets import ProceduralObject
 from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Scaled
 from data_prep.failures import BadInput, StageFailure
@@ -84,9 +84,7 @@ def judge(check: Check) -> Finding:
 def _listing(method_id: str) -> Finding:
     """`bench list` looks at the entry points of all methods, and loads none."""
     start = time.perf_counter()
-    done = subprocess.run(
-        (sys.executable, "-c", LISTING), capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(own_python("-c", LISTING), capture_output=True, text=True, check=False)
     seconds = time.perf_counter() - start
     if done.returncode or method_id.partition("@")[0] not in done.stdout:
         return Finding(False, "bench list", f"does not name it: {done.stderr.strip()[-200:]}")

@@ -7,15 +7,19 @@ import sys
 import pytest
 
 from bench.catalogue import methods
-from bench.catalogue.methods import METHODS, find_method
+from bench.catalogue.methods import METHODS, OUR_FAMILIES, find_method
 from bench.catalogue.plugins import find_metric, metric_ids
+from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
+from bench.records.record import GROUND_TRUTH
+from data_prep import datasets
+from data_prep.announced import OUR_KINDS
 from data_prep.failures import BadInput
 
 MODULE = """
 from bench.catalogue.methods import Method
 from bench.catalogue.plugins import ImageMetric
 METHOD = Method("good", lambda device: None, str, 3, "a stranger's")
-DOTTED = Method("pc2pix@v1.2", lambda device: None, str, 4, "no file, though it has a dot")
+DOTTED = Method("good@v1.2", lambda device: None, str, 4, "no file, though it has a dot")
 OTHER_METHOD = Method("other-id", lambda device: None, str, 1, "")
 METRIC = ImageMetric("good", lambda truth, drawn: drawn[:, 0, 0, 0] * 1.0, 3, True, "a stranger's")
 OTHER_METRIC = ImageMetric("other-id", None, 1, True, "")
@@ -25,19 +29,33 @@ TEXT = "text"
 ANNOUNCED = """
 [pc2pix_bench.methods]
 good = stranger:METHOD
-pc2pix@v1.2 = stranger:DOTTED
+good@v1.2 = stranger:DOTTED
 other = stranger:OTHER_METHOD
 text = stranger:TEXT
 missing = stranger:MISSING
 broken = stranger_broken:METHOD
 blank = stranger:METHOD
+../x = stranger:METHOD
+-x = stranger:METHOD
+UPPER = stranger:METHOD
+ground-truth = stranger:METHOD
+best-reconstruction = stranger:METHOD
+pc2pix@mine = stranger:METHOD
+twice = stranger:METHOD
 [pc2pix_bench.metrics]
+ssim = stranger:METRIC
+twice = stranger:METRIC
 good = stranger:METRIC
 other = stranger:OTHER_METRIC
 text = stranger:TEXT
 missing = stranger:MISSING
 a/b = stranger:SPACED
+[pc2pix_bench.extractors]
+twice = stranger:METRIC
+[pc2pix_bench.datasets]
+folder = stranger:METRIC
 """
+SECOND = "[pc2pix_bench.methods]\ntwice = stranger:METHOD\n"
 FIND = {"method": find_method, "metric": find_metric}
 
 
@@ -57,25 +75,44 @@ def stranger(no_stranger, tmp_path, monkeypatch):
     """An installed package that announces more than it has."""
     (tmp_path / "stranger.py").write_text(MODULE)
     (tmp_path / "stranger_broken.py").write_text("raise OSError('no licence')")
-    info = tmp_path / "stranger-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(ANNOUNCED)
+    for name, announced in (("stranger", ANNOUNCED), ("second", SECOND)):
+        info = tmp_path / f"{name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(announced)
     monkeypatch.delitem(sys.modules, "stranger", raising=False)
     monkeypatch.syspath_prepend(tmp_path)
 
 
 def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stranger, command):
     assert find_method("good").version == find_metric("good").version == 3
-    assert find_method("pc2pix@v1.2").version == 4
-    ids = ("blank", "broken", "good", "missing", "other", "pc2pix@v1.2", "text")
-    assert methods.plugin_ids() == ids
-    assert metric_ids() == ("a/b", "good", "missing", "other", "text")
+    assert find_method("good@v1.2").version == 4
+    ids = {"blank", "broken", "good", "missing", "other", "good@v1.2", "text", "../x", "twice"}
+    assert ids <= set(methods.plugin_ids())
+    assert metric_ids() == ("a/b", "good", "missing", "other", "ssim", "text", "twice")
     (ours,) = (method for method in METHODS if method.id == "blank")
     assert find_method("blank") is ours
     status, out, _ = command("list")  # which loads none
     assert status == 0
     assert "  missing                   of another installed package; see 'bench score'" in out
+    ours = "pc2pix-bench uses that id itself; rename it in that package"
+    assert f"  blank                     refused: method 'blank' of stranger: {ours}\n" in out
+    assert f"  folder:PATH               refused: dataset 'folder' of stranger: {ours}\n" in out
+    status, out, _ = command("doctor")
+    assert status == 1
+    assert f"FAIL other packages: method 'best-reconstruction' of stranger: {ours}\n" in out
+    assert out.count("FAIL other packages: ") == 12
+    status, _, err = command("test", "blank")
+    assert (status, err) == (2, f"bench: method 'blank' of stranger: {ours}\n")
+
+
+def test_ids_of_this_project_are_all_known():
+    assert {GROUND_TRUTH, BEST_RECONSTRUCTION, "splat", "splat-net"} <= OUR_FAMILIES
+    assert ("procedural", *datasets._STORED) == OUR_KINDS
+
+
+KEBAB = "an id is kebab-case (a-z, 0-9 and single hyphens), it names files; rename it in that"
+OURS = "pc2pix-bench uses that id itself; rename it in that package"
 
 
 @pytest.mark.parametrize(
@@ -88,7 +125,11 @@ def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stran
         ("metric", "other", "stranger:OTHER_METRIC is not a bench.image_metric.ImageMetric with "),
         ("metric", "text", "stranger:TEXT is not a bench.image_metric.ImageMetric with that id; "),
         ("metric", "missing", "stranger:MISSING cannot be loaded (AttributeError: "),
-        ("metric", "a/b", "an id is kebab-case, it names files; rename it"),
+        *(("method", id_, KEBAB) for id_ in ("../x", "-x", "UPPER")),
+        *(("method", id_, OURS) for id_ in ("ground-truth", "best-reconstruction", "pc2pix@mine")),
+        ("metric", "a/b", KEBAB),
+        ("metric", "ssim", OURS),
+        ("metric", "twice", "there can be one of that id; rename or remove the others"),
     ],
 )
 def test_what_a_package_announces_and_has_not_is_refused_by_name(stranger, kind, id_, problem):
@@ -96,9 +137,16 @@ def test_what_a_package_announces_and_has_not_is_refused_by_name(stranger, kind,
         FIND[kind](id_)
     message = str(error.value)
     assert message.startswith(f"{kind} '{id_}' of stranger: {problem}")
-    assert message.endswith(("; fix or remove that package", "; rename it"))
+    remedies = "; fix or remove that package", "; rename it in that package", "the others"
+    assert message.endswith(remedies)
     with pytest.raises(BadInput, match=f"unknown {kind} 'goods': "):
         FIND[kind]("goods")
+
+
+def test_two_packages_of_one_id_are_both_named(stranger):
+    problem = "method 'twice' of second and of stranger: there can be one of that id; "
+    with pytest.raises(BadInput, match=f"^{problem}rename or remove the others$"):
+        find_method("twice")
 
 
 def test_without_other_packages_there_are_ours_only(no_stranger, command, tmp_path):

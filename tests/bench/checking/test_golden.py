@@ -145,6 +145,12 @@ def test_every_default_metric_has_a_tolerance():
     assert tolerance("splat", "fid") is None
     assert tolerance("true-mesh", "retrieval") == JUDGED["retrieval"]  # it errs even there
     assert tolerance("surface-apss", "ssim") == RECONSTRUCTION["ssim"]
+    assert tolerance("surface-apss@resolution=50", "ssim") == RECONSTRUCTION["ssim"]
+    for method in ("surface-fit", "surface-bpa"):
+        reason = "the tolerance of surface-apss, whose steps it takes"
+        assert tolerance(method, "ssim") == replace(RECONSTRUCTION["ssim"], reason=reason)
+        assert tolerance(method, "thin-recall") == RECONSTRUCTION["thin-recall"]
+    assert tolerance("surface-of-a-stranger", "ssim") == RENDERING["ssim"]
     assert tolerance("pc2pix", "ssim") == RENDERING["ssim"]
 
 

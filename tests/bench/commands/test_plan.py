@@ -13,8 +13,10 @@ from harness_objects import Tetrahedron
 
 import bench.metrics.inception_weights
 from bench.catalogue.lookup import find
+from bench.catalogue.methods import METHODS
+from bench.catalogue.reconstruction import RANKING
 from bench.catalogue.suites import SUITES
-from bench.commands.plan import plan_of
+from bench.commands.plan import _kind, plan_of
 from bench.commands.run import describe_run
 from bench.records.job import failed
 from bench.records.journal import open_journal, read_manifest, write_manifest
@@ -265,3 +267,11 @@ def test_plan_compares_with_cheaper_methods_of_the_same_kind(tmp_path):
     ) in text
     assert "splat" not in text
     assert "`--also`" not in text
+
+
+def test_all_reconstructions_are_of_one_kind():
+    """Also the variants of one; nothing else is."""
+    of_one_kind = {m.id for m in METHODS if _kind(m.id) == "reconstruction"}
+    assert {*RANKING["2048"], "open3d-poisson"} == of_one_kind
+    assert _kind("surface-apss@resolution=50") == "reconstruction"
+    assert [_kind(id_) for id_ in ("splat", "pc2pix@bf16", "gone")] == ["splat", "pc2pix", "gone"]

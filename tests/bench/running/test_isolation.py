@@ -16,14 +16,12 @@ import numpy as np
 import psutil
 import pytest
 
-import bench.running.isolation
 from bench.catalogue.suites import Limits
-from bench.running.isolation import MOST_BREAKS, Lost, TaskPool, run_tasks
+from bench.running.isolation import Lost, TaskPool, run_tasks
 
 pytestmark = pytest.mark.timing
 
 LIMITS = Limits(time_s=60.0, memory_gib=8.0)
-ROOT = Path(__file__).parents[3]
 
 
 AT_ONCE = {  # ways to 16 GiB in one call
@@ -100,45 +98,164 @@ def test_what_is_asked_for_at_once_beyond_the_limit_is_refused(tmp_path):
     }
 
 
-def test_a_pool_may_break_as_often_as_allowed_each_time_before_a_task_ends():
-    """As Pebble's does where a worker dies before its task is known to have begun."""
-    found, rounds = [], (range(MOST_BREAKS), range(10, 10 + MOST_BREAKS))
-    with closing(TaskPool(abs, 1, LIMITS)) as pool:
-        for tasks in rounds:
-            for x in tasks:
-                before = pool._pool
-                pool.submit(x)  # which the pool that broke refuses
-                assert (pool._pool is before) == (x == tasks[0])
-                broken = pool._pool
-                broken._pool_manager.handle_broken_pool(BrokenProcessPool("All workers expired"))
-            ended = []
-            while len(ended) < len(tasks):
-                ended += pool.collect()
-            assert pool._pool is not broken
-            found.append(sorted(ended))
-        assert list(pool.collect()) == []  # nothing is left to wait for
-    assert found == [[(x, x) for x in tasks] for tasks in rounds]
+class Fatal:
+    """A function that ends the process that unpickles it."""
+
+    def __reduce__(self):
+        return os._exit, (4,)
+
+    def __call__(self, task):
+        return task
 
 
-@pytest.mark.slow
-def test_tasks_that_a_pool_has_lost_are_done_again(monkeypatch):
-    monkeypatch.setattr(bench.running.isolation, "PATIENCE_S", 0.0)
-    with closing(TaskPool(square, 1, Limits(time_s=2.0, memory_gib=8.0))) as pool:
-        pool._pool._pool_manager.task_manager.register = lambda task: None
-        pool.submit(7)
-        assert list(pool.collect()) == [(7, 49)]
-
-
-@pytest.mark.slow
-def test_a_pool_that_always_breaks_is_given_up(monkeypatch):
-    def breaks(manager):
-        raise BrokenProcessPool("no worker can be started")
-
-    with closing(TaskPool(square, 1, LIMITS)) as pool:
-        monkeypatch.setattr(type(pool._pool._pool_manager), "update_status", breaks)
+def test_workers_that_cannot_begin_are_given_up():
+    lost = r"4 workers were lost before they could begin \(crash: the worker died \(exit code 4\)\)"
+    with closing(TaskPool(Fatal(), 1, LIMITS)) as pool:
         pool.submit(1)
-        with pytest.raises(BrokenProcessPool, match="4 times all workers were lost"):
+        with pytest.raises(BrokenProcessPool, match=lost):
             list(pool.collect())
+
+
+def tell_pid(task):
+    return os.getpid()
+
+
+def test_a_worker_that_dies_between_tasks_costs_none():
+    with closing(TaskPool(tell_pid, 1, LIMITS)) as pool:
+        pool.submit(1)
+        ((_, first),) = pool.collect()
+        keeper = psutil.Process(first).parent()
+        os.kill(first, signal.SIGKILL)
+        wait_until(lambda: keeper.status() == psutil.STATUS_ZOMBIE)
+        pool.submit(2)
+        ((task, second),) = pool.collect()
+        assert task == 2
+        assert isinstance(second, int)
+        assert second != first
+        assert list(pool.collect()) == []  # nothing is left to wait for
+
+
+def nap(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
+def test_a_clock_that_is_set_costs_no_task(monkeypatch):
+    hours = count(step=3600)
+    monkeypatch.setattr(time, "time", lambda: float(next(hours)))
+    assert list(run_tasks([0.3, 0.3], nap, 1, LIMITS)) == [(0.3, 0.3), (0.3, 0.3)]
+
+
+HELD = "held = bytearray({bytes}); print('held', flush=True); import time; time.sleep(600)"
+
+
+def start_children(task: tuple[str, Path]) -> str:
+    """Start three processes, write their ids down, and end as the task says.
+
+    One is a child as usual, one leads a session, one is an orphan in a session of its own.
+    """
+    how, file = task
+    size = 2**28 if how == "hold" else 1
+    command = [sys.executable, "-c", HELD.format(bytes=size)]
+    orphan = (
+        f"import subprocess; print(subprocess.Popen({command}, start_new_session=True, "
+        "stdout=subprocess.DEVNULL).pid)"
+    )
+    children = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=session)
+        for session in (False, True)
+    ]
+    pids = [child.pid for child in children]
+    pids.append(int(subprocess.check_output([sys.executable, "-c", orphan])))
+    file.with_suffix(".part").write_text(" ".join(map(str, pids)))
+    file.with_suffix(".part").rename(file)
+    for child in children:
+        assert child.stdout.readline() == b"held\n"
+    if how == "crash":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if how in ("hang", "hold"):
+        time.sleep(600)
+    return how
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux hands orphans to a worker")
+@pytest.mark.parametrize(
+    ("how", "limits", "result"),
+    [
+        ("return", LIMITS, "return"),
+        ("crash", LIMITS, Lost("crash", "the worker died (SIGSEGV)")),
+        pytest.param(
+            *("hang", Limits(3.0, 8.0), Lost("timeout", "no result within 3 s")),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            *("hold", Limits(60.0, 0.6), Lost("memory", "the worker used more than 0.6 GiB")),
+            marks=[pytest.mark.slow, pytest.mark.memory],
+        ),
+    ],
+)
+def test_what_a_worker_has_started_ends_with_its_task(tmp_path, how, limits, result):
+    file = tmp_path / "pids"
+    tasks = [(how, file), ("return", tmp_path / "more")]
+    with closing(run_tasks(tasks, start_children, 1, limits)) as stream:
+        assert next(stream)[1] == result
+        assert not any(map(is_alive, map(int, file.read_text().split())))
+
+
+KILLED_RUN = """
+import sys
+from pathlib import Path
+from bench.running.isolation import Limits, run_tasks
+if __name__ == "__main__":
+    sys.path[:0] = sys.argv[1:2]
+    from test_isolation import start_children
+    list(run_tasks([("hang", Path(sys.argv[2]))], start_children, 1, Limits(60.0, 8.0)))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux hands orphans to a worker")
+def test_what_a_worker_has_started_does_not_outlive_a_killed_run(tmp_path):
+    (tmp_path / "run.py").write_text(KILLED_RUN)
+    file = tmp_path / "pids"
+    command = [sys.executable, tmp_path / "run.py", Path(__file__).parent, file]
+    with subprocess.Popen(command) as process:
+        wait_until(file.exists)
+        process.kill()
+    pids = [int(pid) for pid in file.read_text().split()]
+    wait_until(lambda: not any(map(is_alive, pids)))
+
+
+def fork_thrice(_) -> str:
+    """Hold 0.4 GiB in a process and share it with three more for a second."""
+    held = np.ones(2**28 // 5)
+    children = []
+    for _ in range(3):
+        if (child := os.fork()) == 0:
+            time.sleep(1.0)
+            os._exit(int(held[0]))
+        children.append(child)
+    return " ".join(str(os.waitpid(child, 0)[1] >> 8) for child in children)
+
+
+@pytest.mark.slow
+@pytest.mark.memory
+def test_memory_that_processes_of_a_worker_share_counts_once():
+    done = run_tasks([0], fork_thrice, 1, Limits(60.0, 0.9))
+    assert [result for _, result in done] == ["1 1 1"]
 
 
 def test_what_a_task_raises_is_raised(tmp_path):
@@ -178,48 +295,3 @@ def test_tasks_come_with_their_results_and_are_taken_as_workers_get_free():
     with closing(run_tasks(endless(), square, 1, LIMITS)) as stream:
         assert len(list(islice(stream, 5))) == 5
     assert len(taken) <= 5 + 2
-
-
-INTERRUPTED = """
-import threading
-import pebble
-from bench.running.isolation import Limits, run_tasks
-
-def half(x):
-    return x / 2
-
-def leave_a_waiter_behind(queue):
-    # `Condition.notify`, interrupted after it has woken a thread and before it has crossed it out.
-    stale = threading.Lock()
-    stale.acquire()
-    queue.not_empty._waiters.appendleft(stale)
-
-pools = []
-class Pool(pebble.ProcessPool):
-    def __init__(self, *args, **options):
-        super().__init__(*args, **options)
-        pools.append(self)
-
-if __name__ == "__main__":
-    pebble.ProcessPool = Pool
-    results = run_tasks(range(100), half, 1, Limits(time_s=60.0, memory_gib=8.0))
-    next(results)  # of whichever is done first
-    print("running")
-    queue = pools[0]._context.task_queue
-    while not queue.not_empty._waiters:  # the pool's thread has taken all there is
-        pass
-    with queue.mutex:
-        leave_a_waiter_behind(queue)
-    results.close()
-    print("closed")
-"""
-
-
-def test_an_interrupt_within_a_notification_does_not_keep_the_pool_from_ending(tmp_path):
-    script = tmp_path / "interrupted.py"
-    script.write_text(INTERRUPTED)
-    done = subprocess.run(
-        [sys.executable, script], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert (done.stdout, done.stderr) == ("running\nclosed\n", "")

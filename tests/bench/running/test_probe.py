@@ -32,7 +32,7 @@ def test_the_last_line_is_the_answer(monkeypatch):
     calls = answer(monkeypatch, 'a driver says hello\n{"gl": "llvmpipe"}\n')
     assert environment() == {"gl": "llvmpipe"}
     ((command, options),) = calls
-    assert command == [sys.executable, "-m", "bench.running.environment"]
+    assert command == [sys.executable, "-P", "-m", "bench.running.environment"]
     assert WORKER_ENVIRONMENT.items() <= options["env"].items()
     assert options["env"]["PATH"] == os.environ["PATH"]
 

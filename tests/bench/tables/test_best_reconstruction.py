@@ -7,6 +7,7 @@ import io
 
 import pytest
 
+from bench.catalogue.methods import METHODS as CATALOGUE
 from bench.catalogue.methods import role
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, RANKING, best_reconstruction
 from bench.catalogue.suites import SUITES
@@ -51,6 +52,12 @@ def test_every_ranking_is_of_what_there_is():
             own = {m for m in suite.methods if m in {x for of in RANKING.values() for x in of}}
             assert own <= ranked
             assert len(RANKING[condition]) == len(ranked)
+
+
+def test_methods_say_whether_they_reconstruct():
+    """Those that are ranked, and one that is measured by itself."""
+    said = {method.id for method in CATALOGUE if method.reconstruction}
+    assert said == set(RANKING["2048"]) | {"open3d-poisson"}
 
 
 def test_the_row_has_the_values_of_the_chosen_method(directory):

@@ -1,0 +1,283 @@
+"""Worker processes that end together with every process they have started, whatever ends them.
+
+A worker is two processes. The pool starts the keeper, which waits and does nothing else, so that it
+neither hangs nor crashes; its child, the worker proper, does the tasks. Linux hands orphans to the
+nearest subreaper above them, so a process that detaches itself (a double fork, a session of its
+own) still comes up to the worker, and after the worker's end to the keeper, which ends it. The
+kernel tells the keeper of the pool's end, even by SIGKILL. What escapes: processes of another user
+(setuid programs), and all of them where somebody kills the keeper itself by SIGKILL.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import pickle
+import resource
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import psutil
+
+WATCH_EVERY_S = 0.1
+# Beyond the limit on resident memory the kernel refuses writable memory: 16 GiB asked for at once
+# are faster than the watch. On the CPU methods reserve at most 0.1 GiB more than they use; the rest
+# is for what CUDA and plug-ins reserve.
+RESERVED_GIB = 8.0
+PATIENCE_S = 10.0  # with a worker that has nothing left to do, or ought to have ended
+SAFE_PATH = "PYTHONSAFEPATH"  # keeps the current folder off the path of imports
+
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
+
+
+def own_python(*arguments: str) -> list[str]:
+    """Return the command of another process of this interpreter.
+
+    The current folder is not on its path: a `random.py` there is not ours to run.
+    """
+    return [sys.executable, "-P", *arguments]
+
+
+class WorkerProcess:
+    """A process that applies a function to whatever it is sent, with all that it has started.
+
+    It reads its environment when it starts. The answers, which `connection` gives in turn, are
+    (True, None) when it is ready, then (True, value) or (False, what the function raised) for each
+    task. To be ended by `kill`, or by `let_go` and `join`.
+    """
+
+    def __init__(self, work: Callable[[Any], Any], memory_gib: float) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        self.connection, of_worker = spawn.Pipe()
+        self._keeper = spawn.Process(target=_keep, args=(of_worker, memory_gib))
+        self._keeper.start()
+        of_worker.close()
+        with suppress(OSError):  # it died at once, which its sentinel says
+            self.connection.send(work)  # not as an argument: the keeper need not load its module
+
+    @property
+    def pid(self) -> int:
+        """The process id of the keeper."""
+        assert self._keeper.pid is not None
+        return self._keeper.pid
+
+    @property
+    def sentinel(self) -> int:
+        """A handle that is ready when the keeper has ended (`multiprocessing.connection.wait`)."""
+        return self._keeper.sentinel
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the keeper has ended, the last of the processes."""
+        return self._keeper.exitcode is not None
+
+    def exit_code(self) -> int:
+        """Wait until all of it has ended, and return how: as `multiprocessing.Process.exitcode`."""
+        self.join()
+        return self._keeper.exitcode or 0
+
+    def let_go(self) -> None:
+        """Let an idle worker end by itself."""
+        self.connection.close()
+
+    def stop(self) -> None:
+        """Have all of it ended, without waiting for that."""
+        self._keeper.terminate()
+
+    def join(self) -> None:
+        """Wait until all of it has ended, and end what has not within `PATIENCE_S`."""
+        self._keeper.join(PATIENCE_S)  # a library may hang when it is unloaded
+        if not self.has_ended:
+            self.stop()
+            self._keeper.join(PATIENCE_S)
+        if not self.has_ended:
+            self._keeper.kill()
+            self._keeper.join()
+
+
+def _keep(connection: Connection, memory_gib: float) -> None:
+    """Run a worker as a child; when it ends, or on SIGTERM, end all of its processes.
+
+    This process then ends as the worker did: by the same signal or with the same exit code.
+    """
+    os.setsid()  # no Ctrl-C or Ctrl-Z of the terminal reaches a worker
+    _control(PR_SET_PDEATHSIG, signal.SIGTERM)
+    pool = multiprocessing.parent_process()
+    if pool is None or os.getppid() != pool.pid:  # it ended before the kernel was asked
+        return
+    _control(PR_SET_CHILD_SUBREAPER, 1)
+    expected = (signal.SIGTERM, signal.SIGCHLD)
+    signal.pthread_sigmask(signal.SIG_BLOCK, expected)
+    worker = os.fork()
+    if worker == 0:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, expected)
+        _serve(connection, memory_gib)
+        return
+    connection.close()  # else the pool would not see the worker's end
+    ended, status = 0, signal.SIGTERM.value
+    while not ended and signal.sigwait(expected) != signal.SIGTERM:
+        ended, status = os.waitpid(worker, os.WNOHANG)
+    end_children()
+    _end_like(os.waitstatus_to_exitcode(status if ended else signal.SIGTERM.value))
+
+
+def _end_like(code: int) -> None:
+    """End this process at once, with an exit code of `multiprocessing`: negative is a signal."""
+    if code < 0:
+        _, most = resource.getrlimit(resource.RLIMIT_CORE)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, most))  # the worker has left its dump, if any
+        with suppress(OSError):  # SIGKILL has no handler
+            signal.signal(-code, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
+        os.kill(os.getpid(), -code)
+    os._exit(code)
+
+
+def _serve(connection: Connection, memory_gib: float) -> None:
+    """Do one task after another, until the pool closes its end of the connection."""
+    _bind(memory_gib)
+    # A method that starts Python gets it as usual.
+    os.environ.pop(SAFE_PATH, None)
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the pool is gone
+        work = connection.recv()
+        connection.send((True, None))
+        while True:
+            answer = _answer(work, connection.recv())
+            end_children()  # a task's result and memory depend on no other task
+            try:
+                connection.send(answer)
+            except (pickle.PicklingError, TypeError, AttributeError) as error:
+                connection.send((False, error))
+
+
+def _answer(work: Callable[[Any], Any], task: object) -> tuple[bool, Any]:
+    try:
+        return True, work(task)
+    except BaseException as error:
+        error.add_note(f"in a worker:\n{traceback.format_exc()}")
+        return False, error
+
+
+def _bind(memory_gib: float) -> None:
+    """Tie this process to its keeper (Linux), and have the kernel bound its memory.
+
+    What takes more than the limit and RESERVED_GIB is refused, whoever asks: a MemoryError in
+    Python.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "linux":
+        return
+    _control(PR_SET_PDEATHSIG, signal.SIGKILL)
+    _control(PR_SET_CHILD_SUBREAPER, 1)
+    _, most = resource.getrlimit(resource.RLIMIT_DATA)
+    wanted = int((memory_gib + RESERVED_GIB) * 2**30)
+    if most != resource.RLIM_INFINITY:
+        wanted = min(wanted, most)
+    resource.setrlimit(resource.RLIMIT_DATA, (wanted, most))
+
+
+def _control(option: int, value: int) -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(option, value)
+
+
+def end_children() -> None:
+    """End all children of this process, and theirs, which come up to it as their parents end."""
+    with suppress(ChildProcessError):  # none is left
+        while True:
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+            import psutil
+
+            for child in psutil.Process().children():
+                with suppress(psutil.Error):
+                    child.kill()
+            time.sleep(0.005)
+
+
+@contextmanager
+def watched_memory(keepers: Callable[[], Iterable[int]], limit_gib: float) -> Iterator[set[int]]:
+    """Kill workers that outgrow the limit, with all their processes, as long as the block lasts.
+
+    From outside: code that hangs in a native library, or allocates there, runs no Python thread.
+    Not by RLIMIT_DATA alone (`_bind`): what a library does when an allocation fails is anything
+    from an exception to a wrong result.
+
+    Parameters
+    ----------
+    keepers : callable
+        Returns the process ids of the workers' keepers, children of this process.
+    limit_gib : float
+        Resident memory of one worker and its processes together.
+
+    Yields
+    ------
+    set of int
+        The ids of those that were killed.
+    """
+    import psutil
+
+    killed: set[int] = set()
+    stop = threading.Event()
+
+    def watch() -> None:
+        while not stop.wait(WATCH_EVERY_S):
+            for keeper, family in _families(keepers()).items():
+                if _exceeds(family, limit_gib * 2**30):
+                    killed.add(keeper)
+                    for process in family:
+                        with suppress(psutil.Error):  # gone meanwhile
+                            process.kill()
+
+    watcher = threading.Thread(target=watch, name="memory watch", daemon=True)
+    watcher.start()
+    try:
+        yield killed
+    finally:
+        stop.set()
+        watcher.join()
+
+
+def _families(keepers: Iterable[int]) -> dict[int, list[psutil.Process]]:
+    """Return all processes below each keeper, by one look at the process table."""
+    import psutil
+
+    keeper_of = {keeper: keeper for keeper in keepers}
+    families: dict[int, list[psutil.Process]] = {keeper: [] for keeper in keeper_of}
+    if families:
+        for process in psutil.Process().children(recursive=True):  # parents before their children
+            with suppress(psutil.Error):
+                keeper = keeper_of.get(process.ppid())
+                if keeper is not None:
+                    keeper_of[process.pid] = keeper
+                    families[keeper].append(process)
+    return families
+
+
+def _exceeds(family: list[psutil.Process], limit: float) -> bool:
+    """Whether processes together hold more bytes of memory than the limit."""
+    resident = _sum(family, lambda process: process.memory_info().rss)
+    if resident <= limit or len(family) == 1:
+        return resident > limit
+    # The sum counts pages that forked processes share once for each; to count them once (PSS) the
+    # kernel walks all page tables, too slow for every look.
+    return _sum(family, lambda process: process.memory_full_info().pss) > limit
+
+
+def _sum(family: list[psutil.Process], size: Callable[[psutil.Process], int]) -> int:
+    import psutil
+
+    total = 0
+    for process in family:
+        with suppress(psutil.Error):  # gone meanwhile
+            total += size(process)
+    return total
