@@ -158,7 +158,10 @@ def compare(
     ] = None,
     metric: Annotated[
         str | None,
-        typer.Option(help="Metrics, comma-separated. Default: ssim, and those of sets of images."),
+        typer.Option(
+            help="Metrics, comma-separated. Default: ssim, ssim-object, lpips, and those of sets "
+            "of images."
+        ),
     ] = None,
     out: Annotated[
         Path | None,

@@ -17,7 +17,7 @@ from bench.catalogue.parameters import PARAMETERS
 from bench.records.journal import PROTOCOL
 from bench.report.site.page import Link, Section, SitePage, card_html
 from bench.running.protocol import file_name
-from bench.tables.differences import difference_cell
+from bench.tables.differences import difference_cell, too_few
 from bench.tables.frontier import cost_grid
 from bench.tables.scored import ScoredRun
 from bench.tables.table import NOTHING, Cell, Grid, Head, Line, Mark, grid, number, pivot
@@ -25,7 +25,8 @@ from bench.tables.table import NOTHING, Cell, Grid, Head, Line, Mark, grid, numb
 QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with
 LETTERS = (
     "Methods that share a letter are not shown to differ (paired object by object, p below 0.05 "
-    "after Holm's correction for all pairs of a column); without letters there are too few objects."
+    "after Holm's correction for all pairs of a column). Reference methods (ceiling, floor) are "
+    "shown for comparison and have no letters."
 )
 FIRST = Mark("first")  # nothing is shown to be better
 INDEX, COMPARE, COSTS = "index.html", "compare.html", "cost.html"
@@ -98,6 +99,12 @@ def _rank_cell(of: Ranking, method: str) -> Cell:
     return replace(cell, text=f"{cell.text} {rank.letters}".rstrip())
 
 
+def _letters_remark(rankings: Iterable[Ranking]) -> str:
+    """Return what letters mean, and how many objects there have to be where they are missing."""
+    needed = [of.objects_needed for of in rankings if of.objects_needed]
+    return LETTERS + (f" Without letters: {too_few(max(needed))}." if needed else "")
+
+
 def _caption(metric: str) -> str:
     return f"{metric}, {'higher' if higher_is_better(metric) else 'lower'} is better"
 
@@ -113,7 +120,8 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
             for m in methods
         )
         heads = _heads(of.condition for of in of_metric)
-        grids.append(Grid("method", heads, lines, caption=_caption(metric), remark=LETTERS))
+        remark = _letters_remark(of_metric)
+        grids.append(Grid("method", heads, lines, caption=_caption(metric), remark=remark))
     return tuple(grids)
 
 
@@ -123,13 +131,22 @@ def _record(runs: Iterable[SiteRun], a: str, b: str) -> tuple[int, int, int]:
     return outcomes.count("a"), outcomes.count("tie"), outcomes.count("b")
 
 
+def _objects_needed(runs: Iterable[SiteRun], a: str, b: str) -> int:
+    """Return how many objects decide all that is undecided between a and b; 0 where nothing is."""
+    outcomes = [one for run in runs for one in run.differences.get((a, b), ())]
+    return max((one.objects_needed or 0 for one in outcomes), default=0)
+
+
 def _shared(runs: Sequence[SiteRun], a: str, b: str) -> bool:
     return any(of.of(a) and of.of(b) for run in runs for of in run.rankings)
 
 
 def _difference_cell(row: PairedDifference) -> Cell:
+    cell = difference_cell(row)
+    if row.objects_needed:
+        return cell
     ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
-    return replace(difference_cell(row), special=Mark(f"{ahead} ahead") if ahead else None)
+    return replace(cell, special=Mark(f"{ahead} ahead") if ahead else None)
 
 
 def _heads(names: Iterable[str]) -> tuple[Head, ...]:
@@ -167,8 +184,7 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
     for method in ranked:
         cells = []
         for run in runs:
-            found = (of.of(method) for of in run.rankings)
-            ranks = [rank for rank in found if rank is not None and rank.letters]
+            ranks = [rank for of in run.rankings if (rank := of.of(method)) and rank.letters]
             count = sum(rank.first for rank in ranks)
             cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
         firsts.append(Line(method, tuple(cells), role(method), link=_method_file(method)))
@@ -177,7 +193,8 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         _heads(run.name for run in runs),
         tuple(firsts),
         caption="How often a method is among the first",
-        remark="Of all metrics and conditions of a run: none is shown to be better. " + LETTERS,
+        remark="Of all metrics and conditions of a run: none is shown to be better. "
+        + _letters_remark(of for run in runs for of in run.rankings),
     )
     version = runs[0].run.manifest[PROTOCOL]
     return SitePage(
@@ -242,8 +259,9 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
             at = {of.condition: of for owner, of in cells if owner is run}
             values = (_rank_cell(at[c], method) if c in at else NOTHING for c in conditions)
             lines.append(Line(run.name, tuple(values), run.machine, link=run.page))
+        remark = _letters_remark(of for _, of in cells)
         made = Grid(
-            "run", _heads(conditions), tuple(lines), caption=_caption(metric), remark=LETTERS
+            "run", _heads(conditions), tuple(lines), caption=_caption(metric), remark=remark
         )
         grids.append(made)
     others = [other for other in ranked if other != method and _shared(runs, method, other)]
@@ -288,6 +306,7 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
 
 def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
     lines = []
+    needed = max((_objects_needed(runs, a, b) for a, b in combinations(ranked, 2)), default=0)
     for a in ranked:
         cells = []
         for b in ranked:
@@ -305,7 +324,7 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         tuple(lines),
         caption="Ahead, tie, behind: the method of the line against that of the column",
         remark="Counted over all metrics and conditions of all runs that have both. A tie: no "
-        "difference is shown. Untested: too few objects.",
+        f"difference is shown.{f' Untested: {too_few(needed)}.' if needed else ''}",
     )
     return SitePage(
         COMPARE,
@@ -330,14 +349,19 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
             )
             sections.append(Section(run.name, str(run.run.manifest["dataset"]), (made,)))
     ahead, ties, behind = _record(runs, a, b)
+    outcome = []
+    if ahead + ties + behind:
+        outcome.append(
+            f"Over all runs, metrics and conditions {a} is ahead {ahead} times, {b} {behind} "
+            f"times, and {ties} times no difference is shown."
+        )
+    if needed := _objects_needed(runs, a, b):
+        outcome.append(f"{'For the rest there' if outcome else 'There'} are {too_few(needed)}.")
     return SitePage(
         _pair_file(a, b),
         f"{a} and {b}",
         "pc2pix-bench, two methods",
-        f"Over all runs, metrics and conditions {a} is ahead {ahead} times, {b} {behind} times, "
-        f"and {ties} times no difference is shown."
-        if ahead + ties + behind
-        else "Too few objects to test whether they differ.",
+        " ".join(outcome),
         (("runs with both", str(len(sections))),),
         (
             *sections,
