@@ -173,6 +173,12 @@ def candidates(methods: Iterable[str]) -> list[str]:
     return [method for method in methods if method not in FLOORS and not _sees_mesh(method)]
 
 
+def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:
+    """Return the methods whose value, as printed, is worse than that of a white image."""
+    blank = qualities.get(FLOOR)
+    return set() if blank is None else {m for m, of in qualities.items() if of.rank < blank.rank}
+
+
 def lead(a: Quality, b: Quality) -> Estimate:
     """How much better a is than b: their difference, over 0 where a is better."""
     return difference(a, b) if higher_is_better(a.metric) else difference(b, a)
