@@ -24,6 +24,7 @@ from bench.analysis.paired import (
     paired_differences,
     sign_flip_p,
 )
+from bench.catalogue.metrics import IMAGE_METRICS
 from bench.records.journal import read_manifest, write_manifest
 
 from ..builders import write_run
@@ -252,6 +253,18 @@ def test_eight_objects_are_too_few_for_eighteen_cells(command, tmp_path):
     assert "`?`: too few objects to decide: at least 10." in out
     rows = rows_of(run / "comparisons" / "true-mesh-blank")
     assert {(row["ahead"], row["objects_needed"]) for row in rows} == {("unknown", "10")}
+
+
+def test_help_names_the_metrics_that_are_compared(command, two_runs):
+    first, second = two_runs
+    assert command("compare", first, second)[0] == 0
+    compared = {row["metric"] for row in rows_of(second / "comparisons" / "first-second")}
+    images = sorted(compared & IMAGE_METRICS.keys())
+    assert images == ["lpips", "ssim", "ssim-object"]
+    _, out, _ = command("compare", "--help")
+    assert "Default: ssim, ssim-object, lpips, and those of sets of images." in " ".join(
+        out.split()
+    )
 
 
 def test_no_folder_is_said_before_anything_else(command, tmp_path):
