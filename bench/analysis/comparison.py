@@ -186,7 +186,7 @@ def candidates(methods: Iterable[str]) -> list[str]:
 def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:
     """Return the methods whose value, as printed, is worse than that of a white image."""
     blank = qualities.get(FLOOR)
-    return set() if blank is None else {m for m, of in qualities.items() if of.rank < blank.rank}
+    return set() if blank is None else {m for m, q in qualities.items() if q.rank < blank.rank}
 
 
 def lead(a: Quality, b: Quality) -> Estimate:

@@ -31,7 +31,7 @@ SIGNIFICANCE = 0.05
 MOST_EXACT = 16  # objects of which all signs are counted
 RESAMPLES = 9999
 SEED = 0
-AT_ONCE = 2**20  # numbers of the random signs that are in memory: 8 MB
+AT_ONCE = 2**20  # numbers of the random signs and their sums that are in memory: 8 MB
 ROUNDING = 1e-14  # of the sum of the amounts: sums in two orders differ by less
 
 
@@ -66,7 +66,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class PairedDifference:
-    """What differs in a cell.
+    """The difference in a cell.
 
     difference  b - a, with its 95 % interval; NaN where there are too few objects
     p           of no difference, two-sided; NaN where there are too few objects
@@ -84,7 +84,7 @@ class PairedDifference:
     objects_needed: int | None
 
     def turned(self) -> PairedDifference:
-        """The same with its sides exchanged."""
+        """Return the same with its sides exchanged."""
         pair = replace(
             self.pair,
             a=self.pair.b,
@@ -104,14 +104,14 @@ def paired_differences(pairs: Sequence[Pair]) -> list[PairedDifference]:
     values = p_values(pairs, changes)
     tested = sum(not math.isnan(p) for p in values)
     testable = sum(math.isfinite(change.value) for change in changes)  # with enough objects
-    made = []
+    differences = []
     for pair, change, p, corrected in zip(pairs, changes, values, holm(values), strict=True):
         needed = None
         if not corrected < SIGNIFICANCE and _undecidable(pair, change, p, tested):
             needed = fewest_objects(testable) if is_mean(pair.metric) else FEWEST
         ahead = "unknown" if needed else _ahead(pair.metric, change, corrected)
-        made.append(PairedDifference(pair, change, p, corrected, ahead, needed))
-    return made
+        differences.append(PairedDifference(pair, change, p, corrected, ahead, needed))
+    return differences
 
 
 def p_values(pairs: Sequence[Pair], changes: Sequence[Estimate]) -> list[float]:
@@ -174,7 +174,7 @@ def _resampled_p(rows: Floats) -> Floats:
     rng = np.random.default_rng(SEED)
     observed, slack = rows.sum(axis=1), ROUNDING * np.abs(rows).sum(axis=1)
     above, below = np.ones(len(rows)), np.ones(len(rows))  # what was observed is one of them
-    at_once = max(1, AT_ONCE // (2 * size))
+    at_once = max(1, AT_ONCE // (2 * size + len(rows)))
     for start in range(0, RESAMPLES, at_once):
         both = np.tile([1.0, -1.0], (min(at_once, RESAMPLES - start), size, 1))
         sums = rng.permuted(both, axis=-1)[..., 0] @ rows.T
@@ -208,7 +208,7 @@ def _undecidable(pair: Pair, change: Estimate, p: float, tested: int) -> bool:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """P values corrected for their number, in their order; NaN stays and does not count."""
+    """Return p values corrected for their number, in their order; NaN stays and does not count."""
     known = sorted((p, i) for i, p in enumerate(p_values) if not math.isnan(p))
     corrected = [math.nan] * len(p_values)
     largest = 0.0

@@ -22,7 +22,7 @@ from bench.analysis.paired import Pair, PairedDifference, Side, paired_differenc
 
 @dataclass(frozen=True)
 class Rank:
-    """A method's value and its letters, "a" for the best; empty where it has no rank.
+    """A method's value and its letters, "a" for the best; without a rank it has none.
 
     Reference methods never have one, the others where there are enough objects.
     """
@@ -33,7 +33,7 @@ class Rank:
 
     @property
     def first(self) -> bool:
-        """Whether it is ranked, and no other is shown to be better than it."""
+        """Return whether it is ranked, and no other is shown to be better than it."""
         return "a" in self.letters
 
 

@@ -30,7 +30,7 @@ ALTERNATIVES = 3
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for; None where it does not matter.
+    """The limits that are asked for; None where one does not matter.
 
     views      images of a cloud
     budget_ms  for a cloud with all its images
@@ -107,7 +107,7 @@ class Recommendation:
         """Return whether each metric has a method within the budget, and one is good enough."""
         if request.min_ssim is None:
             return all(advice.best is not None for advice in self.by_metric)
-        if request.budget_ms is not None and not all(of.best for of in self.by_metric):
+        if request.budget_ms is not None and not all(advice.best for advice in self.by_metric):
             return False
         best = self.by_ssim.best if self.by_ssim else None
         return best is not None and best.quality.value >= request.min_ssim
@@ -173,7 +173,7 @@ def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
 
 
 def _regret(scores: Floats, chosen: NDArray[np.intp]) -> Estimate:
-    """Of scores [M, G]: the best of each object less that of the method chosen [G] for it."""
+    """Return the regret of scores [M, G]: the best of each object less the chosen method's [G]."""
     if not len(scores) or not len(chosen):
         return Estimate(NAN, NAN, NAN)
     lost = scores.max(axis=0) - scores[chosen, np.arange(len(chosen))]

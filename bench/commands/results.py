@@ -268,7 +268,7 @@ def advice_lines(
             f"Costs of {request.views} view{'s' * (request.views > 1)} are reckoned from the share "
             "of one; drawn in a call of their own they may differ."
         )
-    several = len({of.by_metric[0].class_name for of in given}) > 1
+    several = len({recommendation.by_metric[0].class_name for recommendation in given}) > 1
     for recommendation in given:
         advice = recommendation.by_metric[0]
         name = advice.condition + f", {advice.class_name}" * several
@@ -282,8 +282,8 @@ def _in_short(recommendation: Recommendation, request: Request) -> list[str]:
     lines = []
     if request.budget_ms is not None:
         advices = recommendation.by_metric
-        agreed = len({of.best.method if of.best else None for of in advices}) == 1
-        groups = [advices] if agreed else [(of,) for of in advices]
+        agreed = len({advice.best and advice.best.method for advice in advices}) == 1
+        groups = [advices] if agreed else [(advice,) for advice in advices]
         lines += [
             _within_budget(group, request, request.budget_ms, "" if agreed else _by(group[0]))
             for group in groups
@@ -315,7 +315,7 @@ def _alternatives(recommendation: Recommendation, request: Request) -> list[str]
             behind = _estimated(choice.behind, advice.metric)
             lines.append(f"next{by}: {_text([(advice, choice)], request)}; behind by {behind}")
         regret, blind = (
-            _estimated(of, advice.metric) for of in (advice.regret, advice.regret_blind)
+            _estimated(value, advice.metric) for value in (advice.regret, advice.regret_blind)
         )
         lines.append(
             f"regret: {regret} {advice.metric} against the best of {advice.affordable} such "
@@ -362,7 +362,7 @@ def _text(chosen: Sequence[tuple[Advice, Choice]], request: Request) -> str:
     """Return a method with its quality by each metric, and its cost for the cloud and an image."""
     choice = chosen[0][1]
     qualities = ", ".join(
-        f"{advice.metric} {_estimated(of.quality, advice.metric)}" for advice, of in chosen
+        f"{advice.metric} {_estimated(by_it.quality, advice.metric)}" for advice, by_it in chosen
     )
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)

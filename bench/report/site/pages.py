@@ -101,7 +101,7 @@ def _rank_cell(of: Ranking, method: str) -> Cell:
 
 def _letters_remark(rankings: Iterable[Ranking]) -> str:
     """Return what letters mean, and how many objects there have to be where they are missing."""
-    needed = [of.objects_needed for of in rankings if of.objects_needed]
+    needed = [ranking.objects_needed for ranking in rankings if ranking.objects_needed]
     return LETTERS + (f" Without letters: {too_few(max(needed))}." if needed else "")
 
 
@@ -133,8 +133,8 @@ def _record(runs: Iterable[SiteRun], a: str, b: str) -> tuple[int, int, int]:
 
 def _objects_needed(runs: Iterable[SiteRun], a: str, b: str) -> int:
     """Return how many objects decide all that is undecided between a and b; 0 where nothing is."""
-    outcomes = [one for run in runs for one in run.differences.get((a, b), ())]
-    return max((one.objects_needed or 0 for one in outcomes), default=0)
+    cells = [cell for run in runs for cell in run.differences.get((a, b), ())]
+    return max((cell.objects_needed or 0 for cell in cells), default=0)
 
 
 def _shared(runs: Sequence[SiteRun], a: str, b: str) -> bool:
@@ -184,7 +184,7 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
     for method in ranked:
         cells = []
         for run in runs:
-            ranks = [rank for of in run.rankings if (rank := of.of(method)) and rank.letters]
+            ranks = [rank for r in run.rankings if (rank := r.of(method)) and rank.letters]
             count = sum(rank.first for rank in ranks)
             cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
         firsts.append(Line(method, tuple(cells), role(method), link=_method_file(method)))
@@ -194,7 +194,7 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         tuple(firsts),
         caption="How often a method is among the first",
         remark="Of all metrics and conditions of a run: none is shown to be better. "
-        + _letters_remark(of for run in runs for of in run.rankings),
+        + _letters_remark(ranking for run in runs for ranking in run.rankings),
     )
     version = runs[0].run.manifest[PROTOCOL]
     return SitePage(
