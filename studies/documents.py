@@ -12,9 +12,10 @@ several, joined by commas, the lines stand together. `rows` and `columns` name a
 values in their order, or several fields, `metric:ssim,lpips*condition:2048,512`, and then all their
 combinations; further `field=value` choose among the lines; `intervals=no` leaves intervals out, and
 `show=paper` shows another field as it is. A difference is bold where p is below 0.05 after Holm's
-correction, a method where it is on the frontier. Prints how many numbers are generated, measured
-with date and commit, and settings, and fails where `studies.provenance` knows no origin. `--check`
-changes nothing: it also fails where a page differs from what would be written.
+correction, a method where it is on the frontier; italic is what is worse than a white image. Prints
+how many numbers are generated, measured with date and commit, and settings, and fails where
+`studies.provenance` knows no origin. `--check` changes nothing: it also fails where a page differs
+from what would be written.
 """
 
 from __future__ import annotations
@@ -161,6 +162,8 @@ def _cell(line: Line, place: Place) -> str:
     text = _short(value, digits, sign=differs)
     if _stands_out(line):
         text = f"**{text}**"
+    if line.get("verdict") == "below a white image":
+        text = f"*{text}*"
     if place.intervals and line["ci_low"]:
         low, high = (_short(line[end], digits, sign=differs) for end in ("ci_low", "ci_high"))
         text += f" [{low}, {high}]"

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from bench.analysis.distances import MeasuredFeatures
 from bench.analysis.intervals import (
     StandardError,
+    clipped,
+    distance_interval,
     interval_of_means,
     jackknife_error,
     jackknife_interval,
@@ -26,7 +28,14 @@ from bench.analysis.intervals import (
     median_interval,
 )
 from bench.catalogue.methods import FLOOR, FLOORS, known_method
-from bench.catalogue.metrics import CONTROL_METRICS, SET_METRICS, column, higher_is_better, is_mean
+from bench.catalogue.metrics import (
+    CONTROL_METRICS,
+    SET_METRICS,
+    column,
+    higher_is_better,
+    is_mean,
+    value_range,
+)
 
 Floats = NDArray[np.float64]
 NAN = float("nan")
@@ -152,7 +161,8 @@ def _pooled(of: Sequence[Comparison]) -> Comparison:
         made = {}
         for method in of[0].qualities[metric]:
             values = np.concatenate([c.qualities[metric][method].per_object for c in of])
-            made[method] = Quality(metric, _mean_of_objects(values[~np.isnan(values)]), values)
+            mean = _mean_of_objects(values[~np.isnan(values)], value_range(metric))
+            made[method] = Quality(metric, mean, values)
         return made
 
     return Comparison(
@@ -171,6 +181,12 @@ def _pooled(of: Sequence[Comparison]) -> Comparison:
 def candidates(methods: Iterable[str]) -> list[str]:
     """The methods that one could choose: neither do they see the mesh, nor draw without a cloud."""
     return [method for method in methods if method not in FLOORS and not _sees_mesh(method)]
+
+
+def worse_than_blank(qualities: Mapping[str, Quality]) -> set[str]:
+    """Return the methods whose value, as printed, is worse than that of a white image."""
+    blank = qualities.get(FLOOR)
+    return set() if blank is None else {m for m, q in qualities.items() if q.rank < blank.rank}
 
 
 def lead(a: Quality, b: Quality) -> Estimate:
@@ -197,14 +213,16 @@ def lead_over_classes(
 
 
 def difference(a: Quality, b: Quality) -> Estimate:
-    """a - b in units of the metric, by pairing the two object by object.
+    """Return a - b in units of the metric, by pairing the two object by object.
 
     The interval is by the bootstrap of image metrics, by the jackknife of Fréchet distances
     (`bench.analysis.intervals`); NaN where there are too few objects.
     """
     if is_mean(a.metric):
-        return _mean_of_objects(paired(a, b))
-    return _jackknife(a.estimate.value - b.estimate.value, a.per_object - b.per_object)
+        least, largest = value_range(a.metric)
+        return _mean_of_objects(paired(a, b), (least - largest, largest - least))
+    value = a.estimate.value - b.estimate.value
+    return Estimate(value, *jackknife_interval(value, [a.per_object - b.per_object]))
 
 
 def paired(a: Quality, b: Quality) -> Floats:
@@ -244,7 +262,7 @@ def _times(records: pd.DataFrame, name: str, objects: Sequence[str]) -> Floats:
 
 
 def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict[str, Quality]:
-    """Means over objects. An image or an object without a value does not count."""
+    """Return means over objects. An image or an object without a value does not count."""
     name = column(metric)
     floor = _by_image(by_method[FLOOR])[name]
     qualities = {}
@@ -252,7 +270,7 @@ def _image_qualities(metric: str, by_method: Mapping[str, pd.DataFrame]) -> dict
         own = _by_image(records)[name]
         scores = own.reindex(floor.index).where(floor.index.isin(own.index), floor)
         per_object = scores.groupby(level="object", sort=True).mean().to_numpy(np.float64)
-        estimate = _mean_of_objects(per_object[~np.isnan(per_object)])
+        estimate = _mean_of_objects(per_object[~np.isnan(per_object)], value_range(metric))
         qualities[method] = Quality(metric, estimate, per_object)
     return qualities
 
@@ -273,16 +291,11 @@ def _set_qualities(
     qualities = {}
     for method in by_method:
         value, left_out = features.distance((method, *cell), images)
-        estimate = _jackknife(value, left_out)
-        estimate = estimate._replace(low=max(estimate.low, 0.0))  # NaN stays
+        estimate = Estimate(value, *distance_interval(value, left_out))
         qualities[method] = Quality(metric, estimate, left_out)
     return qualities
 
 
-def _jackknife(value: float, left_out: Floats) -> Estimate:
-    return Estimate(value, *jackknife_interval(value, [left_out]))
-
-
-def _mean_of_objects(values: Floats) -> Estimate:
+def _mean_of_objects(values: Floats, possible: tuple[float, float]) -> Estimate:
     value = float(values.mean()) if len(values) else NAN
-    return Estimate(value, *mean_interval(values))
+    return Estimate(value, *clipped(mean_interval(values), possible))

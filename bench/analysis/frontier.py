@@ -1,8 +1,9 @@
 """Which methods are worth their cost. Pure functions of comparisons.
 
-A method is on the frontier where no other is at least as good for at most its cost. That is decided
-by the values as they are printed; whether a method off the frontier is really worse, or only
-happened to come out so, is decided by pairing it with the cheaper ones, object by object.
+A method is on the frontier where it is not worse than a white image, and no other is at least as
+good for at most its cost. That is decided by the values as they are printed; whether a method off
+the frontier is really worse, or only happened to come out so, is decided by pairing it with the
+cheaper ones, object by object.
 """
 
 from __future__ import annotations
@@ -14,11 +15,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.comparison import Comparison, Estimate, Quality, candidates, decimals, lead
+from bench.analysis.comparison import (
+    Comparison,
+    Estimate,
+    Quality,
+    candidates,
+    decimals,
+    lead,
+    worse_than_blank,
+)
+from bench.catalogue.methods import FLOOR
 from data_prep.conditions import CONDITIONS, Stride, Unchanged
 from data_prep.scene import CLOUD_SIZE
 
-Verdict = Literal["frontier", "tied", "dominated", "reference", "no value"]
+Verdict = Literal["frontier", "tied", "dominated", "below a white image", "reference", "no value"]
 
 
 @dataclass(frozen=True)
@@ -30,10 +40,11 @@ class Place:
     verdict  frontier   no other candidate is at least as good for at most this cost
              dominated  one that costs no more is better, by an interval without 0
              tied       one that costs no more is at least as good, but not by such an interval
+             below a white image  it is worse than `blank`, which costs nothing
              reference  no candidate: it sees the mesh, or no cloud
              no value   it failed on all objects
     rival    of those that cost no more: of a dominated method the best that shows it, of a tied
-             one the best; else empty
+             one the best, of one below a white image `blank`; else empty
     """
 
     condition: str
@@ -63,19 +74,21 @@ def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[n
 
 
 def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[Place]:
-    """The places of all methods by these metrics, in their order and the comparison's."""
+    """Return the places of all methods by these metrics, in their order and the comparison's."""
     costs = {method: comparison.cost_ms(method, views) for method in comparison.images}
     could = candidates(costs)
     made = []
     for metric in metrics:
         qualities = comparison.qualities[metric]
+        below = worse_than_blank(qualities)
+        above = [method for method in could if method not in below]
         ahead = pareto(
-            np.array([costs[method].value for method in could]),
-            np.array([qualities[method].rank for method in could]),
+            np.array([costs[method].value for method in above]),
+            np.array([qualities[method].rank for method in above]),
         )
-        on_frontier = {method for method, is_on in zip(could, ahead, strict=True) if is_on}
+        on_frontier = {method for method, is_on in zip(above, ahead, strict=True) if is_on}
         for method, quality in qualities.items():
-            verdict, rival = _verdict(method, could, on_frontier, costs, qualities)
+            verdict, rival = _verdict(method, could, below, on_frontier, costs, qualities)
             made.append(
                 Place(
                     comparison.condition,
@@ -96,6 +109,7 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[P
 def _verdict(
     method: str,
     could: Sequence[str],
+    below: set[str],
     on_frontier: set[str],
     costs: Mapping[str, Estimate],
     qualities: Mapping[str, Quality],
@@ -105,6 +119,8 @@ def _verdict(
     own = qualities[method]
     if not (np.isfinite(costs[method].value) and np.isfinite(own.rank)):
         return "no value", ""
+    if method in below:
+        return "below a white image", FLOOR
     if method in on_frontier:
         return "frontier", ""
     rivals = [

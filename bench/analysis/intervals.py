@@ -135,10 +135,18 @@ def jackknife_interval(value: float, left_out: Sequence[Floats]) -> tuple[float,
     return (value - found.reach, value + found.reach) if found else NONE
 
 
+def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple[float, float]:
+    """Return an interval (low, high) without what lies outside the values (least, largest).
+
+    NaN stays. Clipped, not made on a transformed scale: ends that are possible stay where they are.
+    """
+    low, high = np.clip(interval, *values)
+    return float(low), float(high)
+
+
 def distance_interval(value: float, left_out: Floats) -> tuple[float, float]:
-    """`jackknife_interval` of one distance that is never below 0, clipped there."""
-    low, high = jackknife_interval(value, [left_out])
-    return max(low, 0.0), high  # NaN stays
+    """Return the `jackknife_interval` of one distance that is never below 0, clipped there."""
+    return clipped(jackknife_interval(value, [left_out]), (0.0, np.inf))
 
 
 def debiased(value: float, left_out: Floats) -> float:

@@ -2,10 +2,12 @@
 
 A cell is a metric under one condition and of one class. Its difference pairs the two object by
 object, failed images scored as blank ones (`bench.analysis.comparison`). Image metrics: interval by
-the bootstrap over objects, p value by random sign flips of the objects' differences (all of them
-where there are at most 13 objects). Fréchet distances: both by the jackknife over objects. Holm's
-step-down procedure (Scandinavian Journal of Statistics 6, 1979) corrects the p values for the
-number of cells. Pure functions.
+the bootstrap over objects, p value by sign flips of the objects' differences (`sign_flip_p`).
+Fréchet distances: both by the jackknife over objects. Holm's step-down procedure (Scandinavian
+Journal of Statistics 6, 1979) corrects the p values for the number of cells.
+
+Of n objects no p value of sign flips is below 2^(1-n), so that few objects decide nothing among
+many cells, whatever they show: such a cell is not called a tie (`fewest_objects`). Pure functions.
 """
 
 from __future__ import annotations
@@ -13,20 +15,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count, product
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import Estimate, Quality, difference, paired
-from bench.analysis.intervals import jackknife_error
+from bench.analysis.intervals import FEWEST, jackknife_error, mean_error
 from bench.catalogue.metrics import higher_is_better, is_mean
 
 Floats = NDArray[np.float64]
 Ahead = Literal["a", "b", "tie", "unknown"]
 SIGNIFICANCE = 0.05
+MOST_EXACT = 16  # objects of which all signs are counted
 RESAMPLES = 9999
 SEED = 0
+AT_ONCE = 2**20  # numbers of the random signs and their sums that are in memory: 8 MB
+ROUNDING = 1e-14  # of the sum of the amounts: sums in two orders differ by less
 
 
 @dataclass(frozen=True)
@@ -60,12 +66,14 @@ class Pair:
 
 @dataclass(frozen=True)
 class PairedDifference:
-    """What differs in a cell.
+    """The difference in a cell.
 
     difference  b - a, with its 95 % interval; NaN where there are too few objects
     p           of no difference, two-sided; NaN where there are too few objects
     p_holm      corrected for the number of cells that have a p value
-    ahead       who is better; a tie where `p_holm` is not below SIGNIFICANCE
+    ahead       who is better; a tie where `p_holm` is not below SIGNIFICANCE; unknown where so few
+                objects could not have shown a difference
+    objects_needed  then the fewest that could; else None
     """
 
     pair: Pair
@@ -73,9 +81,10 @@ class PairedDifference:
     p: float
     p_holm: float
     ahead: Ahead
+    objects_needed: int | None
 
     def turned(self) -> PairedDifference:
-        """The same with its sides exchanged."""
+        """Return the same with its sides exchanged."""
         pair = replace(
             self.pair,
             a=self.pair.b,
@@ -90,46 +99,116 @@ class PairedDifference:
 
 
 def paired_differences(pairs: Sequence[Pair]) -> list[PairedDifference]:
-    """The difference of each pair, in their order, corrected for all of them together."""
+    """Return the difference of each pair, in their order, corrected for all of them together."""
     changes = [difference(pair.quality_b, pair.quality_a) for pair in pairs]
-    values = [p_value(pair, change) for pair, change in zip(pairs, changes, strict=True)]
-    return [
-        PairedDifference(pair, change, p, corrected, _ahead(pair.metric, change, corrected))
-        for pair, change, p, corrected in zip(pairs, changes, values, holm(values), strict=True)
-    ]
+    values = p_values(pairs, changes)
+    tested = sum(not math.isnan(p) for p in values)
+    testable = sum(math.isfinite(change.value) for change in changes)  # with enough objects
+    differences = []
+    for pair, change, p, corrected in zip(pairs, changes, values, holm(values), strict=True):
+        needed = None
+        if not corrected < SIGNIFICANCE and _undecidable(pair, change, p, tested):
+            needed = fewest_objects(testable) if is_mean(pair.metric) else FEWEST
+        ahead = "unknown" if needed else _ahead(pair.metric, change, corrected)
+        differences.append(PairedDifference(pair, change, p, corrected, ahead, needed))
+    return differences
 
 
-def p_value(pair: Pair, change: Estimate) -> float:
-    """Two-sided p value of no difference; NaN where the cell has no interval."""
-    if not math.isfinite(change.low):
-        return math.nan
-    if is_mean(pair.metric):
-        return sign_flip_p(paired(pair.quality_b, pair.quality_a))
-    found = jackknife_error([pair.quality_b.per_object - pair.quality_a.per_object])
-    return found.p_value(change.value) if found else math.nan
+def p_values(pairs: Sequence[Pair], changes: Sequence[Estimate]) -> list[float]:
+    """Return the two-sided p value of no difference of each pair; NaN where it has no interval."""
+    values = [math.nan] * len(pairs)
+    flipped: dict[int, list[tuple[int, Floats]]] = {}  # by the number of objects
+    for i, (pair, change) in enumerate(zip(pairs, changes, strict=True)):
+        if not math.isfinite(change.low):
+            continue
+        if is_mean(pair.metric):
+            per_object = paired(pair.quality_b, pair.quality_a)
+            flipped.setdefault(len(per_object), []).append((i, per_object))
+        else:
+            without = pair.quality_b.per_object - pair.quality_a.per_object
+            error = jackknife_error([without])
+            values[i] = error.p_value(change.value) if error else math.nan
+    for alike in flipped.values():
+        places, rows = zip(*alike, strict=True)
+        for i, p in zip(places, sign_flip_p(np.array(rows)), strict=True):
+            values[i] = float(p)
+    return values
 
 
-def sign_flip_p(differences: Floats) -> float:
-    """Two-sided p value of a mean of 0 for differences [G] whose signs are as likely as not.
+def sign_flip_p(differences: Floats) -> Floats:
+    """Return the two-sided p values of a mean of 0 for rows of differences [..., n], [...].
 
-    All 2^G signs where these are no more than RESAMPLES, else RESAMPLES random ones and those that
-    were observed, from a fixed seed. 1 where all differences are 0. Raises ValueError for G < 2.
+    The signs of a row are as likely as not. Of up to MOST_EXACT objects all 2^n signs are counted;
+    of more, RESAMPLES random ones from a fixed seed and those that were observed. Where none of
+    these is as extreme as what was observed, Student's p value (of the paired t test) stands in, as
+    far as it is smaller, but never below 2^(1-n), the smallest p value of all signs. 1 where all
+    differences are 0.
     """
-    from scipy.stats import permutation_test
+    rows = differences.reshape(-1, differences.shape[-1])
+    p = _exact_p(rows) if rows.shape[1] <= MOST_EXACT else _resampled_p(rows)
+    return p.reshape(differences.shape[:-1])
 
-    found = permutation_test(
-        (differences,),
-        np.mean,
-        permutation_type="samples",
-        vectorized=True,
-        n_resamples=RESAMPLES,
-        rng=np.random.default_rng(SEED),
-    )
-    return float(min(found.pvalue, 1.0))
+
+def _exact_p(rows: Floats) -> Floats:
+    """Return the p values of rows [k, n] by all signs."""
+    size = rows.shape[1]
+    half = size // 2
+    # A sum and its negative are equally extreme, so that the sign of one object can stay.
+    first = _all_signs(size - half)[: 2 ** (size - half - 1)]
+    second = _all_signs(half)
+    p = np.empty(len(rows))
+    for i, row in enumerate(rows):
+        sums = (first @ row[: size - half])[:, None] + second @ row[size - half :]
+        extreme = np.abs(sums) >= abs(row.sum()) - ROUNDING * np.abs(row).sum()
+        p[i] = extreme.mean()
+    return p
+
+
+def _all_signs(size: int) -> Floats:
+    return np.array(list(product((1.0, -1.0), repeat=size)))
+
+
+def _resampled_p(rows: Floats) -> Floats:
+    """Return the p values of rows [k, n] by random signs, below their floor by Student's."""
+    size = rows.shape[1]
+    rng = np.random.default_rng(SEED)
+    observed, slack = rows.sum(axis=1), ROUNDING * np.abs(rows).sum(axis=1)
+    above, below = np.ones(len(rows)), np.ones(len(rows))  # what was observed is one of them
+    at_once = max(1, AT_ONCE // (2 * size + len(rows)))
+    for start in range(0, RESAMPLES, at_once):
+        both = np.tile([1.0, -1.0], (min(at_once, RESAMPLES - start), size, 1))
+        sums = rng.permuted(both, axis=-1)[..., 0] @ rows.T
+        above += (sums >= observed - slack).sum(axis=0)
+        below += (sums <= observed + slack).sum(axis=0)
+    p = np.minimum(2 * np.minimum(above, below) / (RESAMPLES + 1), 1.0)
+    for i in np.flatnonzero(p <= 2 / (RESAMPLES + 1)):
+        if (error := mean_error([rows[i]])) is not None:
+            p[i] = min(p[i], max(error.p_value(float(rows[i].mean())), 2.0 ** (1 - size)))
+    return p
+
+
+def fewest_objects(cells: int) -> int:
+    """Return the fewest objects that can show a difference of an image metric in one of the cells.
+
+    The smallest n, not below FEWEST, with 2^(1-n) cells < SIGNIFICANCE: p values of sign flips are
+    not below 2^(1-n), and Holm's procedure multiplies the smallest by the number of cells.
+    """
+    return next(n for n in count(FEWEST) if 2.0 ** (1 - n) * cells < SIGNIFICANCE)
+
+
+def _undecidable(pair: Pair, change: Estimate, p: float, tested: int) -> bool:
+    """Return whether a cell has too few objects for any difference among `tested` cells."""
+    of_images = is_mean(pair.metric)
+    per_object = paired(pair.quality_b, pair.quality_a)
+    objects = len(per_object) if of_images else pair.objects
+    if math.isnan(p):
+        return math.isfinite(change.value) and objects < FEWEST
+    # What is equal on every object does not differ, however few there are.
+    return of_images and bool(per_object.any()) and 2.0 ** (1 - objects) * tested >= SIGNIFICANCE
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """P values corrected for their number, in their order; NaN stays and does not count."""
+    """Return p values corrected for their number, in their order; NaN stays and does not count."""
     known = sorted((p, i) for i, p in enumerate(p_values) if not math.isnan(p))
     corrected = [math.nan] * len(p_values)
     largest = 0.0

@@ -2,27 +2,30 @@
 
 The letters are a compact letter display by insertion and absorption (Piepho, Journal of
 Computational and Graphical Statistics 13, 2004). Whether two methods differ is decided object by
-object (`bench.analysis.paired`), corrected by Holm for all pairs under one condition. Pure
-functions.
+object (`bench.analysis.paired`), corrected by Holm for all pairs under one condition. Reference
+methods have no rank; their pairs are a family of their own, so that they cost the others nothing.
+Pure functions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from itertools import combinations
 from string import ascii_lowercase
 
-from bench.analysis.comparison import Comparison, Estimate
+from bench.analysis.comparison import Comparison, Estimate, candidates
 from bench.analysis.paired import Pair, PairedDifference, Side, paired_differences
-from bench.catalogue.methods import role
 
 
 @dataclass(frozen=True)
 class Rank:
-    """A method's value and its letters, "a" for the best; empty where there are too few objects."""
+    """A method's value and its letters, "a" for the best; without a rank it has none.
+
+    Reference methods never have one, the others where there are enough objects.
+    """
 
     method: str
     estimate: Estimate
@@ -30,52 +33,64 @@ class Rank:
 
     @property
     def first(self) -> bool:
-        """Whether no other is shown to be better than it."""
+        """Return whether it is ranked, and no other is shown to be better than it."""
         return "a" in self.letters
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """The methods by one metric under one condition, the best first, and all their pairs."""
+    """The methods by one metric under one condition, and all their pairs.
+
+    ranks  the best first, then the reference methods
+    objects_needed  where there are too few objects for letters, the fewest that can decide; else
+                    None
+    """
 
     metric: str
     condition: str
     ranks: tuple[Rank, ...]
     pairs: tuple[PairedDifference, ...]
+    objects_needed: int | None
 
     def of(self, method: str) -> Rank | None:
-        """The rank of a method; None where it is not ranked."""
+        """Return the rank of a method; None where it has no value."""
         return next((rank for rank in self.ranks if rank.method == method), None)
 
 
 def ranking(of: Comparison, metric: str) -> Ranking:
-    """All methods but those that see the mesh; without a value they are left out."""
-    known = {
-        method: quality
-        for method, quality in of.qualities[metric].items()
-        if role(method) != "ceiling" and math.isfinite(quality.estimate.value)
-    }
-    best_first = sorted(known, key=lambda method: -known[method].rank)
-    pairs = paired_differences(
-        [
-            Pair(
-                *(of.condition, of.class_name, Side("", a), Side("", b), known[a], known[b]),
-                objects=len(of.objects),
-            )
-            for a, b in combinations(best_first, 2)
-        ]
-    )
+    """Return the ranks of all methods that have a value."""
+    qualities = of.qualities[metric]
+    known = [method for method, q in qualities.items() if math.isfinite(q.estimate.value)]
+    best_first = sorted(known, key=lambda method: -qualities[method].rank)
+    ranked = candidates(best_first)
+    references = [method for method in best_first if method not in ranked]
+
+    def differences(pairs: Iterable[tuple[str, str]]) -> list[PairedDifference]:
+        sides = [(Side("", a), Side("", b), qualities[a], qualities[b]) for a, b in pairs]
+        cell = of.condition, of.class_name
+        return paired_differences([Pair(*cell, *side, objects=len(of.objects)) for side in sides])
+
+    family = differences(combinations(ranked, 2))
+    with_reference = [
+        pair for pair in combinations(best_first, 2) if not set(pair).isdisjoint(references)
+    ]
     resolved = {
-        frozenset((p.pair.a.method, p.pair.b.method)) for p in pairs if p.ahead in ("a", "b")
+        frozenset((p.pair.a.method, p.pair.b.method)) for p in family if p.ahead in ("a", "b")
     }
-    tested = any(pair.ahead != "unknown" for pair in pairs)
-    given = letters(best_first, resolved) if tested else dict.fromkeys(best_first, "")
-    ranks = tuple(Rank(method, known[method].estimate, given[method]) for method in best_first)
-    return Ranking(metric, of.condition, ranks, tuple(pairs))
+    needed = max((p.objects_needed for p in family if p.objects_needed), default=None)
+    lettered = resolved or (needed is None and any(p.ahead == "tie" for p in family))
+    given = letters(ranked, resolved) if lettered else {}
+    return Ranking(
+        metric,
+        of.condition,
+        tuple(Rank(m, qualities[m].estimate, given.get(m, "")) for m in [*ranked, *references]),
+        (*family, *differences(with_reference)),
+        None if lettered else needed,
+    )
 
 
 def letters(best_first: Sequence[str], differ: AbstractSet[frozenset[str]]) -> dict[str, str]:
-    """Letters by method: two share one exactly where they are no pair of `differ`.
+    """Return the letters by method: two share one exactly where they are no pair of `differ`.
 
     Groups are named in the order of their best members; after "z" come "z1", "z2".
     """

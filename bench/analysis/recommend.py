@@ -18,17 +18,19 @@ from bench.analysis.comparison import (
     Floats,
     candidates,
     lead,
+    worse_than_blank,
 )
 from bench.analysis.intervals import mean_interval
+from bench.catalogue.metrics import higher_is_better
 from data_prep.failures import BadInput
 
-METRIC = "ssim"
+SSIM = "ssim"  # what a least quality is asked for in
 ALTERNATIVES = 3
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for; None where it does not matter.
+    """The limits that are asked for; None where one does not matter.
 
     views      images of a cloud
     budget_ms  for a cloud with all its images
@@ -42,11 +44,14 @@ class Request:
 
 @dataclass(frozen=True)
 class Choice:
-    """A method that one could take. behind: how much worse than the best affordable one, paired."""
+    """A method that one could take, and by one metric how good it is.
+
+    behind  how much worse than the best affordable one, paired
+    """
 
     method: str
     cost_ms: Estimate
-    ssim: Estimate
+    quality: Estimate
     n_ok: int
     n: int
     behind: Estimate
@@ -54,26 +59,30 @@ class Choice:
 
 @dataclass(frozen=True)
 class Advice:
-    """The answer to a request under one condition.
+    """The answer to a request by one metric under one condition.
 
     best, next    within the budget: the best by its mean, and those after it, the cheapest of those
                   that print equal; None and none where nothing is affordable
     affordable    number of methods
+    below_blank   methods within the budget that are no choice, because a white image is better
     regret        what an oracle, which takes the best affordable method for each object, has more
                   than the best: mean over objects
     regret_blind  the same where each object's method is chosen by the other objects, as that of a
                   new cloud has to be; NaN with a single object
-    on_average    the cheapest whose mean ssim is what was required, within the budget or not
+    on_average    the cheapest whose mean is what was required, within the budget or not; of
+                  another metric than SSIM, of which nothing is required, the cheapest
     surely        the cheapest of which even the lower end of the interval is
     cheapest, finest  of all: what comes nearest where nothing is affordable or good enough
     """
 
+    metric: str
     condition: str
     class_name: str
     objects: int
     best: Choice | None
     next: tuple[Choice, ...]
     affordable: int
+    below_blank: tuple[str, ...]
     regret: Estimate
     regret_blind: Estimate
     on_average: Choice | None
@@ -81,22 +90,51 @@ class Advice:
     cheapest: Choice | None
     finest: Choice | None
 
-    def meets(self, request: Request) -> bool:
-        """Whether one method is both affordable and, on average, good enough."""
-        if self.best is None or request.min_ssim is None:
-            return self.best is not None
-        return self.best.ssim.value >= request.min_ssim
 
+@dataclass(frozen=True)
+class Recommendation:
+    """The answer to a request under one condition.
 
-def advise(comparison: Comparison, request: Request) -> Advice:
-    """Advice by one comparison, which has to have the metric `ssim`.
-
-    Methods without a cost (they failed on all objects) are no choice. Of methods that print equal
-    the cheaper one is preferred.
+    by_metric  by each metric that judges: where they name different methods, which one is better
+               depends on what is looked at, and no average would say so
+    by_ssim    where a least SSIM is required; else None
     """
-    qualities = comparison.qualities[METRIC]
+
+    by_metric: tuple[Advice, ...]
+    by_ssim: Advice | None
+
+    def meets(self, request: Request) -> bool:
+        """Return whether each metric has a method within the budget, and one is good enough."""
+        if request.min_ssim is None:
+            return all(advice.best is not None for advice in self.by_metric)
+        if request.budget_ms is not None and not all(advice.best for advice in self.by_metric):
+            return False
+        best = self.by_ssim.best if self.by_ssim else None
+        return best is not None and best.quality.value >= request.min_ssim
+
+
+def recommend(comparison: Comparison, request: Request, metrics: Sequence[str]) -> Recommendation:
+    """Return the advice of a comparison by each of these metrics of images, which it has to have.
+
+    It has to have `ssim`, too, where a least SSIM is required.
+    """
+    return Recommendation(
+        tuple(advise(comparison, request, metric) for metric in metrics),
+        None if request.min_ssim is None else advise(comparison, request, SSIM),
+    )
+
+
+def advise(comparison: Comparison, request: Request, metric: str) -> Advice:
+    """Return the advice of a comparison by a metric of images.
+
+    Methods without a cost (they failed on all objects) and those worse than a white image are no
+    choice. Of methods that print equal the cheaper one is preferred.
+    """
+    qualities = comparison.qualities[metric]
     costs = {m: comparison.cost_ms(m, request.views) for m in candidates(qualities)}
-    usable = [m for m, cost in costs.items() if np.isfinite((cost.value, qualities[m].rank)).all()]
+    below = worse_than_blank(qualities)
+    valued = [m for m, cost in costs.items() if np.isfinite((cost.value, qualities[m].rank)).all()]
+    usable = [m for m in valued if m not in below]
     by_quality = sorted(usable, key=lambda m: (-qualities[m].rank, costs[m].value))
     by_cost = sorted(usable, key=lambda m: (costs[m].value, -qualities[m].rank))
     budget = np.inf if request.budget_ms is None else request.budget_ms
@@ -110,18 +148,22 @@ def advise(comparison: Comparison, request: Request) -> Advice:
         images = comparison.images[method]
         return Choice(method, costs[method], qualities[method].estimate, *images, behind)
 
-    wanted = -np.inf if request.min_ssim is None else request.min_ssim
-    on_average = [m for m in by_cost if qualities[m].estimate.value >= wanted]
-    surely = [m for m in by_cost if qualities[m].estimate.low >= wanted]
-    scores = np.array([qualities[m].per_object for m in affordable])
+    required = -np.inf if request.min_ssim is None or metric != SSIM else request.min_ssim
+    on_average = [m for m in by_cost if qualities[m].estimate.value >= required]
+    surely = [m for m in by_cost if qualities[m].estimate.low >= required]
+    sign = 1.0 if higher_is_better(metric) else -1.0
+    scores = np.array([sign * qualities[m].per_object for m in affordable])
+    scores = scores[:, np.isfinite(scores).all(axis=0)] if affordable else scores
     return Advice(
+        metric=metric,
         condition=comparison.condition,
         class_name=comparison.class_name,
         objects=len(comparison.objects),
         best=choice(affordable[0]) if affordable else None,
         next=tuple(map(choice, distinct[1 : 1 + ALTERNATIVES])),
         affordable=len(affordable),
-        regret=_regret(scores, chosen=np.zeros(len(comparison.objects), np.intp)),
+        below_blank=tuple(m for m in valued if m in below and costs[m].value <= budget),
+        regret=_regret(scores, chosen=np.zeros(scores.shape[-1], np.intp)),
         regret_blind=_regret(scores, chosen=_chosen_by_the_others(scores)),
         on_average=choice(on_average[0]) if on_average else None,
         surely=choice(surely[0]) if surely else None,
@@ -131,7 +173,7 @@ def advise(comparison: Comparison, request: Request) -> Advice:
 
 
 def _regret(scores: Floats, chosen: NDArray[np.intp]) -> Estimate:
-    """Of scores [M, G]: the best of each object less that of the method chosen [G] for it."""
+    """Return the regret of scores [M, G]: the best of each object less the chosen method's [G]."""
     if not len(scores) or not len(chosen):
         return Estimate(NAN, NAN, NAN)
     lost = scores.max(axis=0) - scores[chosen, np.arange(len(chosen))]

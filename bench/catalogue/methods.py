@@ -40,8 +40,9 @@ class Method:
     whatever else its images depend on: the versions of its libraries, the checksum of its
     weights. Only ceilings have `sees_mesh`; what has not `sees_cloud` draws the same under every
     condition, and is drawn once. `trained_on` names the objects that a network has seen; it is
-    None where nobody knows, as of weights in a file. `reconstruction` says whether it makes a surface of the points:
-    "paper" by the chain of the paper or a part of it, "other" in another way.
+    None where nobody knows, as of weights in a file. `reconstruction` says whether it makes a
+    surface of the points: "paper" by the chain of the paper or a part of it, "other" in another
+    way.
     """
 
     id: str

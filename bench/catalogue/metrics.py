@@ -11,6 +11,7 @@ image alone, and its answers are features too, which no distance is taken of.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,21 @@ IMAGE_METRICS = {
     "thin-recall": "share of the thin parts of the true object that is drawn",
     "thin-precision": "share of true object in what is drawn beside thin parts",
     "lpips": "distance by the features of a network for photographs; 0 is identical",
+}
+# The least and the largest value that a metric can have, for intervals; others have no limit.
+RANGES = {
+    "ssim": (-1.0, 1.0),
+    "luminance": (0.0, 1.0),
+    "contrast": (0.0, 1.0),
+    "structure": (-1.0, 1.0),
+    "psnr": (0.0, 95.05),
+    "ssim-object": (-1.0, 1.0),
+    "silhouette-iou": (0.0, 1.0),
+    "thin-recall": (0.0, 1.0),
+    "thin-precision": (0.0, 1.0),
+    "lpips": (0.0, math.inf),
+    "class-confidence": (0.0, 1.0),
+    "retrieval": (0.0, 1.0),
 }
 # Why an image metric may have no value for an image that is there; the others always have one.
 UNDEFINED = {
@@ -218,6 +234,13 @@ def extractor_of(metric: str) -> str:
 def is_mean(metric: str) -> bool:
     """Whether it is a mean over images; else a distance of sets, or a median."""
     return metric in IMAGE_METRICS or metric in RECOGNITION_METRICS
+
+
+def value_range(metric: str) -> tuple[float, float]:
+    """Return the least and the largest value that a metric can have; infinite without a limit."""
+    if any(metric == source.id for source in SET_METRICS):  # Fréchet distances
+        return 0.0, math.inf
+    return RANGES.get(metric, (-math.inf, math.inf))
 
 
 def higher_is_better(metric: str) -> bool:

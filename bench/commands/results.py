@@ -11,12 +11,20 @@ from typing import Annotated
 import typer
 
 from bench.analysis.comparison import Estimate, decimals, milliseconds
-from bench.analysis.recommend import METRIC, Advice, Choice, Request, advise, at_condition
+from bench.analysis.recommend import (
+    SSIM,
+    Advice,
+    Choice,
+    Recommendation,
+    Request,
+    at_condition,
+)
+from bench.analysis.recommend import recommend as best_methods
 from bench.commands.options import FormatOption, RunDirectory, names
 from bench.running.protocol import file_name
 from bench.tables.build import how_timed
 from bench.tables.markdown import visible
-from bench.tables.scored import read_scored
+from bench.tables.scored import ScoredRun, read_scored
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.whole_files import write_whole
 
@@ -158,7 +166,10 @@ def compare(
     ] = None,
     metric: Annotated[
         str | None,
-        typer.Option(help="Metrics, comma-separated. Default: ssim, and those of sets of images."),
+        typer.Option(
+            help="Metrics, comma-separated. Default: ssim, ssim-object, lpips, and those of sets "
+            "of images."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -208,24 +219,45 @@ def recommend(
     min_ssim: Annotated[
         float | None, typer.Option(help="Least SSIM that is good enough, 0 to 1. Default: none.")
     ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            help="Metrics of images that judge within the budget, comma-separated. Default: "
+            "ssim-object, lpips."
+        ),
+    ] = None,
 ) -> None:
     """Recommend a method for a budget, or for a quality. Exit 1 if no method meets it."""
     run = read_scored(directory)
     manifest = run.manifest
     request = make_request(manifest["views"] if views is None else views, budget_ms, min_ssim)
-    compared = at_condition(run.compared([METRIC]), condition)
+    metrics = _judging_metrics(run, names(metric))
+    measured = [*metrics, SSIM] if min_ssim is not None and SSIM not in metrics else metrics
+    compared = at_condition(run.compared(measured), condition)
     print(how_timed(manifest))
-    given = [advise(comparison, request) for comparison in compared]
+    given = [best_methods(comparison, request, metrics) for comparison in compared]
     for line in advice_lines(given, request, manifest["views"], in_full=condition is not None):
         print(line)
-    if not all(one.meets(request) for one in given):
+    if not all(recommendation.meets(request) for recommendation in given):
         raise typer.Exit(1)
 
 
+def _judging_metrics(run: ScoredRun, wanted: Sequence[str] | None) -> list[str]:
+    """Return the metrics wanted, else those of the headline that the run has.
+
+    Raises BadInput for one that is no metric of images, or that the run does not have.
+    """
+    measured = run.measured([*run.suite.image_metrics, *run.suite.detail_metrics])
+    for name in wanted or ():
+        if name not in measured:
+            raise BadInput(f"--metric {name}: cannot judge here; there are {', '.join(measured)}")
+    return list(wanted or [m for m in run.suite.headline if m in measured] or [SSIM])
+
+
 def advice_lines(
-    given: Sequence[Advice], request: Request, views_drawn: int, in_full: bool
+    given: Sequence[Recommendation], request: Request, views_drawn: int, in_full: bool
 ) -> list[str]:
-    """Lines of text: for each advice one for the budget and one for the minimum quality.
+    """Return lines of text: for each recommendation those for the budget and the minimum quality.
 
     views_drawn  in a call, when the costs were taken
     in_full      the alternatives and the regret too
@@ -236,50 +268,75 @@ def advice_lines(
             f"Costs of {request.views} view{'s' * (request.views > 1)} are reckoned from the share "
             "of one; drawn in a call of their own they may differ."
         )
-    several = len({advice.class_name for advice in given}) > 1
-    for advice in given:
+    several = len({recommendation.by_metric[0].class_name for recommendation in given}) > 1
+    for recommendation in given:
+        advice = recommendation.by_metric[0]
         name = advice.condition + f", {advice.class_name}" * several
-        lines += [f"{visible(name)}: {line}" for line in _in_short(advice, request)]
+        lines += [f"{visible(name)}: {line}" for line in _in_short(recommendation, request)]
         if in_full:
-            lines += [f"  {line}" for line in _alternatives(advice, request)]
+            lines += [f"  {line}" for line in _alternatives(recommendation, request)]
     return lines
 
 
-def _in_short(advice: Advice, request: Request) -> list[str]:
+def _in_short(recommendation: Recommendation, request: Request) -> list[str]:
     lines = []
     if request.budget_ms is not None:
-        lines.append(_within_budget(advice, request, request.budget_ms))
-    if request.min_ssim is not None:
-        lines.append(_good_enough(advice, request, request.min_ssim))
+        advices = recommendation.by_metric
+        agreed = len({advice.best and advice.best.method for advice in advices}) == 1
+        groups = [advices] if agreed else [(advice,) for advice in advices]
+        lines += [
+            _within_budget(group, request, request.budget_ms, "" if agreed else _by(group[0]))
+            for group in groups
+        ]
+    if recommendation.by_ssim is not None and request.min_ssim is not None:
+        lines.append(_good_enough(recommendation.by_ssim, request, request.min_ssim))
     return lines
 
 
-def _alternatives(advice: Advice, request: Request) -> list[str]:
+def _by(advice: Advice) -> str:
+    return f" by {advice.metric}"
+
+
+def _alternatives(recommendation: Recommendation, request: Request) -> list[str]:
     lines = []
-    if request.min_ssim is not None:
-        surely = _text(advice.surely, request) if advice.surely else "none"
+    if (by_ssim := recommendation.by_ssim) is not None:
+        surely = _text([(by_ssim, by_ssim.surely)], request) if by_ssim.surely else "none"
         lines.append(f"surely that good, by the lower end of the interval: {surely}")
-    if advice.best is None:
-        return lines
-    if request.budget_ms is None:
-        lines.append(f"best at any cost: {_text(advice.best, request)}")
-    for choice in advice.next:
-        lines.append(f"next: {_text(choice, request)}; behind by {_estimated(choice.behind)}")
-    lines.append(
-        f"regret: {_estimated(advice.regret)} ssim against the best of {advice.affordable} such "
-        f"methods for each of {advice.objects} objects; "
-        f"{_estimated(advice.regret_blind)} where the method is chosen by the other objects"
-    )
+    for advice in recommendation.by_metric:
+        by = _by(advice) * (len(recommendation.by_metric) > 1)
+        if advice.below_blank:
+            methods = ", ".join(map(visible, advice.below_blank))
+            lines.append(f"below a white image{by}, no choice: {methods}")
+        if advice.best is None:
+            continue
+        if request.budget_ms is None:
+            lines.append(f"best at any cost{by}: {_text([(advice, advice.best)], request)}")
+        for choice in advice.next:
+            behind = _estimated(choice.behind, advice.metric)
+            lines.append(f"next{by}: {_text([(advice, choice)], request)}; behind by {behind}")
+        regret, blind = (
+            _estimated(value, advice.metric) for value in (advice.regret, advice.regret_blind)
+        )
+        lines.append(
+            f"regret: {regret} {advice.metric} against the best of {advice.affordable} such "
+            f"methods for each of {advice.objects} objects; {blind} where the method is chosen by "
+            "the other objects"
+        )
     return lines
 
 
-def _within_budget(advice: Advice, request: Request, budget_ms: float) -> str:
-    budget = f"{milliseconds(budget_ms)} ms"
-    if advice.best is None:
-        nearest = f"; the cheapest: {_text(advice.cheapest, request)}" if advice.cheapest else ""
-        return f"no method within {budget}{nearest}"
-    message = f"best within {budget}: {_text(advice.best, request)}"
-    if advice.best.cost_ms.high > budget_ms:
+def _within_budget(advices: Sequence[Advice], request: Request, budget_ms: float, by: str) -> str:
+    """Return the line for the budget, of metrics that name the same method."""
+    budget, first = f"{milliseconds(budget_ms)} ms", advices[0]
+    if first.best is None:
+        nearest = ""
+        if first.cheapest:
+            nearest = f"; the cheapest: {_text([(first, first.cheapest)], request)}"
+        worse = " is better than a white image" if first.below_blank else ""
+        return f"no method within {budget}{worse}{by}{nearest}"
+    chosen = [(advice, advice.best) for advice in advices if advice.best]
+    message = f"best within {budget}{by}: {_text(chosen, request)}"
+    if first.best.cost_ms.high > budget_ms:
         message += "; the interval of its cost reaches beyond the budget"
     return message
 
@@ -287,25 +344,30 @@ def _within_budget(advice: Advice, request: Request, budget_ms: float) -> str:
 def _good_enough(advice: Advice, request: Request, min_ssim: float) -> str:
     least = f"ssim of at least {min_ssim:g}"
     if advice.on_average is None:
-        nearest = f"; the nearest: {_text(advice.finest, request)}" if advice.finest else ""
+        nearest = (
+            f"; the nearest: {_text([(advice, advice.finest)], request)}" if advice.finest else ""
+        )
         return f"no method with an {least}{nearest}"
     sure = advice.surely is not None and advice.surely.method == advice.on_average.method
     message = (
         f"cheapest with an {least}, {'surely' if sure else 'on average'}: "
-        f"{_text(advice.on_average, request)}"
+        f"{_text([(advice, advice.on_average)], request)}"
     )
     if request.budget_ms is not None and advice.on_average.cost_ms.value > request.budget_ms:
         message += "; over the budget"
     return message
 
 
-def _text(choice: Choice, request: Request) -> str:
-    """The method with its quality and its cost, for the cloud and for an image."""
-    ssim = _estimated(choice.ssim)
+def _text(chosen: Sequence[tuple[Advice, Choice]], request: Request) -> str:
+    """Return a method with its quality by each metric, and its cost for the cloud and an image."""
+    choice = chosen[0][1]
+    qualities = ", ".join(
+        f"{advice.metric} {_estimated(by_it.quality, advice.metric)}" for advice, by_it in chosen
+    )
     cost = f"{milliseconds(choice.cost_ms.value)} ms{_interval(choice.cost_ms, milliseconds)}"
     failed = f", {choice.n - choice.n_ok} of {choice.n} pictures failed" * (choice.n_ok < choice.n)
     image = milliseconds(choice.cost_ms.value / request.views)
-    return f"{visible(choice.method)}, ssim {ssim}, {cost} a cloud, {image} ms a picture{failed}"
+    return f"{visible(choice.method)}, {qualities}, {cost} a cloud, {image} ms a picture{failed}"
 
 
 def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
@@ -314,14 +376,11 @@ def _interval(estimate: Estimate, shown: Callable[[float], str]) -> str:
     return f" [{shown(estimate.low)}, {shown(estimate.high)}]"
 
 
-def _estimated(estimate: Estimate) -> str:
+def _estimated(estimate: Estimate, metric: str) -> str:
     if not math.isfinite(estimate.value):
         return "unknown"
-    return _digits(estimate.value) + _interval(estimate, _digits)
-
-
-def _digits(value: float) -> str:
-    return f"{value:z.{decimals(METRIC)}f}"
+    digits = f"{{:z.{decimals(metric)}f}}".format
+    return digits(estimate.value) + _interval(estimate, digits)
 
 
 def make_request(views: int, budget_ms: float | None, min_ssim: float | None) -> Request:

@@ -261,8 +261,13 @@ def read_finished(directory: Path) -> dict[str, Any]:
 
 
 def read_manifest(directory: Path) -> dict[str, Any]:
-    """The manifest of a run. Raises BadInput: no run there, damaged, or of a newer version."""
+    """Return the manifest of a run.
+
+    Raises BadInput where there is no run, and for one that is damaged or of a newer version.
+    """
     path = directory / MANIFEST
+    if not directory.exists():
+        raise BadInput(f"{directory}: no such folder; give a run's folder")
     if not path.is_file():
         raise BadInput(f"{directory}: no run here ({MANIFEST} is missing); give a run's folder")
     try:

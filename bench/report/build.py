@@ -197,7 +197,7 @@ def _command(manifest: Mapping[str, Any]) -> str:
 def _meanings(
     manifest: Mapping[str, Any], suite: Suite
 ) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
-    known = {c.id: f"{c.perturbation}; {c.source}" for c in CONDITIONS}
+    known = {c.id: c.source for c in CONDITIONS}
     distances = {m.id: f"Fréchet distance, lower is better: {m.about}" for m in SET_METRICS}
     kernel = {metric: about for metric, (_, about) in KERNEL_METRICS.items()}
     metrics = IMAGE_METRICS | distances | kernel | RECOGNITION_METRICS | CONTROL_METRICS

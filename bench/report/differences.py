@@ -62,7 +62,8 @@ def differences_figure(cells: Sequence[PairedDifference], a: str, b: str) -> Fig
         axis.grid(axis="x", alpha=0.3)
     axes[0].set_yticks(range(len(labels)), labels)
     axes[0].invert_yaxis()
-    title = f"a: {visible(a)}\nb: {visible(b)}\norange: a is better, blue: b is better, grey: a tie"
+    colours = "orange: a is better, blue: b is better, grey: a tie, light grey: too few objects"
+    title = f"a: {visible(a)}\nb: {visible(b)}\n{colours}"
     figure.suptitle(title, fontsize=9)
     return figure
 

@@ -19,7 +19,7 @@ from bench.catalogue.parameters import find_setting
 from bench.report.inline import Drawing, inline
 from bench.report.page import Plot
 from bench.report.robustness import axis_title, point_style, shortened
-from bench.report.styles import INK, RULE, SOFT, Look, looks
+from bench.report.styles import INK, PAPER, RULE, SOFT, Look, looks
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
 from bench.tables.table import Tags
@@ -186,7 +186,10 @@ def _draw_point(drawn: Drawing, axis: Any, place: Place, look: Look, size: float
     if math.isfinite(cost.low):
         (line,) = axis.plot([cost.low, cost.high], [quality.value] * 2, **thin)
         drawn.mark(line, tags)
-    (point,) = axis.plot(cost.value, quality.value, **point_style(look, size))
+    style = point_style(look, size)
+    if place.verdict == "below a white image":
+        style |= {"markerfacecolor": PAPER, "markeredgecolor": look.colour, "markeredgewidth": 1.0}
+    (point,) = axis.plot(cost.value, quality.value, **style)
     drawn.mark(point, tags, _text(place), series=True)
 
 
@@ -362,5 +365,6 @@ def _text(place: Place) -> str:
     value = f"{place.quality.value:.{decimals(place.metric)}f}"
     if role(place.method) == "floor":
         return f"{place.method}: {value}, looks at no cloud"
-    ahead = ", on the frontier" if place.verdict == "frontier" else ""
-    return f"{place.method}: {milliseconds(place.cost_ms.value)} ms, {value}{ahead}"
+    verdicts = {"frontier": ", on the frontier", "below a white image": ", below a white image"}
+    verdict = verdicts.get(place.verdict, "")
+    return f"{place.method}: {milliseconds(place.cost_ms.value)} ms, {value}{verdict}"

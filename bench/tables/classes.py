@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import interval_of_means, jackknife_interval
+from bench.analysis.intervals import clipped, interval_of_means, jackknife_interval
 from bench.analysis.recognition import ClassHead
-from bench.catalogue.metrics import KERNEL_METRICS, RECOGNITION_METRICS, column, is_mean
+from bench.catalogue.metrics import RECOGNITION_METRICS, column, is_mean, value_range
 from bench.catalogue.suites import Suite
 from bench.records.features import Features
 from bench.tables import markdown
@@ -146,11 +146,9 @@ def _average(metric: str, of_cell: Sequence[Measured], published: Published) -> 
     lacking = [m.row.class_name for m in of_cell if not math.isfinite(m.row.value)]
     value = float(np.mean([m.row.value for m in valued])) if valued else NAN
     of_classes = [m.per_object for m in valued]
-    if is_mean(metric):
-        low, high = interval_of_means(of_classes)
-    else:
-        low, high = jackknife_interval(value, of_classes)
-        low = low if metric in KERNEL_METRICS or math.isnan(low) else max(low, 0.0)
+    mean = is_mean(metric)
+    interval = interval_of_means(of_classes) if mean else jackknife_interval(value, of_classes)
+    low, high = clipped(interval, value_range(metric))
     note = f"without {', '.join(lacking)}" if lacking else ""
     return Row(
         suite=first.suite,

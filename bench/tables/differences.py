@@ -69,18 +69,13 @@ class Differences:
             *columns(("value_b", "pair.quality_b.estimate.value")),
             *columns(("difference", "difference.value"), ("ci_low", "difference.low")),
             *columns(("ci_high", "difference.high"), "p", "p_holm", "ahead"),
-            *columns(("objects", "pair.objects")),
+            *columns(("objects", "pair.objects"), "objects_needed"),
         )
         title = f"{self.b} against {self.a}"
         return Table("differences", title, made, self.cells, self._layout)
 
     def _layout(self, rows: Sequence[PairedDifference]) -> Iterator[Block]:
-        yield (
-            "Each cell: value of a, value of b, and b - a with its 95 % interval, paired object by "
-            "object, failed images scored as blank ones. **Bold**: the two differ (p below "
-            f"{SIGNIFICANCE} after Holm's correction for {sum(r.p == r.p for r in rows)} cells). "
-            "`=`: a tie, no difference is shown."
-        )
+        yield _legend(rows)
         yield from self.remarks
         if any(row.pair.objects < FEWEST for row in rows):
             yield f"Fewer than {FEWEST} objects have no interval, and show no difference."
@@ -97,19 +92,41 @@ class Differences:
             )
 
 
+def _legend(rows: Sequence[PairedDifference]) -> str:
+    """Return the meaning of the marks that the cells can have."""
+    legend = (
+        "Each cell: value of a, value of b, and b - a with its 95 % interval, paired object by "
+        "object, failed images scored as blank ones."
+    )
+    if tested := sum(not math.isnan(row.p) for row in rows):
+        legend += (
+            f" **Bold**: the two differ (p below {SIGNIFICANCE} after Holm's correction for "
+            f"{tested} cells). `=`: a tie, no difference is shown."
+        )
+    if needed := [row.objects_needed for row in rows if row.objects_needed]:
+        legend += f" `?`: {too_few(max(needed))}."
+    return legend
+
+
+def too_few(objects_needed: int) -> str:
+    """Return the words for a cell that so few objects cannot decide."""
+    return f"too few objects to decide: at least {objects_needed}"
+
+
 def _methods(row: PairedDifference) -> str:
     a, b = row.pair.a.method, row.pair.b.method
     return b if a == b else f"{b} against {a}"
 
 
 def difference_cell(row: PairedDifference) -> Cell:
-    """Both values and their difference with its interval; a dash where there is none."""
+    """Return both values and their difference with its interval; a dash where there is none."""
     if not math.isfinite(row.difference.value):
         return NOTHING
     digits = decimals(row.pair.metric)
     of_a, of_b = row.pair.quality_a.estimate, row.pair.quality_b.estimate
     values = f"{shown(of_a.value, digits)} to {shown(of_b.value, digits)}: "
-    cell = number(row.difference, f"{{:+.{digits}f}}".format, special=_MARKS.get(row.ahead))
+    special = _TOO_FEW if row.objects_needed else _MARKS.get(row.ahead)
+    cell = number(row.difference, f"{{:+.{digits}f}}".format, special=special)
     return replace(cell, text=values + cell.text)
 
 
@@ -118,6 +135,7 @@ _MARKS = {
     "b": BOLD,
     "tie": Mark("tie", "{value}{interval} ="),
 }
+_TOO_FEW = Mark("too few objects", "{value}{interval} ?")
 
 
 def methods_of_run(
@@ -133,9 +151,9 @@ def methods_of_run(
     Raises BadInput where there are not two methods, for methods and metrics that the run does not
     have, and for a run of which there are no scores.
     """
+    run = read_scored(directory)
     if len(set(methods)) != 2:
         raise BadInput("one run is compared by two methods; give --methods a,b or a second folder")
-    run = read_scored(directory)
     best = _best_by_condition(run)
     there = [*run.manifest["methods"], *([BEST_RECONSTRUCTION] if best else [])]
     _refuse_unknown("--methods", methods, there)

@@ -33,6 +33,7 @@ from bench.tables.table import (
 MARKS = {
     "frontier": Mark("frontier", "**{value}**{interval}"),
     "tied": Mark("tied", "{value}{interval} ="),
+    "below a white image": Mark("below a white image", "{value}{interval} *below*", against=True),
     "reference": Mark("reference", "{value}{interval} *ref*"),
 }
 
@@ -83,9 +84,10 @@ def _frontier(remark: str, rows: Sequence[Place]) -> Iterator[Block]:
 _LEGEND = (
     "**Bold**: on the frontier, no other is at least as good for at most that cost. `=`: something "
     "that costs no more is at least as good, but the paired difference may be none (its 95 % "
-    "interval holds 0). Neither: clearly dominated. *ref*: no choice, it sees the mesh or no "
-    "cloud. Costs in milliseconds for a cloud with its views, median over objects; qualities "
-    "are means over objects, failed pictures scored as blank ones. [95 % interval over objects]."
+    "interval holds 0). None of these: clearly dominated. *below*: worse than a white image, which "
+    "costs nothing. *ref*: no choice, it sees the mesh or no cloud. Costs in milliseconds for a "
+    "cloud with its views, median over objects; qualities are means over objects, failed pictures "
+    "scored as blank ones. [95 % interval over objects]."
 )
 
 
@@ -123,20 +125,20 @@ def _points(views: int, rows: Sequence[Thinned]) -> Iterator[Block]:
 
 
 def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Grid | None:
-    """For the report: milliseconds for a cloud with its views, by method and condition; None
-    without any times.
+    """Return the milliseconds for a cloud with its views, by method and condition; None without
+    any times.
 
     With several classes each line is of one class. Beside a cost stands what it is made of; its
-    mark says whether the method is on the frontier by `metric`.
+    mark says whether the method is on the frontier by `metric`, or worse than a white image.
     """
     classes = ordered(c.class_name for c in comparisons)
     conditions = ordered(c.condition for c in comparisons)
     at = {(c.condition, c.class_name): c for c in comparisons}
-    ahead = {
-        (c.condition, c.class_name, p.method)
+    special = {
+        (c.condition, c.class_name, p.method): MARKS[p.verdict]
         for c in comparisons
         for p in places(c, (metric,), views)
-        if p.verdict == "frontier"
+        if p.verdict in ("frontier", "below a white image")
     }
 
     def cell(condition: str, class_name: str, method: str) -> Cell:
@@ -149,7 +151,7 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
             cost if math.isfinite(cost) else None,
             rest=_made_of(comparison, method, views),
             caveat=_of_images(*comparison.images[method]),
-            special=MARKS["frontier"] if (condition, class_name, method) in ahead else None,
+            special=special.get((condition, class_name, method)),
         )
 
     made = Grid(
@@ -167,7 +169,10 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
         ),
         caption=f"Milliseconds for a cloud with {'its ' if views > 1 else ''}{_of_views(views)}, "
         "median over objects; beneath, what they are made of: prepare the cloud + draw a view",
-        notes=(f"“frontier”: no other method has at least its {metric} for at most its cost.",),
+        notes=(
+            f"“frontier”: no other method has at least its {metric} for at most its cost; “below a "
+            f"white image”: its {metric} is worse than that of `blank`.",
+        ),
         higher=False,
     )
     return made if made.valued else None

@@ -15,13 +15,17 @@ from bench.records.journal import PROTOCOL
 from bench.tables.classes import AVERAGE, class_table
 from bench.tables.quality import Row, all_methods, image_table, set_table, with_objectives
 from bench.tables.scored import ScoredRun
-from bench.tables.table import Block, Table, columns_of, of_protocol
+from bench.tables.table import NAN, Block, Table, columns_of, of_protocol
 
 HEADLINE = "headline"
+FEWEST_SHOWN = 12  # objects: intervals of fewer are so wide and so uncertain that they mislead here
 
 
 def headline(run: ScoredRun) -> Table[Row]:
-    """The metrics that the suite has for it, of the objects that are complete."""
+    """Return the metrics that the suite has for it, of the objects that are complete.
+
+    People see intervals from FEWEST_SHOWN objects on; its CSV has them before.
+    """
     suite, metrics = run.suite, run.suite.headline
     images = tuple(metric for metric in metrics if is_mean(metric))
     sets = tuple(metric for metric in metrics if not is_mean(metric))
@@ -42,6 +46,9 @@ def headline(run: ScoredRun) -> Table[Row]:
     title = f"{' and '.join(metrics)}: {objects} of {planned} objects"
 
     def layout(rows: Sequence[Row]) -> Iterator[Block]:
+        if objects < FEWEST_SHOWN:
+            yield f"Intervals are shown from {FEWEST_SHOWN} objects on."
+            rows = [replace(row, ci_low=NAN, ci_high=NAN) for row in rows]
         yield from all_methods(rows)
 
     table = Table(HEADLINE, title, columns_of(Row), tuple(rows), layout)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from rich.cells import cell_len, set_cell_size
@@ -13,11 +14,11 @@ WIDEST_NAME = 30
 GAP = "  "
 NOTES = 3  # of all grids
 FEWEST_LINES = 10
-MARKS = "* best of those that compete; ± the wider half of the 95 % interval over objects"
+STAR, BRACKETS = "* best of those that compete", "[95 % interval over objects]"
 
 
 def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
-    """Lines of at most `width` columns, at most `lines` of them, but 10 at least.
+    """Return lines of at most `width` columns, at most `lines` of them, but 10 at least.
 
     All grids have lines of the same names. They stand side by side or one below the other, with
     intervals where there is room; what has no room is left out, and a line says how much.
@@ -27,10 +28,11 @@ def plain(grids: Sequence[Grid], width: int, lines: int) -> list[str]:
     if len(notes) > NOTES:
         notes[NOTES:] = [f"... {len(notes) - NOTES} more remarks, in the tables"]
     cells = [cell for grid in shown for line in grid.lines for cell in line.cells]
-    marked = any(cell.special is BEST or cell.interval for cell in cells)
-    end = [*([_cut(MARKS, width)] if marked else []), *notes]
-    rows: list[str] = []
+    rows, end = list[str](), list[str]()
     for intervals in (True, False):
+        marks = [STAR] if any(cell.special is BEST for cell in cells) else []
+        marks += [BRACKETS] if intervals and any(cell.interval for cell in cells) else []
+        end = [*([_cut("; ".join(marks), width)] if marks else []), *notes]
         for beside in (True, False):
             fits, rows = _rows(shown, intervals, beside, width)
             if fits and len(rows) + len(end) <= lines:
@@ -70,9 +72,8 @@ def _groups(grid: Grid, intervals: bool, width: int) -> list[list[str]]:
     for place, head in enumerate(grid.columns):
         cells = [line.cells[place] for line in grid.lines]
         values = _aligned([visible(cell.text) + "* "[cell.special is not BEST] for cell in cells])
-        halves = [_half(cell) if intervals else "" for cell in cells]
-        wide = max(map(len, halves), default=0)
-        texts = [value + half.ljust(wide) for value, half in zip(values, halves, strict=True)]
+        ends = _aligned([_interval(cell) if intervals else "" for cell in cells])
+        texts = [f"{value}{end}" for value, end in zip(values, ends, strict=True)]
         columns.append(_aligned([visible(head.name), *texts]))
     parts: list[list[list[str]]] = [[]]
     for column in columns:
@@ -98,14 +99,12 @@ def _aligned(texts: Sequence[str]) -> list[str]:
     return [text.rjust(wide) for text in texts]
 
 
-def _half(cell: Cell) -> str:
-    """How far the interval of a value reaches, in the digits of the value."""
+def _interval(cell: Cell) -> str:
+    """Return the ends of an interval in the digits of the value, as its two sides may differ."""
     if cell.value is None or cell.interval is None:
         return ""
-    low, high = map(float, cell.interval)
-    digits = len(cell.text.partition(".")[2])
-    half = f"{max(cell.value - low, high - cell.value):.{digits}f}"
-    return f"±{half.removeprefix('0') if digits else half}"
+    low, high = (re.sub(r"^(-?)0\.", r"\1.", end) for end in cell.interval)
+    return f"[{low}, {high}]"
 
 
 def _cut(text: str, width: int) -> str:

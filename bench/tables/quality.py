@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from bench.analysis.comparison import decimals
 from bench.analysis.distances import CellKey, MeasuredFeatures
 from bench.analysis.intervals import (
+    clipped,
     debiased,
     distance_interval,
     jackknife_interval,
@@ -34,6 +35,7 @@ from bench.catalogue.metrics import (
     column,
     extractor_of,
     higher_is_better,
+    value_range,
 )
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION, best_by_condition
 from bench.catalogue.suites import Suite
@@ -424,7 +426,7 @@ def image_rows(
                 cell,
                 metric,
                 _mean(scores),
-                mean_interval(per_object),
+                clipped(mean_interval(per_object), value_range(metric)),
                 group,
                 published,
                 _mean(with_blank),
@@ -503,7 +505,8 @@ def _judged(
     with_blank = np.concatenate([values, floor])
     if metric == "retrieval":
         per_object = pd.Series(values).groupby(objects, sort=True).mean().to_numpy()
-        return _mean(values), mean_interval(per_object), _mean(with_blank)
+        interval = clipped(mean_interval(per_object), value_range(metric))
+        return _mean(values), interval, _mean(with_blank)
     interval = median_interval(values, objects)
     return float(np.median(values)), interval, float(np.median(with_blank))
 

@@ -155,7 +155,7 @@ class Cell:
     def gap(self) -> str:
         """In the report: what speaks against it, or is missing from it."""
         if self.special and self.special.against:
-            return self.special.word
+            return "; ".join(filter(None, (self.special.word, self.caveat)))
         if self.blank is None or self.count is None:
             return self.caveat
         text = f"{self.count[0]} of {self.count[1]} pictures"

@@ -13,6 +13,11 @@ splat,512,chair,ssim,0.7,,
 splat,2048,chair,fd-views,12.34,11,13.06
 splat,512,chair,fd-views,,,
 """
+FRONTIER = """\
+method,metric,value,ci_low,ci_high,verdict
+splat,ssim,0.6,0.5,0.7,below a white image
+pc2pix,ssim,0.8,0.7,0.9,frontier
+"""
 DIFFERENCES = """\
 metric,condition,class,method_b,difference,ci_low,ci_high,p_holm
 ssim,2048,chair,splat,-0.0514,-0.0741,-0.0252,0.001
@@ -24,6 +29,7 @@ ssim,1024,chair,splat,0.02,,,
 @pytest.fixture
 def numbers(tmp_path):
     (tmp_path / "values.csv").write_text(VALUES)
+    (tmp_path / "frontier.csv").write_text(FRONTIER)
     (tmp_path / "differences.csv").write_text(DIFFERENCES)
     return tmp_path
 
@@ -51,6 +57,15 @@ def page(asked, old="what stood here\n"):
         (
             "values.csv rows=method:splat columns=condition:2048,512 metric=fd-views show=ci_high",
             ["| fd-views | 2048 | 512 |", "|---|---:|---:|", "| splat | 13.06 | - |"],
+        ),
+        (
+            "frontier.csv rows=method:splat,pc2pix columns=metric:ssim",
+            [
+                "| method | ssim |",
+                "|---|---:|",
+                "| splat | *.600* [.500, .700] |",
+                "| pc2pix | **.800** [.700, .900] |",
+            ],
         ),
         (
             "differences.csv rows=method_b:splat*metric:ssim columns=condition:2048,512,1024",

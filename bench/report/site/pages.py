@@ -17,7 +17,7 @@ from bench.catalogue.parameters import PARAMETERS
 from bench.records.journal import PROTOCOL
 from bench.report.site.methods import SiteMethod, method_slug
 from bench.report.site.page import Link, Section, SitePage, card_html
-from bench.tables.differences import difference_cell
+from bench.tables.differences import difference_cell, too_few
 from bench.tables.frontier import cost_grid
 from bench.tables.ranks import RankedValue
 from bench.tables.scored import ScoredRun
@@ -39,7 +39,8 @@ from data_prep.fingerprints import file_sha256
 QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with
 LETTERS = (
     "Methods that share a letter are not shown to differ (paired object by object, p below 0.05 "
-    "after Holm's correction for all pairs of a column); without letters there are too few objects."
+    "after Holm's correction for all pairs of a column). Reference methods (ceiling, floor) are "
+    "shown for comparison and have no letters."
 )
 FAILURES = (
     "Values are means over objects. A failed image counts as a blank one, as in the column "
@@ -150,6 +151,12 @@ def _rank_cell(run: SiteRun, of: Ranking, method: str) -> Cell:
     return replace(cell, text=f"{cell.text} {rank.letters}".rstrip(), caveat=caveat)
 
 
+def _letters_remark(rankings: Iterable[Ranking]) -> str:
+    """Return what letters mean, and how many objects there have to be where they are missing."""
+    needed = [ranking.objects_needed for ranking in rankings if ranking.objects_needed]
+    return LETTERS + (f" Without letters: {too_few(max(needed))}." if needed else "")
+
+
 def _caption(metric: str) -> str:
     return f"{metric}, {'higher' if higher_is_better(metric) else 'lower'} is better"
 
@@ -169,7 +176,8 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
             for m in methods
         )
         heads = _heads(of.condition for of in of_metric)
-        grids.append(Grid("method", heads, lines, caption=_caption(metric), remark=LETTERS))
+        remark = _letters_remark(of_metric)
+        grids.append(Grid("method", heads, lines, caption=_caption(metric), remark=remark))
     return tuple(grids)
 
 
@@ -179,13 +187,21 @@ def _record(runs: Iterable[SiteRun], a: str, b: str) -> tuple[int, int, int]:
     return outcomes.count("a"), outcomes.count("tie"), outcomes.count("b")
 
 
+def _objects_needed(runs: Iterable[SiteRun], a: str, b: str) -> int:
+    """Return how many objects decide all that is undecided between a and b; 0 where nothing is."""
+    cells = [cell for run in runs for cell in run.differences.get((a, b), ())]
+    return max((cell.objects_needed or 0 for cell in cells), default=0)
+
+
 def _shared(runs: Sequence[SiteRun], a: str, b: str) -> bool:
     return any(of.of(a) and of.of(b) for run in runs for of in run.rankings)
 
 
 def _difference_cell(run: SiteRun, row: PairedDifference) -> Cell:
-    ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
-    cell = replace(difference_cell(row), special=Mark(f"{ahead} ahead") if ahead else None)
+    cell = difference_cell(row)
+    if not row.objects_needed:
+        ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
+        cell = replace(cell, special=Mark(f"{ahead} ahead") if ahead else None)
     failures = []
     for method in (row.pair.a.method, row.pair.b.method):
         if text := scored_as_blank(*run.images[row.pair.condition, method]):
@@ -239,8 +255,7 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
     for method in ranked:
         cells = []
         for run in runs:
-            found = (of.of(method) for of in run.rankings)
-            ranks = [rank for rank in found if rank is not None and rank.letters]
+            ranks = [rank for r in run.rankings if (rank := r.of(method)) and rank.letters]
             count = sum(rank.first for rank in ranks)
             cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
         firsts.append(
@@ -251,7 +266,8 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         _heads(run.name for run in runs),
         tuple(firsts),
         caption="How often a method is among the first",
-        remark="Of all metrics and conditions of a run: none is shown to be better. " + LETTERS,
+        remark="Of all metrics and conditions of a run: none is shown to be better. "
+        + _letters_remark(ranking for run in runs for ranking in run.rankings),
     )
     version = runs[0].run.manifest[PROTOCOL]
     return SitePage(
@@ -357,8 +373,9 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
             values = (_rank_cell(run, at[c], method) if c in at else NOTHING for c in conditions)
             about = "; ".join(filter(None, [run.machine, run.methods[method].libraries]))
             lines.append(Line(run.name, tuple(values), about, link=run.page))
+        remark = _letters_remark(of for _, of in cells)
         made = Grid(
-            "run", _heads(conditions), tuple(lines), caption=_caption(metric), remark=LETTERS
+            "run", _heads(conditions), tuple(lines), caption=_caption(metric), remark=remark
         )
         grids.append(made)
     others = [other for other in ranked if other != method and _shared(runs, method, other)]
@@ -415,6 +432,7 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
 
 def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
     lines = []
+    needed = max((_objects_needed(runs, a, b) for a, b in combinations(ranked, 2)), default=0)
     for a in ranked:
         cells = []
         for b in ranked:
@@ -432,7 +450,7 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
         tuple(lines),
         caption="Ahead, tie, behind: the method of the line against that of the column",
         remark="Counted over all metrics and conditions of all runs that have both. A tie: no "
-        "difference is shown. Untested: too few objects.",
+        f"difference is shown.{f' Untested: {too_few(needed)}.' if needed else ''}",
     )
     return SitePage(
         COMPARE,
@@ -457,14 +475,19 @@ def _pair_page(a: str, b: str, runs: Sequence[SiteRun]) -> SitePage:
             )
             sections.append(Section(run.name, str(run.run.manifest["dataset"]), (made,)))
     ahead, ties, behind = _record(runs, a, b)
+    outcome = []
+    if ahead + ties + behind:
+        outcome.append(
+            f"Over all runs, metrics and conditions {a} is ahead {ahead} times, {b} {behind} "
+            f"times, and {ties} times no difference is shown."
+        )
+    if needed := _objects_needed(runs, a, b):
+        outcome.append(f"{'For the rest there' if outcome else 'There'} are {too_few(needed)}.")
     return SitePage(
         _pair_file(a, b),
         f"{a} and {b}",
         "pc2pix-bench, two methods",
-        f"Over all runs, metrics and conditions {a} is ahead {ahead} times, {b} {behind} times, "
-        f"and {ties} times no difference is shown."
-        if ahead + ties + behind
-        else "Too few objects to test whether they differ.",
+        " ".join(outcome),
         (("runs with both", str(len(sections))),),
         (
             *sections,

@@ -5,9 +5,18 @@ import pandas as pd
 import pytest
 from scipy.stats import t as student
 
-from bench.analysis.comparison import ALL, NAN, candidates, compare, lead, milliseconds, pooled
+from bench.analysis.comparison import (
+    ALL,
+    NAN,
+    candidates,
+    compare,
+    difference,
+    lead,
+    milliseconds,
+    pooled,
+)
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import mean_interval, median_interval
+from bench.analysis.intervals import clipped, mean_interval, median_interval
 from bench.metrics.frechet import frechet_distance
 from bench.records.record import GROUND_TRUTH, to_frame
 
@@ -75,7 +84,8 @@ def test_scores_are_means_over_objects_with_blanks_for_failures():
     whole = only(to_frame(records())).qualities["ssim"]["splat"]
     np.testing.assert_allclose(whole.per_object, [0.6, 0.9, 0.2], atol=1e-15)
     assert whole.estimate.value == pytest.approx(1.7 / 3, abs=1e-15)
-    np.testing.assert_allclose(whole.estimate[1:], mean_interval(np.array([0.6, 0.9, 0.2])))
+    interval = clipped(mean_interval(np.array([0.6, 0.9, 0.2])), (-1.0, 1.0))
+    np.testing.assert_allclose(whole.estimate[1:], interval)
     lost = only(to_frame(records(failed="b"))).qualities["ssim"]["splat"]
     np.testing.assert_allclose(lost.per_object, [0.6, 0.5, 0.2], atol=1e-15)
     # of an object that failed in part the other images count
@@ -219,7 +229,8 @@ def test_classes_are_pooled_object_by_object():
     assert both.objects == ("chair/a", "chair/b", "sofa/a")
     splat = both.qualities["ssim"]["splat"]
     assert splat.per_object.tolist() == [0.5, 0.7, 0.9]
-    assert splat.estimate == (pytest.approx(0.7), *mean_interval(splat.per_object))
+    interval = clipped(mean_interval(splat.per_object), (-1.0, 1.0))
+    assert splat.estimate == (pytest.approx(0.7), *interval)
     assert both.cost_ms("splat", 10).value == 21.0  # of 21, 21 and 43
     assert both.images["splat"] == (6, 6)
 
@@ -231,3 +242,13 @@ def test_no_distance_of_classes_together():
         for name in ("chair", "sofa")
     )
     assert pooled([chairs, sofas])[0].qualities == {}
+
+
+def test_no_difference_is_larger_than_the_range_of_its_metric():
+    """Seven of eight objects differ by the whole range of an IoU: Student's interval exceeds it."""
+    ones, a = np.ones(8), np.array([0.0] * 7 + [0.9])
+    found = difference(quality("silhouette-iou", ones), quality("silhouette-iou", a))
+    assert mean_interval(ones - a)[1] > 1
+    assert found == (pytest.approx(0.8875), mean_interval(ones - a)[0], 1.0)
+    longer = difference(quality("psnr", 30 * ones), quality("psnr", 30 * a))
+    assert longer[1:] == mean_interval(30 * (ones - a))

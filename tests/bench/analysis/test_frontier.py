@@ -120,6 +120,32 @@ def test_verdicts_of_one_view(metric, methods, expected):
     assert list(found.values()) == expected
 
 
+def test_what_is_worse_than_a_white_image_is_off_the_frontier():
+    """By the metric that is judged alone: splat is cheap, but below a white image of ssim .62."""
+    field = comparison(FIELD | {"blank": (0, 0, (0.62,) * 4)})
+    found = verdicts(places(field, ["ssim"], 20))
+    assert found["splat"] == ("below a white image", "blank")
+    assert found["alpha-shape"] == ("no value", "")
+    assert found["constant"] == ("reference", "")
+    assert {m for m, (verdict, _) in found.items() if verdict == "frontier"} == {
+        "poisson",
+        "pc2pix",
+    }
+    distances = {m: (p, d, tuple(1 - s for s in scores)) for m, (p, d, scores) in FIELD.items()}
+    of_both = replace(field, qualities=field.qualities | comparison(distances, "lpips").qualities)
+    by_metric = {
+        place.metric: place.verdict
+        for place in places(of_both, ["ssim", "lpips"], 20)
+        if place.method == "splat"
+    }
+    assert by_metric == {"ssim": "below a white image", "lpips": "frontier"}
+
+
+def test_a_value_that_prints_like_that_of_a_white_image_is_not_below_it():
+    field = FIELD | {"blank": (0, 0, (0.6001,) * 4)}  # splat has 0.6
+    assert verdicts(places(comparison(field), ["ssim"], 20))["splat"] == ("frontier", "")
+
+
 def test_one_object_shows_nothing_clearly():
     alone = {name: (p, d, scores[:1]) for name, (p, d, scores) in FIELD.items()}
     found = {verdict for verdict, _ in verdicts(places(comparison(alone), ["ssim"], 20)).values()}

@@ -7,6 +7,7 @@ from scipy import stats
 from bench.analysis.intervals import (
     FEWEST,
     RESAMPLES,
+    clipped,
     debiased,
     distance_interval,
     interval_of_means,
@@ -167,6 +168,17 @@ def test_a_distance_is_never_below_0():
     low, high = jackknife_interval(3.2, [left_out])
     assert low < 0
     assert distance_interval(3.2, left_out) == (0.0, high)
+
+
+def test_what_no_value_can_be_is_clipped():
+    """Where most values are at the end of the range, Student's interval reaches beyond it."""
+    low, high = mean_interval(np.array([1.0] * 7 + [0.97]))
+    assert high > 1
+    assert clipped((low, high), (0.0, 1.0)) == (low, 1.0)
+    assert clipped((-0.2, 0.4), (0.0, 1.0)) == (0.0, 0.4)
+    assert clipped((-0.2, 1.4), (-np.inf, np.inf)) == (-0.2, 1.4)
+    assert clipped((-0.2, 1.4), (0.0, np.inf)) == (0.0, 1.4)
+    assert np.isnan(clipped((np.nan, np.nan), (0.0, 1.0))).all()
 
 
 def test_a_bias_in_one_over_the_number_of_objects_goes():

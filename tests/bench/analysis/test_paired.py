@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import shutil
 from itertools import product
 
@@ -15,7 +16,15 @@ from scipy.special import ndtr
 from scipy.stats import t
 
 from bench.analysis.comparison import Estimate, Quality
-from bench.analysis.paired import Pair, Side, holm, paired_differences, sign_flip_p
+from bench.analysis.paired import (
+    Pair,
+    Side,
+    fewest_objects,
+    holm,
+    paired_differences,
+    sign_flip_p,
+)
+from bench.catalogue.metrics import IMAGE_METRICS
 from bench.records.journal import read_manifest, write_manifest
 
 from ..builders import write_run
@@ -106,7 +115,66 @@ def test_p_values_are_corrected_for_all_cells_together():
     assert alone.ahead == "b"  # p = 1/128
     cells = paired_differences([pair(a, a + 0.1)] * 7)
     assert {cell.p_holm for cell in cells} == {7 / 128}
-    assert {cell.ahead for cell in cells} == {"tie"}
+    assert {cell.ahead for cell in cells} == {"unknown"}
+    assert {cell.objects_needed for cell in cells} == {9}  # 2^-8 x 7 is .027
+
+
+@pytest.mark.parametrize(
+    ("cells", "objects"), [(1, 8), (6, 8), (10, 9), (18, 10), (66, 12), (253, 14), (1128, 16)]
+)
+def test_the_fewest_objects_that_can_decide(cells, objects):
+    """The smallest n, at least 8, with 2^(1-n) cells < .05."""
+    assert fewest_objects(cells) == objects
+    a = np.linspace(0.5, 0.6, objects)
+    assert {cell.ahead for cell in paired_differences([pair(a, a + 0.1)] * cells)} == {"b"}
+
+
+def test_too_few_objects_are_no_tie():
+    a = np.linspace(0.5, 0.7, 8)
+    lead = np.array([0.1] * 6 + [-0.1] * 2)
+    cells = paired_differences([*[pair(a, a + lead)] * 9, pair(a, a), pair(a[:7], a[:7] + 0.1)])
+    # 11 cells when all have enough objects: 2^-8 x 11 is .043
+    assert [cell.ahead for cell in cells] == ["unknown"] * 9 + ["tie", "unknown"]
+    assert [cell.objects_needed for cell in cells] == [9] * 9 + [None, 9]
+    turned = cells[0].turned()
+    assert (turned.ahead, turned.objects_needed) == ("unknown", 9)
+
+
+def test_frechet_distances_have_no_floor():
+    """Their p values are of Student's distribution: eight objects decide among any number."""
+    left_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
+    distance = pair(left_out, 1000 + left_out, "fd-views", (1.0, 1001.0))
+    few = pair(left_out[:7], left_out[:7], "fd-views", (1.0, 1.0))
+    image = pair(left_out / 2, left_out / 2 + 0.1)
+    cells = paired_differences([distance, image, few] * 9)
+    assert [cell.ahead for cell in cells[:3]] == ["a", "unknown", "unknown"]
+    assert [cell.objects_needed for cell in cells[:3]] == [None, 11, 8]  # 2^-10 x 27 is .026
+
+
+def test_up_to_16_objects_all_signs_are_counted():
+    """All but the two smallest of 16 alike: 2 (1 + 16 + ...) signs at least as extreme, counted."""
+    differences = np.array([1.0, 2.0, *np.linspace(3.0, 9.0, 14)])
+    differences[0] *= -1
+    # At least as extreme: none turned, or the smallest alone; each with its negative.
+    assert sign_flip_p(differences) == 4 / 2**16
+    assert sign_flip_p(np.arange(1.0, 17)) == 2 / 2**16
+
+
+def test_at_their_floor_random_signs_give_way_to_students_p():
+    """17 and 40 alike signs; of 9,999 random ones none is as extreme, which says p < 2e-4 only."""
+    for count, spread in ((17, 0.3), (40, 0.6)):
+        differences = 1 + spread * np.linspace(-1, 1, count)
+        error = differences.std(ddof=1) / math.sqrt(count)
+        student = 2 * t.sf(differences.mean() / error, count - 1)
+        assert sign_flip_p(differences) == max(student, 2.0 ** (1 - count))
+    assert sign_flip_p(np.ones(20)) == 2.0**-19
+    # Student's p of a long tail is large: the signs alone show more.
+    assert sign_flip_p(np.array([1e3, *[1.0] * 19])) == 2e-4
+
+
+def test_rows_are_tested_each_for_itself():
+    rows = np.random.default_rng(2).normal(0.2, 1, (5, 24))
+    assert sign_flip_p(rows).tolist() == [float(sign_flip_p(row)) for row in rows]
 
 
 @pytest.fixture
@@ -159,6 +227,50 @@ def test_objects_without_a_value_are_left_out_and_counted(command, two_runs):
         ]
         assert values == pytest.approx([0.4, 0.7, 0.3, 0.3, 0.3])
         assert int(row["objects"]) == objects - 1
+
+
+def test_two_objects_are_too_few(command, tmp_path):
+    """Two conditions: two cells, for which eight objects would do."""
+    run = write_run(tmp_path / "run", objects=["chair/a", "chair/b"])
+    status, out, _ = command("compare", run, "--methods", "splat,blank", "--metric", "ssim")
+    assert status == 0
+    assert "`?`: too few objects to decide: at least 8.\n" in out
+    assert " cells)" not in out
+    assert "a tie" not in out
+    assert re.search(r": [+-]0\.\d{3} \? \|", out)
+    rows = rows_of(run / "comparisons" / "splat-blank")
+    assert {(row["ahead"], row["objects_needed"]) for row in rows} == {("unknown", "8")}
+
+
+def test_eight_objects_are_too_few_for_eighteen_cells(command, tmp_path):
+    """Nine image metrics under two conditions: 2^-7 x 18 is .14, 2^-9 x 18 is .035."""
+    run = write_run(tmp_path / "run", objects=[f"chair/{i}" for i in range(8)])
+    metrics = "ssim,luminance,contrast,structure,ssim-object,silhouette-iou,thin-recall,lpips,psnr"
+    asked = ("--methods", "true-mesh,blank", "--metric", metrics)
+    status, out, _ = command("compare", run, *asked)
+    assert status == 0
+    assert "after Holm's correction for 18 cells)" in out
+    assert "`?`: too few objects to decide: at least 10." in out
+    rows = rows_of(run / "comparisons" / "true-mesh-blank")
+    assert {(row["ahead"], row["objects_needed"]) for row in rows} == {("unknown", "10")}
+
+
+def test_help_names_the_metrics_that_are_compared(command, two_runs):
+    first, second = two_runs
+    assert command("compare", first, second)[0] == 0
+    compared = {row["metric"] for row in rows_of(second / "comparisons" / "first-second")}
+    images = sorted(compared & IMAGE_METRICS.keys())
+    assert images == ["lpips", "ssim", "ssim-object"]
+    _, out, _ = command("compare", "--help")
+    assert "Default: ssim, ssim-object, lpips, and those of sets of images." in " ".join(
+        out.split()
+    )
+
+
+def test_no_folder_is_said_before_anything_else(command, tmp_path):
+    nowhere = tmp_path / "nowhere"
+    message = f"bench: {nowhere}: no such folder; give a run's folder\n"
+    assert command("compare", nowhere) == (2, "", message)
 
 
 def test_two_methods_of_a_run(command, two_runs, tmp_path):

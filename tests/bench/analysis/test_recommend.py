@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bench.analysis.intervals import mean_interval, median_interval
-from bench.analysis.recommend import Request, advise, at_condition
+from bench.analysis.recommend import Request, at_condition, recommend
+from bench.analysis.recommend import advise as advise_by
 from bench.commands.results import advice_lines, make_request
 from data_prep.failures import BadInput
 
@@ -35,9 +38,17 @@ def names(choices):
     return [choice.method for choice in choices]
 
 
-def in_words(request, *comparisons, in_full=False):
-    advice = [advise(one, request) for one in comparisons or [comparison(FIELD)]]
-    return advice_lines(advice, request, 20, in_full=in_full)
+def advise(of, request):
+    return advise_by(of, request, "ssim")
+
+
+def meets(request, of=None):
+    return recommend(of or comparison(FIELD), request, ["ssim"]).meets(request)
+
+
+def in_words(request, *comparisons, in_full=False, metrics=("ssim",)):
+    given = [recommend(one, request, metrics) for one in comparisons or [comparison(FIELD)]]
+    return advice_lines(given, request, 20, in_full=in_full)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +71,7 @@ def test_the_best_within_a_budget(views, budget_ms, best, then):
     assert name_of(advice.best) == best
     assert names(advice.next) == then
     assert advice.affordable == (best is not None) + len(then)
-    assert advice.meets(Request(views, budget_ms)) == (best is not None)
+    assert meets(Request(views, budget_ms)) == (best is not None)
 
 
 def test_choices_carry_their_numbers():
@@ -68,8 +79,8 @@ def test_choices_carry_their_numbers():
     best, poisson = advice.best, advice.next[0]
     scores = np.array(FIELD["pc2pix"][2])
     assert best.cost_ms.value == pytest.approx(10 + 20 * 10, rel=1e-12)
-    assert best.ssim.value == pytest.approx(0.75, abs=1e-15)
-    assert tuple(best.ssim[1:]) == mean_interval(scores)
+    assert best.quality.value == pytest.approx(0.75, abs=1e-15)
+    assert tuple(best.quality[1:]) == mean_interval(scores)
     difference = scores - np.array(FIELD["poisson"][2])
     assert poisson.behind.value == pytest.approx(0.15, abs=1e-15)
     assert tuple(poisson.behind[1:]) == mean_interval(difference)
@@ -148,12 +159,12 @@ def test_no_regret_with_one_method_and_none_blind_of_one_object():
 def test_the_cheapest_that_is_good_enough(min_ssim, on_average, surely):
     advice = advise(comparison(FIELD), Request(20, min_ssim=min_ssim))
     assert (name_of(advice.on_average), name_of(advice.surely)) == (on_average, surely)
-    assert advice.meets(Request(20, min_ssim=min_ssim)) == (on_average is not None)
+    assert meets(Request(20, min_ssim=min_ssim)) == (on_average is not None)
 
 
 def test_both_limits_have_to_be_met_by_one_method():
     request = Request(20, budget_ms=130, min_ssim=0.65)
-    assert not advise(comparison(FIELD), request).meets(request)
+    assert not meets(request)
     within, good = in_words(request)
     assert within.startswith("2048: best within 130 ms: poisson, ssim 0.600 [")
     assert good.startswith(
@@ -161,7 +172,7 @@ def test_both_limits_have_to_be_met_by_one_method():
     )
     assert good.endswith("; over the budget")
     enough = Request(20, budget_ms=250, min_ssim=0.65)
-    assert advise(comparison(FIELD), enough).meets(enough)
+    assert meets(enough)
 
 
 def test_in_short_and_in_full():
@@ -190,7 +201,7 @@ def test_what_cannot_be_met_names_the_nearest():
     assert good.startswith(f"{least}; the nearest: surface-apss")
     assert sure.endswith(": none")
     floors = comparison({name: FIELD[name] for name in ("true-mesh", "constant", "blank")})
-    assert not advise(floors, request).meets(request)
+    assert not meets(request, floors)
     assert in_words(request, floors) == ["2048: no method within 5.0 ms", least]
 
 
@@ -201,6 +212,81 @@ def test_other_numbers_of_views_are_reckoned_and_odd_names_harmless():
     assert reckoned.startswith("Costs of 1 view are reckoned from the share of one")
     assert first.startswith("2048, a\\nb: best within 5.0 ms: splat\\x1b, ssim")
     assert second.startswith("2048, chair: best")
+
+
+def of_two_metrics(lpips):
+    """FIELD with a second metric: lpips by method, the same of all four objects."""
+    first = comparison(FIELD)
+    scores = {m: (0, 0, (value,) * 4) for m, value in lpips.items()}
+    return replace(first, qualities=first.qualities | comparison(scores, "lpips").qualities)
+
+
+LPIPS = {
+    **{"poisson": 0.3, "splat": 0.5, "pc2pix": 0.2, "surface-apss": 0.4, "alpha-shape": 0.1},
+    **{"true-mesh": 0.0, "constant": 0.1, "blank": 0.6},
+}
+
+
+def test_what_is_below_a_white_image_is_no_choice():
+    """A white image of ssim .58: of the four methods splat (.55) is worse."""
+    white = comparison(FIELD | {"blank": (0, 0, (0.58,) * 4)})
+    advice = advise(white, Request(20, 25))
+    assert (advice.best, advice.affordable, advice.below_blank) == (None, 0, ("splat",))
+    assert not meets(Request(20, 25), white)
+    (line,) = in_words(Request(20, 25), white)
+    assert line.startswith(
+        "2048: no method within 25.0 ms is better than a white image; the cheapest: poisson, ssim "
+    )
+    advice = advise(white, Request(20, min_ssim=0.5))
+    assert name_of(advice.on_average) == "poisson"
+    assert names(advice.next) == ["pc2pix", "poisson"]
+    lines = in_words(Request(20, 250), white, in_full=True)
+    assert lines[1] == "  below a white image, no choice: splat"
+
+
+def test_metrics_that_agree_have_one_line():
+    (line,) = in_words(Request(20, 250), of_two_metrics(LPIPS), metrics=("ssim", "lpips"))
+    assert line == (
+        "2048: best within 250 ms: pc2pix, ssim 0.750 [0.658, 0.842], lpips 0.200 [0.200, 0.200], "
+        "210 ms [210, 210] a cloud, 10.5 ms a picture"
+    )
+
+
+def test_metrics_that_disagree_have_a_line_each():
+    """By lpips, of which less is better, the best at any cost is pc2pix, by ssim surface-apss."""
+    both, metrics = of_two_metrics(LPIPS), ("ssim", "lpips")
+    by_ssim, by_lpips = in_words(Request(20, 5000), both, metrics=metrics)
+    assert by_ssim.startswith("2048: best within 5000 ms by ssim: surface-apss, ssim 0.812 [")
+    assert by_lpips.startswith("2048: best within 5000 ms by lpips: pc2pix, lpips 0.200 [")
+    full = in_words(Request(20, 5000), both, metrics=metrics, in_full=True)
+    assert full[-3].startswith("  next by lpips: surface-apss, lpips 0.400 [")
+    assert "; behind by 0.200 [" in full[-3]
+    assert full[-1].startswith("  regret: 0.000 [0.000, 0.000] lpips against the best of 4 such ")
+
+
+def test_a_white_image_is_better_by_one_metric_alone():
+    both = of_two_metrics(LPIPS | {"splat": 0.7})
+    request, metrics = Request(20, 25), ("ssim", "lpips")
+    by_ssim, by_lpips = in_words(request, both, metrics=metrics)
+    assert by_ssim.startswith("2048: best within 25.0 ms by ssim: splat, ")
+    assert by_lpips.startswith(
+        "2048: no method within 25.0 ms is better than a white image by lpips; the cheapest: "
+    )
+    assert not recommend(both, request, metrics).meets(request)
+
+
+def test_objects_without_a_value_do_not_count_for_the_regret():
+    scores = {"splat": (1, 0, (0.5, NAN, 0.5)), "poisson": (2, 0, (0.6, 0.9, 0.2))}
+    field = comparison(scores | {"blank": (0, 0, (0, 0, 0))}, "ssim-object")
+    known = {
+        m: replace(q, estimate=q.estimate._replace(value=float(np.nanmean(q.per_object))))
+        for m, q in field.qualities["ssim-object"].items()
+    }
+    advice = advise_by(
+        replace(field, qualities={"ssim-object": known}), Request(1, 10), "ssim-object"
+    )
+    assert name_of(advice.best) == "poisson"  # .567 and .5
+    assert advice.regret.value == pytest.approx((0 + 0.3) / 2)
 
 
 @pytest.mark.parametrize(

@@ -264,9 +264,11 @@ def test_without_golden_values_or_a_run(tmp_path, results, command):
         "run from a checkout that has them"
     )
     no_run = "{}: no run here (manifest.json is missing); give a run's folder"
+    no_folder = "{}: no such folder; give a run's folder"
     for path, message in [
         (directory, none),
-        *((tmp_path / name, no_run) for name in ("nowhere", "results", "file")),
+        (tmp_path / "file", no_run),
+        *((tmp_path / name, no_folder) for name in ("nowhere", "results")),
     ]:
         assert command("check", path) == (2, "", f"bench: {message.format(path)}\n")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pandas as pd
@@ -110,12 +111,25 @@ def test_runs_without_scores(tmp_path, suite):
 
 
 def test_recommend(tmp_path, command):
-    """Every method takes 250 ms a cloud and 125 ms a view, and has random scores."""
+    """Every method takes 250 ms a cloud and 125 ms a view, and has random scores; blank has 0."""
     methods = ["splat", "poisson", "true-mesh", "blank"]
     directory = write_run(tmp_path, methods=methods, workers=2, machine={"cpu": "Abacus"})
+    white = {"ssim": 0.0, "ssim_object": 0.0, "lpips": 2.0}
+    made = [replace(r, **(white if r.method == "blank" else {})) for r in read_all(directory)]
+    write_all(directory, made)
     records = pd.read_parquet(directory / "records.parquet").query("method in @methods[:2]")
-    means = records.groupby(["condition", "method"])["ssim"].mean()
+    means = records.groupby(["condition", "method"])[["ssim", "ssim_object", "lpips"]].mean()
     status, out, err = command("recommend", directory, "--budget-ms", "500.5")
+    assert (status, err) == (0, "")
+    for condition in ("2048", "512"):  # the headline metrics, a line each unless they agree
+        lines = [line for line in out.splitlines() if line.startswith(f"{condition}: ")]
+        by_ssim, by_lpips = means.loc[condition, "ssim_object"], means.loc[condition, "lpips"]
+        assert re.search(rf": best within 500 ms[a-z -]*: {by_ssim.idxmax()}, ", lines[0])
+        assert re.search(rf": best within 500 ms[a-z -]*: {by_lpips.idxmin()}, ", lines[-1])
+        assert f"ssim-object {by_ssim.max():.3f} [" in lines[0]
+        assert f"lpips {by_lpips.min():.3f} [" in lines[-1]
+    means = means["ssim"]
+    status, out, err = command("recommend", directory, "--budget-ms", "500.5", "--metric", "ssim")
     assert (status, err) == (0, "")
     head, *lines = out.splitlines()
     assert head == (
@@ -142,7 +156,7 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
         (_, line) = out.splitlines()
         assert status == 0
         assert line.startswith(f"2048: cheapest with an ssim of at least {least}, {words}, ")
-    full = ("--min-ssim", "0.45", "--budget-ms", "600", "--condition", "2048")
+    full = ("--min-ssim", "0.45", "--budget-ms", "600", "--condition", "2048", "--metric", "ssim")
     _, out, _ = command("recommend", directory, *full)
     head, _, short, sure, regret = out.splitlines()
     assert "it is not known what ran beside it" in head
@@ -157,6 +171,7 @@ def test_surely_is_said_of_the_method_that_is(tmp_path, command):
         (("--budget-ms", "10", "--views", "1"), 1, ", 375 ms [375, 375] a cloud, 375 ms a picture"),
         (("--min-ssim", "1"), 1, "512: no method with an ssim of at least 1; the nearest: splat"),
         ((), 2, "bench: nothing to go by; give --budget-ms, --min-ssim, or both\n"),
+        (("--budget-ms", "9", "--metric", "fd-views"), 2, "--metric fd-views: cannot judge here; "),
         (
             ("--budget-ms", "1", "--condition", "256"),
             2,

@@ -345,10 +345,12 @@ def test_other_peoples_directories_are_left_alone(tmp_path, refuse):
 @pytest.mark.parametrize("read", [read_manifest, read_finished])
 def test_no_manifest(tmp_path, read):
     (tmp_path / "file").touch()
-    for place in (tmp_path, tmp_path / "nowhere", tmp_path / "file"):
+    for place in (tmp_path, tmp_path / "file"):
         assert refusal(read, place) == (
             f"{place}: no run here (manifest.json is missing); give a run's folder"
         )
+    nowhere = tmp_path / "nowhere"
+    assert refusal(read, nowhere) == f"{nowhere}: no such folder; give a run's folder"
 
 
 def without(name):

@@ -79,6 +79,21 @@ def test_a_parameter_is_a_line_and_the_frontier_a_step_to_the_edge():
     assert drawn.max() < 0.9  # the ceiling is not drawn
 
 
+def test_what_is_below_a_white_image_is_hollow():
+    below = place("splat", verdict="below a white image", quality=Estimate(0.5, 0.4, 0.6))
+    (axis,) = figure([*places()[:8], below], "ssim", 20).axes
+    faces = {
+        line.get_xydata()[0, 1]: line.get_markerfacecolor()
+        for line in axis.lines
+        if line.get_linestyle() == "None"
+        and len(line.get_xydata()) == 1
+        and line.get_label().startswith("_")
+    }
+    assert [value for value, face in faces.items() if face == "#ffffff"] == [0.5]
+    (steps,) = lines(axis, "frontier")
+    assert steps.get_xydata()[0].tolist() == [40, 0.75]
+
+
 def test_distances_are_logarithmic_and_zero_has_no_place(tmp_path):
     (axis,) = figure(places("fd-views"), "fd-views", 20).axes
     assert axis.get_yscale() == "log"

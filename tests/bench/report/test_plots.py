@@ -211,6 +211,18 @@ def test_a_cheaper_and_better_method_is_marked():
     assert table.lines[1].cells[0].beside == "800 + 100 × 2"
 
 
+def test_what_is_below_a_white_image_is_marked_and_hollow():
+    """`blank` has .5: the cheapest is no method at the frontier where it is worse."""
+    worse = QUALITIES | {"splat": 0.45}
+    (plot,) = cost_plots([comparison(COSTS, worse)], ["ssim"], 2, looks(METHODS))
+    assert titles(plot)[0] == "splat: 10.0 ms, 0.450, below a white image"
+    table = cost_grid([comparison(COSTS, worse)], "ssim", 2)
+    assert table is not None
+    cells = {line.name: line.cells[0] for line in table.lines}
+    assert (cells["splat"].mark, cells["splat"].gap) == ("", "below a white image")
+    assert cells["surface-apss"].mark == "frontier"
+
+
 def test_a_plot_is_wide_where_labels_want_room():
     """Floors and ceilings have no label, so that neither counts."""
     parameters = [f"splat@spread={0.5 + i / 10:g}" for i in range(13)]

@@ -7,7 +7,7 @@ from html import unescape
 from pathlib import Path
 
 import pytest
-from builders import make_manifest, read_all, write_all, write_run
+from builders import make_manifest, write_run
 
 from bench.catalogue.methods import METHODS
 from bench.records.journal import write_manifest
@@ -15,13 +15,14 @@ from bench.report.site.page import card_html
 from bench.report.site.pages import _card
 
 OBJECTS = [f"chair/{i:02d}" for i in range(9)]  # enough for intervals
+METHODS_OF_FIRST = ["splat", "pc2pix", "true-mesh", "blank"]
 LINK = re.compile(r'(?:href|src)="([^"#][^"]*)"')
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     root = tmp_path_factory.mktemp("runs")
-    first = write_run(root / "first", objects=OBJECTS)
+    first = write_run(root / "first", objects=OBJECTS, methods=METHODS_OF_FIRST)
     second = write_run(root / "second", objects=OBJECTS, methods=["splat", "blank"], seed=1)
     return first, second
 
@@ -54,12 +55,18 @@ def test_every_link_is_a_file_beside_the_page_and_no_file_is_lost(site):
 
 
 def test_a_page_for_each_run_method_and_pair(site):
-    (pair,) = (path.name for path in site.glob("compare-*--*.html"))
-    assert pair in ("compare-splat--blank.html", "compare-blank--splat.html")  # the better first
+    pairs = {path.name for path in site.glob("compare-*--*.html")}
+    (best,) = pairs & {"compare-splat--pc2pix.html", "compare-pc2pix--splat.html"}
+    (floor,) = pairs & {"compare-true-mesh--blank.html", "compare-blank--true-mesh.html"}
+    assert pairs - {best, floor} == {  # reference methods come last
+        f"compare-{method}--{reference}.html"
+        for method in ("splat", "pc2pix")
+        for reference in ("true-mesh", "blank")
+    }
     assert {path.name for path in site.glob("*.html")} == {
-        *("index.html", "compare.html", "cost.html", pair),
+        *("index.html", "compare.html", "cost.html", *pairs),
         *("run-first.html", "run-second.html", "report-first.html", "report-second.html"),
-        *("method-splat.html", "method-blank.html"),  # no ceiling is ranked
+        *(f"method-{method}.html" for method in METHODS_OF_FIRST),
     }
 
 
@@ -71,8 +78,8 @@ def test_downloads_are_those_of_the_run(site, runs):
 
 def test_ranks_have_letters_and_pairs_their_counts(site):
     ranks = text(site / "run-first.html")
-    assert re.search(r"0\.\d{3} a first", ranks)
-    pair = next(site.glob("compare-*--*.html"))
+    assert re.search(r"splat 0\.\d{3} \[?.*?a first", ranks)
+    pair = site / "compare-splat--blank.html"
     found = re.search(r"is ahead (\d+) times, \w+ (\d+) times, and (\d+) times no", text(pair))
     assert found
     metrics, conditions, folders = 3, 2, 2
@@ -128,7 +135,7 @@ def test_what_is_refused_writes_nothing(runs, command, tmp_path):
     cases = [
         ((first, other), f"different protocols: {first} has 1, {other} has 2"),
         ((first, first), f"{first}: given twice"),
-        ((first, tmp_path / "gone"), "no run here"),
+        ((first, tmp_path / "gone"), "no such folder"),
     ]
     for directories, message in cases:
         status, printed, err = command("site", *directories, "--out", out)
@@ -140,8 +147,28 @@ def test_what_is_refused_writes_nothing(runs, command, tmp_path):
     assert "is there already" in err
 
 
+def test_reference_methods_are_never_among_the_first(site):
+    """A white image and the true mesh are shown with their values, and nobody ranks them."""
+    shown = text(site / "index.html").partition("How often a method is among the first")[2]
+    assert re.search(r"splat \d of 6 - ", shown)  # the second run has no other method to rank
+    assert "blank floor - - " in shown
+    assert "true-mesh ceiling - - " in shown
+    ranks = text(site / "run-first.html")
+    assert re.search(r"true-mesh ceiling 1\.000 (?!a)", ranks)
+    assert re.search(r"blank floor 0\.\d{3} (?!a)", ranks)
+
+
 def test_few_objects_have_no_letters(tmp_path, command):
-    run = write_run(tmp_path / "few")
-    write_all(run, read_all(run))
+    """Five methods have ten pairs: 2^-7 x 10 is .078, 2^-8 x 10 is .039."""
+    methods = ["splat", "pc2pix", "poisson", "pgr", "surface-fit", "blank"]
+    run = write_run(tmp_path / "few", objects=OBJECTS[:8], methods=methods, conditions=["2048"])
     assert command("site", run, "--out", tmp_path / "site")[0] == 0
+    words = "too few objects to decide: at least 9."
+    shown = text(tmp_path / "site" / "index.html")
+    assert f"Without letters: {words}" in shown
+    assert not re.search(r"\d of \d", shown.partition("among the first")[2])
+    assert f"Without letters: {words}" in text(tmp_path / "site" / "run-few.html")
     assert "untested" in text(tmp_path / "site" / "compare.html")
+    assert f"Untested: {words}" in text(tmp_path / "site" / "compare.html")
+    (pair,) = (path for path in (tmp_path / "site").glob("compare-*pgr*") if "splat" in path.name)
+    assert f"There are {words}" in text(pair)

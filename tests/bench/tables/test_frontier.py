@@ -50,6 +50,7 @@ def test_markdown_has_methods_by_cost_and_marks():
         place("pc2pix", verdict="tied", cost_ms=costly),
         place("splat"),
         place("true_mesh", verdict="reference", cost_ms=free),
+        place("surface-fit", verdict="below a white image", rival="blank", cost_ms=costly),
         place("poisson", "fd-views", "no value", **nothing),
         place("pc2pix", verdict="dominated", cost_ms=costly, **distance),
         place("splat", **distance),
@@ -61,12 +62,13 @@ def test_markdown_has_methods_by_cost_and_marks():
     assert lines[:3] == ["# Quality against cost", "", "Taken in a hurry."]
     start = lines.index("## 2048, chair, 20 views")
     ssim, distance = "[0.800, 0.830]", "[11.0, 13.0]"
-    assert lines[start + 2 : start + 8] == [
+    assert lines[start + 2 : start + 9] == [
         "| method | ms | ssim | fd-views | pictures |",
         "|---|---|---|---|---|",
         f"| true_mesh | 0.40 [0.30, 0.50] | 0.814 {ssim} *ref* | 12.3 {distance} *ref* | 39/40 |",
         f"| splat | 61.4 [60.0, 62.0] | **0.814** {ssim} | **12.3** {distance} | 39/40 |",
         f"| pc2pix | 1234 | 0.814 {ssim} = | 12.3 {distance} | 39/40 |",
+        f"| surface-fit | 1234 | 0.814 {ssim} *below* | - | 39/40 |",
         "| poisson | - | - | - | 0/40 |",
     ]
     assert "## 512, chair, 1 view" in lines

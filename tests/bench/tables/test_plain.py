@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bench.tables.plain import MARKS, plain
+from bench.tables.plain import BRACKETS, STAR, plain
 from bench.tables.table import BEST, Cell, Grid, Head, Line
 
 CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
@@ -43,35 +43,53 @@ def test_side_by_side_with_intervals_where_there_is_room():
     assert plain(grids(METHODS[1:3], ("2048",)), 80, 40) == [
         "           ssim, higher is better  fd-views, lower is better",
         "                             2048                       2048",
-        "pc2pix                0.812 ±.087                   7.4 ±6.9",
-        "splat-net             0.812*±.087                   7.4 ±6.9",
-        MARKS,
+        "pc2pix         0.812 [.750, .899]             7.4 [.5, 12.4]",
+        "splat-net      0.812*[.750, .899]             7.4 [.5, 12.4]",
+        f"{STAR}; {BRACKETS}",
     ]
 
 
-def test_one_below_the_other_at_80_columns():
-    shown = plain(grids(), 80, 40)
+def test_both_ends_of_an_interval_stand_there():
+    """An interval has two sides: the wider half on both would reach where no value can be."""
+    cells = {
+        "skewed": value(0.258, -0.246, 0.321),
+        "bounded": value(0.996, 0.770, 1.0),
+        "db": value(21.5, 9.75, 30.0, digits=2),
+        "none": Cell("0.500", 0.5),
+    }
+    made = grid("ssim", lambda name, _: cells[name], tuple(cells), ("2048",))
+    assert [line.split(maxsplit=1)[1].strip() for line in plain([made], 80, 40)[2:6]] == [
+        "0.258 [-.246, .321]",
+        "0.996 [.770, 1.000]",
+        "21.50 [9.75, 30.00]",
+        "0.500",
+    ]
+
+
+def test_one_below_the_other_at_130_columns():
+    shown = plain(grids(), 130, 40)
     assert [line.strip() for line in (shown[0], shown[6])] == [
         "ssim, higher is better",
         "fd-views, lower is better",
     ]
-    assert shown[4] == "splat-net       " + "  ".join(["0.812*±.087"] * 5)
+    assert shown[4] == "splat-net       " + "  ".join(["0.812*[.750, .899]"] * 5)
     assert len(shown) == 2 * 6 + 1
-    assert max(map(len, shown)) <= 80
+    assert max(map(len, shown)) <= 130
 
 
 def test_what_has_no_room_is_left_out_by_and_by():
-    narrow = plain(grids(), 66, 40)
+    narrow = plain(grids(), 80, 40)
     assert narrow[4] == "splat-net       0.812*  0.812*  0.812*      0.812*      0.812*"
-    assert plain(grids(), 200, 40)[0].count("better") == 2
+    assert narrow[-1] == STAR  # no legend of what is not there
+    assert plain(grids(), 240, 40)[0].count("better") == 2
     many = [f"method-{i:02d}" for i in range(30)]
     # 2 x 32 lines do not fit, nor do intervals side by side.
     below = plain(grids(many, CONDITIONS[:3]), 66, 40)
-    assert len(below) == 33
-    assert "±" not in "".join(below[:-1])
+    assert len(below) == 32
+    assert "[" not in "".join(below)
     shortest = plain(grids(many), 60, 20)
     assert len(shortest) == 20
-    assert shortest[-2] == "... 46 more lines, in the tables"
+    assert shortest[-1] == "... 45 more lines, in the tables"
 
 
 def test_narrower_than_its_columns():

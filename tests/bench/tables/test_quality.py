@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bench.tables.build
 from bench.analysis.distances import MeasuredFeatures
-from bench.analysis.intervals import mean_interval, median_interval
+from bench.analysis.intervals import clipped, mean_interval, median_interval
 from bench.catalogue.suites import SUITES
 from bench.metrics import frechet_distance
 from bench.records.journal import write_manifest
@@ -84,7 +84,8 @@ def test_a_table_worked_by_hand():
     row = cell(table, method="splat", condition="2048", metric="ssim")
     assert row.value == pytest.approx((0.2 + 0.4 + 0.6 + 0.8 + 0.1) / 5, abs=EXACT)
     # per object: 0.3, 0.7 and 0.1
-    interval = mean_interval(np.array([0.3, 0.7, 0.1]))
+    interval = clipped(mean_interval(np.array([0.3, 0.7, 0.1])), (-1.0, 1.0))
+    assert interval[1] == 1.0  # no SSIM is above, though Student's interval reaches there
     assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
     assert (row.n_ok, row.n) == (5, 8)
     assert row.failures_as_blank == pytest.approx((2.1 + 0.01 + 0.02 + 0.03) / 8, abs=EXACT)
@@ -151,7 +152,7 @@ def test_means_are_over_the_images_that_have_a_value():
     made = detail_table("table_detail", "Detail", to_frame(THIN), {}, SUITE)
     row = cell(made, method="splat", metric="thin-recall")
     assert row.value == pytest.approx(0.5, abs=EXACT)  # 0.2, 0.4, 0.9
-    interval = mean_interval(np.array([0.3, 0.9]))  # a and b; c has no value
+    interval = clipped(mean_interval(np.array([0.3, 0.9])), (0.0, 1.0))  # a and b; c has no value
     assert (row.ci_low, row.ci_high) == pytest.approx(interval, abs=EXACT)
     assert (row.n_ok, row.n) == (3, 7)
     # of the two failed pictures one shows no thin part, and the other would recall nothing
@@ -218,7 +219,7 @@ def test_a_control_table_worked_by_hand():
     assert cell(table, method="splat", metric="elevation-error-deg").value == pytest.approx(2.0)
     found = cell(table, method="splat", metric="retrieval")
     assert found.value == found.failures_as_blank == pytest.approx(2 / 3)
-    assert (found.ci_low, found.ci_high) == mean_interval(np.array([1.0, 1.0, 0.0]))
+    assert (found.ci_low, found.ci_high) == (0.0, 1.0)  # of 1, 1 and 0: Student's is longer
     assert (found.n_ok, found.n, found.note) == (6, 6, "")
     assert cell(table, method="blank", metric="retrieval").value == pytest.approx(1 / 3)
     assert cell(table, method="blank", metric="azimuth-error-deg").value == pytest.approx(65.0)
@@ -349,7 +350,7 @@ def test_a_metric_has_its_own_number_of_decimals(metric, text):
 def test_csv_to_the_letter():
     rows = worked_table(published={("chair", "ssim", "2048", "splat"): 0.7}).rows
     row = next(r for r in rows if r.method == "splat" and r.metric == "ssim")
-    low, high = mean_interval(np.array([0.3, 0.7, 0.1]))
+    low, high = clipped(mean_interval(np.array([0.3, 0.7, 0.1])), (-1.0, 1.0))
     rows = (row, replace(row, value=np.inf, note='a, "b"'))
     assert quality_table("t", "T", rows).to_csv() == (
         "suite,method,condition,class,metric,value,ci_low,ci_high,n_ok,n,paper,failures_as_blank,"
@@ -395,7 +396,7 @@ def test_markdown_has_the_papers_layout_then_all_methods():
         "| ssim | 0.500 | - | 0.500 | 0.125 |",
         "| ssim, paper | - | - | 0.7 | 0.64 |",
     ]
-    low, high = mean_interval(np.array([0.25, 0.75]))
+    low, high = clipped(mean_interval(np.array([0.25, 0.75])), (-1.0, 1.0))
     assert lines[lines.index("## ssim, chair") + 2 :] == [
         "| method | 512 | 2048 |",
         "|---|---|---|",
