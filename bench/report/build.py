@@ -84,7 +84,9 @@ def read_page(made: Outputs) -> Page:
     else:
         drawn = curves(made.tables, styles)
         title = "Class by class" if records["class"].nunique() > 1 else "Robustness"
-        remark = f"{_OF_TABLES} {left_out}"
+        rows = [row for table in made.tables for row in table.rows]
+        all_failed = _ALL_FAILED if any(row.failed and not row.n_ok for row in rows) else ""
+        remark = " ".join(filter(None, [_OF_TABLES, all_failed, left_out]))
     return Page(
         title=manifest["suite"],
         about=suite.about,
@@ -164,6 +166,7 @@ def _choices(records: pd.DataFrame, skipped: bool) -> tuple[Choice, ...]:
 
 
 _OF_TABLES = "Each point is a value of the tables, with its 95 % interval over objects."
+_ALL_FAILED = "Where a method has no point, all its images failed."
 _OF_OBJECTS = (
     "Each point is a mean over objects, failed pictures scored as blank ones, with its 95 % "
     "interval."

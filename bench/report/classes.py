@@ -115,7 +115,10 @@ def images_figure(
             for axis, title in zip(line, ["truth", *shown], strict=True):
                 axis.set_title(visible(title), fontsize=8)
     caption = f"{condition}: the first object of each class in its first view; SSIM below"
-    winners = (f"{visible(method)} by {metric}" for metric, method in best.items())
+    winners = (
+        f"{visible(winner)} by {' and '.join(m for m, method in best.items() if method == winner)}"
+        for winner in ordered(best.values())
+    )
     lines = [caption, f"best of all methods: {', '.join(winners)}"] if best else [caption]
     figure.supxlabel("\n".join(lines), fontsize=8)
     return figure

@@ -22,7 +22,7 @@ from bench.report.robustness import axis_title, point_style, shortened
 from bench.report.styles import INK, PAPER, RULE, SOFT, Look, looks
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
-from bench.tables.table import Tags
+from bench.tables.table import Tags, scored_as_blank
 
 Floats = NDArray[np.float64]
 RINGS = (9, 14, 20, 28, 38, 50, 64)  # distances tried around a point, in points of 1/72 inch
@@ -123,7 +123,7 @@ def frontier_figure(
         axis.set_xlabel(f"ms for a cloud with {views} view{'s' * (views > 1)}", fontsize=9)
         axis.grid(color=RULE, linewidth=0.6, which="major")
         axis.set_axisbelow(True)
-        axis.tick_params(labelsize=9)
+        axis.tick_params(labelsize=9, which="both")
     if limits is not None:
         axes[0][0].set(xlim=limits[0], ylim=limits[1])
     left, right = axes[0][0].get_xlim()
@@ -137,11 +137,17 @@ def frontier_figure(
 
 
 def _scale(axis: Any, metric: str) -> None:
+    from matplotlib.ticker import LogFormatter
+
     axis.set_xscale("log")
-    axis.xaxis.set_major_formatter(_plain)
+    scales = [axis.xaxis]
     if metric not in IMAGE_METRICS:
         axis.set_yscale("log")
-        axis.yaxis.set_major_formatter(_plain)
+        scales.append(axis.yaxis)
+    for scale in scales:
+        scale.set_major_formatter(_plain)
+        # Of a decade or less; matplotlib's own is TeX, which figures show as it is.
+        scale.set_minor_formatter(LogFormatter())
 
 
 def _draw_panel(
@@ -367,4 +373,6 @@ def _text(place: Place) -> str:
         return f"{place.method}: {value}, looks at no cloud"
     verdicts = {"frontier": ", on the frontier", "below a white image": ", below a white image"}
     verdict = verdicts.get(place.verdict, "")
-    return f"{place.method}: {milliseconds(place.cost_ms.value)} ms, {value}{verdict}"
+    failures = scored_as_blank(place.n_ok, place.n)
+    cost = f"{milliseconds(place.cost_ms.value)} ms"
+    return f"{place.method}: {cost}, {value}{verdict}{f' ({failures})' if failures else ''}"

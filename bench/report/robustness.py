@@ -40,7 +40,7 @@ from bench.tables.figure import (
 )
 from bench.tables.markdown import visible
 from bench.tables.quality import Row
-from bench.tables.table import Table, Tags, ordered
+from bench.tables.table import Table, Tags, ordered, shown
 
 OBJECTS_SHOWN = 4
 THIN_OF = 8  # the first objects of a run, of which those with most thin parts are shown
@@ -213,7 +213,9 @@ def curves(tables: Sequence[Table[Row]], styles: Mapping[str, Look]) -> tuple[Pl
 
 def _plot(panel: CurvePanel, styles: Mapping[str, Look], name: str) -> Plot:
     place, axis = panel.place, axis_title(panel.metric)
-    description = in_words(panel.metric, ((r.method, panel.step(r), r.value) for r in panel.rows))
+    steps = (f"{panel.step(row)}{f' ({row.n_ok} of {row.n})' * row.failed}" for row in panel.rows)
+    values = ((row.method, step, row.value) for row, step in zip(panel.rows, steps, strict=True))
+    description = in_words(panel.metric, values)
     where = f"at {place}, by class" if panel.by_class else f"against the conditions, class {place}"
     return Plot(
         title=f"{panel.metric} {where}",
@@ -260,6 +262,7 @@ def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[st
                 row.condition,
                 row.class_name,
                 Estimate(row.value, row.ci_low, row.ci_high),
+                _caveat(row),
             )
             for row in panel.rows
             if row.method == method
@@ -279,20 +282,31 @@ def _draw_panel(drawn: Drawing, axis: Any, panel: CurvePanel, styles: Mapping[st
             label.set(rotation=38, ha="right", rotation_mode="anchor")
     axis.tick_params(axis="y", labelsize=9)
     axis.spines[["top", "right", "left"]].set_visible(False)
-    axis.set_xlabel("class" if panel.by_class else "condition", fontsize=9)
+    hollow = any(row.failed and styles[row.method].marker for row in panel.rows)
+    title = "class" if panel.by_class else "condition"
+    axis.set_xlabel(title + "; hollow: failed images are left out" * hollow, fontsize=9)
     names = name_lines(axis, lines, NAMES_AT, fontsize=9)
     for method, name in zip(methods, names, strict=True):
         drawn.mark(name, Tags(method=method), series=True)
         drawn.mark(name.arrow_patch, Tags(method=method))
 
 
+def _caveat(row: Row) -> str:
+    """Say how many images a value is of, and what it is with blank ones; empty without failures."""
+    if not row.failed:
+        return ""
+    with_blank = shown(row.failures_as_blank, decimals(row.metric))
+    return f"{row.n_ok} of {row.n} images, {with_blank} with blank ones for the others"
+
+
 class Point(NamedTuple):
-    """A value of a method, and where it stands."""
+    """A value of a method, and where it stands; it is hollow where there is a caveat."""
 
     x: float
     condition: str
     class_name: str
     estimate: Estimate
+    caveat: str = ""
 
 
 def draw_curve(
@@ -317,7 +331,7 @@ def draw_curve(
         left, right = np.array(at) - 0.5, np.array(at) + 0.5
         levels = axis.hlines(values, left, right, look.colour, look.dashes, linewidth=1)
         drawn.mark(levels, Tags(method=method))
-    for x, condition, class_name, (value, low, high) in points if look.marker else ():
+    for x, condition, class_name, (value, low, high), caveat in points if look.marker else ():
         if not math.isfinite(value):
             continue
         tags = Tags(method, condition, class_name)
@@ -328,6 +342,9 @@ def draw_curve(
             (interval,) = axis.plot([x, x], [low, high], color=look.colour, linewidth=0.9)
             drawn.mark(interval, tags)
         (point,) = axis.plot(x, value, **point_style(look, 5.5))
+        if caveat:
+            point.set(markerfacecolor=PAPER, markeredgecolor=look.colour, markeredgewidth=1.2)
+            description += f"; {caveat}"
         drawn.mark(point, tags, description)
     return line
 

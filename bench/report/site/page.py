@@ -1,4 +1,4 @@
-"""A page of the site: what it shows, as plain values, and how these become an HTML file.
+"""The pages of a site as plain values, and how these become HTML files.
 
 All text is escaped by the template; model cards, which are Markdown, may hold no HTML.
 """
@@ -44,13 +44,15 @@ class SitePage:
 
 
 def site_html(page: SitePage, menu: Sequence[Link]) -> str:
-    """The page as an HTML document without scripts that loads nothing but images beside it."""
+    """Return the page as an HTML document without scripts that loads only images beside it."""
     return rendered("site.html.jinja", page=page, menu=menu)
 
 
 def card_html(markdown: str) -> str:
-    """A model card as HTML: tables can be scrolled, links are their text alone, because they lead
-    into the repository; HTML is escaped."""
+    """Return a model card as HTML: tables can be scrolled, and HTML in it is escaped.
+
+    Links are their text alone, because they lead into the repository.
+    """
     from markdown_it import MarkdownIt
 
     def no_tag(*_: Any) -> str:

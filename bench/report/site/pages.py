@@ -1,4 +1,4 @@
-"""The pages of the site: what each shows of runs and their rankings."""
+"""The pages of a site, each with the parts of runs and rankings that it shows."""
 
 from __future__ import annotations
 
@@ -75,12 +75,12 @@ class SiteRun:
 
     @cached_property
     def metrics(self) -> list[str]:
-        """In order."""
+        """Its metrics, in order."""
         return list(dict.fromkeys(ranking.metric for ranking in self.rankings))
 
     @cached_property
     def differences(self) -> dict[tuple[str, str], list[PairedDifference]]:
-        """By two methods in either order, by metric and condition."""
+        """Differences of two methods, in either order, by metric and condition."""
         found: dict[tuple[str, str], list[PairedDifference]] = {}
         for one in (one for of in self.rankings for one in of.pairs):
             a, b = one.pair.a.method, one.pair.b.method
@@ -125,7 +125,7 @@ class SiteRun:
 
 
 def pages(runs: Sequence[SiteRun], downloads: Mapping[str, Sequence[Link]]) -> list[SitePage]:
-    """All pages of a site; `downloads` are links by the names of runs."""
+    """Return all pages of a site; `downloads` are links by the names of runs."""
     ranked = list(dict.fromkeys(r.method for run in runs for of in run.rankings for r in of.ranks))
     pairs = [(a, b) for a, b in combinations(ranked, 2) if _shared(runs, a, b)]
     return [
@@ -162,7 +162,7 @@ def _caption(metric: str) -> str:
 
 
 def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
-    """A grid for each metric: methods by condition, the best of the first column first."""
+    """Return a grid for each metric: methods by condition, the best of the first column first."""
     grids = []
     for metric in run.metrics:
         of_metric = [of for of in run.rankings if of.metric == metric]
@@ -182,7 +182,7 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
 
 
 def _record(runs: Iterable[SiteRun], a: str, b: str) -> tuple[int, int, int]:
-    """How often a is ahead of b, neither, and b, over runs, metrics and conditions."""
+    """Count how often a is ahead of b, neither, and b, over runs, metrics and conditions."""
     outcomes = [one.ahead for run in runs for one in run.differences.get((a, b), ())]
     return outcomes.count("a"), outcomes.count("tie"), outcomes.count("b")
 
@@ -347,8 +347,11 @@ def _of_weights(method: SiteMethod, weights: Path) -> bool:
 
 
 def _card(weights: Path) -> str | None:
-    """The model card of a weights file: of the same name, or beside it with a heading that names
-    it, because one card may be of several."""
+    """Return the model card of a weights file, None without one.
+
+    It has the name of the file, or lies beside it with a heading that names it, because one card
+    may be of several files.
+    """
     own = weights.with_suffix(".md")
     for path in (own, *sorted(weights.parent.glob("*.md"))):
         if not path.is_file():
@@ -500,7 +503,7 @@ _COST = "One thread. Times of different machines are not compared, accuracy is."
 
 
 def _cost_grid(run: SiteRun, ranked: Sequence[str], only: str | None = None) -> Grid | None:
-    """The costs of a run, of all methods or of one, linked to the pages of those that have one."""
+    """Return the costs of a run, of all methods or of one, with links to pages of methods."""
     if (made := run.costs) is None:
         return None
     lines = (

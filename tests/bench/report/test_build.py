@@ -21,7 +21,7 @@ from bench.catalogue.metrics import CONTROL_METRICS, higher_is_better
 from bench.records.artifacts import read_artifact
 from bench.records.journal import read_manifest, write_manifest
 from bench.records.record import GROUND_TRUTH
-from bench.report.build import write_report
+from bench.report.build import read_page, write_report
 from bench.running.protocol import artifact_path
 from bench.tables.build import make_outputs
 from bench.tables.scored import read_scored
@@ -229,6 +229,22 @@ def test_names_and_reasons_are_only_shown(tmp_path):
     assert "{{ 7 * 7 }}" in text
     assert "\u202e" not in text
     assert "name\\u202ereversed" in text
+
+
+def test_a_method_whose_images_all_failed_is_not_left_out_of_a_plot_in_silence(tmp_path):
+    remark = "Where a method has no point, all its images failed."
+    run = write_run(tmp_path, objects=["chair/a"], methods=["splat", "blank"])
+    assert remark not in read_page(make_outputs(read_scored(run))).curves_remark
+    write_all(
+        run,
+        [
+            make_failed("splat", "512", "a", r.view)
+            if (r.method, r.condition) == ("splat", "512")
+            else r
+            for r in read_all(run)
+        ],
+    )
+    assert remark in read_page(make_outputs(read_scored(run))).curves_remark
 
 
 def test_the_same_run_gives_the_same_bytes(finished, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from importlib import resources
 
 import numpy as np
@@ -14,7 +15,7 @@ from bench.catalogue.metrics import higher_is_better
 from bench.report.inline import COLOURS
 from bench.report.pareto import cost_plots
 from bench.report.robustness import curve_panels, curves, robustness_figure
-from bench.report.styles import looks
+from bench.report.styles import PAPER, looks
 from bench.tables.figure import NAMES_APART
 from bench.tables.frontier import cost_grid
 from bench.tables.markdown import visible
@@ -162,6 +163,24 @@ def test_names_of_methods_and_classes_are_only_text():
     assert visible(hostile) in shown  # of the class
 
 
+def test_a_point_without_failed_images_is_hollow_and_says_what_it_is_with_them():
+    failed = replace(row("splat", "512", 0.5), n_ok=1, n=4, failures_as_blank=0.45)
+    tables = [table(row("splat", "2048", 0.8), failed, row("blank", "2048", 0.4))]
+    (axis,) = robustness_figure(curve_panels(tables), looks(METHODS)).figure.axes
+    faces = {
+        line.get_ydata()[0]: line.get_markerfacecolor()
+        for line in axis.lines
+        if len(line.get_xdata()) == 1 and line.get_marker() not in ("", "None")
+    }
+    hue = looks(METHODS)["splat"].colour
+    assert faces == {0.8: hue, 0.5: PAPER}
+    assert axis.get_xlabel() == "condition; hollow: failed images are left out"
+    (plot,) = curves(tables, looks(METHODS))
+    text = "splat, 512, chair: 0.500 [0.000, 1.000]; 1 of 4 images, 0.450 with blank ones for the "
+    assert text + "others" in titles(plot)
+    assert "splat: 2048 0.800, 512 (1 of 4) 0.500." in plot.description
+
+
 def comparison(costs, values, condition="2048"):
     """Three objects that are all alike."""
     prepare_s, draw_s = ({m: np.full(3, of[i]) for m, of in costs.items()} for i in (0, 1))
@@ -197,6 +216,28 @@ def test_costs_are_logarithmic_and_the_frontier_steps_up():
     assert first.title == "2048, chair"
     assert second.svg.inside != first.svg.inside
     assert second.svg.inside.replace("cost-1-", "cost-0-") == first.svg.inside  # the same axes
+
+
+def test_a_cost_says_of_how_many_images_it_is():
+    made = replace(comparison(COSTS, QUALITIES), images=dict.fromkeys(COSTS, (6, 6)))
+    made = replace(made, images=made.images | {"splat": (2, 6)})
+    (plot,) = cost_plots([made], ["ssim"], 2, looks(METHODS))
+    scored = "splat: 10.0 ms, 0.600, on the frontier (2 of 6 images, the others scored as blank)"
+    assert titles(plot)[0] == scored
+    table = cost_grid([made], "ssim", 2)
+    assert table is not None
+    gaps = {line.name: line.cells[0].gap for line in table.lines}
+    assert gaps == dict.fromkeys(METHODS, "") | {"splat": "of 2 of 6 images"}
+
+
+def test_costs_within_a_decade_have_plain_labels():
+    """Those between powers of ten would be TeX."""
+    costs = {"splat": (0.0, 0.012), "surface-apss": (0.0, 0.04), "blank": (0.0, 0.0)}
+    values = {method: QUALITIES[method] for method in costs}
+    (plot,) = cost_plots([comparison(costs, values)], ["ssim"], 1, looks(METHODS))
+    shown = [text.text for text in drawn_svg(plot).all("text")]
+    assert {"20", "30"} <= set(shown)
+    assert not [text for text in shown if "$" in text]
 
 
 def test_a_cheaper_and_better_method_is_marked():
