@@ -76,9 +76,7 @@ def install(run: Callable[..., CompletedProcess[bytes]] = subprocess.run) -> Non
     `run` is `subprocess.run`. Raises BadInput where pip fails or is missing.
     """
     options = ("--disable-pip-version-check", "--no-deps", "-r", str(WITHOUT_DEPENDENCIES))
-    done = run(
-        own_python("-m", "pip", "install", *options), stdout=sys.stderr.fileno(), check=False
-    )
+    done = run(own_python("-m", "pip", "install", *options), stdout=sys.stderr, check=False)
     importlib.invalidate_caches()
     if done.returncode:
         packages = " ".join(pinned())

