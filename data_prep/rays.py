@@ -75,7 +75,7 @@ def _scene(mesh: Mesh) -> Any:
         from embreex.rtcore_scene import EmbreeScene
     except ModuleNotFoundError as error:
         raise MissingDependency(
-            "casting rays needs the package embreex: run 'make install'"
+            "casting rays needs the package embreex: run 'pip install embreex'"
         ) from error
     scene = EmbreeScene(robust=False)  # its default is True
     TriangleMesh(scene, mesh.vertices, mesh.faces)

@@ -196,7 +196,7 @@ def _context() -> _Context:
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         raise MissingDependency(
-            f"rendering needs the package {package}: run 'make install'"
+            f"rendering needs the package {package}: run 'bench doctor --install'"
         ) from error
     except Exception as error:  # PyOpenGL reports a missing library in many ways
         raise MissingDependency(f"no OpenGL context ({error}): {REMEDY}") from error

@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-DATA = {".csv", ".json", ".png", ".safetensors", ".md", ".css", ".jinja", ".js", ".vert", ".frag"}
+DATA = {
+    *(".csv", ".json", ".png", ".safetensors", ".md", ".txt"),
+    *(".css", ".jinja", ".js", ".vert", ".frag"),
+}
 NOT_INSTALLED = ("docs", "results/docs", "tests", "studies", "examples")
 FOR_READERS = {"results/claims.md", "results/noise-floor.md"}
 MAIN = "import sys; from bench.cli import main; main()"

