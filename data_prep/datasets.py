@@ -69,9 +69,11 @@ def open_dataset(spec: str) -> Dataset:
         return _EMBEDDED[spec](spec)
     kind, _, location = spec.partition(":")
     if location and kind in _STORED:
-        return _STORED[kind](spec, _folder(location))
+        return _STORED[kind](spec, folder_of(location))
     if location and kind in reader_ids():
-        return _read(kind, spec, _folder(location))
+        named = "data_prep.dataset.DatasetReader"
+        reader = load_announced(DATASETS, kind, "dataset", DatasetReader, named)
+        return read_dataset(reader, spec, folder_of(location))
     *kinds, last = [*_EMBEDDED, *(f"{known}:PATH" for known in (*_STORED, *reader_ids()))]
     raise BadInput(f"unknown dataset '{spec}': use {', '.join(kinds)} or {last}")
 
@@ -89,18 +91,19 @@ def reader_ids() -> tuple[str, ...]:
     return announced_ids(DATASETS)
 
 
-def _read(kind: str, spec: str, folder: Path) -> Dataset:
-    """By another package's reader. Raises BadInput, naming it, for whatever it raises."""
-    named = "data_prep.dataset.DatasetReader"
-    reader = load_announced(DATASETS, kind, "dataset", DatasetReader, named)
+def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:
+    """Return the dataset that another package's reader finds in a folder.
+
+    Raises BadInput, naming the reader, for whatever it raises.
+    """
     try:
         found = reader.read(spec, folder)
     except BadInput:
         raise
-    except Exception as error:  # whatever a stranger's function raises
+    except (Exception, SystemExit) as error:  # whatever a stranger's function raises
         raise BadInput(
             f"dataset '{spec}': {type(error).__name__}: {error}; fix or remove the package that "
-            f"adds '{kind}'"
+            f"adds '{reader.id}'"
         ) from error
     if not isinstance(found, Dataset):
         raise BadInput(f"dataset '{spec}': its package gives no Dataset; fix or remove it")
@@ -112,7 +115,7 @@ def layout_of(location: str) -> str:
 
     Raises BadInput where there is no such folder.
     """
-    root = _folder(location)
+    root = folder_of(location)
     if is_paper(root):
         return "paper"
     if is_shapenet(root):
@@ -120,7 +123,8 @@ def layout_of(location: str) -> str:
     return "modelnet" if is_modelnet(root) else "folder"
 
 
-def _folder(location: str) -> Path:
+def folder_of(location: str) -> Path:
+    """Return the folder that a name holds. Raises BadInput where there is none."""
     try:
         location.encode()
         root = Path(location).expanduser()

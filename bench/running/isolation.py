@@ -345,6 +345,7 @@ def _bind_worker(memory_gib: float) -> None:
     SIGKILL to the run ends it too, even where native code hangs. What takes more than the limit and
     RESERVED_GIB is refused, whoever asks: a MemoryError in Python.
     """
+    os.dup2(2, 1)  # stdout is for the results of a command: what a method prints goes to stderr
     if sys.platform != "linux":
         return
     pr_set_pdeathsig = 1  # linux/prctl.h

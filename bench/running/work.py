@@ -55,7 +55,7 @@ def _do(job: Job, watch: Stopwatch) -> Result:
         return _run_method(job, watch)
     except (MissingDependency, CannotWrite) as error:
         return replace(failed(job, str(error)), unusable=str(error))
-    except (Exception, SystemExit) as error:  # a method may call exit(); the run goes on
+    except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
         return failed(job, reason_of(error))
 
 
