@@ -77,19 +77,6 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Deadline:
-    """The moment, of the monotonic clock, at which a test that takes `total_s` has to end."""
-
-    total_s: float
-    at: float
-
-    @property
-    def is_over(self) -> bool:
-        """Return whether the moment has passed."""
-        return time.monotonic() >= self.at
-
-
-@dataclass(frozen=True)
 class Task:
     """A step, the plug-in that it is about, and the moment at which its worker ends."""
 
@@ -106,42 +93,37 @@ class Report:
     finding: Finding
     evidence: Any = None
     traces: Mapping[str, str] = field(default_factory=dict)
+    hangs: bool = False
 
 
 def perform(
     name: str,
     steps: Sequence[Step],
     limits: Limits,
-    deadline: Deadline,
+    until: float,
     environment: Mapping[str, str],
 ) -> Iterator[Report]:
     """Yield the report of each step, in their order, from one worker as long as that lives.
 
-    The rest is not tested after a step that hangs, after MOST_DEATHS workers, and where the time is
-    over: the last report names these steps.
+    It ends after a step that hangs, after MOST_DEATHS workers, and at the moment `until` of the
+    monotonic clock.
     """
-    remaining, deaths, hangs = list(steps), 0, False
+    deaths = 0
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
-        tasks = (Task(step, name, deadline.at) for step in steps)
+        tasks = (Task(step, name, until) for step in steps)
         around = {**environment, "TMPDIR": temporary}
         with closing(run_tasks(tasks, execute, 1, limits, around)) as results:
             for step, result in _in_order(steps, results):
-                if isinstance(result, Lost) and deadline.is_over:
-                    break
-                remaining.remove(step)
-                yield _of_worker(step, result)
-                deaths += isinstance(result, Lost)
-                hangs |= isinstance(result, Lost) and result.kind == "timeout"
-                if hangs or deaths == MOST_DEATHS:
-                    break
-    if remaining:
-        reason = f"{deaths} workers have died"
-        if deadline.is_over:
-            reason = f"{deadline.total_s:g} s are over"
-        elif hangs:
-            reason = "the step before has not ended"
-        untested = ", ".join(step.subject for step in remaining)
-        yield Report(remaining[0], Finding(False, "not tested", f"{untested}: {reason}"))
+                if isinstance(result, Report):
+                    yield result
+                    continue
+                if time.monotonic() >= until:
+                    return
+                report = _of_lost(step, result)
+                yield report
+                deaths += 1
+                if report.hangs or deaths == MOST_DEATHS:
+                    return
 
 
 def _in_order(
@@ -159,13 +141,11 @@ def _in_order(
         yield queue[0], Lost("crash", str(error))
 
 
-def _of_worker(step: Step, result: Report | Lost) -> Report:
-    if not isinstance(result, Lost):
-        return result
-    reason = result.reason
+def _of_lost(step: Step, lost: Lost) -> Report:
+    reason, hangs = lost.reason, lost.kind == "timeout"
     if f"exit code {EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"
-    return Report(step, Finding(False, step.subject, reason))
+    return Report(step, Finding(False, step.subject, reason), hangs=hangs)
 
 
 def execute(task: Task) -> Report:
