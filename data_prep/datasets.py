@@ -71,9 +71,7 @@ def open_dataset(spec: str) -> Dataset:
     if location and kind in _STORED:
         return _STORED[kind](spec, folder_of(location))
     if location and kind in reader_ids():
-        named = "data_prep.dataset.DatasetReader"
-        reader = load_announced(DATASETS, kind, "dataset", DatasetReader, named)
-        return read_dataset(reader, spec, folder_of(location))
+        return read_dataset(find_reader(kind), spec, folder_of(location))
     *kinds, last = [*_EMBEDDED, *(f"{known}:PATH" for known in (*_STORED, *reader_ids()))]
     raise BadInput(f"unknown dataset '{spec}': use {', '.join(kinds)} or {last}")
 
@@ -89,6 +87,15 @@ def is_dataset(text: str) -> bool:
 def reader_ids() -> tuple[str, ...]:
     """Kinds of datasets that other installed packages announce, sorted; none is loaded."""
     return announced_ids(DATASETS)
+
+
+def find_reader(kind: str) -> DatasetReader:
+    """Return the reader of a kind that another package announces.
+
+    Raises BadInput, naming the package, where it cannot be loaded.
+    """
+    named = "data_prep.dataset.DatasetReader"
+    return load_announced(DATASETS, kind, "dataset", DatasetReader, named)
 
 
 def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:

@@ -252,3 +252,11 @@ def test_nobody_reads_the_output(buffered):
             [*BENCH, "list"], stdout=closed, stderr=subprocess.PIPE, check=False, env=environment
         )
     assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_code_of_a_package_that_calls_exit_does_not_pass(command, monkeypatch):
+    monkeypatch.setattr("data_prep.announced.announced_ids", sys.exit)
+    status, _, err = command("list")
+    assert status == 1
+    assert err.startswith("bench: an installed package has called exit(pc2pix_bench.")
+    assert err.count("\n") == 1

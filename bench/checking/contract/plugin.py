@@ -62,11 +62,11 @@ def plugin_findings(
     kind, evidence = None, None
     for report in perform(name, FIRST_STEPS, limits, until, FIRST_ENVIRONMENT):
         reports.append(report)
-        if report.step is FIRST_USE:
+        if report.step == FIRST_USE:
             evidence = report.evidence if report.finding.ok else report.finding.text
-        if report.step is not FIRST_USE or report.hangs:  # else the next steps tell it
+        if report.step != FIRST_USE or report.hangs:  # else the next steps tell it
             yield report.finding
-        if report.step is IMPORT and (kind := report.evidence) is None:
+        if report.step == IMPORT and (kind := report.evidence) is None:
             break
     steps = [] if kind is None else _steps(kind, evidence)
     if not any(report.hangs for report in reports):

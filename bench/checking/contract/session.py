@@ -6,8 +6,10 @@ This module and `targets` load no heavy package, so that those of a plug-in show
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import os
+import sys
 import tempfile
 import time
 from collections import deque
@@ -151,6 +153,7 @@ def _of_lost(step: Step, lost: Lost) -> Report:
 def execute(task: Task) -> Report:
     """Carry out a step; in a worker."""
     _mark_exits()
+    _adopt_orphans()
     temporary = Path(tempfile.gettempdir())
     before = Observation.take(temporary)
     with Path(os.devnull).open("w") as nowhere, captured_output() as output:
@@ -197,6 +200,14 @@ def _mark_exits() -> None:
         leave(EXIT_STATUS if status == 0 and os.getpid() == worker else status)
 
     os._exit = leave_marked  # type: ignore[assignment]
+
+
+@cache
+def _adopt_orphans() -> None:
+    """Become the parent of processes whose parent ends (Linux): left ones are seen."""
+    if sys.platform == "linux":
+        pr_set_child_subreaper = 36  # linux/prctl.h
+        ctypes.CDLL(None).prctl(pr_set_child_subreaper, 1)
 
 
 def trace_findings(reports: Iterable[Report]) -> list[Finding]:

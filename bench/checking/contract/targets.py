@@ -16,7 +16,14 @@ from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.session import Passed
 from data_prep.dataset import Dataset, DatasetReader
-from data_prep.datasets import folder_of, is_dataset, open_dataset, read_dataset
+from data_prep.datasets import (
+    find_reader,
+    folder_of,
+    is_dataset,
+    open_dataset,
+    read_dataset,
+    reader_ids,
+)
 from data_prep.failures import BadInput
 
 HEAVY = (
@@ -60,6 +67,8 @@ def check_name(name: str) -> None:
 def find_target(name: str) -> Target:
     """Return the plug-in of this name, once a process; whatever its module raises goes on."""
     if is_dataset(name):
+        if (kind := name.partition(":")[0]) in reader_ids():
+            find_reader(kind)  # its module is loaded here
         return DatasetSource(name, partial(open_dataset, name))
     if name in metric_ids():
         return find_metric(name)

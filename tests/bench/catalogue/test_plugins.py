@@ -30,6 +30,7 @@ other = stranger:OTHER_METHOD
 text = stranger:TEXT
 missing = stranger:MISSING
 broken = stranger_broken:METHOD
+exiting = stranger_exiting:METHOD
 blank = stranger:METHOD
 [pc2pix_bench.metrics]
 good = stranger:METRIC
@@ -57,6 +58,7 @@ def stranger(no_stranger, tmp_path, monkeypatch):
     """An installed package that announces more than it has."""
     (tmp_path / "stranger.py").write_text(MODULE)
     (tmp_path / "stranger_broken.py").write_text("raise OSError('no licence')")
+    (tmp_path / "stranger_exiting.py").write_text("raise SystemExit(0)")
     info = tmp_path / "stranger-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
@@ -68,7 +70,7 @@ def stranger(no_stranger, tmp_path, monkeypatch):
 def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stranger, command):
     assert find_method("good").version == find_metric("good").version == 3
     assert find_method("pc2pix@v1.2").version == 4
-    ids = ("blank", "broken", "good", "missing", "other", "pc2pix@v1.2", "text")
+    ids = ("blank", "broken", "exiting", "good", "missing", "other", "pc2pix@v1.2", "text")
     assert methods.plugin_ids() == ids
     assert metric_ids() == ("a/b", "good", "missing", "other", "text")
     (ours,) = (method for method in METHODS if method.id == "blank")
@@ -85,6 +87,7 @@ def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stran
         ("method", "text", "stranger:TEXT is not a bench.methods.Method with that id; "),
         ("method", "missing", "stranger:MISSING cannot be loaded (AttributeError: "),
         ("method", "broken", "stranger_broken:METHOD cannot be loaded (OSError: no licence); "),
+        ("method", "exiting", "stranger_exiting:METHOD cannot be loaded (SystemExit: 0); "),
         ("metric", "other", "stranger:OTHER_METRIC is not a bench.image_metric.ImageMetric with "),
         ("metric", "text", "stranger:TEXT is not a bench.image_metric.ImageMetric with that id; "),
         ("metric", "missing", "stranger:MISSING cannot be loaded (AttributeError: "),

@@ -317,6 +317,14 @@ class LeavesAProcess(Plain):
         return super().prepare(cloud, rng)
 
 
+class LeavesAnOrphan(Plain):
+    """Its parent, a shell, has ended."""
+
+    def prepare(self, cloud, rng):
+        subprocess.run("sleep 60 &", shell=True, check=True)
+        return super().prepare(cloud, rng)
+
+
 class ChangesFolder(Plain):
     def prepare(self, cloud, rng):
         os.chdir("/")
@@ -450,6 +458,7 @@ FAULTS = {
     "LeavesATemporaryFile": ("files", ".ply", False),
     "LeavesAThread": ("threads", "still running: watcher", False),
     "LeavesAProcess": ("processes", "still running: sleep", True),
+    "LeavesAnOrphan": ("processes", "still running: sleep", True),
     "ChangesFolder": ("working folder", "changed to /", True),
     "EXITS": ("images", "SystemExit(0)", True),
     "EXITS_AT_ONE_POINT": ("one point", "SystemExit(0)", True),
