@@ -28,7 +28,7 @@ def dataset_steps(evidence: Any) -> list[Step]:
     """Return all steps for a dataset; `evidence` is that of `first_evidence` elsewhere."""
     return [
         Step("objects", check_objects, in_command=True),
-        Step("processes", partial(check_elsewhere, elsewhere=evidence), in_command=True),
+        Step("another process", partial(check_elsewhere, elsewhere=evidence), in_command=True),
         Step("pickling", check_pickling, in_command=True),
         Step("clouds", check_clouds),
         Step("views", check_views, in_command=True),

@@ -20,7 +20,7 @@ from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.session import Passed, Step
 from bench.checking.contract.targets import find_target
 from bench.running.isolation import TASKS_PER_WORKER
-from bench.running.work import draw, reason_of, seen_by
+from bench.running.work import checked_images, draw, reason_of, seen_by
 from data_prep.conditions import Perturbation
 from data_prep.datasets import ProceduralObject
 from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Kept, Scaled
@@ -31,7 +31,7 @@ from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 LIMITS = Limits(time_s=20.0, memory_gib=4.0)
 VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
 TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
-BATCHES = (1, 3, None)  # views a call; None: all of them
+BATCHES = (1, 3)  # views a call, beside all 20
 # What a worker may keep of each cloud, so that it stays within its limit until it is replaced.
 KEPT_MIB = LIMITS.memory_gib * 2**10 / TASKS_PER_WORKER
 CLOUDS = 8
@@ -60,12 +60,12 @@ def method_steps(evidence: Any) -> list[Step]:
     return [
         Step("loading", check_loading),
         Step("images", check_images),
-        Step("processes and threads", partial(check_elsewhere, elsewhere=evidence)),
+        Step("clouds", check_clouds),
+        Step("another process", partial(check_elsewhere, elsewhere=evidence)),
         Step("no views", check_no_views, blocks=False),  # no run asks for none
         Step("repeatable", check_repeatable),
         Step("batches", check_batches),
         Step("inputs", check_inputs),
-        Step("clouds", check_clouds),
         *(Step(extreme, partial(check_extreme, extreme=extreme)) for extreme in EXTREMES),
         Step("cost", check_cost),
     ]
@@ -99,12 +99,10 @@ def _cloud(index: int = 0) -> PointCloud:
     return ProceduralObject("chair", "validation", index).cloud(generator("contract"))
 
 
-def _images(
-    name: str, cloud: PointCloud, views: Sequence[View] = VIEWS, batch: int | None = None
-) -> UInt8Images:
+def _images(name: str, cloud: PointCloud, views: Sequence[View] = VIEWS) -> UInt8Images:
     """Return images as a run draws them, with the same random numbers each time."""
     rng = generator("contract", "method")
-    return draw(_method(name), _renderer(name), cloud, views, rng, batch).images
+    return draw(_method(name), _renderer(name), cloud, views, rng).images
 
 
 def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
@@ -202,9 +200,7 @@ def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
 
 def check_no_views(name: str) -> Passed:
     """Draw no views."""
-    renderer, rng = _renderer(name), generator("contract")
-    cloud = seen_by(_method(name), _cloud())
-    images = renderer.draw(renderer.prepare(cloud, rng), (), rng)
+    images = _renderer(name).draw(_prepared(name), (), generator("contract"))
     if np.shape(images) != (0, IMAGE_SIZE, IMAGE_SIZE, 3):
         raise ContractViolation(
             f"gives {np.shape(images)}, expected (0, {IMAGE_SIZE}, {IMAGE_SIZE}, 3)"
@@ -223,46 +219,48 @@ def check_repeatable(name: str) -> Passed:
 
 
 def check_batches(name: str) -> Passed:
-    """Draw 20 views in calls of 1, of 3 and of 20.
+    """Draw 20 views of one state in calls of 1, of 3 and of 20.
 
-    Where `draw` takes random numbers, the images depend on the views before: these are compared
-    with a second drawing alone.
+    Where `draw` takes random numbers, images may depend on the views before: what is drawn in calls
+    of one size is compared with the same again.
     """
-    cloud = _cloud()
-    batches = [_images(name, cloud, TURN, batch) for batch in BATCHES]
-    if _method(name).id not in FLOORS and (batches[-1] == batches[-1][:1]).all():
+    state = _prepared(name)
+    whole, again = (_drawn(name, state, len(TURN)) for _ in range(2))
+    if _method(name).id not in FLOORS and (whole == whole[:1]).all():
         raise ContractViolation("the same image from 20 views")
-    if _draws_at_random(name, cloud):
-        for batch, images in zip(BATCHES, batches, strict=True):
-            again = _images(name, cloud, TURN, batch)
-            if not np.array_equal(images, again):
-                raise ContractViolation(f"{_apart(images, again)}; take all randomness from `rng`")
-        return Passed("1, 3 and 20 views a call repeat; draw takes random numbers")
-    for batch, images in zip(BATCHES[:-1], batches[:-1], strict=True):
-        if _worst(images, batches[-1]) > 1:
+    if not np.array_equal(whole, again):
+        raise ContractViolation(
+            f"the same state again: {_apart(whole, again)}; take all randomness from `rng`, and "
+            "draw may not change the state"
+        )
+    is_random = not np.array_equal(whole, _drawn(name, state, len(TURN), "other numbers"))
+    apart = 0
+    for batch in BATCHES:
+        images = _drawn(name, state, batch)
+        expected = _drawn(name, state, batch) if is_random else whole
+        apart = max(apart, worst := _worst(images, expected))
+        if worst > 1:
+            compared = "twice" if is_random else "and of 20 views"
             raise ContractViolation(
-                f"calls of {batch} and of 20 views: {_apart(images, batches[-1])}; an image may "
-                "not depend on the other views"
+                f"calls of {batch} {compared}: {_apart(images, expected)}; an image may not depend "
+                "on the other views"
             )
-    apart = max(_worst(images, batches[-1]) for images in batches)
+    if is_random:
+        return Passed("1, 3 and 20 views a call repeat; draw takes random numbers")
     return Passed(f"at most {apart} grey levels between 1, 3 and 20 views a call")
 
 
-def _draws_at_random(name: str, cloud: PointCloud) -> bool:
-    """Return whether the images of one state depend on the random numbers of `draw`.
+def _prepared(name: str) -> Any:
+    cloud = seen_by(_method(name), _cloud())
+    return _renderer(name).prepare(cloud, generator("contract"))
 
-    Raises ContractViolation where they depend on what was drawn of it before.
-    """
-    renderer = _renderer(name)
-    state = renderer.prepare(seen_by(_method(name), cloud), generator("contract"))
-    first, again, other = (
-        renderer.draw(state, VIEWS, generator("contract", seed)) for seed in (0, 0, 1)
-    )
-    if not np.array_equal(first, again):
-        raise ContractViolation(
-            "other images of the same state and random numbers; draw may not change the state"
-        )
-    return not np.array_equal(first, other)
+
+def _drawn(name: str, state: Any, batch: int, seed: str = "numbers") -> UInt8Images:
+    """Return 20 images of a state, `batch` views a call."""
+    rng = generator("contract", seed)
+    parts = [TURN[i : i + batch] for i in range(0, len(TURN), batch)]
+    images = [checked_images(_renderer(name).draw(state, part, rng), len(part)) for part in parts]
+    return np.concatenate(images)
 
 
 def check_inputs(name: str) -> Passed:
@@ -291,7 +289,7 @@ def check_clouds(name: str) -> Passed:
         resident.append(resident_mib())
         if resident[-1] - resident[0] > GROWN_MIB:
             break
-        if index > WARM_UP and time.perf_counter() - start > CLOUDS_S:
+        if index >= 2 and time.perf_counter() - start > CLOUDS_S:
             break
     growth = growth_mib(resident)
     if growth > KEPT_MIB:
@@ -341,7 +339,7 @@ def check_extreme(name: str, extreme: str) -> Passed:
 def check_cost(name: str) -> Passed:
     """Measure a cloud with as many views as in a run."""
     start = time.perf_counter()
-    _images(name, _cloud(), TURN)
+    _drawn(name, _prepared(name), len(TURN))
     seconds = time.perf_counter() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10  # kB on Linux
     return Passed(f"a cloud with {len(TURN)} views {seconds:.2f} s, {peak:.0f} MiB at most so far")

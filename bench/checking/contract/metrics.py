@@ -30,7 +30,7 @@ def metric_steps(evidence: Any, of_images: bool) -> list[Step]:
     steps = {
         "images": check_images,
         "white images": check_white,
-        "processes and threads": partial(check_elsewhere, elsewhere=evidence),
+        "another process": partial(check_elsewhere, elsewhere=evidence),
         "batches": check_batches,
         **({"identical images": check_scores} if of_images else {"features": check_features}),
         "calls": check_calls,

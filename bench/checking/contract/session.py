@@ -39,9 +39,9 @@ MOST_DEATHS = 3
 TRACES = {
     "stdout": (False, "nothing is printed"),
     "stderr": (False, "nothing is printed"),
-    "files": (False, "none are left in the working folder and the temporary one"),
-    "threads": (False, "none are left running"),
-    "processes": (True, "none are left running"),
+    "files left": (False, "none in the working folder and the temporary one"),
+    "threads left": (False, "none is running"),
+    "processes left": (True, "none is running"),
     "working folder": (True, "stays the same"),
 }
 

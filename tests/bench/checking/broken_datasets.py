@@ -153,7 +153,7 @@ FAULTS = {
     "PRINTS": ("stdout", "'reading'", False),
     "PRINTS_WHERE_READ": ("stdout", "commands print their results there", True),
     "EXITS_LATE": ("clouds", "SystemExit(0)", True),
-    "HASH_ORDER": ("processes", "other objects, or another order, in another process", True),
+    "HASH_ORDER": ("another process", "other objects, or another order, in another process", True),
     "SHRINKS": ("identity", "4 objects, and 3 or others when it is opened again", True),
     "LOCAL": ("pickling", "Can't pickle", True),
     "EXITS": ("identity", "SystemExit: 0; fix or remove", True),

@@ -61,10 +61,12 @@ def reports(*traced, in_command=False):
 def test_traces_of_all_steps_are_told_once():
     found = {
         finding.subject: finding
-        for finding in trace_findings(reports({}, {"files": "1 left: a"}, {"files": "2 left: b"}))
+        for finding in trace_findings(reports({}, {"files left": "1: a"}, {"files left": "2: b"}))
     }
-    assert found["files"] == Finding(False, "files", "step 1: 1 left: a; 2 steps in all", False)
-    assert [found[kind].ok for kind in ("stdout", "threads", "processes")] == [True] * 3
+    assert found["files left"] == Finding(
+        False, "files left", "step 1: 1: a; 2 steps in all", False
+    )
+    assert [found[kind].ok for kind in ("stdout", "threads left", "processes left")] == [True] * 3
 
 
 def test_a_print_blocks_where_a_command_prints_its_results():
@@ -89,9 +91,9 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     process = subprocess.Popen(["sleep", "60"])
     left = traces(before, Observation.take(temporary))
     assert left == {
-        "files": f"2 written and left: {temporary / 'left.ply'}, old",
-        "threads": "1 still running: watcher",
-        "processes": "1 still running: sleep",
+        "files left": f"2: {temporary / 'left.ply'}, old",
+        "threads left": "1: watcher",
+        "processes left": "1: sleep",
     }
     monkeypatch.chdir(temporary)
     assert (
