@@ -58,13 +58,13 @@ def traces(before: Observation, after: Observation) -> dict[str, str]:
     found = {}
     files = sorted(path for path, time in after.files.items() if before.files.get(path) != time)
     if files:
-        found["files left"] = f"{len(files)}: {_some(files)}"
+        found["files left"] = f"{len(files)} ({_some(files)})"
     threads = [name for id_, name in after.threads.items() if id_ not in before.threads]
     if threads:
-        found["threads left"] = f"{len(threads)}: {_some(threads)}"
+        found["threads left"] = f"{len(threads)} ({_some(threads)})"
     processes = [name for id_, name in after.processes.items() if id_ not in before.processes]
     if processes:
-        found["processes left"] = f"{len(processes)}: {_some(processes)}"
+        found["processes left"] = f"{len(processes)} ({_some(processes)})"
     if before.folder != after.folder:
         found["working folder"] = f"changed to {after.folder}"
     return found

@@ -16,7 +16,13 @@ from bench.checking.contract.findings import Finding
 from bench.checking.contract.methods import LIMITS, method_steps
 from bench.checking.contract.metrics import metric_steps
 from bench.checking.contract.session import Passed, Report, Step, perform, trace_findings
-from bench.checking.contract.targets import DatasetSource, check_import, check_name, find_target
+from bench.checking.contract.targets import (
+    DatasetSource,
+    check_import,
+    check_name,
+    find_target,
+    kind_of,
+)
 from bench.running.isolation import WORKER_ENVIRONMENT, thread_counts
 
 TOTAL_S = 60.0
@@ -32,12 +38,12 @@ KINDS: Mapping[type, ModuleType] = {
 
 def check_identity(name: str) -> Passed:
     """Look at what a plug-in says of itself; in a worker."""
-    return KINDS[type(find_target(name))].check_identity(name)
+    return KINDS[kind_of(find_target(name))].check_identity(name)
 
 
 def use_first(name: str) -> Passed:
     """Use a plug-in for the first time, in the order opposite to that of the other process."""
-    module = KINDS[type(find_target(name))]
+    module = KINDS[kind_of(find_target(name))]
     return Passed("", module.first_evidence(name, backwards=True))
 
 
@@ -64,18 +70,18 @@ def plugin_findings(
         reports.append(report)
         if report.step == FIRST_USE:
             evidence = report.evidence if report.finding.ok else report.finding.text
-        if report.step != FIRST_USE or report.hangs:  # else the next steps tell it
+        if report.step != FIRST_USE or report.is_last:  # else the next steps tell it
             yield report.finding
         if report.step == IMPORT and (kind := report.evidence) is None:
             break
     steps = [] if kind is None else _steps(kind, evidence)
-    if not any(report.hangs for report in reports):
+    if not reports[-1].is_last:
         for report in perform(name, steps, limits, until, SECOND_ENVIRONMENT):
             reports.append(report)
             yield report.finding
     performed = {report.step.subject for report in reports}
     if untested := [step.subject for step in steps if step.subject not in performed]:
-        reason = f"{reports[-1].step.subject} has not ended" if reports[-1].hangs else "workers die"
+        reason = f"after '{reports[-1].step.subject}'"
         if time.monotonic() >= until:
             reason = f"{total_s:g} s are over"
         yield Finding(False, "not tested", f"{', '.join(untested)}: {reason}")

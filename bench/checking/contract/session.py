@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from bench.checking.contract.observation import (
     traces,
 )
 from bench.running.isolation import Lost, run_tasks
-from data_prep.failures import BadInput
+from data_prep.failures import BadInput, MissingDependency
 
 EXIT_STATUS = 86  # of a worker in which something has called os._exit(0)
 MOST_DEATHS = 3
@@ -89,13 +89,16 @@ class Task:
 
 @dataclass(frozen=True)
 class Report:
-    """The finding of a step, and the traces that the plug-in has left during it, by kind."""
+    """The finding of a step, and the traces that the plug-in has left during it, by kind.
+
+    `is_last` tells of a step that hangs, or lacks a library, that no other need be tried.
+    """
 
     step: Step
     finding: Finding
     evidence: Any = None
     traces: Mapping[str, str] = field(default_factory=dict)
-    hangs: bool = False
+    is_last: bool = False
 
 
 def perform(
@@ -107,8 +110,8 @@ def perform(
 ) -> Iterator[Report]:
     """Yield the report of each step, in their order, from one worker as long as that lives.
 
-    It ends after a step that hangs, after MOST_DEATHS workers, and at the moment `until` of the
-    monotonic clock.
+    It ends after a step that is the last, after MOST_DEATHS workers, and at the moment `until` of
+    the monotonic clock.
     """
     deaths = 0
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
@@ -116,15 +119,13 @@ def perform(
         around = {**environment, "TMPDIR": temporary}
         with closing(run_tasks(tasks, execute, 1, limits, around)) as results:
             for step, result in _in_order(steps, results):
-                if isinstance(result, Report):
-                    yield result
-                    continue
-                if time.monotonic() >= until:
+                is_lost = isinstance(result, Lost)
+                if is_lost and time.monotonic() >= until:
                     return
-                report = _of_lost(step, result)
+                report = _of_lost(step, result) if isinstance(result, Lost) else result
                 yield report
-                deaths += 1
-                if report.hangs or deaths == MOST_DEATHS:
+                deaths += is_lost
+                if report.is_last or deaths == MOST_DEATHS:
                     return
 
 
@@ -144,10 +145,10 @@ def _in_order(
 
 
 def _of_lost(step: Step, lost: Lost) -> Report:
-    reason, hangs = lost.reason, lost.kind == "timeout"
+    reason = lost.reason
     if f"exit code {EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"
-    return Report(step, Finding(False, step.subject, reason), hangs=hangs)
+    return Report(step, Finding(False, step.subject, reason), is_last=lost.kind == "timeout")
 
 
 def execute(task: Task) -> Report:
@@ -160,26 +161,29 @@ def execute(task: Task) -> Report:
         # By a thread that native code cannot hold up.
         remaining_s = max(task.until - time.monotonic(), 0.01)
         faulthandler.dump_traceback_later(remaining_s, exit=True, file=nowhere)
-        finding, evidence = _checked(task)
+        report = _checked(task)
         faulthandler.cancel_dump_traceback_later()
     await_processes()
     after = Observation.take(temporary)
     end_processes()
     os.chdir(before.folder)
-    return Report(task.step, finding, evidence, {**output, **traces(before, after)})
+    return replace(report, traces={**output, **traces(before, after)})
 
 
-def _checked(task: Task) -> tuple[Finding, Any]:
-    subject, blocks = task.step.subject, task.step.blocks
+def _checked(task: Task) -> Report:
+    step, evidence, blocks = task.step, None, task.step.blocks
     try:
-        passed = task.step.check(task.name)
+        passed = step.check(task.name)
+        return Report(step, Finding(True, step.subject, passed.text), passed.evidence)
     except ContractViolation as error:
-        return Finding(False, subject, str(error), blocks and error.blocks), error.evidence
+        text, evidence, blocks = str(error), error.evidence, blocks and error.blocks
+    except MissingDependency as error:
+        return Report(step, Finding(False, step.subject, str(error)), is_last=True)
     except BadInput as error:
-        return Finding(False, subject, str(error), blocks), None
+        text = str(error)
     except BaseException as error:  # the plug-in may call exit(), or raise KeyboardInterrupt
-        return Finding(False, subject, raised(error), blocks), None
-    return Finding(True, subject, passed.text), passed.evidence
+        text = raised(error)
+    return Report(step, Finding(False, step.subject, text, blocks), evidence)
 
 
 def raised(error: BaseException) -> str:

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.catalogue.methods import Method
-from data_prep.failures import BadInput, StageFailure
+from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.scene import PointCloud
 
 SIDE = 128
@@ -392,6 +392,10 @@ def _bad_weights(device):
     raise BadInput("weights.bin: cut short; fetch them again")
 
 
+def _no_library(device):
+    raise MissingDependency("no licence; buy one")
+
+
 def _no_identity():
     raise FileNotFoundError("weights.bin")
 
@@ -412,6 +416,7 @@ PLUGINS = {
     "HANGS_WITHOUT_POINTS": method(Ends, _hang, 0),
     "HOGS": method(Ends, _hog),
     "LOADS_NOTHING": method(Plain, load=_bad_weights),
+    "NO_LIBRARY": method(Plain, load=_no_library),
     "LOADS_NONE": method(Plain, load=lambda device: None),
     "NO_IDENTITY": method(Plain, identity=_no_identity),
     "OTHER_IDENTITY": method(Plain, identity=lambda: str(next(_COUNT))),
@@ -454,11 +459,11 @@ FAULTS = {
     "DrawsNaN": ("a point at NaN", "values that are not finite", True),
     "Prints": ("stdout", "'points: 2048'", False),
     "WritesToStderr": ("stderr", "'libthing: warning'", False),
-    "LeavesAFile": ("files left", "1: debug.txt", False),
+    "LeavesAFile": ("files left", "1 (debug.txt)", False),
     "LeavesATemporaryFile": ("files left", ".ply", False),
-    "LeavesAThread": ("threads left", "1: watcher", False),
-    "LeavesAProcess": ("processes left", ": sleep", True),
-    "LeavesAnOrphan": ("processes left", ": sleep", True),
+    "LeavesAThread": ("threads left", "(watcher", False),
+    "LeavesAProcess": ("processes left", "(sleep", True),
+    "LeavesAnOrphan": ("processes left", "(sleep", True),
     "ChangesFolder": ("working folder", "changed to /", True),
     "EXITS": ("images", "SystemExit(0)", True),
     "EXITS_AT_ONE_POINT": ("one point", "SystemExit(0)", True),
@@ -473,6 +478,7 @@ FAULTS = {
     "NoDraw": ("import", "expected a Method", True),
     "NeedsAnArgument": ("loading", "missing 1 required positional argument: 'weights'", True),
     "LOADS_NOTHING": ("loading", "weights.bin: cut short; fetch them again", True),
+    "NO_LIBRARY": ("first use", "no licence; buy one", True),
     "LOADS_NONE": ("loading", "NoneType has no function prepare", True),
     "Ended": ("import", "expected a Method", True),
     "NO_IDENTITY": ("identity", "FileNotFoundError: weights.bin", True),

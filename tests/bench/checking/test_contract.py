@@ -61,10 +61,10 @@ def reports(*traced, in_command=False):
 def test_traces_of_all_steps_are_told_once():
     found = {
         finding.subject: finding
-        for finding in trace_findings(reports({}, {"files left": "1: a"}, {"files left": "2: b"}))
+        for finding in trace_findings(reports({}, {"files left": "1 (a)"}, {"files left": "2 (b)"}))
     }
     assert found["files left"] == Finding(
-        False, "files left", "step 1: 1: a; 2 steps in all", False
+        False, "files left", "step 1: 1 (a); 2 steps in all", False
     )
     assert [found[kind].ok for kind in ("stdout", "threads left", "processes left")] == [True] * 3
 
@@ -91,9 +91,9 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     process = subprocess.Popen(["sleep", "60"])
     left = traces(before, Observation.take(temporary))
     assert left == {
-        "files left": f"2: {temporary / 'left.ply'}, old",
-        "threads left": "1: watcher",
-        "processes left": "1: sleep",
+        "files left": f"2 ({temporary / 'left.ply'}, old)",
+        "threads left": "1 (watcher)",
+        "processes left": "1 (sleep)",
     }
     monkeypatch.chdir(temporary)
     assert (
