@@ -102,6 +102,13 @@ class Commands(Group):
             raise typer.Exit(1) from error
         except USAGE_ERROR as error:  # no such command or option, a value that it does not take
             raise _refused(error) from error
+        except SystemExit as error:  # no command ends so, but the code of a package may
+            print(
+                f"bench: an installed package has called exit({error.code}); 'bench test NAME' "
+                "with its methods, metrics and datasets says which",
+                file=sys.stderr,
+            )
+            raise typer.Exit(1) from error
         except KeyboardInterrupt as error:
             goes_on = ctx.invoked_subcommand in ("run", "train")
             hint = "; the same command goes on from here" if goes_on else ""

@@ -80,7 +80,7 @@ def load_announced(
     where = f"{kind} '{wanted}' of {_package(entry)}"
     try:
         loaded = entry.load()
-    except Exception as error:  # whatever a stranger's module raises
+    except (Exception, SystemExit) as error:  # whatever a stranger's module raises
         raise BadInput(
             f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); fix or "
             "remove that package"

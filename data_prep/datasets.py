@@ -69,9 +69,9 @@ def open_dataset(spec: str) -> Dataset:
         return _EMBEDDED[spec](spec)
     kind, _, location = spec.partition(":")
     if location and kind in _STORED:
-        return _STORED[kind](spec, _folder(location))
+        return _STORED[kind](spec, folder_of(location))
     if location and kind in reader_ids():
-        return _read(kind, spec, _folder(location))
+        return read_dataset(find_reader(kind), spec, folder_of(location))
     first, *others = _EMBEDDED
     forms = [first, *(f"{known}:PATH" for known in (*_STORED, *reader_ids())), *others]
     raise unknown(spec, forms, "dataset", near=_as_folder(spec))
@@ -100,18 +100,28 @@ def reader_ids() -> tuple[str, ...]:
     return announced_ids(DATASETS)
 
 
-def _read(kind: str, spec: str, folder: Path) -> Dataset:
-    """By another package's reader. Raises BadInput, naming it, for whatever it raises."""
+def find_reader(kind: str) -> DatasetReader:
+    """Return the reader of a kind that another package announces.
+
+    Raises BadInput, naming the package, where it cannot be loaded.
+    """
     named = "data_prep.dataset.DatasetReader"
-    reader = load_announced((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
+    return load_announced((DATASETS,), kind, "dataset", DatasetReader, named, OUR_KINDS)
+
+
+def read_dataset(reader: DatasetReader, spec: str, folder: Path) -> Dataset:
+    """Return the dataset that another package's reader finds in a folder.
+
+    Raises BadInput, naming the reader, for whatever it raises.
+    """
     try:
         found = reader.read(spec, folder)
     except BadInput:
         raise
-    except Exception as error:  # whatever a stranger's function raises
+    except (Exception, SystemExit) as error:  # whatever a stranger's function raises
         raise BadInput(
             f"dataset '{spec}': {type(error).__name__}: {error}; fix or remove the package that "
-            f"adds '{kind}'"
+            f"adds '{reader.id}'"
         ) from error
     if not isinstance(found, Dataset):
         raise BadInput(f"dataset '{spec}': its package gives no Dataset; fix or remove it")
@@ -123,7 +133,7 @@ def layout_of(location: str) -> str:
 
     Raises BadInput where there is no such folder.
     """
-    root = _folder(location)
+    root = folder_of(location)
     if is_paper(root):
         return "paper"
     if is_shapenet(root):
@@ -131,7 +141,8 @@ def layout_of(location: str) -> str:
     return "modelnet" if is_modelnet(root) else "folder"
 
 
-def _folder(location: str) -> Path:
+def folder_of(location: str) -> Path:
+    """Return the folder that a name holds. Raises BadInput where there is none."""
     try:
         location.encode()
         root = Path(location).expanduser()

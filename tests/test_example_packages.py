@@ -169,3 +169,34 @@ def test_it_draws_a_cloud_and_what_it_cannot_draw_fails_by_its_name(bench, tmp_p
     done = bench("render", tmp_path / "three.ply", "--method", "convex-hull", "-o", out)
     assert done.returncode == 1
     assert done.stderr.startswith("bench: convex-hull: hull: QH6214 qhull input error: not enough")
+
+
+@pytest.mark.parametrize("name", ["convex-hull", "pixel-error", "fd-edges"])
+def test_the_examples_keep_their_contracts(bench, name):
+    done = bench("test", name)
+    *lines, last = done.stdout.splitlines()
+    assert [line for line in lines if not line.startswith("ok   ")] == []
+    assert last == f"all {len(lines)} points of the contract are kept"
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", ["list", "list_dataset:DATASET"])
+def test_the_dataset_keeps_its_contract(bench, tmp_path, name):
+    for file, tall in (("a", 1.0), ("b", 2.0)):
+        trimesh.creation.box((1, 1, tall)).export(tmp_path / f"{file}.ply")
+    (tmp_path / "objects.csv").write_text("test,chair,a.ply\ntest,chair,b.ply\n")
+    done = bench("test", f"{name}:{tmp_path}")
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout
+    assert done.stdout.splitlines()[-1].startswith("all ")
+
+
+def test_a_method_that_passes_works_in_the_other_commands(bench, run_folder, tmp_path):
+    compared = bench("compare", run_folder, "--methods", "convex-hull,true-mesh")
+    assert compared.returncode == 0, compared.stderr
+    assert "convex-hull" in compared.stdout
+    reported = bench("report", run_folder)
+    assert reported.returncode == 0, reported.stderr
+    assert "convex-hull" in (run_folder / "report.html").read_text()
+    site = bench("site", run_folder, "--out", tmp_path / "site")
+    assert site.returncode == 0, site.stderr
+    assert "convex-hull" in (tmp_path / "site" / "index.html").read_text()

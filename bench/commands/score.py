@@ -6,7 +6,9 @@ pure function of images, so there is nothing to keep but the tables.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Annotated
 
@@ -148,18 +150,22 @@ def kept_images(sources: Sources, item: Item) -> UInt8Images:
 def _given(
     metric: ImageMetric | SetMetric, function: Callable[..., object], *images: UInt8Images
 ) -> NDArray[np.float64]:
-    """What a function of the metric gives. Raises BadInput for whatever it raises."""
+    """Return what a function of the metric gives. Raises BadInput for whatever it raises.
+
+    What it prints goes to stderr: stdout is for the tables.
+    """
     try:
-        return np.asarray(function(*images), np.float64)
-    except Exception as error:  # whatever a stranger's function raises
+        with redirect_stdout(sys.stderr):
+            return np.asarray(function(*images), np.float64)
+    except (Exception, SystemExit) as error:  # whatever a stranger's function raises
         raise BadInput(f"metric '{metric.id}': {reason_of(error)}; fix that package") from error
 
 
 def checked_features(metric: SetMetric, images: UInt8Images) -> NDArray[np.float64]:
-    """Return features [V, d] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
+    """Return features [V, d] of images [V, H, W, 3]. Raises BadInput where there are none."""
     found = _given(metric, metric.features, images)
-    usable = found.ndim == 2 and len(found) == len(images) and found.shape[1]
-    if not usable or not np.isfinite(found).all():
+    is_expected = found.ndim == 2 and len(found) == len(images) and found.shape[1] > 0
+    if not is_expected or not np.isfinite(found).all():
         raise BadInput(
             f"metric '{metric.id}': gives features {list(found.shape)}, {np.isfinite(found).sum()} "
             f"finite, for {len(images)} images; fix that package"
@@ -170,12 +176,13 @@ def checked_features(metric: SetMetric, images: UInt8Images) -> NDArray[np.float
 def checked_scores(
     metric: ImageMetric, truth: UInt8Images, drawn: UInt8Images
 ) -> NDArray[np.float64]:
-    """Scores [V] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
+    """Return scores [V] of images [V, H, W, 3]. Raises BadInput where the metric has none."""
     found = _given(metric, metric.score, truth, drawn)
     if found.shape != (len(drawn),) or not np.isfinite(found).all():
+        like_truth = "; they are identical to the true ones" * np.array_equal(truth, drawn)
         raise BadInput(
             f"metric '{metric.id}': gives {found.shape} values, {np.isfinite(found).sum()} finite, "
-            f"for {len(drawn)} pictures; fix that package"
+            f"for {len(drawn)} pictures{like_truth}; fix that package ('bench test {metric.id}')"
         )
     return found
 

@@ -55,7 +55,7 @@ def _do(job: Job, watch: Stopwatch) -> Result:
         return _run_method(job, watch)
     except (MissingDependency, CannotWrite) as error:
         return replace(failed(job, str(error)), unusable=str(error))
-    except (Exception, SystemExit) as error:  # a method may call exit(); the run goes on
+    except BaseException as error:  # a method may call exit(), or raise KeyboardInterrupt
         return failed(job, reason_of(error))
 
 
@@ -138,7 +138,10 @@ def draw(
     drawn = [renderer.draw(state, some, rng) for some in batches]
     done = time.perf_counter()
     images = np.concatenate(
-        [_checked(drawn_now, len(some)) for drawn_now, some in zip(drawn, batches, strict=True)]
+        [
+            checked_images(drawn_now, len(some))
+            for drawn_now, some in zip(drawn, batches, strict=True)
+        ]
     )
     if method.id not in FLOORS:
         _refuse_blank(images, truth)
@@ -199,7 +202,8 @@ def _identity(job: Job) -> tuple[str, str]:
     return job.object.class_name, job.object.object_id
 
 
-def _checked(images: NDArray[np.float32], count: int) -> UInt8Images:
+def checked_images(images: NDArray[np.float32], count: int) -> UInt8Images:
+    """Return images of so many views as bytes. Raises StageFailure for what are none."""
     expected = (count, IMAGE_SIZE, IMAGE_SIZE, 3)
     if not isinstance(images, np.ndarray) or images.dtype.kind != "f":
         found = getattr(images, "dtype", type(images).__name__)

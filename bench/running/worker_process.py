@@ -173,6 +173,7 @@ def _bind(memory_gib: float) -> None:
     What takes more than the limit and RESERVED_GIB is refused, whoever asks: a MemoryError in
     Python.
     """
+    os.dup2(2, 1)  # stdout is for the results of a command: what a method prints goes to stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "linux":
         return

@@ -287,3 +287,11 @@ def test_an_impatient_user_interrupts_once(clock):
     clock[0] += 0.6
     with pytest.raises(KeyboardInterrupt):
         handle(signal.SIGINT, None)
+
+
+def test_code_of_a_package_that_calls_exit_does_not_pass(command, monkeypatch):
+    monkeypatch.setattr("data_prep.announced.announced_ids", sys.exit)
+    status, _, err = command("list")
+    assert status == 1
+    assert err.startswith("bench: an installed package has called exit(pc2pix_bench.")
+    assert err.count("\n") == 1

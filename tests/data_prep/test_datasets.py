@@ -292,7 +292,7 @@ def test_objects_survive_pickling(tmp_path: Path) -> None:
 
 def _reads(result):
     def read(spec, root):
-        if isinstance(result, Exception):
+        if isinstance(result, BaseException):
             raise result
         return result
 
@@ -306,6 +306,7 @@ def _reads(result):
             ValueError("no"),
             "dataset 'made:.*': ValueError: no; fix or remove the package that adds",
         ),
+        (SystemExit(0), "dataset 'made:.*': SystemExit: 0; fix or remove the package that adds"),
         (BadInput("x.csv:3: expected a name"), "^x.csv:3: expected a name$"),
         ("a text", "dataset 'made:.*': its package gives no Dataset"),
     ],

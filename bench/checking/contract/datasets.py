@@ -1,93 +1,212 @@
-"""What a dataset has to keep to."""
+"""The contract of a dataset: objects that stay the same, in every process."""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from bench.checking.contract.findings import Broken, Finding, tried
-from data_prep.datasets import open_dataset
+from bench.checking.contract.findings import ContractViolation
+from bench.checking.contract.methods import KEPT_MIB, growth_mib, resident_mib
+from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.targets import DatasetSource, find_target
+from data_prep.dataset import Dataset
+from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE
 from data_prep.scene_objects import SceneObject
 
+CLASSES, OF_A_CLASS = 3, 2  # whose clouds and images are looked at
+CALLS = 8
 
-def dataset_findings(spec: str, most: int = 6) -> Iterator[Finding]:
-    """All findings about a dataset, by up to `most` of its objects.
 
-    Raises BadInput where it cannot be read.
-    """
-    dataset = open_dataset(spec)
-    classes = dataset.classes or ("",)
-    objects = [obj for name in classes[:3] for obj in dataset.objects(name, 2, 2)][:most]
-    yield Finding(bool(objects), "objects", f"{len(objects)} of {len(classes)} classes looked at")
-    again = open_dataset(spec)
-    same = [obj for name in classes[:3] for obj in again.objects(name, 2, 2)][:most]
+def dataset_steps(evidence: Any) -> list[Step]:
+    """Return all steps for a dataset; `evidence` is that of `first_evidence` elsewhere."""
+    return [
+        Step("objects", check_objects, in_command=True),
+        Step("another process", partial(check_elsewhere, elsewhere=evidence), in_command=True),
+        Step("pickling", check_pickling, in_command=True),
+        Step("clouds", check_clouds),
+        Step("views", check_views, in_command=True),
+        Step("truth", check_truth),
+        Step("cloud and truth", check_both),
+        Step("calls", check_calls),
+    ]
 
-    def identities() -> str:
-        prints = [obj.fingerprint() for obj in objects]
-        if prints != [obj.fingerprint() for obj in same]:
-            raise Broken("other fingerprints when it is opened again; finished work would be lost")
-        if len({(obj.class_name, obj.object_id) for obj in objects}) < len(objects):
-            raise Broken("two objects have the same class and id")
-        if len(set(prints)) < len(prints):
-            raise Broken("two objects have the same fingerprint")
-        return "ids and fingerprints are unique and stay"
 
-    def travels() -> str:
-        for obj in objects:
-            twin = pickle.loads(pickle.dumps(obj))
-            if twin != obj or twin.fingerprint() != obj.fingerprint():
-                raise Broken(f"{obj.object_id}: another object after pickling; make it a dataclass")
-        return "objects survive the way to a worker"
+@cache
+def _dataset(name: str) -> Dataset:
+    return _opened(name)
 
-    yield tried("identity", identities)
-    yield tried("pickling", travels)
-    for name, check in {"clouds": _clouds, "views": _views, "truth": _truths}.items():
-        yield tried(name, lambda check=check: check(objects))
+
+def _opened(name: str) -> Dataset:
+    source = find_target(name)
+    assert isinstance(source, DatasetSource)
+    return source.open()
+
+
+def _every(dataset: Dataset) -> list[SceneObject]:
+    """Return all objects of all splits; of an endless dataset some."""
+    if dataset.finite is None:
+        return _some(dataset)
+    return [*dataset.finite, *(obj for split in dataset.splits.values() for obj in split)]
+
+
+def _some(dataset: Dataset) -> list[SceneObject]:
+    """Return the objects that are looked at. Raises BadInput where a class has none to measure."""
+    objects = []
+    for class_name in (dataset.classes or ("",))[:CLASSES]:
+        objects += dataset.objects(class_name, OF_A_CLASS, OF_A_CLASS)
+    return objects
 
 
 def _named(obj: SceneObject) -> str:
     return f"{obj.class_name}/{obj.object_id}"
 
 
-def _clouds(objects: Sequence[SceneObject]) -> str:
+def check_identity(name: str) -> Passed:
+    """Open the dataset twice: it has the same objects."""
+    first, again = _dataset(name), _opened(name)
+    if not isinstance(first, Dataset):
+        raise ContractViolation(f"gives a {type(first).__name__}, expected a Dataset")
+    names = [[_named(obj) for obj in _every(dataset)] for dataset in (first, again)]
+    if names[0] != names[1]:
+        raise ContractViolation(
+            f"{len(names[0])} objects, and {len(names[1])} or others when it is opened again"
+        )
+    return Passed(f"{len(_some(first))} of {len(names[0])} objects looked at")
+
+
+def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
+    """Return the names of all objects, and fingerprints, to compare with those elsewhere."""
+    del backwards  # the order of objects is part of the dataset
+    dataset = _dataset(name)
+    return {
+        "objects": [_named(obj) for obj in _every(dataset)],
+        "fingerprints": [obj.fingerprint() for obj in _some(dataset)],
+    }
+
+
+def check_objects(name: str) -> Passed:
+    """Look for names and fingerprints that stand for two objects, or do not stay."""
+    dataset = _dataset(name)
+    objects = _some(dataset)
+    if not objects:
+        raise ContractViolation("no objects")
+    for pool in (dataset.finite or (), *dataset.splits.values()):
+        if len({_named(obj) for obj in pool}) < len(pool):
+            raise ContractViolation("two objects have the same class and id")
+    prints = [obj.fingerprint() for obj in objects]
+    if prints != [obj.fingerprint() for obj in _some(_opened(name))]:
+        raise ContractViolation(
+            "other fingerprints when it is opened again; finished work would be lost"
+        )
+    if len(set(prints)) < len(prints):
+        raise ContractViolation("two objects have the same fingerprint")
+    return Passed("ids and fingerprints are unique and stay")
+
+
+def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
+    """Compare names and fingerprints with those in another process."""
+    here = first_evidence(name)
+    if isinstance(elsewhere, str):
+        raise ContractViolation(f"read here, but not in another process: {elsewhere}")
+    for what, values in here.items():
+        if values != elsewhere[what]:
+            raise ContractViolation(f"other {what}, or another order, in another process")
+    return Passed(f"the same {len(here['objects'])} objects in two processes")
+
+
+def check_pickling(name: str) -> Passed:
+    """Send objects the way to a worker."""
+    for obj in _some(_dataset(name)):
+        twin = pickle.loads(pickle.dumps(obj))
+        if twin != obj or twin.fingerprint() != obj.fingerprint():
+            raise ContractViolation(
+                f"{_named(obj)}: another object after pickling; make it a dataclass"
+            )
+    return Passed("objects survive the way to a worker")
+
+
+def check_clouds(name: str) -> Passed:
+    """Look at clouds, each made twice."""
     farthest = 0.0
-    for obj in objects:
+    for obj in _some(_dataset(name)):
         cloud, again = (obj.cloud(generator("contract", obj.object_id)) for _ in range(2))
         if not len(cloud) or not np.isfinite(cloud.points).all():
-            raise Broken(f"{_named(obj)}: {len(cloud)} points, or not finite")
+            raise ContractViolation(f"{_named(obj)}: {len(cloud)} points, or not finite")
         if not np.array_equal(cloud.points, again.points):
-            raise Broken(f"{_named(obj)}: another cloud the second time; use `rng` alone")
+            raise ContractViolation(
+                f"{_named(obj)}: another cloud the second time; use `rng` alone"
+            )
         farthest = max(farthest, float(np.linalg.norm(cloud.points, axis=1).max()))
     if not 0.2 < farthest < 1.001:
-        raise Broken(f"the farthest point lies at {farthest:.3g}; bring objects to the unit sphere")
-    return f"finite, the same each time, the farthest point at {farthest:.3f}"
+        raise ContractViolation(
+            f"the farthest point lies at {farthest:.3g}; bring objects to the unit sphere"
+        )
+    return Passed(f"finite, the same each time, the farthest point at {farthest:.3f}")
 
 
-def _views(objects: Sequence[SceneObject]) -> str:
-    for obj in objects:
+def check_views(name: str) -> Passed:
+    """Ask for three views, twice."""
+    for obj in _some(_dataset(name)):
         views, again = (obj.views(3, generator("contract", obj.object_id)) for _ in range(2))
         if len(views) != 3 or views != again:
-            raise Broken(f"{_named(obj)}: {len(views)} of 3 views, or others the second time")
-    return "as many as asked for, the same each time"
+            raise ContractViolation(
+                f"{_named(obj)}: {len(views)} of 3 views, or others the second time"
+            )
+    return Passed("as many as asked for, the same each time")
 
 
-def _truths(objects: Sequence[SceneObject]) -> str:
-    shown = []
+def check_truth(name: str) -> Passed:
+    """Look at true images, those of each object once."""
+    objects, images = _some(_dataset(name)), []
     for obj in objects:
         if not obj.has_truth:
             continue
+        truth = np.asarray(obj.truth(obj.views(2, generator("contract", obj.object_id))))
+        if truth.dtype != np.uint8 or truth.shape != (2, IMAGE_SIZE, IMAGE_SIZE, 3):
+            raise ContractViolation(
+                f"{_named(obj)}: {truth.dtype} {list(truth.shape)}, expected uint8 "
+                f"[2, {IMAGE_SIZE}, {IMAGE_SIZE}, 3]"
+            )
+        if (truth == 255).all():
+            raise ContractViolation(f"{_named(obj)}: white images; the object is not seen")
+        images.append(truth)
+    if any(np.array_equal(a, b) for a, b in pairwise(images)):
+        raise ContractViolation("two objects have the same images")
+    return Passed(f"{len(images)} of {len(objects)} objects have true images")
+
+
+def check_both(name: str) -> Passed:
+    """Compare `cloud_and_truth` with `cloud` and `truth`."""
+    objects = [obj for obj in _some(_dataset(name)) if obj.has_truth]
+    for obj in objects[:OF_A_CLASS]:
         views = obj.views(2, generator("contract", obj.object_id))
-        images = np.asarray(obj.truth(views))
-        if images.dtype != np.uint8 or images.shape != (2, IMAGE_SIZE, IMAGE_SIZE, 3):
-            raise Broken(f"{_named(obj)}: {images.dtype} {list(images.shape)}, expected uint8")
-        if (images == 255).all():
-            raise Broken(f"{_named(obj)}: white images; the object is not seen")
-        shown.append(images)
-    if any(np.array_equal(a, b) for a, b in pairwise(shown)):
-        raise Broken("two objects have the same images")
-    return f"{len(shown)} of {len(objects)} objects have true images"
+        cloud, truth = obj.cloud_and_truth(generator("contract"), views)
+        if not np.array_equal(cloud.points, obj.cloud(generator("contract")).points):
+            raise ContractViolation(f"{_named(obj)}: cloud_and_truth gives another cloud")
+        if not np.array_equal(truth, obj.truth(views)):
+            raise ContractViolation(f"{_named(obj)}: cloud_and_truth gives other images")
+    return Passed("bit for bit what cloud and truth give")
+
+
+def check_calls(name: str) -> Passed:
+    """Read objects often: memory does not grow."""
+    objects: Sequence[SceneObject] = _some(_dataset(name))
+    kept = []
+    for call in range(CALLS):
+        obj = objects[call % len(objects)]
+        try:
+            obj.cloud(generator("contract"))
+        except BadInput as error:
+            raise ContractViolation(f"{_named(obj)}: {error}") from error
+        kept.append(resident_mib())
+    growth = growth_mib(kept)
+    if growth > KEPT_MIB:
+        raise ContractViolation(f"{growth:.0f} MiB more with every object")
+    return Passed(f"memory grows by {growth:.1f} MiB an object")

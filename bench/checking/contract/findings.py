@@ -1,35 +1,63 @@
-"""A finding for each point of a contract."""
+"""Findings about a plug-in, a line for each point of its contract, and their summary."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-
-from bench.running.work import reason_of
-from data_prep.failures import BadInput, MissingDependency
-from data_prep.scene import View
-
-VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
+from typing import Any
 
 
 @dataclass(frozen=True)
 class Finding:
-    """`ok` is False where something has to be fixed."""
+    """A point of a contract, and whether it is kept.
+
+    `blocks` tells of a point that is not kept whether a run would fail or have false results.
+    """
 
     ok: bool
     subject: str
     text: str
+    blocks: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """Return "ok", "warn" or "FAIL"."""
+        if self.ok:
+            return "ok"
+        return "FAIL" if self.blocks else "warn"
 
 
-class Broken(Exception):
-    """The contract is broken; the message says how."""
+class ContractViolation(Exception):
+    """A point of the contract that is not kept; the message says how.
+
+    `evidence` is what later steps need to know nevertheless.
+    """
+
+    def __init__(self, message: str, blocks: bool = True, evidence: Any = None) -> None:
+        super().__init__(message)
+        self.blocks = blocks
+        self.evidence = evidence
 
 
-def tried(name: str, check: Callable[[], str]) -> Finding:
-    """What a check says, or how it fails."""
-    try:
-        return Finding(True, name, check())
-    except (BadInput, MissingDependency, Broken) as error:
-        return Finding(False, name, str(error))
-    except Exception as error:  # whatever a stranger's function raises
-        return Finding(False, name, reason_of(error))
+def is_blocked(findings: Iterable[Finding]) -> bool:
+    """Return whether a finding blocks a run or falsifies its results."""
+    return any(finding.verdict == "FAIL" for finding in findings)
+
+
+def summary(findings: Sequence[Finding]) -> str:
+    """Return one line: which findings block a run, and which do not."""
+    failed = [finding.subject for finding in findings if finding.verdict == "FAIL"]
+    warned = [finding.subject for finding in findings if finding.verdict == "warn"]
+    if not failed and not warned:
+        return f"all {len(findings)} points of the contract are kept"
+    if not failed:
+        return f"nothing blocks a run; {_counted(warned)} to look at: {', '.join(warned)}"
+    verb = "blocks" if len(failed) == 1 else "block"
+    line = f"{_counted(failed)} {verb} a run: {', '.join(failed)}"
+    if warned:
+        line += f"; {len(warned)} {'does' if len(warned) == 1 else 'do'} not: {', '.join(warned)}"
+    return line
+
+
+def _counted(subjects: Sequence[str]) -> str:
+    return f"{len(subjects)} finding{'' if len(subjects) == 1 else 's'}"

@@ -1,33 +1,44 @@
-"""What a method has to keep to. It is somebody's code and runs in killable workers.
-
-One that hangs, dies or takes all memory is named like any other.
-"""
+"""The contract of a method: what it draws, from what, and what it leaves behind."""
 
 from __future__ import annotations
 
+import gc
 import resource
-import subprocess
+import statistics
+import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
-from bench.catalogue.methods import find_method
+from bench.catalogue.methods import FLOORS, Method
 from bench.catalogue.suites import Limits
-from bench.checking.contract.findings import VIEWS, Broken, Finding, tried
-from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks, thread_counts
-from bench.running.work import draw, load_renderer, reason_of, seen_by
-from bench.running.worker_process import own_python
+from bench.checking.contract.findings import ContractViolation
+from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.targets import find_target
+from bench.running.isolation import TASKS_PER_WORKER
+from bench.running.work import checked_images, draw, reason_of, seen_by
+from data_prep.conditions import Perturbation
 from data_prep.datasets import ProceduralObject
-from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Scaled
+from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Kept, Scaled
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 LIMITS = Limits(time_s=20.0, memory_gib=4.0)
-RUN_VIEWS = 20  # of a cloud in a run
-EXTREMES = {
+VIEWS = (View(30.0, 20.0), View(-60.0, -10.0), View(120.0, 35.0))
+TURN = tuple(View(18.0 * i - 180, (-30.0, 0.0, 30.0)[i % 3]) for i in range(20))  # as in a run
+BATCHES = (1, 3)  # views a call, beside all 20
+# What a worker may keep of each cloud, so that it stays within its limit until it is replaced.
+KEPT_MIB = LIMITS.memory_gib * 2**10 / TASKS_PER_WORKER
+CLOUDS = 8
+CLOUDS_S = 5.0  # for slow methods: fewer clouds
+GROWN_MIB = 512.0  # is enough to see that memory grows
+WARM_UP = 3  # clouds after which memory has settled
+EXTREMES: Mapping[str, Perturbation] = {
     "no points": Count(0),
     "one point": Count(1),
     "three points": Count(3),
@@ -40,185 +51,298 @@ EXTREMES = {
     "a far point": FirstPoint(1e30),
     "a tiny cloud": Scaled(1e-30),
 }
-LISTING = """
-import sys
-from bench.commands.listing import list_all
-list_all()
-print(*sys.modules, file=sys.stderr)
-"""
-HEAVY = ("torch", "numpy", "scipy", "pandas")
+# Code that copies or shows a whole cloud reads all its fields.
+COPYING = ("dataclasses", "data_prep.scene", "copy")
 
 
-class Check(NamedTuple):
-    """A point of the contract, tested in a worker."""
-
-    method: str
-    name: str
-
-
-def method_findings(method_id: str, workers: int = 2) -> Iterator[Finding]:
-    """All findings about a method. Raises BadInput for an unknown one."""
-    find_method(method_id)
-    yield _listing(method_id)
-    names = [*CHECKS, *EXTREMES]
-    found: dict[str, Finding] = {}
-    checks = (Check(method_id, name) for name in names)
-    for check, result in run_tasks(checks, judge, workers, LIMITS):
-        found[check.name] = _of_worker(check.name, result)
-    for name in names:
-        yield found[name]
-    yield _elsewhere(method_id)
+def method_steps(evidence: Any) -> list[Step]:
+    """Return all steps for a method; `evidence` is that of `first_evidence` in another process."""
+    return [
+        Step("loading", check_loading),
+        Step("images", check_images),
+        Step("clouds", check_clouds),
+        Step("another process", partial(check_elsewhere, elsewhere=evidence)),
+        Step("no views", check_no_views, blocks=False),  # no run asks for none
+        Step("repeatable", check_repeatable),
+        Step("batches", check_batches),
+        Step("inputs", check_inputs),
+        *(Step(extreme, partial(check_extreme, extreme=extreme)) for extreme in EXTREMES),
+        Step("cost", check_cost),
+    ]
 
 
-def _of_worker(name: str, result: Finding | Lost) -> Finding:
-    return Finding(False, name, result.reason) if isinstance(result, Lost) else result
+class WatchedCloud(PointCloud):
+    """A cloud as a method gets it, which notices whether its source is read."""
+
+    source_is_read = False
+
+    def __getattribute__(self, name: str) -> Any:
+        """Return the attribute, and note where it is the source."""
+        if name == "source" and sys._getframe(1).f_globals.get("__name__") not in COPYING:
+            object.__setattr__(self, "source_is_read", True)
+        return super().__getattribute__(name)
 
 
-def judge(check: Check) -> Finding:
-    """What a check finds; in a worker."""
-    if check.name in EXTREMES:
-        return tried(check.name, lambda: _extreme(check))
-    return tried(check.name, lambda: CHECKS[check.name](check.method))
+def _method(name: str) -> Method:
+    method = find_target(name)
+    assert isinstance(method, Method)
+    return method
 
 
-def _listing(method_id: str) -> Finding:
-    """`bench list` looks at the entry points of all methods, and loads none."""
-    start = time.perf_counter()
-    done = subprocess.run(own_python("-c", LISTING), capture_output=True, text=True, check=False)
-    seconds = time.perf_counter() - start
-    if done.returncode or method_id.partition("@")[0] not in done.stdout:
-        return Finding(False, "bench list", f"does not name it: {done.stderr.strip()[-200:]}")
-    heavy = sorted(set(HEAVY) & set(done.stderr.split()))
-    if heavy:
-        return Finding(
-            False, "bench list", f"loads {', '.join(heavy)}; import them where they are needed"
+@cache
+def _renderer(name: str) -> Renderer:
+    """Return the renderer of a method, once a process, as in a run."""
+    return _method(name).load("auto")
+
+
+def _cloud(index: int = 0) -> PointCloud:
+    return ProceduralObject("chair", "validation", index).cloud(generator("contract"))
+
+
+def _images(name: str, cloud: PointCloud, views: Sequence[View] = VIEWS) -> UInt8Images:
+    """Return images as a run draws them, with the same random numbers each time."""
+    rng = generator("contract", "method")
+    return draw(_method(name), _renderer(name), cloud, views, rng).images
+
+
+def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
+    """Return the images of two clouds, and `identity()`, to compare with those of other processes.
+
+    `backwards` draws the second cloud first.
+    """
+    images = {index: _images(name, _cloud(index)) for index in ((1, 0) if backwards else (0, 1))}
+    return {"identity": _method(name).identity()} | {f"cloud {i}": images[i] for i in (0, 1)}
+
+
+def check_identity(name: str) -> Passed:
+    """Ask for what finished work is known by."""
+    method = _method(name)
+    identity = method.identity()
+    if not isinstance(identity, str):
+        raise ContractViolation(f"identity() gives a {type(identity).__name__}, expected a str")
+    if identity != (again := method.identity()):
+        raise ContractViolation(
+            f"identity() gives {identity!r}, then {again!r}; finished work would be lost"
         )
-    return Finding(True, "bench list", f"{seconds:.1f} s, loads no heavy package")
+    if type(method.version) is not int:
+        raise ContractViolation(f"version is {method.version!r}, expected a whole number")
+    return Passed(f"version {method.version}, identity {identity!r} each time")
 
 
-def _renderer(method_id: str) -> Renderer:
-    return load_renderer(method_id, "auto")
-
-
-def _cloud() -> PointCloud:
-    return ProceduralObject("chair", "validation", 0).cloud(generator("contract"))
-
-
-def _images(method_id: str, views: Sequence[View] = VIEWS) -> UInt8Images:
-    """As a run draws them, with the same random numbers each time."""
-    method, renderer = find_method(method_id), _renderer(method_id)
-    return draw(method, renderer, _cloud(), views, generator("contract", "method")).images
-
-
-def _loads(method_id: str) -> str:
+def check_loading(name: str) -> Passed:
+    """Load the renderer."""
     start = time.perf_counter()
-    renderer = _renderer(method_id)
-    for name in ("prepare", "draw"):
-        if not callable(getattr(renderer, name, None)):
-            raise Broken(f"{type(renderer).__name__} has no function {name}")
-    return f"{time.perf_counter() - start:.1f} s"
+    renderer = _renderer(name)
+    for function in ("prepare", "draw"):
+        if not callable(getattr(renderer, function, None)):
+            raise ContractViolation(f"{type(renderer).__name__} has no function {function}")
+    return Passed(f"{time.perf_counter() - start:.1f} s")
 
 
-def _draws(method_id: str) -> str:
-    method, renderer, rng = find_method(method_id), _renderer(method_id), generator("contract")
+def check_images(name: str) -> Passed:
+    """Draw three views."""
+    method, renderer, rng = _method(name), _renderer(name), generator("contract")
     cloud = seen_by(method, _cloud())
+    if not method.sees_mesh:
+        cloud = WatchedCloud(cloud.points)
     before = cloud.points.copy()
-    images = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
+    try:
+        images = renderer.draw(renderer.prepare(cloud, rng), VIEWS, rng)
+    finally:
+        if isinstance(cloud, WatchedCloud) and cloud.source_is_read:
+            raise ContractViolation(
+                "cloud.source is read, which is None in a run; only a ceiling may look at the "
+                "mesh: Method(..., sees_mesh=True)"
+            )
     if not isinstance(images, np.ndarray) or images.dtype != np.float32:
         found = getattr(images, "dtype", type(images).__name__)
-        raise Broken(f"images are {found}, expected float32")
+        raise ContractViolation(f"images are {found}, expected float32")
     expected = (len(VIEWS), IMAGE_SIZE, IMAGE_SIZE, 3)
     if images.shape != expected:
-        raise Broken(f"images have the shape {images.shape}, expected {expected}")
+        raise ContractViolation(f"images have the shape {images.shape}, expected {expected}")
     if not np.isfinite(images).all():
-        raise Broken(f"{int((~np.isfinite(images)).sum())} values are not finite")
+        raise ContractViolation(f"{int((~np.isfinite(images)).sum())} values are not finite")
     if images.min() < 0 or images.max() > 1:
-        raise Broken(f"values are in {images.min():.3g} .. {images.max():.3g}, expected 0 .. 1")
+        raise ContractViolation(
+            f"values are in {images.min():.3g} .. {images.max():.3g}, expected 0 .. 1"
+        )
     if not np.array_equal(before, cloud.points):
-        raise Broken("the points of the cloud were changed; work on a copy")
-    _images(method_id)  # as a run does, which refuses blank ones
-    return f"{list(images.shape)} float32 in {images.min():.2f} .. {images.max():.2f}"
+        raise ContractViolation("the points of the cloud were changed; work on a copy")
+    _images(name, _cloud())  # as a run does, which refuses blank ones
+    return Passed(f"{list(images.shape)} float32 in {images.min():.2f} .. {images.max():.2f}")
 
 
-def _no_views(method_id: str) -> str:
-    renderer, rng = _renderer(method_id), generator("contract")
-    images = renderer.draw(renderer.prepare(_cloud(), rng), (), rng)
+def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
+    """Compare with another process, on two threads, that has drawn the clouds the other way round.
+
+    `elsewhere` is its `first_evidence`, or the reason why it has none.
+    """
+    here = first_evidence(name)
+    if isinstance(elsewhere, str):
+        raise ContractViolation(f"drawn here, but not in another process: {elsewhere}")
+    if here["identity"] != elsewhere["identity"]:
+        raise ContractViolation(
+            f"identity() gives {here['identity']!r}, in another process "
+            f"{elsewhere['identity']!r}; finished work would be lost"
+        )
+    for cloud in ("cloud 0", "cloud 1"):
+        if _worst(here[cloud], elsewhere[cloud]) > 1:
+            raise ContractViolation(
+                f"another process on two threads, which draws the clouds in another order: "
+                f"{_apart(here[cloud], elsewhere[cloud])}"
+            )
+    apart = max(_worst(here[cloud], elsewhere[cloud]) for cloud in ("cloud 0", "cloud 1"))
+    return Passed(
+        f"at most {apart} grey levels between two processes, on one thread and on two, clouds in "
+        "another order"
+    )
+
+
+def check_no_views(name: str) -> Passed:
+    """Draw no views."""
+    images = _renderer(name).draw(_prepared(name), (), generator("contract"))
     if np.shape(images) != (0, IMAGE_SIZE, IMAGE_SIZE, 3):
-        raise Broken(f"gives {np.shape(images)}, expected (0, {IMAGE_SIZE}, {IMAGE_SIZE}, 3)")
-    return "an empty array"
+        raise ContractViolation(
+            f"gives {np.shape(images)}, expected (0, {IMAGE_SIZE}, {IMAGE_SIZE}, 3)"
+        )
+    return Passed("an empty array")
 
 
-def _repeats(method_id: str) -> str:
-    first, second = _images(method_id), _images(method_id)
+def check_repeatable(name: str) -> Passed:
+    """Draw the same twice with the same random numbers."""
+    first, second = _images(name, _cloud()), _images(name, _cloud())
     if not np.array_equal(first, second):
-        raise Broken(f"{_apart(first, second)}; take all randomness from `rng`")
-    return "the same bytes"
+        raise ContractViolation(
+            f"{_apart(first, second)}; take all randomness from `rng`, and keep nothing of a cloud"
+        )
+    return Passed("the same bytes with the same random numbers")
 
 
-def _views_apart(method_id: str) -> str:
-    alone = np.concatenate([_images(method_id, views=[view]) for view in VIEWS])
-    together = _images(method_id)
-    if _worst(alone, together) > 1:
-        raise Broken(f"{_apart(alone, together)}; an image may not depend on the other views")
-    return f"at most {_worst(alone, together)} grey levels between alone and together"
+def check_batches(name: str) -> Passed:
+    """Draw 20 views of one state in calls of 1, of 3 and of 20.
+
+    Where `draw` takes random numbers, images may depend on the views before: what is drawn in calls
+    of one size is compared with the same again.
+    """
+    state = _prepared(name)
+    whole, again = (_drawn(name, state, len(TURN)) for _ in range(2))
+    if _method(name).id not in FLOORS and (whole == whole[:1]).all():
+        raise ContractViolation("the same image from 20 views")
+    if not np.array_equal(whole, again):
+        raise ContractViolation(
+            f"the same state again: {_apart(whole, again)}; take all randomness from `rng`, and "
+            "draw may not change the state"
+        )
+    is_random = not np.array_equal(whole, _drawn(name, state, len(TURN), "other numbers"))
+    apart = 0
+    for batch in BATCHES:
+        images = _drawn(name, state, batch)
+        expected = _drawn(name, state, batch) if is_random else whole
+        apart = max(apart, worst := _worst(images, expected))
+        if worst > 1:
+            compared = "twice" if is_random else "and of 20 views"
+            raise ContractViolation(
+                f"calls of {batch} {compared}: {_apart(images, expected)}; an image may not depend "
+                "on the other views"
+            )
+    if is_random:
+        return Passed("1, 3 and 20 views a call repeat; draw takes random numbers")
+    return Passed(f"at most {apart} grey levels between 1, 3 and 20 views a call")
 
 
-def _costs(method_id: str) -> str:
-    views = [View(18.0 * i - 180, 0.0) for i in range(RUN_VIEWS)]
-    start = time.perf_counter()
-    _images(method_id, views=views)
-    seconds = time.perf_counter() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10  # kB on Linux
-    return f"a cloud with {RUN_VIEWS} views {seconds:.2f} s, {peak:.0f} MiB at most so far"
+def _prepared(name: str) -> Any:
+    cloud = seen_by(_method(name), _cloud())
+    return _renderer(name).prepare(cloud, generator("contract"))
 
 
-CHECKS: Mapping[str, Callable[[str], str]] = {
-    "loading": _loads,
-    "images": _draws,
-    "no views": _no_views,
-    "repeatable": _repeats,
-    "views apart": _views_apart,
-    "cost": _costs,
-}
+def _drawn(name: str, state: Any, batch: int, seed: str = "numbers") -> UInt8Images:
+    """Return 20 images of a state, `batch` views a call."""
+    rng = generator("contract", seed)
+    parts = [TURN[i : i + batch] for i in range(0, len(TURN), batch)]
+    images = [checked_images(_renderer(name).draw(state, part, rng), len(part)) for part in parts]
+    return np.concatenate(images)
 
 
-def _extreme(check: Check) -> str:
-    """Images as always, or a refusal that names the stage."""
-    cloud = EXTREMES[check.name].apply(_cloud(), generator("contract", check.name))
-    method, renderer = find_method(check.method), _renderer(check.method)
+def check_inputs(name: str) -> Passed:
+    """Draw other clouds: the images depend on them as `sees_cloud` says."""
+    sees_cloud, cloud = _method(name).sees_cloud, _cloud()
+    images = _images(name, cloud)
+    fewer = _images(name, Kept(0.25).apply(cloud, generator("contract", "fewer")))
+    if not sees_cloud:
+        if not np.array_equal(images, fewer):
+            raise ContractViolation(
+                f"sees_cloud=False, but with a quarter of the points {_apart(images, fewer)}; a "
+                "run would draw one condition and use it for all"
+            )
+        return Passed("the same images for all conditions, as sees_cloud=False says")
+    if np.array_equal(images, fewer) and np.array_equal(images, _images(name, _cloud(1))):
+        raise ContractViolation("the same images for every cloud; say so: sees_cloud=False")
+    return Passed("the images depend on the cloud")
+
+
+def check_clouds(name: str) -> Passed:
+    """Draw several clouds, then the first again: nothing is kept from one to the next."""
+    first, start = _images(name, _cloud()), time.perf_counter()
+    resident = [resident_mib()]
+    for index in range(CLOUDS):
+        _images(name, _cloud(1 + index))
+        resident.append(resident_mib())
+        if resident[-1] - resident[0] > GROWN_MIB:
+            break
+        if index >= 2 and time.perf_counter() - start > CLOUDS_S:
+            break
+    growth = growth_mib(resident)
+    if growth > KEPT_MIB:
+        raise ContractViolation(
+            f"{growth:.0f} MiB more with every cloud; {TASKS_PER_WORKER} of them exceed "
+            f"{LIMITS.memory_gib:g} GiB"
+        )
+    again, others = _images(name, _cloud()), len(resident) - 1
+    if not np.array_equal(first, again):
+        raise ContractViolation(f"a cloud again after {others} others: {_apart(first, again)}")
+    return Passed(f"{others} others between change nothing; memory grows by {growth:.1f} MiB")
+
+
+def growth_mib(resident: Sequence[float]) -> float:
+    """Return by how much memory grows from one measurement to the next, once it has settled."""
+    settled = resident[WARM_UP:] if len(resident) > WARM_UP + 1 else resident
+    return statistics.median(b - a for a, b in pairwise(settled))
+
+
+def resident_mib() -> float:
+    """Return the memory of this process, without what waits for the garbage collector."""
+    import psutil
+
+    gc.collect()
+    return psutil.Process().memory_info().rss / 2**20
+
+
+def check_extreme(name: str, extreme: str) -> Passed:
+    """Draw an extreme cloud, or refuse it by the name of a stage."""
+    cloud = EXTREMES[extreme].apply(_cloud(), generator("contract", extreme))
+    method, renderer = _method(name), _renderer(name)
     cloud = seen_by(method, cloud)
     rng = generator("contract", "method")
     try:
         images = renderer.draw(renderer.prepare(cloud, rng), VIEWS[:1], rng)
     except (StageFailure, BadInput) as refusal:
-        return f"refused: {reason_of(refusal)}"
+        return Passed(f"refused: {reason_of(refusal)}")
     except Exception as error:
-        raise Broken(f"{reason_of(error)}; raise StageFailure(stage, problem)") from error
+        raise ContractViolation(
+            f"{reason_of(error)}; raise StageFailure(stage, problem)"
+        ) from error
     if np.shape(images) != (1, IMAGE_SIZE, IMAGE_SIZE, 3) or not np.isfinite(images).all():
-        raise Broken("drawn, with a wrong shape or values that are not finite")
-    return "drawn"
+        raise ContractViolation("drawn, with a wrong shape or values that are not finite")
+    return Passed("drawn")
 
 
-def draw_alone(method_id: str) -> UInt8Images:
-    """Images for a comparison between processes; in a worker."""
-    return _images(method_id)
-
-
-def _elsewhere(method_id: str) -> Finding:
-    """The same in another process, on two threads."""
-    name, drawn = "processes and threads", []
-    for threads in (1, 2):
-        around = WORKER_ENVIRONMENT | thread_counts(threads) | {"PYTHONHASHSEED": str(threads)}
-        try:
-            ((_, images),) = run_tasks([method_id], draw_alone, 1, LIMITS, around)
-        except Exception as error:  # whatever a stranger's method raises
-            return Finding(False, name, reason_of(error))
-        if isinstance(images, Lost):
-            return Finding(False, name, images.reason)
-        drawn.append(images)
-    apart = _worst(*drawn)
-    text = f"at most {apart} grey levels between two processes, on one thread and on two"
-    return Finding(apart <= 1, name, text)
+def check_cost(name: str) -> Passed:
+    """Measure a cloud with as many views as in a run."""
+    start = time.perf_counter()
+    _drawn(name, _prepared(name), len(TURN))
+    seconds = time.perf_counter() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10  # kB on Linux
+    return Passed(f"a cloud with {len(TURN)} views {seconds:.2f} s, {peak:.0f} MiB at most so far")
 
 
 def _worst(a: UInt8Images, b: UInt8Images) -> int:

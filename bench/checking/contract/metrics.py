@@ -1,64 +1,193 @@
-"""What a metric of another package has to keep to."""
+"""The contract of a metric of another package: finite values that depend on the images alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.catalogue.plugins import ImageMetric, find_metric
-from bench.checking.contract.findings import VIEWS, Broken, Finding, tried
+from bench.catalogue.plugins import ImageMetric, SetMetric
+from bench.checking.contract.findings import ContractViolation
+from bench.checking.contract.methods import KEPT_MIB, TURN, VIEWS, growth_mib, resident_mib
+from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.targets import find_target
 from data_prep.datasets import ProceduralObject
 from data_prep.scene import UInt8Images
 
+BATCHES = (1, 3)  # images a call, beside all 20 of them
+CALLS = 8
 
-def metric_findings(metric_id: str) -> Iterator[Finding]:
-    """All findings about a metric of another package. Raises BadInput for an unknown one."""
-    metric = find_metric(metric_id)
-    truth = ProceduralObject("chair", "validation", 0).truth(VIEWS)
-    drawn = ProceduralObject("chair", "validation", 1).truth(VIEWS)
-    white = np.full_like(truth, 255)
+
+def metric_steps(evidence: Any, of_images: bool) -> list[Step]:
+    """Return all steps for a metric; `evidence` is that of `first_evidence` in another process.
+
+    `of_images` tells an ImageMetric from a SetMetric. `bench score` calls a metric in its own
+    process.
+    """
+    steps = {
+        "images": check_images,
+        "white images": check_white,
+        "another process": partial(check_elsewhere, elsewhere=evidence),
+        "batches": check_batches,
+        **({"identical images": check_scores} if of_images else {"features": check_features}),
+        "calls": check_calls,
+    }
+    return [Step(subject, check, in_command=True) for subject, check in steps.items()]
+
+
+def _metric(name: str) -> ImageMetric | SetMetric:
+    metric = find_target(name)
+    assert isinstance(metric, (ImageMetric, SetMetric))
+    return metric
+
+
+@cache
+def _true_images(index: int) -> UInt8Images:
+    """Return true images of a chair, 20 views, that may not be changed."""
+    images = ProceduralObject("chair", "validation", index).truth(TURN)
+    images.flags.writeable = False
+    return images
+
+
+def _values(name: str, truth: UInt8Images, drawn: UInt8Images) -> NDArray[np.float64]:
+    """Return the metric's values, or features, of copies of some images, checked."""
+    metric, truth, drawn = _metric(name), truth.copy(), drawn.copy()
+    before = truth.copy(), drawn.copy()
     if isinstance(metric, ImageMetric):
-        value: Callable[[UInt8Images, UInt8Images], NDArray[np.floating]] = metric.score
-        size: tuple[int, ...] = (len(VIEWS),)
-        pairs = {"images": (truth, drawn), "white images": (truth, white), "no images": None}
+        values = np.asarray(metric.score(truth, drawn), np.float64)
+        expected, is_expected = f"[{len(drawn)}]", values.shape == (len(drawn),)
     else:
-        features = metric.features
-        value, size = lambda _, images: features(images), ()
-        pairs = {"images": (drawn, drawn), "white images": (white, white), "no images": None}
+        values = np.asarray(metric.features(drawn), np.float64)
+        expected = f"[{len(drawn)}, d] with d of 1 or more"
+        is_expected = values.ndim == 2 and len(values) == len(drawn) and values.shape[1] > 0
+    if not is_expected:
+        raise ContractViolation(
+            f"gives the shape {list(values.shape)} for {len(drawn)} images, expected {expected}"
+        )
+    if not np.isfinite(values).all():
+        raise ContractViolation(
+            f"{int((~np.isfinite(values)).sum())} of {values.size} values are not finite, the "
+            f"first {values[~np.isfinite(values)][0]}; 'bench score' would end there"
+        )
+    if not all(map(np.array_equal, before, (truth, drawn))):
+        raise ContractViolation("the images were changed; work on a copy")
+    return values
 
-    def taken(name: str, pair: tuple[UInt8Images, UInt8Images] | None) -> str:
-        a, b = pair or (truth[:0], drawn[:0])
-        found = np.asarray(value(a, b), np.float64)
-        if found.ndim != (1 if size else 2) or len(found) != len(b):
-            raise Broken(f"gives the shape {found.shape} for {len(b)} {name}")
-        if not np.isfinite(found).all():
-            raise Broken(f"{int((~np.isfinite(found)).sum())} of {found.size} are not finite")
-        again = np.asarray(value(a.copy(), b.copy()), np.float64)
-        if not np.array_equal(found, again):
-            raise Broken("another value the second time")
-        return str(list(found.shape))
 
-    def apart() -> str:
-        whole = np.asarray(value(truth, drawn), np.float64)
-        alone = [value(truth[i : i + 1], drawn[i : i + 1]) for i in range(len(VIEWS))]
-        if not np.allclose(whole, np.concatenate(alone), rtol=1e-5, atol=1e-8):
-            raise Broken("an image has another value alone than among others")
-        return "the same alone and among others"
+def check_identity(name: str) -> Passed:
+    """Look at the fields of a metric that its tables show."""
+    metric = _metric(name)
+    if type(metric.version) is not int:
+        raise ContractViolation(f"version is {metric.version!r}, expected a whole number")
+    if isinstance(metric, ImageMetric) and type(metric.higher_is_better) is not bool:
+        raise ContractViolation(f"higher_is_better is {metric.higher_is_better!r}, expected a bool")
+    return Passed(f"version {metric.version}")
 
-    def ordered() -> str:
-        assert isinstance(metric, ImageMetric)
-        same, other = (float(np.mean(value(truth, images))) for images in (truth, drawn))
-        if same != other and (same > other) != metric.higher_is_better:
-            better = "higher" if metric.higher_is_better else "lower"
-            raise Broken(
-                f"identical images have {same:.4g}, others {other:.4g}: {better} is better?"
+
+def first_evidence(name: str, backwards: bool = False) -> Mapping[str, Any]:
+    """Return the values of two pairs of images, to compare with those of another process."""
+    order = ((1, 0), (0, 1)) if backwards else ((0, 1), (1, 0))
+    values = {pair: _values(name, *map(_true_images, pair)) for pair in order}
+    return {str(pair): values[pair] for pair in sorted(values)}
+
+
+def check_images(name: str) -> Passed:
+    """Measure images, twice."""
+    truth, drawn = _true_images(0)[: len(VIEWS)], _true_images(1)[: len(VIEWS)]
+    values, again = _values(name, truth, drawn), _values(name, truth, drawn)
+    if not np.array_equal(values, again):
+        raise ContractViolation("other values the second time")
+    return Passed(f"{list(values.shape)}, the same the second time")
+
+
+def check_white(name: str) -> Passed:
+    """Measure white images, as failed ones are scored."""
+    white = np.full_like(_true_images(0), 255)
+    values = _values(name, _true_images(0), white)
+    _values(name, white, white)
+    if values.shape[1:] != _values(name, white[:1], _true_images(1)[:1]).shape[1:]:
+        raise ContractViolation("features of white images have another length")
+    return Passed(f"mean {values.mean():.4g}")
+
+
+def check_elsewhere(name: str, elsewhere: Mapping[str, Any] | str) -> Passed:
+    """Compare with another process, on two threads, that has measured in another order."""
+    here = first_evidence(name)
+    if isinstance(elsewhere, str):
+        raise ContractViolation(f"measured here, but not in another process: {elsewhere}")
+    for pair, values in here.items():
+        if not _are_close(values, elsewhere[pair]):
+            raise ContractViolation(
+                "other values in another process, on two threads, in another order of images"
             )
-        return f"identical images {same:.4g}, another object {other:.4g}"
+    return Passed("the same in two processes, on one thread and on two, in another order")
 
-    for name, pair in pairs.items():
-        yield tried(name, lambda name=name, pair=pair: taken(name, pair))
-    yield tried("one by one", apart)
-    if isinstance(metric, ImageMetric):
-        yield tried("direction", ordered)
+
+def check_batches(name: str) -> Passed:
+    """Measure 20 images one by one, in threes and together."""
+    truth, drawn = _true_images(0), _true_images(1)
+    whole = _values(name, truth, drawn)
+    for count in BATCHES:
+        parts = [slice(i, i + count) for i in range(0, len(truth), count)]
+        values = np.concatenate([_values(name, truth[part], drawn[part]) for part in parts])
+        if not _are_close(values, whole):
+            raise ContractViolation(
+                f"other values for {count} image{'s' if count > 1 else ''} a call than for 20: an "
+                "image has another value alone than among others"
+            )
+    return Passed("the same alone and among others")
+
+
+def check_scores(name: str) -> Passed:
+    """Compare images identical to the truth, as those of `true-mesh` are, with others."""
+    metric, truth, other = _metric(name), _true_images(0), _true_images(1)
+    assert isinstance(metric, ImageMetric)
+    same, off = _values(name, truth, truth), _values(name, truth, other)
+    if np.array_equal(off, _values(name, other, other)) and np.array_equal(
+        same, _values(name, other, truth)
+    ):
+        raise ContractViolation(
+            "the same for every image"
+            if np.array_equal(same, off)
+            else "the true images change nothing"
+        )
+    if np.array_equal(same, off):
+        raise ContractViolation("identical images have the same value as those of another object")
+    if (same.mean() > off.mean()) != metric.higher_is_better:
+        better = "higher" if metric.higher_is_better else "lower"
+        raise ContractViolation(
+            f"identical images have {same.mean():.4g}, others {off.mean():.4g}: {better} is better?"
+        )
+    return Passed(f"identical images {same.mean():.4g}, another object {off.mean():.4g}")
+
+
+def check_features(name: str) -> Passed:
+    """Compare the features of images: they depend on the image."""
+    features = _values(name, _true_images(0), _true_images(0))
+    if np.array_equal(features, _values(name, _true_images(0), _true_images(1))):
+        raise ContractViolation("the same features for another object")
+    if (features == features[:1]).all():
+        raise ContractViolation("the same features for every image")
+    return Passed(f"{features.shape[1]} features that depend on the image")
+
+
+def check_calls(name: str) -> Passed:
+    """Measure often: memory does not grow, and the first images have their values again."""
+    truth, drawn = _true_images(0), _true_images(1)
+    first, kept = _values(name, truth, drawn), []
+    for _ in range(CALLS):
+        _values(name, drawn, truth)
+        kept.append(resident_mib())
+    if not np.array_equal(first, _values(name, truth, drawn)):
+        raise ContractViolation("other values after other images")
+    growth = growth_mib(kept)
+    if growth > KEPT_MIB:
+        raise ContractViolation(f"{growth:.0f} MiB more with every call")
+    return Passed(f"memory grows by {growth:.1f} MiB a call")
+
+
+def _are_close(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    return a.shape == b.shape and np.allclose(a, b, rtol=1e-5, atol=1e-8)

@@ -34,6 +34,7 @@ other = stranger:OTHER_METHOD
 text = stranger:TEXT
 missing = stranger:MISSING
 broken = stranger_broken:METHOD
+exiting = stranger_exiting:METHOD
 blank = stranger:METHOD
 ../x = stranger:METHOD
 -x = stranger:METHOD
@@ -75,6 +76,7 @@ def stranger(no_stranger, tmp_path, monkeypatch):
     """An installed package that announces more than it has."""
     (tmp_path / "stranger.py").write_text(MODULE)
     (tmp_path / "stranger_broken.py").write_text("raise OSError('no licence')")
+    (tmp_path / "stranger_exiting.py").write_text("raise SystemExit(0)")
     for name, announced in (("stranger", ANNOUNCED), ("second", SECOND)):
         info = tmp_path / f"{name}-1.0.dist-info"
         info.mkdir()
@@ -87,8 +89,8 @@ def stranger(no_stranger, tmp_path, monkeypatch):
 def test_those_of_other_packages_are_found_listed_and_replace_none_of_ours(stranger, command):
     assert find_method("good").version == find_metric("good").version == 3
     assert find_method("good@v1.2").version == 4
-    ids = {"blank", "broken", "good", "missing", "other", "good@v1.2", "text", "../x", "twice"}
-    assert ids <= set(methods.plugin_ids())
+    ids = {"blank", "broken", "exiting", "good", "missing", "other", "good@v1.2", "text", "../x"}
+    assert ids | {"twice"} <= set(methods.plugin_ids())
     assert metric_ids() == ("a/b", "good", "missing", "other", "ssim", "text", "twice")
     (ours,) = (method for method in METHODS if method.id == "blank")
     assert find_method("blank") is ours
@@ -122,6 +124,7 @@ OURS = "pc2pix-bench uses that id itself; rename it in that package"
         ("method", "text", "stranger:TEXT is not a bench.methods.Method with that id; "),
         ("method", "missing", "stranger:MISSING cannot be loaded (AttributeError: "),
         ("method", "broken", "stranger_broken:METHOD cannot be loaded (OSError: no licence); "),
+        ("method", "exiting", "stranger_exiting:METHOD cannot be loaded (SystemExit: 0); "),
         ("metric", "other", "stranger:OTHER_METRIC is not a bench.image_metric.ImageMetric with "),
         ("metric", "text", "stranger:TEXT is not a bench.image_metric.ImageMetric with that id; "),
         ("metric", "missing", "stranger:MISSING cannot be loaded (AttributeError: "),

@@ -1,38 +1,114 @@
-"""A method that keeps the contract, and eight that break one point of it each."""
+"""Methods that keep the contract, and methods that break one point of it each.
+
+They are tested by their names, as `module:NAME`; `FAULTS` says what has to be found.
+"""
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
+import subprocess
+import sys
+import tempfile
+import threading
 import time
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from bench.catalogue.methods import Method
+from data_prep.failures import BadInput, MissingDependency, StageFailure
+from data_prep.scene import PointCloud
+
+SIDE = 128
 
 
 class Plain:
     """A gradient that depends on the cloud and the view. Without points it refuses."""
 
     def prepare(self, cloud, rng):
-        from data_prep.failures import StageFailure
-
         if not len(cloud) or not np.isfinite(cloud.points).all():
             raise StageFailure("input", "no points, or not finite")
         return float(np.tanh(np.abs(cloud.points.astype(np.float64)).mean()))
 
     def draw(self, state, views, rng):
-        images = np.ones((len(views), 128, 128, 3), np.float32)
+        images = np.ones((len(views), SIDE, SIDE, 3), np.float32)
         for image, view in zip(images, views, strict=True):
             shade = 0.4 * state + 0.3 * (1 + np.cos(np.radians(view.azimuth_deg))) / 2
             image[32:96, 32:96] = np.linspace(shade, 0.9, 64)[:, None]
         return images
 
 
+def method(kind, *arguments, **fields):
+    """A method that loads such a renderer."""
+    known = {"identity": str, "version": 1, "source": "made up"}
+    load = fields.pop("load", partial(_load, kind, arguments))
+    return Method(kind.__name__, load, **(known | fields))
+
+
+def _load(kind, arguments, device):
+    return kind(*arguments)
+
+
+# --- that keep the contract -----------------------------------------------------------------------
+
+
+class StochasticDraw(Plain):
+    """Takes random numbers for every image, in their order, as the docs allow."""
+
+    def draw(self, state, views, rng):
+        images = super().draw(state, views, rng)
+        return images * (1 - 0.2 * rng.random((len(views), SIDE, SIDE, 1), np.float32))
+
+
+class StochasticChildren(Plain):
+    """Takes them from children of the generator."""
+
+    def draw(self, state, views, rng):
+        images = super().draw(state, views, rng)
+        for image, child in zip(images, rng.spawn(len(views)), strict=True):
+            image *= 1 - 0.2 * child.random((SIDE, SIDE, 1), np.float32)
+        return images
+
+
+class StochasticPrepare(Plain):
+    """Looks at a random half of the points."""
+
+    def prepare(self, cloud, rng):
+        half = rng.permutation(cloud.points)[: (len(cloud) + 1) // 2]
+        return super().prepare(PointCloud(half), rng)
+
+
+class KeepsAThreadPool(Plain):
+    """Ends the threads that it has started, and copies the cloud in every way."""
+
+    def prepare(self, cloud, rng):
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(2) as pool:
+            parts = list(pool.map(lambda rows: replace(cloud, points=rows).points, [cloud.points]))
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "cloud.txt").write_text("gone again")
+        subprocess.run([sys.executable, "-S", "-c", ""], check=True)
+        return super().prepare(PointCloud(np.concatenate(parts)), rng)
+
+
+GOOD = ("Plain", "StochasticDraw", "StochasticChildren", "StochasticPrepare", "KeepsAThreadPool")
+
+# --- images ---------------------------------------------------------------------------------------
+
+
 class WrongShape(Plain):
     def draw(self, state, views, rng):
         return super().draw(state, views, rng)[:, :64]
+
+
+class ChannelsFirst(Plain):
+    def draw(self, state, views, rng):
+        return super().draw(state, views, rng).transpose(0, 3, 1, 2)
 
 
 class OutOfRange(Plain):
@@ -47,10 +123,67 @@ class NotFinite(Plain):
         return images
 
 
+class Float64(Plain):
+    def draw(self, state, views, rng):
+        return super().draw(state, views, rng).astype(np.float64)
+
+
+class AList(Plain):
+    def draw(self, state, views, rng):
+        return list(super().draw(state, views, rng))
+
+
+class Blank(Plain):
+    def draw(self, state, views, rng):
+        return np.ones((len(views), SIDE, SIDE, 3), np.float32)
+
+
+class ChangesPoints(Plain):
+    def prepare(self, cloud, rng):
+        cloud.points.flags.writeable = True
+        cloud.points[:] = cloud.points / 2
+        return super().prepare(cloud, rng)
+
+
+class ReadsSource(Plain):
+    def prepare(self, cloud, rng):
+        points = cloud.points if cloud.source is None else cloud.source.vertices
+        return super().prepare(PointCloud(points), rng)
+
+
+class NeedsSource(Plain):
+    def prepare(self, cloud, rng):
+        return super().prepare(PointCloud(cloud.source.vertices), rng)
+
+
+# --- randomness and views -------------------------------------------------------------------------
+
+
 class Unseeded(Plain):
     def draw(self, state, views, rng):
-        noise = np.random.default_rng().random((len(views), 128, 128, 1), np.float32)
+        noise = np.random.default_rng().random((len(views), SIDE, SIDE, 1), np.float32)
         return np.clip(super().draw(state, views, rng) - 0.1 * noise, 0, 1)
+
+
+class UnseededBesideSeeded(StochasticDraw):
+    """Takes `rng`, too, and another generator for more than eight views."""
+
+    def draw(self, state, views, rng):
+        images = super().draw(state, views, rng)
+        return images * np.float32(np.random.default_rng().random() if len(views) > 8 else 1)
+
+
+class Clock(Plain):
+    def draw(self, state, views, rng):
+        return super().draw(state, views, rng) * np.float32(1 - time.time() % 1 / 2)
+
+
+class HashOrder(Plain):
+    """Depends on the order of a set of strings, which is another in every process."""
+
+    def draw(self, state, views, rng):
+        shade = hash("a string") % 97 / 200
+        return super().draw(state, views, rng) * np.float32(1 - shade)
 
 
 class LooksAtOtherViews(Plain):
@@ -58,17 +191,76 @@ class LooksAtOtherViews(Plain):
         return super().draw(state, views, rng) * np.float32(0.9 if len(views) > 1 else 0.8)
 
 
-class Hangs(Plain):
-    def prepare(self, cloud, rng):
-        while not len(cloud):
-            time.sleep(60)
-        return super().prepare(cloud, rng)
+class EightAtMost(Plain):
+    def draw(self, state, views, rng):
+        if len(views) > 8:
+            raise ValueError(f"a batch of {len(views)}")
+        return super().draw(state, views, rng)
 
 
-class Dies(Plain):
+class OneAlone(Plain):
+    """Loses the axis of views where there is one."""
+
+    def draw(self, state, views, rng):
+        return super().draw(state, views, rng).squeeze()
+
+
+class ChangesState(Plain):
     def prepare(self, cloud, rng):
-        if len(cloud) == 1:
-            os.kill(os.getpid(), signal.SIGSEGV)
+        return [super().prepare(cloud, rng)]
+
+    def draw(self, state, views, rng):
+        state[0] *= 0.8
+        return super().draw(state[0], views, rng)
+
+
+class IgnoresViews(Plain):
+    def draw(self, state, views, rng):
+        return np.repeat(super().draw(state, views[:1], rng), len(views), axis=0)
+
+
+class NoViews(Plain):
+    def draw(self, state, views, rng):
+        return np.stack([super(NoViews, self).draw(state, [view], rng)[0] for view in views])
+
+
+# --- clouds ---------------------------------------------------------------------------------------
+
+
+class IgnoresCloud(Plain):
+    def draw(self, state, views, rng):
+        return super().draw(0.5, views, rng)
+
+
+class RemembersTheFirst(Plain):
+    """Takes the shade of the first cloud for all."""
+
+    first = None
+
+    def prepare(self, cloud, rng):
+        state = super().prepare(cloud, rng)
+        self.first = self.first or state
+        return self.first
+
+
+class RemembersTheBrightest(Plain):
+    """Keeps something of the clouds before."""
+
+    most = 0.0
+
+    def prepare(self, cloud, rng):
+        self.most = max(self.most, super().prepare(cloud, rng))
+        return self.most
+
+
+class Leaks(Plain):
+    """Keeps `mib` of memory of each cloud."""
+
+    def __init__(self, mib):
+        self.mib, self.kept = mib, []
+
+    def prepare(self, cloud, rng):
+        self.kept.append(np.ones(self.mib * 2**17))
         return super().prepare(cloud, rng)
 
 
@@ -79,24 +271,235 @@ class RaisesAnything(Plain):
         return super().prepare(cloud, rng)
 
 
-def _method(id_, kind):
-    return Method(id_, load=partial(_load, kind), identity=str, version=1, source="made up")
+class DrawsNaN(Plain):
+    def prepare(self, cloud, rng):
+        return float(np.tanh(np.abs(cloud.points).max(initial=0.5)))
 
 
-def _load(kind, device):
-    return kind()
+# --- traces ---------------------------------------------------------------------------------------
 
 
-KINDS = {
-    "plain": Plain,
-    "wrong-shape": WrongShape,
-    "out-of-range": OutOfRange,
-    "not-finite": NotFinite,
-    "unseeded": Unseeded,
-    "looks-at-other-views": LooksAtOtherViews,
-    "hangs": Hangs,
-    "dies": Dies,
-    "raises-anything": RaisesAnything,
+class Prints(Plain):
+    def prepare(self, cloud, rng):
+        print("points:", len(cloud))
+        return super().prepare(cloud, rng)
+
+
+class WritesToStderr(Plain):
+    """As native libraries do, beside Python's streams."""
+
+    def prepare(self, cloud, rng):
+        os.write(2, b"libthing: warning\n")
+        return super().prepare(cloud, rng)
+
+
+class LeavesAFile(Plain):
+    def prepare(self, cloud, rng):
+        Path("debug.txt").write_text(str(len(cloud)))
+        return super().prepare(cloud, rng)
+
+
+class LeavesATemporaryFile(Plain):
+    def prepare(self, cloud, rng):
+        os.close(tempfile.mkstemp(suffix=".ply")[0])
+        return super().prepare(cloud, rng)
+
+
+class LeavesAThread(Plain):
+    def prepare(self, cloud, rng):
+        threading.Thread(target=time.sleep, args=[60], daemon=True, name="watcher").start()
+        return super().prepare(cloud, rng)
+
+
+class LeavesAProcess(Plain):
+    def prepare(self, cloud, rng):
+        subprocess.Popen(["sleep", "60"])
+        return super().prepare(cloud, rng)
+
+
+class LeavesAnOrphan(Plain):
+    """Its parent, a shell, has ended."""
+
+    def prepare(self, cloud, rng):
+        subprocess.run("sleep 60 &", shell=True, check=True)
+        return super().prepare(cloud, rng)
+
+
+class ChangesFolder(Plain):
+    def prepare(self, cloud, rng):
+        os.chdir("/")
+        return super().prepare(cloud, rng)
+
+
+# --- ends -----------------------------------------------------------------------------------------
+
+
+class Ends(Plain):
+    """Ends its process, or tries to, on clouds of so many points."""
+
+    def __init__(self, how, points=2048):
+        self.how, self.points = how, points
+
+    def prepare(self, cloud, rng):
+        if len(cloud) == self.points:
+            self.how()
+        return super().prepare(cloud, rng)
+
+
+def _interrupt():
+    raise KeyboardInterrupt
+
+
+def _kill(number):
+    os.kill(os.getpid(), number)
+    time.sleep(60)
+
+
+def _hang():
+    while True:
+        time.sleep(60)
+
+
+def _hog():
+    kept = []
+    while True:
+        kept.append(np.ones(2**23))  # 64 MiB, touched
+
+
+class NoDraw:
+    def prepare(self, cloud, rng):
+        return None
+
+    draw = None
+
+
+class NeedsAnArgument(Plain):
+    def __init__(self, weights):
+        self.weights = weights
+
+
+class Ended:
+    """Tries to end its process where it is loaded."""
+
+    def __init__(self):
+        sys.exit(0)
+
+
+_COUNT = itertools.count()
+
+
+def _bad_weights(device):
+    raise BadInput("weights.bin: cut short; fetch them again")
+
+
+def _no_library(device):
+    raise MissingDependency("no licence; buy one")
+
+
+def _no_identity():
+    raise FileNotFoundError("weights.bin")
+
+
+PLUGINS = {
+    "IGNORES_CLOUD": method(IgnoresCloud),
+    "SEES_NO_CLOUD": method(Plain, sees_cloud=False),
+    "LEAKS_300": method(Leaks, 300),
+    "LEAKS_20": method(Leaks, 20),
+    "EXITS": method(Ends, partial(sys.exit, 0)),
+    "EXITS_AT_ONE_POINT": method(Ends, partial(sys.exit, 0), 1),
+    "LEAVES": method(Ends, partial(os._exit, 0)),
+    "LEAVES_WITH_3": method(Ends, partial(os._exit, 3)),
+    "INTERRUPTS": method(Ends, _interrupt),
+    "CRASHES": method(Ends, partial(_kill, signal.SIGSEGV), 1),
+    "KILLS_ITSELF": method(Ends, partial(_kill, signal.SIGKILL)),
+    "HANGS": method(Ends, _hang),
+    "HANGS_WITHOUT_POINTS": method(Ends, _hang, 0),
+    "HOGS": method(Ends, _hog),
+    "LOADS_NOTHING": method(Plain, load=_bad_weights),
+    "NO_LIBRARY": method(Plain, load=_no_library),
+    "LOADS_NONE": method(Plain, load=lambda device: None),
+    "NO_IDENTITY": method(Plain, identity=_no_identity),
+    "OTHER_IDENTITY": method(Plain, identity=lambda: str(next(_COUNT))),
+    "IDENTITY_OF_PROCESS": method(Plain, identity=lambda: str(os.getpid())),
+    "IDENTITY_IS_NONE": method(Plain, identity=lambda: None),
+    "IDENTITY_EXITS": method(Plain, identity=partial(sys.exit, 0)),
+    "VERSION_IS_TEXT": method(Plain, version="1.0"),
 }
-METHODS = {id_: _method(id_, kind) for id_, kind in KINDS.items()}
-globals().update({id_.replace("-", "_").upper(): method for id_, method in METHODS.items()})
+globals().update(PLUGINS)
+
+# By name: the finding that tells the fault, what it says, and whether it blocks a run.
+FAULTS = {
+    "WrongShape": ("images", "images have the shape (3, 64, 128, 3), expected (3, 128", True),
+    "ChannelsFirst": ("images", "images have the shape (3, 3, 128, 128)", True),
+    "OutOfRange": ("images", "expected 0 .. 1", True),
+    "NotFinite": ("images", "9 values are not finite", True),
+    "Float64": ("images", "images are float64, expected float32", True),
+    "AList": ("images", "images are list, expected float32", True),
+    "Blank": ("images", "3 of 3 pictures are blank", True),
+    "ChangesPoints": ("images", "the points of the cloud were changed", True),
+    "ReadsSource": ("images", "cloud.source is read, which is None in a run", True),
+    "NeedsSource": ("images", "cloud.source is read, which is None in a run", True),
+    "Unseeded": ("repeatable", "take all randomness from `rng`", True),
+    "UnseededBesideSeeded": ("batches", "take all randomness from `rng`", True),
+    "Clock": ("repeatable", "take all randomness from `rng`", True),
+    "HashOrder": ("another process", "another process on two threads", True),
+    "LooksAtOtherViews": ("batches", "an image may not depend on the other views", True),
+    "EightAtMost": ("batches", "ValueError: a batch of 20", True),
+    "OneAlone": ("batches", "pictures of shape (128, 128, 3), expected (1, 128", True),
+    "ChangesState": ("batches", "draw may not change the state", True),
+    "IgnoresViews": ("batches", "the same image from 20 views", True),
+    "NoViews": ("no views", "ValueError: need at least one array to stack", False),
+    "IGNORES_CLOUD": ("inputs", "the same images for every cloud; say so", True),
+    "SEES_NO_CLOUD": ("inputs", "sees_cloud=False, but with a quarter of the points", True),
+    "RemembersTheFirst": ("another process", "draws the clouds in another order", True),
+    "RemembersTheBrightest": ("clouds", "a cloud again after 8 others", True),
+    "LEAKS_300": ("clouds", "300 MiB more with every cloud", True),
+    "LEAKS_20": ("clouds", "20 MiB more with every cloud", True),
+    "RaisesAnything": ("three points", "KeyError: 'no triangle'; raise StageFailure", True),
+    "DrawsNaN": ("a point at NaN", "values that are not finite", True),
+    "Prints": ("stdout", "'points: 2048'", False),
+    "WritesToStderr": ("stderr", "'libthing: warning'", False),
+    "LeavesAFile": ("files left", "1 (debug.txt)", False),
+    "LeavesATemporaryFile": ("files left", ".ply", False),
+    "LeavesAThread": ("threads left", "(watcher", False),
+    "LeavesAProcess": ("processes left", "(sleep", True),
+    "LeavesAnOrphan": ("processes left", "(sleep", True),
+    "ChangesFolder": ("working folder", "changed to /", True),
+    "EXITS": ("images", "SystemExit(0)", True),
+    "EXITS_AT_ONE_POINT": ("one point", "SystemExit(0)", True),
+    "LEAVES": ("images", "crash: os._exit(0) was called", True),
+    "LEAVES_WITH_3": ("images", "crash: the worker died (exit code 3)", True),
+    "INTERRUPTS": ("images", "KeyboardInterrupt()", True),
+    "CRASHES": ("one point", "crash: the worker died (SIGSEGV)", True),
+    "KILLS_ITSELF": ("images", "crash: the worker died (SIGKILL)", True),
+    "HANGS": ("first use", "timeout: no result within", True),
+    "HANGS_WITHOUT_POINTS": ("no points", "timeout: no result within", True),
+    "HOGS": ("images", "memory: ", True),
+    "NoDraw": ("import", "expected a Method", True),
+    "NeedsAnArgument": ("loading", "missing 1 required positional argument: 'weights'", True),
+    "LOADS_NOTHING": ("loading", "weights.bin: cut short; fetch them again", True),
+    "NO_LIBRARY": ("first use", "no licence; buy one", True),
+    "LOADS_NONE": ("loading", "NoneType has no function prepare", True),
+    "Ended": ("import", "expected a Method", True),
+    "NO_IDENTITY": ("identity", "FileNotFoundError: weights.bin", True),
+    "OTHER_IDENTITY": ("identity", "finished work would be lost", True),
+    "IDENTITY_OF_PROCESS": ("another process", "finished work would be lost", True),
+    "IDENTITY_IS_NONE": ("identity", "identity() gives a NoneType, expected a str", True),
+    "IDENTITY_EXITS": ("identity", "SystemExit(0)", True),
+    "VERSION_IS_TEXT": ("identity", "version is '1.0', expected a whole number", True),
+}
+# Modules with a fault: what stands before their method; the finding, what it says, and severity.
+MODULES = {
+    "slow": ("import time; time.sleep(2.5)", "import", "do the work where it is needed", False),
+    "heavy": ("import pandas", "import", "loads pandas; import them where", False),
+    "exits": ("import sys; sys.exit(0)", "import", "SystemExit(0)", True),
+    "leaves": ("import os; os._exit(0)", "import", "os._exit(0) was called", True),
+    "raises": ("1 / 0", "import", "ZeroDivisionError: division by zero", True),
+    "missing": ("import nosuchpackage", "import", "No module named 'nosuchpackage'", True),
+    "prints": ("print('hello')", "stdout", "commands print their results there", True),
+    "hangs": ("import time; time.sleep(60)", "import", "timeout: no result within", True),
+}
+MODULE = """
+{line}
+from tests.bench.checking.broken_methods import Plain
+"""

@@ -1,176 +1,187 @@
-"""Every broken point of the contract is named, and what keeps it passes."""
+"""What `bench test` prints and concludes; plug-ins by name; the time that a test may take."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+import threading
+import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from bench.catalogue import plugins
-from bench.catalogue.plugins import ImageMetric, SetMetric
-from bench.checking.contract import datasets, methods, metrics
-from data_prep.dataset import Dataset
-from data_prep.datasets import ProceduralObject
-from tests.bench.checking.broken_methods import METHODS
-from tests.robustness.faulty_methods import announce
+from bench.catalogue.suites import Limits
+from bench.checking.contract.findings import Finding, is_blocked, summary
+from bench.checking.contract.observation import (
+    Observation,
+    await_processes,
+    captured_output,
+    end_processes,
+    traces,
+)
+from bench.checking.contract.plugin import plugin_findings
+from bench.checking.contract.session import Report, Step, trace_findings
+from bench.checking.contract.targets import check_name
+from data_prep.failures import BadInput
 
 REPOSITORY = Path(__file__).parents[3]
-BROKEN = {  # method: the point, and what is said of it
-    "wrong-shape": ("images", "images have the shape (3, 64, 128, 3), expected (3, 128, 128, 3)"),
-    "out-of-range": ("images", "expected 0 .. 1"),
-    "not-finite": ("images", "9 values are not finite"),
-    "unseeded": ("repeatable", "take all randomness from `rng`"),
-    "looks-at-other-views": ("views apart", "an image may not depend on the other views"),
-    "hangs": ("no points", "timeout: no result within 20 s"),
-    "dies": ("one point", "crash: "),
-    "raises-anything": ("three points", "KeyError: 'no triangle'; raise StageFailure"),
-}
+MODULE = "tests.bench.checking.broken_methods"
 
 
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    """The command line where the methods are announced."""
-    folder = tmp_path_factory.mktemp("announced")
-    module = "tests.bench.checking.broken_methods"
-    announce(folder, {id_: f"{module}:{id_.replace('-', '_').upper()}" for id_ in METHODS})
-    paths = os.pathsep.join((str(folder), str(REPOSITORY)))
-
-    def run(*arguments):
-        return subprocess.run(
-            (sys.executable, "-c", "from bench.cli import main; main()", *arguments),
-            capture_output=True,
-            text=True,
-            check=False,
-            env=os.environ | {"PYTHONPATH": paths},
-            cwd=folder,
-        )
-
-    return run
+def findings(verdicts):
+    """A finding for each letter: o(k), w(arn), F(AIL)."""
+    return [Finding(v == "o", f"point {i}", "", v == "F") for i, v in enumerate(verdicts)]
 
 
-@pytest.mark.slow
-def test_a_method_that_keeps_it(bench):
-    done = bench("test", "plain")
-    assert (done.returncode, done.stderr) == (0, "")
-    lines = done.stdout.splitlines()
-    assert all(line.startswith("ok   ") for line in lines)
-    assert len(lines) == 2 + len(methods.CHECKS) + len(methods.EXTREMES)
+@pytest.mark.parametrize(
+    ("verdicts", "line"),
+    [
+        ("ooo", "all 3 points of the contract are kept"),
+        ("oFo", "1 finding blocks a run: point 1"),
+        ("FwF", "2 findings block a run: point 0, point 2; 1 does not: point 1"),
+        ("wwF", "1 finding blocks a run: point 2; 2 do not: point 0, point 1"),
+        ("owo", "nothing blocks a run; 1 finding to look at: point 1"),
+    ],
+)
+def test_the_summary_tells_what_blocks_a_run(verdicts, line):
+    assert summary(findings(verdicts)) == line
+    assert is_blocked(findings(verdicts)) == ("F" in verdicts)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", BROKEN)
-def test_every_fault_is_named(bench, method):
-    point, said = BROKEN[method]
-    done = bench("test", method)
-    assert (done.returncode, done.stderr) == (1, "")
-    failed = {
-        subject.removeprefix("FAIL "): text
-        for subject, _, text in (line.partition(": ") for line in done.stdout.splitlines())
-        if subject.startswith("FAIL ")
+def reports(*traced, in_command=False):
+    """Reports of steps 0, 1, ... with these traces."""
+    steps = [Step(f"step {i}", lambda name: None, in_command) for i in range(len(traced))]
+    return [
+        Report(step, Finding(True, step.subject, ""), None, left)
+        for step, left in zip(steps, traced, strict=True)
+    ]
+
+
+def test_traces_of_all_steps_are_told_once():
+    found = {
+        finding.subject: finding
+        for finding in trace_findings(reports({}, {"files left": "1 (a)"}, {"files left": "2 (b)"}))
     }
-    assert said in failed[point]
+    assert found["files left"] == Finding(
+        False, "files left", "step 1: 1 (a); 2 steps in all", False
+    )
+    assert [found[kind].ok for kind in ("stdout", "threads left", "processes left")] == [True] * 3
 
 
-def test_an_unknown_name(command):
-    status, _, errors = command("test", "no-such-method")
-    assert status == 2
-    assert "unknown method 'no-such-method'" in errors
+def test_a_print_blocks_where_a_command_prints_its_results():
+    for in_command, verdict in ((False, "warn"), (True, "FAIL")):
+        first, *_ = trace_findings(reports({"stdout": "6 bytes: 'hello'"}, in_command=in_command))
+        assert (first.subject, first.verdict) == ("stdout", verdict)
 
 
-def failing(findings):
-    return {finding.subject: finding.text for finding in findings if not finding.ok}
+def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
+    folder, temporary = tmp_path / "work", tmp_path / "temporary"
+    (folder / "old").mkdir(parents=True)
+    temporary.mkdir()
+    monkeypatch.chdir(folder)
+    before = Observation.take(temporary)
+    assert traces(before, Observation.take(temporary)) == {}
+    (folder / "old" / "new.txt").touch()
+    (temporary / "left.ply").touch()
+    (folder / ".hidden").touch()
+    goes_on = threading.Event()
+    thread = threading.Thread(target=goes_on.wait, name="watcher")
+    thread.start()
+    process = subprocess.Popen(["sleep", "60"])
+    left = traces(before, Observation.take(temporary))
+    assert left == {
+        "files left": f"2 ({temporary / 'left.ply'}, old)",
+        "threads left": "1 (watcher)",
+        "processes left": "1 (sleep)",
+    }
+    monkeypatch.chdir(temporary)
+    assert (
+        traces(before, Observation.take(temporary))["working folder"] == f"changed to {temporary}"
+    )
+    goes_on.set()
+    thread.join()
+    end_processes()
+    await_processes()
+    assert process.wait() == -9
 
 
-def mean_difference(truth, drawn):
-    return np.abs(truth.astype(float) - drawn).mean(axis=(1, 2, 3))
-
-
-GOOD = ImageMetric("good", mean_difference, 1, False, "made up")
-
-
-@pytest.mark.parametrize(
-    ("metric", "said"),
-    [
-        (GOOD, {}),
-        (replace(GOOD, higher_is_better=True), {"direction": "0 for identical images"}),
-        (replace(GOOD, score=lambda t, d: mean_difference(t, d).mean()), {"images": "shape ()"}),
-        (
-            replace(GOOD, score=lambda t, d: 1 / mean_difference(t, d)),
-            {"direction": "divide by zero|inf"},
-        ),
-        (
-            replace(
-                GOOD,
-                score=lambda t, d: mean_difference(t, d) + np.random.default_rng().random(len(t)),
-            ),
-            {"images": "another value the second time"},
-        ),
-        (
-            replace(GOOD, score=lambda t, d: mean_difference(t, d) / max(len(t), 1)),
-            {"one by one": "another value alone than among others"},
-        ),
-        (SetMetric("set", lambda d: d[:, 0, :3].reshape(len(d), 9), 1, "made up"), {}),
-        (SetMetric("set", lambda d: d.mean(axis=(1, 2, 3)), 1, ""), {"images": r"shape \(3,\)"}),
-    ],
-)
-def test_metrics(monkeypatch, metric, said):
-    monkeypatch.setattr(metrics, "find_metric", lambda _: metric)
-    failed = failing(metrics.metric_findings(metric.id))
-    assert set(said) <= set(failed)
-    assert bool(said) == bool(failed)
-
-
-@dataclass(frozen=True)
-class Odd(ProceduralObject):
-    """One of the embedded objects with something wrong about it."""
-
-    fault: str = ""
-
-    @property
-    def object_id(self):
-        return "same" if self.fault == "ids" else super().object_id
-
-    def fingerprint(self):
-        return str(id(self)) if self.fault == "fingerprints" else super().fingerprint()
-
-    def cloud(self, rng, count=2048):
-        if self.fault == "clouds":
-            rng = np.random.default_rng()
-        cloud = super().cloud(rng, count)
-        return replace(cloud, points=cloud.points * 7) if self.fault == "scale" else cloud
-
-    def truth(self, views):
-        images = super().truth(views)
-        return np.full_like(images, 255) if self.fault == "white" else images
+def test_output_of_all_code_is_captured(capfd):
+    with captured_output() as output:
+        os.write(1, b"from Python\n")
+        os.write(2, b"from a library\nand more")
+        subprocess.run([sys.executable, "-S", "-c", "print('from a process')"], check=True)
+    os.write(1, b"afterwards\n")
+    assert output == {
+        "stdout": "27 bytes: 'from Python'",
+        "stderr": "23 bytes: 'from a library'",
+    }
+    assert capfd.readouterr() == ("afterwards\n", "")
 
 
 @pytest.mark.parametrize(
-    ("fault", "point", "said"),
+    ("name", "message"),
     [
-        ("", None, ""),
-        ("ids", "identity", "two objects have the same class and id"),
-        ("fingerprints", "identity", "other fingerprints"),
-        ("clouds", "clouds", "another cloud the second time"),
-        ("scale", "clouds", "bring objects to the unit sphere"),
-        ("white", "truth", "white images"),
+        ("no-such-method", "unknown method 'no-such-method'"),
+        ("nosuchmodule:Method", "nosuchmodule:Method: no module 'nosuchmodule' in this folder or"),
+        ("a b:Method", "no module 'a b' in this folder"),
+        ("folder:/no/such", "/no/such: no such folder"),
     ],
 )
-def test_datasets(monkeypatch, fault, point, said):
-    def opened(spec):
-        objects = tuple(Odd("chair", "test", i, fault) for i in range(2))
-        return Dataset(spec, ("chair",), objects)
-
-    monkeypatch.setattr(datasets, "open_dataset", opened)
-    failed = failing(datasets.dataset_findings("made:x"))
-    assert bool(failed) == bool(point)
-    assert said in failed.get(point, "")
+def test_an_unknown_name_is_refused(command, name, message):
+    status, out, errors = command("test", name)
+    assert (status, out) == (2, "")
+    assert message in errors
+    assert errors.count("\n") == 1
 
 
-def test_the_embedded_dataset_keeps_it():
-    assert failing(datasets.dataset_findings("procedural:validation")) == {}
-    assert plugins.metric_ids() == ()  # in this environment
+@pytest.mark.parametrize("name", ["splat", f"{MODULE}:Plain", "procedural:validation"])
+def test_known_names_are_not_loaded_by_the_command(name):
+    check_name(name)
+    with pytest.raises(BadInput):
+        check_name(name[1:])
+
+
+def bench(*arguments, cwd):
+    """The command line in a folder."""
+    return subprocess.run(
+        (sys.executable, "-P", "-c", "from bench.cli import main; main()", *arguments),
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
+        cwd=cwd,
+    )
+
+
+def test_a_class_of_the_current_folder(tmp_path):
+    """Without an entry point; other files of the folder hide no module."""
+    (tmp_path / "mine.py").write_text(f"from {MODULE} import Prints as Mine\n")
+    (tmp_path / "random.py").write_text("raise SystemExit('of the folder')\n")
+    done = bench("test", "mine:Mine", cwd=tmp_path)
+    *lines, last = done.stdout.splitlines()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert last == "nothing blocks a run; 1 finding to look at: stdout"
+    (printed,) = (line for line in lines if not line.startswith("ok   "))
+    assert printed.startswith("warn stdout: first use: 26 bytes: 'points: 2048'; ")
+
+
+@pytest.mark.slow
+def test_what_exits_does_not_pass(tmp_path):
+    done = bench("test", f"{MODULE}:EXITS", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "FAIL images: SystemExit(0): raise an exception, do not end the process" in done.stdout
+    assert " block a run: images, " in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_the_time_of_a_whole_test_is_limited():
+    start = time.monotonic()
+    found = {
+        finding.subject: finding.text
+        for finding in plugin_findings(f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), 8.0)
+    }
+    assert time.monotonic() - start < 8.0
+    assert found["clouds"].startswith("8 others between change nothing")
+    assert found["not tested"].startswith("no points, one point, three points, ")
+    assert found["not tested"].endswith("cost: 8 s are over")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -35,6 +37,7 @@ def made(function, id_="made", higher=True):
     ("function", "message"),
     [
         (lambda truth, drawn: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda truth, drawn: sys.exit(0), "SystemExit: 0"),
         (lambda truth, drawn: "x", "ValueError: could not convert string to float"),
         (lambda truth, drawn: 1.0, r"gives \(\) values, 1 finite, for 2 pictures"),
         (lambda truth, drawn: [1.0, np.nan], r"gives \(2,\) values, 1 finite, for 2 pictures"),
@@ -44,6 +47,20 @@ def made(function, id_="made", higher=True):
 def test_a_metric_that_gives_no_scores_is_named(function, message):
     with pytest.raises(BadInput, match=f"metric 'made': {message}.*fix that package"):
         checked_scores(made(function), TWO, TWO)
+
+
+def test_no_finite_value_of_identical_images(capsys):
+    """As of `true-mesh`; what the metric prints is no part of the tables."""
+
+    def decibels(truth, drawn):
+        print("measuring")
+        return np.full(len(drawn), np.inf)
+
+    with pytest.raises(BadInput, match=r"for 2 pictures; they are identical to the true ones; fix"):
+        checked_scores(made(decibels), TWO, TWO)
+    with pytest.raises(BadInput, match=r"for 2 pictures; fix that package \('bench test made'\)"):
+        checked_scores(made(decibels), TWO, TWO + 1)
+    assert capsys.readouterr() == ("", "measuring\nmeasuring\n")
 
 
 def test_true_and_drawn_images_in_their_order():
@@ -122,8 +139,8 @@ def of_set(function, id_="fd-made"):
     [
         (lambda images: 1 / 0, "ZeroDivisionError: division by zero"),
         (lambda images: np.ones(2), r"gives features \[2\], 2 finite, for 2 images"),
-        (lambda images: np.ones((1, 4)), r"gives features \[1, 4\], 4 finite, for 2 images"),
         (lambda images: np.ones((2, 0)), r"gives features \[2, 0\], 0 finite, for 2 images"),
+        (lambda images: np.ones((1, 4)), r"gives features \[1, 4\], 4 finite, for 2 images"),
         (lambda images: np.full((2, 2), np.nan), r"gives features \[2, 2\], 0 finite, for 2"),
     ],
 )

@@ -37,6 +37,16 @@ def square(x: int) -> int:
     return x * x
 
 
+def chatter(text: str) -> int:
+    print(text, flush=True)
+    return os.write(1, text.encode())
+
+
+def test_what_a_task_prints_is_no_result(capfd) -> None:
+    assert dict(run_tasks(["hello"], chatter, 1, LIMITS)) == {"hello": 5}
+    assert capfd.readouterr() == ("", "hello\nhello")
+
+
 def misbehave(task: tuple[str, Path]) -> str:
     """With a folder where it leaves its process."""
     how, folder = task

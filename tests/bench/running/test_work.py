@@ -344,6 +344,7 @@ def test_the_same_job_gives_the_same_bytes(tmp_path):
         (IndexError(), "IndexError: no message"),
         (MemoryError("500 GiB"), "memory: 500 GiB"),
         (SystemExit("enough"), "SystemExit: enough"),
+        (KeyboardInterrupt(), "KeyboardInterrupt: no message"),
         (TimeoutError("slow"), "TimeoutError: slow"),
     ],
 )

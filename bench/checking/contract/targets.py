@@ -1,0 +1,138 @@
+"""Plug-ins by the names that `bench test` takes, and what is checked of each before it is used."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, TypeAlias, get_args
+
+from bench.catalogue.methods import Method, find_method, plugin_ids
+from bench.catalogue.plugins import (
+    ImageMetric,
+    SetMetric,
+    find_metric,
+    metric_ids,
+    plugin_problem,
+)
+from bench.checking.contract.findings import ContractViolation
+from bench.checking.contract.session import Passed
+from data_prep.dataset import Dataset, DatasetReader
+from data_prep.datasets import (
+    find_reader,
+    folder_of,
+    is_dataset,
+    open_dataset,
+    read_dataset,
+    reader_ids,
+)
+from data_prep.failures import BadInput
+
+HEAVY = (
+    *("torch", "scipy", "pandas", "skimage", "matplotlib", "trimesh", "pymeshlab", "open3d"),
+    *("sklearn", "tensorflow", "jax", "numba", "cv2"),
+)
+SLOW_IMPORT_S = 2.0
+
+
+@dataclass(frozen=True)
+class DatasetSource:
+    """A dataset that can be opened, as often as one likes."""
+
+    id: str
+    open: Callable[[], Dataset]
+
+
+Target: TypeAlias = Method | ImageMetric | SetMetric | DatasetSource
+
+
+def kind_of(target: Target) -> type:
+    """Return which of the types of `Target` a plug-in is."""
+    return next(kind for kind in get_args(Target) if isinstance(target, kind))
+
+
+def check_name(name: str) -> None:
+    """Load nothing; raise BadInput for a name that nothing can be found by, or that is refused."""
+    module, colon, rest = name.partition(":")
+    for kind, plugin_id in (("method", name), ("metric", name), ("dataset", module)):
+        if problem := plugin_problem(kind, plugin_id):
+            raise BadInput(problem)
+    if is_dataset(name):
+        if rest and module != "procedural":
+            folder_of(rest)
+    elif name in plugin_ids() or name in metric_ids():
+        return
+    elif colon and "@" not in module:
+        package = module.partition(".")[0]
+        if not package.isidentifier() or find_spec(package) is None:
+            raise BadInput(
+                f"{name}: no module '{package}' in this folder or among the installed packages; "
+                "give MODULE:NAME, or the name of a dataset and its folder"
+            )
+    else:
+        find_method(name)
+
+
+@cache
+def find_target(name: str) -> Target:
+    """Return the plug-in of this name, once a process; whatever its module raises goes on."""
+    if is_dataset(name):
+        if (kind := name.partition(":")[0]) in reader_ids():
+            find_reader(kind)  # its module is loaded here
+        return DatasetSource(name, partial(open_dataset, name))
+    if name in metric_ids():
+        return find_metric(name)
+    if name not in plugin_ids() and ":" in name.partition("@")[0]:
+        return _of_module(name)
+    return find_method(name)
+
+
+def _of_module(name: str) -> Target:
+    """Return what a module of the current folder or path has under "MODULE:NAME[:FOLDER]"."""
+    module, _, rest = name.partition(":")
+    attribute, _, folder = rest.partition(":")
+    target: Any = import_module(module)
+    for part in attribute.split("."):
+        if not hasattr(target, part):
+            raise ContractViolation(f"{module} has no '{attribute}'")
+        target = getattr(target, part)
+    if isinstance(target, (Method, ImageMetric, SetMetric)):
+        return target
+    if isinstance(target, DatasetReader):
+        if not folder:
+            raise ContractViolation(f"a dataset is read from a folder; give {name}:FOLDER")
+        spec = f"{target.id}:{folder}"
+        return DatasetSource(name, lambda: read_dataset(target, spec, folder_of(folder)))
+    if callable(getattr(target, "prepare", None)) and callable(getattr(target, "draw", None)):
+        make = target if isinstance(target, type) else lambda: target
+        return Method(name, load=lambda _: make(), identity=str, version=1, source=module)
+    raise ContractViolation(
+        f"{attribute} is a {type(target).__name__}; expected a Method, ImageMetric, SetMetric or "
+        "DatasetReader, or a class with the functions prepare and draw"
+    )
+
+
+def check_import(name: str) -> Passed:
+    """Load the plug-in's module, which may not be slow, nor load a heavy package.
+
+    The evidence is the type of what the name stands for.
+    """
+    loaded, start = set(sys.modules), time.perf_counter()
+    kind = kind_of(find_target(name))
+    seconds = time.perf_counter() - start
+    heavy = {module.partition(".")[0] for module in set(sys.modules) - loaded} & set(HEAVY)
+    if heavy:
+        raise ContractViolation(
+            f"loads {', '.join(sorted(heavy))}; import them where they are needed",
+            blocks=False,
+            evidence=kind,
+        )
+    if seconds > SLOW_IMPORT_S:
+        raise ContractViolation(
+            f"takes {seconds:.1f} s; do the work where it is needed", blocks=False, evidence=kind
+        )
+    return Passed(f"{seconds:.1f} s, loads no heavy package", kind)

@@ -1,0 +1,90 @@
+"""Metrics and datasets that break one point of the contract each are named by it."""
+
+from __future__ import annotations
+
+import pytest
+
+from bench.catalogue.suites import Limits
+from bench.checking.contract import datasets, metrics
+from bench.checking.contract.plugin import plugin_findings
+from tests.bench.checking import broken_datasets, broken_metrics
+
+LIMITS = Limits(time_s=5.0, memory_gib=4.0)
+METRICS, DATASETS = broken_metrics.__name__, broken_datasets.__name__
+CHECKS = {  # in the process of the test, by the subject of their finding
+    METRICS: {
+        "images": metrics.check_images,
+        "batches": metrics.check_batches,
+        "identical images": metrics.check_scores,
+        "features": metrics.check_features,
+    },
+    DATASETS: {
+        "objects": datasets.check_objects,
+        "clouds": datasets.check_clouds,
+        "views": datasets.check_views,
+        "pickling": datasets.check_pickling,
+    },
+}
+ENDING = ("EXITS", "LEAVES", "INTERRUPTS", "EXITS_LATE")
+HERE = [
+    (module.__name__, name)
+    for module in (broken_metrics, broken_datasets)
+    for name, (point, *_) in module.FAULTS.items()
+    if point in CHECKS[module.__name__] and name not in ENDING
+]
+
+
+def target(module, name, folder):
+    return f"{module}:{name}" + (f":{folder}" if module == DATASETS else "")
+
+
+def verdicts(name):
+    """By subject, the verdict and the text."""
+    findings = plugin_findings(name, LIMITS)
+    return {finding.subject: (finding.verdict, finding.text) for finding in findings}
+
+
+@pytest.mark.opengl
+@pytest.mark.parametrize(("module", "name"), HERE)
+def test_a_point_names_its_fault(module, name, tmp_path):
+    faults = broken_metrics.FAULTS if module == METRICS else broken_datasets.FAULTS
+    point, said, *_ = faults[name]
+    with pytest.raises(Exception) as raised:
+        CHECKS[module][point](target(module, name, tmp_path))
+    assert said in str(raised.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", broken_metrics.FAULTS)
+def test_every_fault_of_a_metric_is_named(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    point, said = broken_metrics.FAULTS[name]
+    verdict, text = verdicts(target(METRICS, name, tmp_path))[point]
+    assert said in text
+    assert verdict == "FAIL"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", broken_datasets.FAULTS)
+def test_every_fault_of_a_dataset_is_named(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    point, said, blocks = broken_datasets.FAULTS[name]
+    verdict, text = verdicts(target(DATASETS, name, tmp_path))[point]
+    assert said in text
+    assert verdict == ("FAIL" if blocks else "warn")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("module", "name"), [(METRICS, "GOOD"), (METRICS, "GOOD_SET"), (DATASETS, "GOOD")]
+)
+def test_good_ones_pass(module, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = verdicts(target(module, name, tmp_path))
+    assert [line for line in found.items() if line[1][0] != "ok"] == []
+
+
+@pytest.mark.slow
+def test_the_embedded_dataset_passes():
+    found = verdicts("procedural:validation")
+    assert [line for line in found.items() if line[1][0] != "ok"] == []
