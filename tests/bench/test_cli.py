@@ -117,7 +117,7 @@ def test_datasets_that_are_refused_by_name(command, no_machine, tmp_path):
         (("xyz",), "unknown command 'xyz': there are run, plan, merge, list, table and 12 more; "),
         (("train", "gann"), "unknown command 'gann': did you mean 'gan'? there are autoencoder, "),
         (("list", "nosuch"), "(nosuch); see 'bench list --help'"),
-        (("table", "nowhere"), "nowhere: no run here (manifest.json is missing); give a run's "),
+        (("table", "nowhere"), "nowhere: no such folder; give a run's folder"),
         (("render",), "Missing argument 'CLOUD'; see 'bench render --help'"),
         (
             ("test", "nosuch"),
