@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput
-from data_prep.images import to_float
+from data_prep.rendering.images import to_float
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, View
 
 CONSTANT_IMAGE = Path(__file__).with_name("constant.png")

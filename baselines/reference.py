@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data_prep.datasets.grey import unpainted
 from data_prep.failures import StageFailure
-from data_prep.images import blank, to_float
-from data_prep.render import render
+from data_prep.rendering.images import blank, to_float
+from data_prep.rendering.opengl import render
 from data_prep.scene import Images, Mesh, PointCloud, View
-from data_prep.unpainted import unpainted
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from baselines.stages import check_finite
-from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX, project
+from baselines.reconstruction.stages import check_finite
 from data_prep.failures import StageFailure
+from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, project
 from data_prep.scene import IMAGE_SIZE, Images, PointCloud, Points, View
 
 NEAR_GREY, FAR_GREY = 0.75, 0.35  # depth cue: at the nearest and farthest point of the unit sphere

@@ -146,7 +146,7 @@ app = typer.Typer(
 
 
 def _print_protocol(wanted: bool) -> None:
-    from data_prep.protocol_version import CHANGES
+    from data_prep.datasets.protocol_version import CHANGES
 
     if wanted:
         for version, changes in sorted(CHANGES.items(), reverse=True):

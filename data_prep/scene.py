@@ -7,7 +7,7 @@ Coordinates   Right-handed, +Y up, the front of an object towards -Z. A shape is
               the *unit sphere*. Clouds and noise levels are in these units.
 Camera        Looks at the origin from distance 4 with a field of view of 30.84 degrees (58 mm lens
               on a 32 mm sensor, roatienza/pc2pix@23b7b46d), so that the unit sphere just fits. The
-              geometry is in `data_prep.camera`.
+              geometry is in `data_prep.rendering.camera`.
 Azimuth       0 degrees: the camera stands on -Z and sees the front. At +90 degrees the camera
               stands on +X (clockwise as seen from above).
 Elevation     0 degrees: the camera stands in the XZ plane. It grows upwards: +90 is the zenith.
@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 IMAGE_SIZE = 128
 CLOUD_SIZE = 2048
+NEUTRAL_GREY = (180, 180, 180)  # of meshes without colours, and of reconstructions
 
 Points = NDArray[np.float32]  # [N, 3]
 Images = NDArray[np.float32]  # [V, IMAGE_SIZE, IMAGE_SIZE, 3], in [0, 1]
@@ -53,7 +54,7 @@ def _read_only(values: ArrayLike, dtype: type, columns: int, name: str) -> NDArr
 class Mesh:
     """A shape without texture: flat face colours, nothing else.
 
-    vertices     float32 [V, 3], unit-sphere coordinates (see `data_prep.normalise.normalise`)
+    vertices     float32 [V, 3], unit-sphere coordinates (see `data_prep.clouds.normalise.normalise`)
     faces        int32 [F, 3], indices into `vertices`, anticlockwise seen from outside
     face_colors  uint8 [F, 3], sRGB
 
@@ -76,6 +77,12 @@ class Mesh:
             )
         if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
             raise ValueError(f"faces: an index lies outside 0..{len(self.vertices) - 1}")
+
+
+def in_one_colour(mesh: Mesh, color: tuple[int, int, int]) -> Mesh:
+    """Return a mesh with all faces in one colour: red, green and blue in 0..255."""
+    colors = np.broadcast_to(np.array(color, np.uint8), mesh.face_colors.shape)
+    return Mesh(mesh.vertices, mesh.faces, colors)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.whole_files import whole_file, write_whole
+from data_prep.files.atomic_write import whole_file, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

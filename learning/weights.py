@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
-from data_prep.untrusted import is_regular_file, open_file
-from data_prep.whole_files import whole_file
+from data_prep.files.atomic_write import whole_file
+from data_prep.files.safe_read import is_regular_file, open_file
 
 if TYPE_CHECKING:
     from torch import Tensor, nn

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_prep.images import to_uint8
-from data_prep.normalise import cloud_of_points
+from data_prep.clouds.normalise import cloud_of_points
+from data_prep.rendering.images import to_uint8
 from data_prep.scene import View
 
 if TYPE_CHECKING:

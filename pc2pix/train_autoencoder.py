@@ -17,8 +17,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from data_prep.camera import project
 from data_prep.failures import BadInput
+from data_prep.rendering.camera import project
 from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, View
 from learning import checkpoint, training_loop
 from learning.clouds import draw_points

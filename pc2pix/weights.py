@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
-from data_prep.untrusted import is_regular_file
+from data_prep.files.safe_read import is_regular_file
 from learning.weights import (
     check_tensors,
     expected_shapes,

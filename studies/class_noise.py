@@ -33,9 +33,9 @@ from bench.judges.views import load_views_network, view_features
 from bench.metrics.frechet import frechet_distance
 from bench.metrics.image_scores import scores
 from bench.metrics.kernel_distance import kernel_distance
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.sampling import random_views, sample_surface
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
-from data_prep.sampling import random_views, sample_surface
 from data_prep.scene import PointCloud
 from data_prep.shapes.catalogue import CLASSES
 from studies.images import draw_all, render_all, turned

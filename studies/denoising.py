@@ -4,7 +4,7 @@
 
 The scenes are those of `studies.noise_floor`. A variant is a method's id, also with a parameter set
 (`denoised-alpha@strength=0`). What fails is scored as a white image. The last column is the median
-processor time of `prepare`, in seconds on one thread. The constants of `baselines.denoised` were
+processor time of `prepare`, in seconds on one thread. The constants of `baselines.reconstruction.denoised` were
 chosen by this table. Ten minutes of processor time for all.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from bench.catalogue.methods import find_method
 from bench.metrics import ssim
 from data_prep.failures import StageFailure
-from data_prep.images import to_uint8
+from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, Renderer, UInt8Images, View
 from studies.arguments import names, positive
 from studies.images import render_all

@@ -32,7 +32,7 @@ from pathlib import Path
 
 from bench.analysis.comparison import decimals, milliseconds
 from bench.analysis.paired import SIGNIFICANCE
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 from studies.provenance import origins
 from studies.tables import markdown
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from bench.metrics import lpips
 from bench.metrics.image_scores import scores
-from data_prep.images import to_uint8
-from data_prep.render import render
+from data_prep.rendering.images import to_uint8
+from data_prep.rendering.opengl import render
 from data_prep.scene import Mesh, PointCloud, Renderer, UInt8Images, View
 
 TURN_DEG = 0.1  # 0.1 px at the rim of the unit sphere: what another driver may amount to

@@ -34,11 +34,11 @@ from numpy.typing import NDArray
 
 from bench.catalogue.loaders import BUNDLED, TO_PAPER_WIDTH
 from bench.metrics.structural_similarity import ssim_per_image
-from data_prep.datasets import ProceduralObject
-from data_prep.images import to_uint8
+from data_prep.clouds.sampling import sample_surface
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator as random_numbers
-from data_prep.render import render
-from data_prep.sampling import sample_surface
+from data_prep.rendering.images import to_uint8
+from data_prep.rendering.opengl import render
 from data_prep.scene import View
 from learning.convolution import DTYPES, Convolution
 from pc2pix.engine import UnfoldedGenerator, fold

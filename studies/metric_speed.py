@@ -46,9 +46,9 @@ from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.silhouette import foreground, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.sampling import random_views, sample_surface
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
-from data_prep.sampling import random_views, sample_surface
 from data_prep.scene import UInt8Images
 from studies.arguments import numbers
 from studies.images import draw_all, render_all

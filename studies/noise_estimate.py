@@ -1,4 +1,4 @@
-"""How well `baselines.noise` reads the noise of a cloud.
+"""How well `baselines.reconstruction.noise` reads the noise of a cloud.
 
     python -m studies.noise_estimate [--chairs 8] [--meshes FOLDER] [--out docs/noise-estimate.png]
 
@@ -18,11 +18,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from baselines.noise import noise_scale
-from data_prep.datasets import ProceduralObject
-from data_prep.mesh_files import SUFFIXES, load_mesh
+from baselines.reconstruction.noise import noise_scale
+from data_prep.clouds.sampling import sample_surface
+from data_prep.datasets.registry import ProceduralObject
+from data_prep.files.meshes import SUFFIXES, load_mesh
 from data_prep.randomness import generator
-from data_prep.sampling import sample_surface
 from data_prep.scene import Mesh
 from studies.arguments import positive
 from studies.tables import markdown

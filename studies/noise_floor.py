@@ -15,7 +15,7 @@ precision  the feature networks in float64 instead of float32, with images as th
            in float64 and in bfloat16, with float32 features.
 turn       every view by 0.1 degree more of azimuth, true and drawn images alike: 0.1 px at the
            rim of the unit sphere.
-renderer   the true images by rays with the same camera and shading (`data_prep.rays`), not by
+renderer   the true images by rays with the same camera and shading (`data_prep.rendering.raycast`), not by
            OpenGL: with the same 4 samples a pixel, with 4 elsewhere, and with 16. The images of
            methods stay as they are; for `true-mesh`, which draws by the renderer, they are those of
            the ray-caster and the truth is OpenGL's.
@@ -47,12 +47,12 @@ from bench.metrics.frechet import frechet_distance
 from bench.metrics.kernel_distance import kernel_distance
 from bench.metrics.lpips_network import Lpips
 from bench.metrics.lpips_weights import find_lpips_weights
-from data_prep.conditions import CONDITIONS
-from data_prep.datasets import ProceduralObject
-from data_prep.images import to_uint8
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.clouds.sampling import random_views, sample_surface
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
-from data_prep.rays import OPENGL, cast
-from data_prep.sampling import random_views, sample_surface
+from data_prep.rendering.images import to_uint8
+from data_prep.rendering.raycast import OPENGL, cast
 from data_prep.scene import Mesh, PointCloud, UInt8Images, View
 from pc2pix.number_formats import Format, infer
 from pc2pix.renderer import Pc2pixRenderer

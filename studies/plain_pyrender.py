@@ -1,4 +1,4 @@
-"""Images of meshes by pyrender's own renderer, as `data_prep.render` drew them at first.
+"""Images of meshes by pyrender's own renderer, as `data_prep.rendering.opengl` drew them at first.
 
 The same bytes, for checks and for comparing speed. A scene is made for each mesh and rendered from
 one view after another; pyrender looks up program and uniforms, resolves and reads back colour and
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep import render
-from data_prep.camera import FIELD_OF_VIEW_RAD, camera_to_world
+from data_prep.rendering import opengl as render
+from data_prep.rendering.camera import FIELD_OF_VIEW_RAD, camera_to_world
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 
 SHADERS = Path(__file__).parent / "plain_pyrender_shaders"  # mesh.vert and mesh.frag

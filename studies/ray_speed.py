@@ -12,7 +12,7 @@
 
 One process with the environment of a worker, one thread; the two renderers take turns (A, B, A,
 B ...), and a ratio is that of the medians over the rounds. The second part decides about
-`data_prep.draw_mesh.RAYS_FROM_FACES`. The first takes about 20 minutes.
+`data_prep.rendering.mesh.RAYS_FROM_FACES`. The first takes about 20 minutes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.surface import RESOLUTION, SurfaceApss
+from baselines.reconstruction.surface import RESOLUTION, SurfaceApss
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics.structural_similarity import ssim_per_image
@@ -39,9 +39,9 @@ from bench.records.job import Job
 from bench.running.isolation import WORKER_ENVIRONMENT
 from bench.running.protocol import Options, plan, protocol_of
 from bench.running.work import cloud_of
-from data_prep.draw_mesh import RAYS_FROM_FACES
-from data_prep.rays import cast
-from data_prep.render import gl_renderer, render
+from data_prep.rendering.mesh import RAYS_FROM_FACES
+from data_prep.rendering.opengl import gl_renderer, render
+from data_prep.rendering.raycast import cast
 from data_prep.scene import Mesh, View
 from studies.turns import in_turns, load
 

@@ -3,10 +3,10 @@
     python -m studies.render_speed [--views 20] [--rounds 7] [--faces 400000] [--processes 2]
 
 For procedural chairs (validation split) and for spheres of more and more faces, in ms of processor
-time: what a call of `data_prep.render.render` costs once (set-up: vertices, upload), and for each
+time: what a call of `data_prep.rendering.opengl.render` costs once (set-up: vertices, upload), and for each
 view (drawing, which ends with the resolved image; and reading it back); whole calls, as views/s;
 and how many times their time the same images take by pyrender itself
-(`studies.plain_pyrender`), and by rays (`data_prep.rays`, building the tree included). Each of the
+(`studies.plain_pyrender`), and by rays (`data_prep.rendering.raycast`, building the tree included). Each of the
 three has a process of its own (two GL contexts in one process slow each other down); they take
 turns (A, B, C, A, B, C ...), and numbers are medians over the rounds, with the smallest and largest
 ratio of a round.
@@ -33,12 +33,12 @@ import numpy as np
 import trimesh
 
 from bench.running.isolation import WORKER_ENVIRONMENT
-from data_prep import render as renderer
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.sampling import random_views
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
-from data_prep.rays import cast
-from data_prep.render import gl_renderer, render
-from data_prep.sampling import random_views
+from data_prep.rendering import opengl as renderer
+from data_prep.rendering.opengl import gl_renderer, render
+from data_prep.rendering.raycast import cast
 from data_prep.scene import IMAGE_SIZE, Mesh, View
 from studies.plain_pyrender import render_plainly
 from studies.turns import load

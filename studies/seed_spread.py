@@ -22,7 +22,7 @@ import pandas as pd
 
 from bench.analysis.comparison import decimals
 from bench.catalogue.methods import find_method
-from data_prep.fingerprints import file_sha256
+from data_prep.files.checksums import file_sha256
 
 METRICS = (
     *("ssim", "luminance", "contrast", "structure", "lpips", "fd-views", "fd-alexnet"),

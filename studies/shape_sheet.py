@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from data_prep.dataset_procedural import WidenedObject
-from data_prep.datasets import open_dataset
+from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.procedural import WidenedObject
+from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
-from data_prep.scene_objects import SceneObject
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.widening import draw_widened
 from studies.arguments import names, positive

@@ -24,11 +24,11 @@ from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.weights import load_weights
 from baselines.splat_net.window import Box
 from bench.catalogue.lookup import find
-from data_prep.conditions import CONDITIONS
-from data_prep.datasets import ProceduralObject
-from data_prep.images import to_uint8
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.clouds.sampling import random_views, sample_surface
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator as random_numbers
-from data_prep.sampling import random_views, sample_surface
+from data_prep.rendering.images import to_uint8
 from studies.arguments import names, positive
 from studies.turns import in_turns, load, ratio
 

@@ -13,7 +13,7 @@ import argparse
 from dataclasses import fields
 
 from bench.suites.latent.chairs import specified_chairs
-from data_prep.scene_objects import Split
+from data_prep.datasets.objects import Split
 from data_prep.shapes.chair.spec import ChairSpec
 from studies.arguments import numbers
 from studies.tables import markdown

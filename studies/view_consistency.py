@@ -59,14 +59,14 @@ from bench.rendering.sheet import Tile, draw_sheet
 from bench.running.isolation import Lost, run_tasks
 from bench.tables.markdown import cell, visible
 from bench.tables.table import csv_text
-from data_prep.conditions import CONDITIONS
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
+from data_prep.files.atomic_write import write_whole
 from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import UInt8Images, View
 from data_prep.shapes.chair.spec import draw_chair_spec
-from data_prep.whole_files import write_whole
 from studies.arguments import names, positive
 from studies.tables import markdown
 

@@ -17,8 +17,8 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import find_method
 from bench.catalogue.suites import SUITES
 from bench.cli import app
-from data_prep.conditions import CONDITIONS
-from data_prep.dataset import Dataset
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.dataset import Dataset
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud
 from tests.test_shown_commands import BLOCK, shown, typed

@@ -14,9 +14,9 @@ import pytest
 import trimesh
 from PIL import Image
 
-from data_prep.cloud_files import save_ply
-from data_prep.datasets import open_dataset
-from data_prep.render import render
+from data_prep.datasets.registry import open_dataset
+from data_prep.files.clouds import save_ply
+from data_prep.rendering.opengl import render
 from data_prep.scene import View
 
 pytestmark = pytest.mark.slow

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bench.cli import app
-from data_prep.datasets import open_dataset
+from data_prep.datasets.registry import open_dataset
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from baselines.splat_net.network import NetworkConfig, SplatNet, composite
 from baselines.splat_net.window import Windows
-from data_prep.camera import CAMERA_DISTANCE
+from data_prep.rendering.camera import CAMERA_DISTANCE
 
 CODE = 128  # numbers of the code of the cloud
 SLOPE = 0.2

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels
 from baselines.splat_net.window import Box, Windows, whole_images
-from data_prep.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world
+from data_prep.rendering.camera import CAMERA_DISTANCE, FOCAL_PX, camera_to_world
 from data_prep.scene import IMAGE_SIZE, View
 
 NEAREST = 0.05 * CAMERA_DISTANCE  # what is nearer than this, the mesh renderer cuts off as well

@@ -38,9 +38,9 @@ from baselines.splat_net.points2pix import Network, build
 from baselines.splat_net.projection import Projection, cameras
 from baselines.splat_net.surfels import find_surfels, stack
 from baselines.splat_net.weights import KIND
+from data_prep.datasets.training_set import SurfaceSet
 from data_prep.failures import BadInput
 from data_prep.scene import View
-from data_prep.training_set import SurfaceSet
 from learning import training_loop
 from learning.averaging import take_statistics, update
 from learning.clouds import add_noise, draw_points

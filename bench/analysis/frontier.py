@@ -25,7 +25,7 @@ from bench.analysis.comparison import (
     worse_than_blank,
 )
 from bench.catalogue.methods import FLOOR
-from data_prep.conditions import CONDITIONS, Stride, Unchanged
+from data_prep.clouds.conditions import CONDITIONS, Stride, Unchanged
 from data_prep.scene import CLOUD_SIZE
 
 Verdict = Literal["frontier", "tied", "dominated", "below a white image", "reference", "no value"]

@@ -132,7 +132,7 @@ def open3d_identity() -> str:
     """
     from importlib.metadata import PackageNotFoundError
 
-    from baselines.open3d_poisson import REMEDY
+    from baselines.reconstruction.open3d_poisson import REMEDY
 
     try:
         return versions("embreex", "open3d", "scipy")

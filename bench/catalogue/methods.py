@@ -18,10 +18,10 @@ from bench.catalogue import loaders
 from bench.catalogue.lookup import find
 from bench.catalogue.parameters import find_setting
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
-from data_prep import announced
-from data_prep.announced import announced_ids, load_announced
+from data_prep import plugins as announced
 from data_prep.failures import BadInput, unknown
-from data_prep.untrusted import is_regular_file
+from data_prep.files.safe_read import is_regular_file
+from data_prep.plugins import announced_ids, load_announced
 
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
@@ -164,7 +164,7 @@ METHODS = (
     ),
     Method(
         "surface-apss",
-        load=partial(loaders.renderer, "baselines.surface:SurfaceApss"),
+        load=partial(loaders.renderer, "baselines.reconstruction.surface:SurfaceApss"),
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="paper's SR; filter script of roatienza/pc2pix@23b7b46d",
@@ -173,7 +173,7 @@ METHODS = (
     ),
     Method(
         "surface-fit",
-        load=partial(loaders.renderer, "baselines.surface_fit:SurfaceFit"),
+        load=partial(loaders.renderer, "baselines.reconstruction.surface_fit:SurfaceFit"),
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="the paper's SR on a grid no finer than the picture can show",
@@ -182,7 +182,7 @@ METHODS = (
     ),
     Method(
         "surface-bpa",
-        load=partial(loaders.renderer, "baselines.surface:SurfaceBpa"),
+        load=partial(loaders.renderer, "baselines.reconstruction.surface:SurfaceBpa"),
         identity=partial(loaders.versions, "embreex", "pymeshlab"),
         version=2,
         source="the paper's SR without its last step: ball pivoting and holes closed",
@@ -191,7 +191,7 @@ METHODS = (
     ),
     Method(
         "poisson",
-        load=partial(loaders.renderer, "baselines.poisson:Poisson"),
+        load=partial(loaders.renderer, "baselines.reconstruction.poisson:Poisson"),
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=2,
         source="screened Poisson reconstruction (Kazhdan and Hoppe 2013)",
@@ -200,7 +200,7 @@ METHODS = (
     ),
     Method(
         "alpha-shape",
-        load=partial(loaders.renderer, "baselines.alpha_shape:AlphaShape"),
+        load=partial(loaders.renderer, "baselines.reconstruction.alpha_shape:AlphaShape"),
         identity=partial(loaders.versions, "embreex", "scipy"),
         version=2,
         source="alpha shape (Edelsbrunner and Muecke 1994)",
@@ -209,7 +209,7 @@ METHODS = (
     ),
     Method(
         "denoised-bpa",
-        load=partial(loaders.renderer, "baselines.denoised:DenoisedBpa"),
+        load=partial(loaders.renderer, "baselines.reconstruction.denoised:DenoisedBpa"),
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=1,
         source="ball pivoting on points smoothed as their noise asks for",
@@ -218,7 +218,7 @@ METHODS = (
     ),
     Method(
         "denoised-alpha",
-        load=partial(loaders.renderer, "baselines.denoised:DenoisedAlpha"),
+        load=partial(loaders.renderer, "baselines.reconstruction.denoised:DenoisedAlpha"),
         identity=partial(loaders.versions, "embreex", "scipy"),
         version=1,
         source="the alpha shape of points smoothed as their noise asks for",
@@ -227,7 +227,7 @@ METHODS = (
     ),
     Method(
         "denoised-poisson",
-        load=partial(loaders.renderer, "baselines.denoised:DenoisedPoisson"),
+        load=partial(loaders.renderer, "baselines.reconstruction.denoised:DenoisedPoisson"),
         identity=partial(loaders.versions, "embreex", "pymeshlab", "scipy"),
         version=1,
         source="screened Poisson on points smoothed as their noise asks for",
@@ -236,7 +236,7 @@ METHODS = (
     ),
     Method(
         "pgr",
-        load=partial(loaders.renderer, "baselines.gauss:ParametricGauss"),
+        load=partial(loaders.renderer, "baselines.reconstruction.gauss:ParametricGauss"),
         identity=partial(loaders.versions, "embreex", "scikit-image", "scipy"),
         version=1,
         source="parametric Gauss reconstruction (Lin et al. 2022)",
@@ -245,7 +245,7 @@ METHODS = (
     ),
     Method(
         "open3d-poisson",
-        load=partial(loaders.renderer, "baselines.open3d_poisson:Open3dPoisson"),
+        load=partial(loaders.renderer, "baselines.reconstruction.open3d_poisson:Open3dPoisson"),
         identity=loaders.open3d_identity,
         version=1,
         source="screened Poisson as a first script with Open3D does it; extra [open3d]",

@@ -17,7 +17,7 @@ class Parameter:
 
     method         the id of the method that has it
     name           in ids of variants
-    renderer       module and class: "baselines.surface:SurfaceApss"
+    renderer       module and class: "baselines.reconstruction.surface:SurfaceApss"
     field          of the class
     low, high      the values that are taken, both included
     whole          whether only whole numbers are
@@ -38,7 +38,7 @@ PARAMETERS = (
     Parameter(
         "surface-apss",
         "resolution",
-        "baselines.surface:SurfaceApss",
+        "baselines.reconstruction.surface:SurfaceApss",
         "resolution",
         10,
         400,
@@ -48,7 +48,7 @@ PARAMETERS = (
     Parameter(
         "surface-fit",
         "cell",
-        "baselines.surface_fit:SurfaceFit",
+        "baselines.reconstruction.surface_fit:SurfaceFit",
         "cell_px",
         0.5,
         4,
@@ -58,7 +58,7 @@ PARAMETERS = (
     Parameter(
         "surface-bpa",
         "radius",
-        "baselines.surface:SurfaceBpa",
+        "baselines.reconstruction.surface:SurfaceBpa",
         "radius_percent",
         0.1,
         20,
@@ -68,7 +68,7 @@ PARAMETERS = (
     Parameter(
         "poisson",
         "depth",
-        "baselines.poisson:Poisson",
+        "baselines.reconstruction.poisson:Poisson",
         "depth",
         3,
         10,
@@ -78,7 +78,7 @@ PARAMETERS = (
     Parameter(
         "alpha-shape",
         "alpha",
-        "baselines.alpha_shape:AlphaShape",
+        "baselines.reconstruction.alpha_shape:AlphaShape",
         "alpha_percent",
         0.1,
         50,
@@ -88,7 +88,7 @@ PARAMETERS = (
     Parameter(
         "denoised-bpa",
         "strength",
-        "baselines.denoised:DenoisedBpa",
+        "baselines.reconstruction.denoised:DenoisedBpa",
         "strength",
         0,
         4,
@@ -98,7 +98,7 @@ PARAMETERS = (
     Parameter(
         "denoised-alpha",
         "strength",
-        "baselines.denoised:DenoisedAlpha",
+        "baselines.reconstruction.denoised:DenoisedAlpha",
         "strength",
         0,
         4,
@@ -108,7 +108,7 @@ PARAMETERS = (
     Parameter(
         "denoised-poisson",
         "strength",
-        "baselines.denoised:DenoisedPoisson",
+        "baselines.reconstruction.denoised:DenoisedPoisson",
         "strength",
         0,
         4,
@@ -118,7 +118,7 @@ PARAMETERS = (
     Parameter(
         "pgr",
         "width",
-        "baselines.gauss:ParametricGauss",
+        "baselines.reconstruction.gauss:ParametricGauss",
         "width",
         0.25,
         8,
@@ -128,7 +128,7 @@ PARAMETERS = (
     Parameter(
         "open3d-poisson",
         "depth",
-        "baselines.open3d_poisson:Open3dPoisson",
+        "baselines.reconstruction.open3d_poisson:Open3dPoisson",
         "depth",
         3,
         10,

@@ -20,9 +20,9 @@ from bench.catalogue.metrics import (
     RECOGNITION_METRICS,
     SET_METRICS,
 )
-from data_prep import announced
-from data_prep.announced import OUR_KINDS, announced_ids, load_announced, refusal
+from data_prep import plugins as announced
 from data_prep.failures import BadInput, unknown
+from data_prep.plugins import OUR_KINDS, announced_ids, load_announced, refusal
 
 if TYPE_CHECKING:
     import numpy as np

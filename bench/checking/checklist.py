@@ -41,7 +41,7 @@ from bench.tables.quality import cells, image_keys
 from bench.tables.scored import read_scored
 from bench.tables.table import BOLD, TABLES, Cell, Grid, grid
 from data_prep.failures import BadInput
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 from learning.weights import card_of
 
 CHECKLIST = "claims.md"

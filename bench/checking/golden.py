@@ -37,7 +37,7 @@ from bench.tables.quality import PAPER_METHODS, Row
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES, Table, table_files
 from data_prep.failures import BadInput
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 CELL = ["method", "condition", "class", "metric"]
 PROTOCOL = ["dataset", "objects", "views", "seed"]

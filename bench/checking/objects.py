@@ -37,8 +37,8 @@ from bench.records.parquet import artifacts_of, read_jobs
 from bench.tables.published import golden_path
 from bench.tables.scored import ScoredRun, in_order
 from data_prep.failures import BadInput
+from data_prep.files.atomic_write import write_whole
 from data_prep.scene import UInt8Images
-from data_prep.whole_files import write_whole
 
 KEY = ["method", "condition", "class", "object"]
 IMAGES = "images"

@@ -16,10 +16,10 @@ from bench.commands.options import USAGE_ERROR
 from bench.records.journal import PROTOCOL
 from bench.records.record import SCHEMA_VERSION
 from bench.running.protocol import Options, name_of, objects_of
-from data_prep.datasets import open_dataset
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput, unknown
-from data_prep.protocol_version import PROTOCOL_VERSION
-from data_prep.untrusted import MIB, read_text
+from data_prep.files.safe_read import MIB, read_text
 
 REQUEST = "request"  # of a manifest: what the command said
 ITEM_SUITES = {suite.id: suite for suite in SUITES}

@@ -35,19 +35,19 @@ from bench.running.isolation import Lost, run_tasks
 from bench.running.protocol import Options
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
-from data_prep.cloud_files import CLOUD_SUFFIXES
-from data_prep.dataset import Dataset, listed
-from data_prep.dataset_exported import COLUMNS, METADATA, listed_files
-from data_prep.dataset_paper import VIEWS, PaperObject
-from data_prep.datasets import BareCloud, is_dataset, layout_of, open_dataset
-from data_prep.examine_paper import READINGS, agreement, oddities
+from data_prep.datasets.dataset import Dataset, listed
+from data_prep.datasets.exported import COLUMNS, METADATA, listed_files
+from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.paper import VIEWS, PaperObject
+from data_prep.datasets.paper_checks import READINGS, agreement, oddities
+from data_prep.datasets.registry import BareCloud, is_dataset, layout_of, open_dataset
 from data_prep.failures import BadInput, MissingDependency, NoFaces
-from data_prep.fingerprints import file_sha256
-from data_prep.mesh_files import SUFFIXES
+from data_prep.files.checksums import file_sha256
+from data_prep.files.clouds import CLOUD_SUFFIXES
+from data_prep.files.meshes import SUFFIXES
+from data_prep.files.safe_read import is_regular_file
 from data_prep.progress import progress
 from data_prep.randomness import generator
-from data_prep.scene_objects import SceneObject
-from data_prep.untrusted import is_regular_file
 
 REAL_MESHES = RESULTS / "real-meshes.csv"
 EXPORTED_SUFFIXES = (".csv", ".ply", ".png")

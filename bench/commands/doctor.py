@@ -23,7 +23,7 @@ from bench.commands.contract import conclude
 from bench.running.environment import PACKAGES, cores, environment
 from bench.running.worker_process import own_python
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.render import DEBIAN_PACKAGES
+from data_prep.rendering.opengl import DEBIAN_PACKAGES
 
 WITHOUT_DEPENDENCIES = Path(__file__).with_name("without-dependencies.txt")
 OPTIONAL = ("libusb-1.0-0",)  # Open3D only

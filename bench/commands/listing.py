@@ -16,8 +16,8 @@ def list_all() -> None:
     from bench.catalogue.parameters import PARAMETERS
     from bench.catalogue.plugins import metric_ids
     from bench.catalogue.suites import ALL_SUITES
-    from data_prep.announced import DATASETS, announced_ids
-    from data_prep.conditions import CONDITIONS
+    from data_prep.clouds.conditions import CONDITIONS
+    from data_prep.plugins import DATASETS, announced_ids
 
     sections = {
         "suites": [(s.id, s.about) for s in ALL_SUITES],

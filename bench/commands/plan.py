@@ -34,7 +34,7 @@ from bench.running.run import RunStatus, look_ahead, refuse_small
 from bench.tables.markdown import cell, code, document
 from bench.tables.table import BOLD, Block, Cell, Table, columns, grid, number
 from data_prep.failures import BadInput
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 LIMITS = (10, 25, 50, 100, 250, 500, 1000)  # of which the three largest that limit anything
 NO_VALUE = "-"

@@ -26,7 +26,7 @@ from bench.tables.build import how_timed
 from bench.tables.markdown import visible
 from bench.tables.scored import ScoredRun, read_scored
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 COMPARISONS = "comparisons"
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 import typer
 
 from bench.commands.options import DEVICE, SETTINGS, Device, Group, Stated, names, takes
-from data_prep.datasets import ProceduralObject, SceneObject, open_dataset
+from data_prep.datasets.registry import ProceduralObject, SceneObject, open_dataset
+from data_prep.datasets.training_set import add_surfaces, training_clouds, training_set
 from data_prep.failures import BadInput
 from data_prep.progress import progress
-from data_prep.training_set import add_surfaces, training_clouds, training_set
 
 if TYPE_CHECKING:
     from baselines.splat_net.network import NetworkConfig
@@ -379,7 +379,7 @@ def train_views(
     out: Folder = Path("training/views"),
 ) -> None:
     """The network behind fd-views. Replaces the bundled weights; all golden values change."""
-    from bench.judges.train_views import train_views as train
+    from bench.training.views import train_views as train
 
     print(train(objects, views, epochs, seed, folder=out).to_text())
 
@@ -392,7 +392,7 @@ def train_constant(
     seed: Seed = 0,
 ) -> None:
     """The best constant image. Replaces the bundled one; its golden values change."""
-    from bench.judges.train_constant import train_constant as train
+    from bench.training.constant import train_constant as train
 
     print(train(objects, views, steps, seed))
 
@@ -406,7 +406,7 @@ def train_judge(
     out: Folder = Path("training/judge"),
 ) -> None:
     """The judge of view and shape. Replaces the bundled weights; what it measures changes."""
-    from bench.judges.train_judge import train_judge as train
+    from bench.training.judge import train_judge as train
 
     for name, scores in train(objects, views, steps, seed, folder=out).items():
         print(f"{name}: {scores}")

@@ -13,8 +13,8 @@ import urllib.request
 from pathlib import Path
 
 from data_prep.failures import BadInput
-from data_prep.untrusted import MIB, read_file
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
+from data_prep.files.safe_read import MIB, read_file
 
 WEIGHTS_NAME = "weights-inception-2015-12-05-6726825d.pth"
 WEIGHTS_URL = f"https://github.com/toshas/torch-fidelity/releases/download/v0.2.0/{WEIGHTS_NAME}"

@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 
 from bench.metrics.inception_weights import WeightsUnavailable
 from data_prep.failures import BadInput
-from data_prep.untrusted import MIB, read_file
+from data_prep.files.safe_read import MIB, read_file
 
 Net = Literal["alex", "vgg"]
 

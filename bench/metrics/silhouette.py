@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 WHITE = 255
-MOST_ASKED = 75.0  # contrast of data_prep.mesh_files.NEUTRAL_GREY
+MOST_ASKED = 75.0  # contrast of data_prep.files.meshes.NEUTRAL_GREY
 
 Masks = NDArray[np.bool_]  # [N, H, W]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from bench.records.record import GROUND_TRUTH
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.fingerprints import file_sha256
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
+from data_prep.files.checksums import file_sha256
 
 
 class Item(NamedTuple):

@@ -11,9 +11,9 @@ from typing import Literal
 
 from bench.records.artifacts import Artifact, Item
 from bench.records.record import Record
-from data_prep.conditions import Perturbation
+from data_prep.clouds.conditions import Perturbation
+from data_prep.datasets.objects import SceneObject
 from data_prep.scene import View
-from data_prep.scene_objects import SceneObject
 
 
 @dataclass(frozen=True)

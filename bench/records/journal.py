@@ -33,8 +33,8 @@ from bench.records.artifacts import artifact_sha256
 from bench.records.job import NOTHING, Job, JobTiming, Result
 from bench.records.record import SCHEMA_VERSION, Record
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.untrusted import MIB, read_file
-from data_prep.whole_files import sync_folder, whole_file, write_whole
+from data_prep.files.atomic_write import sync_folder, whole_file, write_whole
+from data_prep.files.safe_read import MIB, read_file
 
 MANIFEST = "manifest.json"
 JOURNAL = "journal"

@@ -19,7 +19,7 @@ from bench.records.artifacts import Artifact, Item, artifact_path
 from bench.records.features import FeatureFile
 from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record, to_frame
 from data_prep.failures import BadInput
-from data_prep.whole_files import whole_file
+from data_prep.files.atomic_write import whole_file
 
 # Arrow's own pool keeps what has been freed: some 35 MB after the records of 20,000 images.
 pa.set_memory_pool(pa.system_memory_pool())

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 if TYPE_CHECKING:
     from PIL.Image import Image

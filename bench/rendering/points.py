@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from bench.catalogue.methods import RECOMMENDED
 from bench.rendering.cloud import find_drawer
 from bench.running.work import draw, load_renderer
-from data_prep.normalise import cloud_of_points
+from data_prep.clouds.normalise import cloud_of_points
 from data_prep.randomness import generator
 from data_prep.scene import View
 

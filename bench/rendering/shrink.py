@@ -30,12 +30,12 @@ from bench.running.isolation import Lost, TaskPool, run_tasks
 from bench.running.protocol import Protocol, objects_to_search, plan
 from bench.running.work import cloud_of, reason_of, rng_of
 from bench.suites.stability.run import stability_jobs
-from data_prep.cloud_files import save_ply
-from data_prep.datasets import open_dataset
+from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
+from data_prep.files.clouds import save_ply
+from data_prep.files.safe_read import is_regular_file
 from data_prep.progress import PLAIN_EVERY_S, say
 from data_prep.scene import PointCloud, Points
-from data_prep.untrusted import is_regular_file
 
 Rows = NDArray[np.intp]  # [n], ascending
 FirstFailing = Callable[[Iterable[Rows]], Rows | None]

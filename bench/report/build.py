@@ -34,9 +34,9 @@ from bench.tables.build import Outputs, how_timed
 from bench.tables.frontier import cost_grid
 from bench.tables.scored import in_order
 from bench.tables.table import Table, Tags
-from data_prep.conditions import CONDITIONS
+from data_prep.clouds.conditions import CONDITIONS
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 REPORT = "report.html"
 MOST_LISTED = 200  # failures listed for one reason

@@ -18,7 +18,7 @@ from bench.report.page import Case, CaseGroup, Grid, GridCell, PageImage
 from bench.report.stored import Sources
 from bench.report.styles import rivals
 from bench.tables.table import Tags
-from data_prep.dots import draw_dots
+from data_prep.rendering.dots import draw_dots
 from data_prep.scene import View
 
 OBJECTS_SHOWN = 4  # of one class; of several the first of each

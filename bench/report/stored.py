@@ -20,7 +20,7 @@ from bench.records.job import Job
 from bench.records.parquet import artifacts_of, read_jobs
 from bench.running.protocol import Protocol, objects_to_search, plan
 from bench.running.work import cloud_of
-from data_prep.datasets import open_dataset
+from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 
 CACHED = 32  # artifacts held in memory, of about 1 MB each

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.running.protocol import Protocol
-from data_prep.dataset_exported import CLOUDS, COLUMNS, OBJECTS, VIEWS
-from data_prep.protocol_version import PROTOCOL_VERSION
+from data_prep.datasets.exported import CLOUDS, COLUMNS, OBJECTS, VIEWS
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 
 PAPER = (
     "https://openaccess.thecvf.com/content_CVPRW_2019/papers/3D-WidDGET/"

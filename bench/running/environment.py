@@ -140,7 +140,7 @@ def environment() -> dict[str, str]:
     Raises MissingDependency where nothing can be rendered on this machine; the message says which
     Debian packages to install.
     """
-    from data_prep.render import REMEDY
+    from data_prep.rendering.opengl import REMEDY
 
     try:
         done = subprocess.run(
@@ -167,7 +167,7 @@ def environment() -> dict[str, str]:
 
 def main() -> None:
     """Print the environment, or the reason why there is none."""
-    from data_prep import render
+    from data_prep.rendering import opengl as render
 
     try:
         answer = {

@@ -1,6 +1,6 @@
 """What a run sees, as a dataset of files that can be cited and read back (`exported:PATH`).
 
-The layout is that of `data_prep.dataset_exported`. Clouds, views and true images are made by the
+The layout is that of `data_prep.datasets.exported`. Clouds, views and true images are made by the
 jobs of the run's plan, so that a run on the files has the same inputs to the last bit.
 """
 
@@ -22,9 +22,8 @@ from bench.running.croissant import metadata
 from bench.running.isolation import Lost, run_tasks
 from bench.running.protocol import ObjectJobs, Options, Protocol, plan, protocol_of, workers_of
 from bench.running.work import cloud_of
-from data_prep.cloud_files import save_ply
-from data_prep.conditions import CONDITIONS
-from data_prep.dataset_exported import (
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.exported import (
     CLOUDS,
     COLUMNS,
     METADATA,
@@ -32,13 +31,14 @@ from data_prep.dataset_exported import (
     UNPERTURBED,
     VIEWS,
 )
+from data_prep.datasets.objects import MeshObject
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.fingerprints import file_sha256
+from data_prep.files.atomic_write import whole_folder, write_whole
+from data_prep.files.checksums import file_sha256
+from data_prep.files.clouds import save_ply
 from data_prep.progress import progress
-from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.scene import Mesh, UInt8Images
-from data_prep.scene_objects import MeshObject
-from data_prep.whole_files import whole_folder, write_whole
 
 ALL = "all"
 Task = tuple[Path, str, ObjectJobs]  # the folder, the object's name in it, and its jobs

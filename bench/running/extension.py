@@ -28,11 +28,11 @@ from bench.running.protocol import (
     objects_to_search,
     plan,
 )
-from data_prep.conditions import CONDITIONS
-from data_prep.datasets import open_dataset
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import say
-from data_prep.scene_objects import SceneObject
 
 APART = "give --out for a run of its own, or --fresh to start over"
 

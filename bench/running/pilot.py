@@ -37,10 +37,10 @@ from bench.records.record import GROUND_TRUTH
 from bench.running.isolation import TASKS_PER_WORKER, Lost, run_tasks
 from bench.running.protocol import Protocol, plan
 from bench.running.work import do
+from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.progress import progress, say
 from data_prep.randomness import generator
-from data_prep.scene_objects import SceneObject
 
 Cell = tuple[str, str]  # method and condition; of ground truths GROUND_TRUTH and nothing
 FEWEST_FOR_A_LINE = 4  # with three points, a line leaves one degree of freedom

@@ -28,17 +28,17 @@ from bench.records.job import Job
 from bench.records.journal import PROTOCOL
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
 from bench.running.environment import circumstances, cores, environment
-from data_prep.conditions import CONDITIONS, Perturbation, Unchanged
-from data_prep.dataset_exported import ExportedObject
-from data_prep.datasets import PROCEDURAL_VERSION, Dataset, open_dataset
+from data_prep.clouds.conditions import CONDITIONS, Perturbation, Unchanged
+from data_prep.datasets.exported import ExportedObject
+from data_prep.datasets.grey import Unpainted
+from data_prep.datasets.objects import MeshObject, SceneObject
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.datasets.registry import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
-from data_prep.fingerprints import file_sha256
+from data_prep.files.checksums import file_sha256
 from data_prep.progress import say
-from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.randomness import generator
 from data_prep.scene import View
-from data_prep.scene_objects import MeshObject, SceneObject
-from data_prep.unpainted import Unpainted
 
 Thing = TypeVar("Thing")
 WHOLE: str | None = None  # stands in a manifest where a shard's name stands

@@ -36,9 +36,9 @@ from bench.records.record import GROUND_TRUTH
 from bench.running.environment import code_sha256, environment, versions
 from bench.running.executors import JobPool
 from bench.running.protocol import LOCAL, Protocol, method_identity
+from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.fingerprints import file_sha256
-from data_prep.scene_objects import SceneObject
+from data_prep.files.checksums import file_sha256
 
 PACKAGES = ("data_prep", "learning", "baselines", "pc2pix", "bench")
 

@@ -24,10 +24,10 @@ from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_artifact, write_artifact
 from bench.records.job import Job, Result, Stopwatch, failed, records_of
 from bench.records.record import GROUND_TRUTH
-from data_prep.dataset_exported import ExportedObject
+from data_prep.datasets.exported import ExportedObject
 from data_prep.failures import BadInput, CannotWrite, MissingDependency, StageFailure
-from data_prep.images import to_uint8
 from data_prep.randomness import generator
+from data_prep.rendering.images import to_uint8
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 

@@ -30,7 +30,7 @@ from bench.tables.quality import (
 )
 from bench.tables.scored import ScoredRun
 from bench.tables.table import Table, grid, of_protocol, write_tables
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 R = TypeVar("R")
 COST = "cost.md"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.tables.markdown import visible
-from data_prep.whole_files import whole_file
+from data_prep.files.atomic_write import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -28,7 +28,7 @@ from bench.records.parquet import read_features, read_records
 from bench.tables.classes import with_confidence
 from bench.tables.table import TABLES
 from data_prep.failures import BadInput
-from data_prep.fingerprints import file_sha256
+from data_prep.files.checksums import file_sha256
 
 VIEWS = "fd-views"
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from bench.tables import markdown
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 NAN = float("nan")
 R = TypeVar("R")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.normalise import normalise
+from data_prep.clouds.normalise import normalise
 from data_prep.scene import Mesh
 from data_prep.shapes.chances import pick
 from data_prep.shapes.solids import Part, join

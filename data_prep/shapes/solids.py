@@ -2,7 +2,7 @@
 
 Every solid is a loft: polygons of equal size ("rings") joined one to the next. Most are prisms:
 their rings lie across one of the axes. Lengths are in whatever unit the caller builds in;
-`data_prep.normalise` scales the finished shape.
+`data_prep.clouds.normalise` scales the finished shape.
 """
 
 from __future__ import annotations

@@ -12,9 +12,8 @@ from dataclasses import replace
 import numpy as np
 from trimesh.remesh import subdivide_to_size
 
-from data_prep.mesh_files import NEUTRAL_GREY
-from data_prep.normalise import normalise
-from data_prep.scene import Mesh
+from data_prep.clouds.normalise import normalise
+from data_prep.scene import NEUTRAL_GREY, Mesh, in_one_colour
 from data_prep.shapes.chair.backs import arm_parts, back_parts
 from data_prep.shapes.chair.bases import base_parts
 from data_prep.shapes.chair.seats import lay_out, seat_parts
@@ -24,7 +23,6 @@ from data_prep.shapes.deformations import Deformation, Vectors, draw_deformation
 from data_prep.shapes.palettes import LIGHTEST, MATERIALS, shade
 from data_prep.shapes.shape_class import ShapeClass
 from data_prep.shapes.solids import Color, Part, join, signed_volume
-from data_prep.unpainted import in_one_colour
 
 PLAIN = 0.2  # of the shapes are as their class draws them
 ATTEMPTS = 20

@@ -3,11 +3,11 @@
 import csv
 from pathlib import Path
 
-from data_prep.dataset import DatasetReader, Found
+from data_prep.datasets.dataset import DatasetReader, Found
+from data_prep.datasets.stored_meshes import PlacedMesh
 from data_prep.failures import BadInput
-from data_prep.orientations import Orientation
-from data_prep.stored_meshes import PlacedMesh
-from data_prep.untrusted import MIB, read_text
+from data_prep.files.orientations import Orientation
+from data_prep.files.safe_read import MIB, read_text
 
 LIST = "objects.csv"
 SPLITS = ("train", "validation", "test")

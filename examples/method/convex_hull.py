@@ -25,8 +25,8 @@ class Hull:
 
     def draw(self, state, views, rng):
         """Once a set of views: float32 [V, 128, 128, 3] in [0, 1]."""
-        from data_prep.images import to_float
-        from data_prep.render import render
+        from data_prep.rendering.images import to_float
+        from data_prep.rendering.opengl import render
 
         return to_float(render(state, views))
 

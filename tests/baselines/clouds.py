@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from data_prep.sampling import sample_surface
+from data_prep.clouds.sampling import sample_surface
 from data_prep.scene import PointCloud
 from data_prep.shapes.chair.chairs import chair
 

@@ -9,7 +9,7 @@ from PIL import Image
 from baselines.constant import Constant, read_image
 from bench.catalogue.methods import find_method
 from data_prep.failures import BadInput
-from data_prep.images import to_uint8
+from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, View
 
 VIEWS = [View(0, 0), View(100, -40), View(-180, 90)]

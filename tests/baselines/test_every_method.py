@@ -13,9 +13,9 @@ import pytest
 
 from bench.catalogue.methods import find_method
 from bench.running.isolation import WORKER_ENVIRONMENT
-from data_prep.draw_mesh import draw_mesh
 from data_prep.failures import StageFailure
-from data_prep.images import to_float
+from data_prep.rendering.images import to_float
+from data_prep.rendering.mesh import draw_mesh
 from data_prep.scene import PointCloud, View
 
 from .clouds import chair_cloud, lattice_sphere

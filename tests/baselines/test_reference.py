@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from baselines.reference import Blank, TrueMesh
-from data_prep.conditions import CONDITIONS
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.grey import unpainted
 from data_prep.failures import StageFailure
-from data_prep.images import blank, to_uint8
-from data_prep.render import render
+from data_prep.rendering.images import blank, to_uint8
+from data_prep.rendering.opengl import render
 from data_prep.scene import PointCloud, View
-from data_prep.unpainted import unpainted
 
 from .clouds import chair_cloud
 

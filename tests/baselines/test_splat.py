@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.splat import Discs, Splat
-from data_prep.camera import project
+from data_prep.rendering.camera import project
 from data_prep.scene import PointCloud, View
 
 FRONT = View(0, 0)

@@ -30,9 +30,9 @@ from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION, Record
 from bench.running.protocol import Options, Protocol
 from bench.tables.build import write_outputs
 from bench.tables.scored import scored_run
-from data_prep.conditions import CONDITIONS, Unchanged
+from data_prep.clouds.conditions import CONDITIONS, Unchanged
+from data_prep.files.atomic_write import write_whole
 from data_prep.scene import View
-from data_prep.whole_files import write_whole
 
 SUITE = "chair-robustness"
 VIEWS = (View(10.0, 5.0), View(-120.0, -30.0))

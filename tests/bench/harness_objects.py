@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from data_prep.datasets.objects import MeshObject
 from data_prep.failures import BadInput
 from data_prep.scene import Mesh
-from data_prep.scene_objects import MeshObject
 
 
 @dataclass(frozen=True)
 class Tetrahedron(MeshObject):
-    """A `data_prep.scene_objects.SceneObject` that is cheap to make and to draw."""
+    """A `data_prep.datasets.objects.SceneObject` that is cheap to make and to draw."""
 
     object_id: str = "a"
     class_name: str = "chair"

@@ -26,8 +26,8 @@ from bench.catalogue.metrics import (
 from bench.catalogue.parameters import PARAMETERS
 from bench.catalogue.suites import LATENT, SPEED, STABILITY, SUITES
 from bench.cli import _interrupt_handler
-from data_prep.conditions import CONDITIONS
-from data_prep.protocol_version import PROTOCOL_VERSION
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from learning.weights import file_sha256
 from pc2pix import weights as weight_files
 
@@ -290,7 +290,7 @@ def test_an_impatient_user_interrupts_once(clock):
 
 
 def test_code_of_a_package_that_calls_exit_does_not_pass(command, monkeypatch):
-    monkeypatch.setattr("data_prep.announced.announced_ids", sys.exit)
+    monkeypatch.setattr("data_prep.plugins.announced_ids", sys.exit)
     status, _, err = command("list")
     assert status == 1
     assert err.startswith("bench: an installed package has called exit(pc2pix_bench.")

@@ -12,13 +12,13 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
-from data_prep.cloud_files import save_ply
-from data_prep.dataset_paper import CLOUDS, RADIUS, RENDERS, VIEWS, image_name
-from data_prep.orientations import OURS, PAPER, Orientation
+from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.paper import CLOUDS, RADIUS, RENDERS, VIEWS, image_name
+from data_prep.datasets.synsets import SYNSETS
+from data_prep.files.clouds import save_ply
+from data_prep.files.orientations import OURS, PAPER, Orientation
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
-from data_prep.scene_objects import SceneObject
-from data_prep.synsets import SYNSETS
 
 # A low box with a post at the front right corner and a slab along the back, in our axes.
 PARTS = (

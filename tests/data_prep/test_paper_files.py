@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from data_prep import dataset_paper
-from data_prep.dataset_paper import PaperClass, read_split, read_views
+from data_prep.datasets import paper as dataset_paper
+from data_prep.datasets.paper import PaperClass, read_split, read_views
 from data_prep.failures import BadInput
 from data_prep.scene import View
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data_prep.datasets import open_dataset
-from data_prep.mesh_files import load_mesh
-from data_prep.render import render
+from data_prep.datasets.registry import open_dataset
+from data_prep.files.meshes import load_mesh
+from data_prep.rendering.opengl import render
 from data_prep.scene import View
 
 MESHES = Path(__file__).parents[3] / "shared" / "meshes"

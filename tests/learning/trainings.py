@@ -11,9 +11,10 @@ import torch
 
 from baselines.splat_net.network import NetworkConfig
 from baselines.splat_net.train import SplatNetConfig, train_splat_net
-from bench.judges import train_judge, train_views
 from bench.judges.views import Labels
-from data_prep.training_set import SurfaceSet, TrainingSet
+from bench.training import judge as train_judge
+from bench.training import views as train_views
+from data_prep.datasets.training_set import SurfaceSet, TrainingSet
 from learning import training_loop
 from learning.training_loop import Cadence, seeded
 from pc2pix.model import ModelConfig, build_encoder

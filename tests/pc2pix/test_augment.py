@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from data_prep.datasets import ProceduralObject
-from data_prep.render import render
+from data_prep.datasets.registry import ProceduralObject
+from data_prep.rendering.opengl import render
 from data_prep.scene import Mesh, View
 from pc2pix.augment import (
     CLEAN_SHARE,

@@ -14,11 +14,11 @@ from PIL import Image
 import bench
 import pc2pix
 from bench.metrics import ssim
-from data_prep.cloud_files import load_points, save_ply
+from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput
-from data_prep.images import to_uint8
-from data_prep.normalise import normalise_points
+from data_prep.files.clouds import load_points, save_ply
 from data_prep.randomness import generator
+from data_prep.rendering.images import to_uint8
 from data_prep.scene import View
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"

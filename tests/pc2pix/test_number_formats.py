@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.sampling import sample_surface
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import StageFailure
 from data_prep.randomness import generator
-from data_prep.sampling import sample_surface
 from data_prep.scene import PointCloud, View
 from pc2pix.number_formats import FORMATS, GREY_LEVELS, deviation, infer
 from pc2pix.renderer import Pc2pixRenderer

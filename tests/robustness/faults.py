@@ -27,7 +27,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import bench.running.run
-from baselines.surface import SurfaceApss
+from baselines.reconstruction.surface import SurfaceApss
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import SUITES, Limits, Suite
 from bench.commands.publish import run_suite
@@ -36,7 +36,7 @@ from bench.records.parquet import read_records
 from bench.running.isolation import TASKS_PER_WORKER
 from bench.running.protocol import Options, Protocol, plan
 from bench.running.work import cloud_of
-from data_prep.datasets import open_dataset
+from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
 from data_prep.scene import Points, Renderer
 from tests.robustness.faulty_methods import FAULTS, Faulty, announce

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from data_prep.announced import METHODS
+from data_prep.plugins import METHODS
 from data_prep.scene import Images, PointCloud, Points, Renderer, View
 
 

@@ -35,11 +35,11 @@ from PIL import Image
 
 from bench.metrics import inception_weights
 from bench.suites.speed.measure import peak_mib
-from data_prep.cloud_files import load_points
-from data_prep.dataset_paper import read_split, read_views
+from data_prep.clouds.normalise import normalise_points
+from data_prep.datasets.paper import read_split, read_views
 from data_prep.failures import BadInput
-from data_prep.mesh_files import load_mesh
-from data_prep.normalise import normalise_points
+from data_prep.files.clouds import load_points
+from data_prep.files.meshes import load_mesh
 from learning.weights import objective_of
 from pc2pix.weights import find_weights, load_weights
 from tests.data_prep.dataset_trees import gltf_binary

@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 
 from bench.catalogue.suites import Limits
 from bench.suites.speed.measure import peak_mib
-from data_prep import mesh_files
-from data_prep.companions import Companions
 from data_prep.failures import BadInput
+from data_prep.files import meshes as mesh_files
+from data_prep.files.mesh_resources import Companions
 from tests.data_prep.dataset_trees import gltf_binary
 from tests.robustness import fuzz_files, fuzzing
 from tests.robustness.fuzzing import (

@@ -5,7 +5,7 @@ import pytest
 
 from bench.catalogue.metrics import IMAGE_METRICS
 from bench.metrics.image_scores import scores
-from data_prep.render import render
+from data_prep.rendering.opengl import render
 from studies import object_noise
 from studies.images import turned
 from studies.noise_floor import make_scene

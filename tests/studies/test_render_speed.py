@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.datasets import ProceduralObject
-from data_prep.render import SHEET_VIEWS, render
-from data_prep.sampling import random_views
+from data_prep.clouds.sampling import random_views
+from data_prep.datasets.registry import ProceduralObject
+from data_prep.rendering.opengl import SHEET_VIEWS, render
 from data_prep.scene import Mesh, View
 from studies.plain_pyrender import render_plainly
 from studies.render_speed import in_turns, parts_of, renderers, sphere

@@ -7,7 +7,7 @@ import pytest
 
 from bench.catalogue.methods import find_method
 from bench.tables.published import RESULTS
-from data_prep.fingerprints import file_sha256
+from data_prep.files.checksums import file_sha256
 from studies.seed_spread import spreads
 
 

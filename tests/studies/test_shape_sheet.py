@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.datasets import ProceduralObject, open_dataset
+from data_prep.datasets.registry import ProceduralObject, open_dataset
 from studies import shape_sheet
 from studies.shape_sheet import COLUMNS, rejected, sheet
 

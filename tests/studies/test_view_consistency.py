@@ -12,9 +12,9 @@ from bench.records.job import Job
 from bench.rendering.cloud import Failed
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN
 from bench.running.work import cloud_of, rng_of
-from data_prep.conditions import CONDITIONS
-from data_prep.datasets import ProceduralObject
-from data_prep.images import blank
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.registry import ProceduralObject
+from data_prep.rendering.images import blank
 from data_prep.scene import View
 from studies import view_consistency
 from studies.view_consistency import (

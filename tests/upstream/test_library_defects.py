@@ -27,11 +27,11 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from baselines.meshlab import MeshLab
-from baselines.surface import MAX_HOLE_EDGES, NORMAL_NEIGHBOURS
+from baselines.reconstruction.meshlab import MeshLab
+from baselines.reconstruction.surface import MAX_HOLE_EDGES, NORMAL_NEIGHBOURS
 from bench.catalogue.suites import Limits
 from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks
-from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.scene import NEUTRAL_GREY
 
 pytestmark = pytest.mark.slow
 
@@ -93,7 +93,7 @@ def with_first(point: float) -> Points:
 
 
 def pivoted(points: Points) -> MeshLab:
-    """The chain of `baselines.surface` up to ball pivoting, without its checks."""
+    """The chain of `baselines.reconstruction.surface` up to ball pivoting, without its checks."""
     meshlab = MeshLab(points)
     meshlab.estimate_normals(NORMAL_NEIGHBOURS)
     meshlab.ball_pivoting()
@@ -108,14 +108,16 @@ def apss(points: Points, resolution: int) -> tuple[Points, int]:
     return meshlab.mesh(NEUTRAL_GREY).vertices, meshlab.face_count
 
 
-@defect(r"^timeout: no result within 30 s$", "baselines.stages.check_points")
+@defect(r"^timeout: no result within 30 s$", "baselines.reconstruction.stages.check_points")
 def pymeshlab_apss_hangs_on_an_infinite_point() -> str:
     """One infinite point of 2,048: APSS never returns."""
     _, faces = apss(with_first(np.inf), 50)
     return f"{faces} faces"
 
 
-@defect(r"^crash: the worker died \(SIGSEGV\)$", "baselines.surface.NORMAL_NEIGHBOURS")
+@defect(
+    r"^crash: the worker died \(SIGSEGV\)$", "baselines.reconstruction.surface.NORMAL_NEIGHBOURS"
+)
 def pymeshlab_normals_of_no_neighbours_crash() -> str:
     """Normals from 0 neighbours: a segmentation fault, where -1 raises."""
     meshlab = MeshLab(box())
@@ -123,7 +125,7 @@ def pymeshlab_normals_of_no_neighbours_crash() -> str:
     return "normals of no neighbours"
 
 
-@defect(r"^crash: the worker died \(SIGFPE\)$", "baselines.surface.RESOLUTION")
+@defect(r"^crash: the worker died \(SIGFPE\)$", "baselines.reconstruction.surface.RESOLUTION")
 def pymeshlab_apss_crashes_on_a_negative_grid() -> str:
     """A grid of -5 cells: APSS divides by 0 and ends the process."""
     meshlab = pivoted(box())
@@ -131,7 +133,7 @@ def pymeshlab_apss_crashes_on_a_negative_grid() -> str:
     return f"{meshlab.face_count} faces"
 
 
-@defect(r"^memory: the worker used more than 1 GiB$", "data_prep.cloud_files.load_points")
+@defect(r"^memory: the worker used more than 1 GiB$", "data_prep.files.clouds.load_points")
 def plyfile_believes_a_header() -> str:
     """A PLY of 200 bytes that claims 1.5e8 vertices: memory is taken for all of them."""
     from plyfile import PlyData
@@ -142,7 +144,7 @@ def plyfile_believes_a_header() -> str:
     return "read"
 
 
-@defect(r"^memory: the worker used more than 1 GiB$", "data_prep.cloud_files.load_points")
+@defect(r"^memory: the worker used more than 1 GiB$", "data_prep.files.clouds.load_points")
 def numpy_believes_a_header() -> str:
     """An NPY of 128 bytes that claims 1.5e8 rows: memory is taken for all of them."""
     file = io.BytesIO()
@@ -169,7 +171,7 @@ def scipy_tree_of_half_a_plane_crashes() -> str:
     return f"a tree of {KDTree(points).n} points"
 
 
-@defect(r"^[1-9]\d* of \d+ vertices are not finite", "baselines.stages.finite_part")
+@defect(r"^[1-9]\d* of \d+ vertices are not finite", "baselines.reconstruction.stages.finite_part")
 def pymeshlab_apss_gives_nan_for_a_clean_box() -> str:
     """Clean points of a box: APSS writes vertices that are not finite."""
     # Few vertices of few clouds, and which ones depends on rounding: hence several clouds.
@@ -213,7 +215,10 @@ def apss_digest() -> str:
     return hashlib.sha256(vertices.tobytes()).hexdigest()[:8]
 
 
-@defect(r"^[1-9]\d* faces from ball pivoting, 0 from APSS", "baselines.surface.SurfaceApss.prepare")
+@defect(
+    r"^[1-9]\d* faces from ball pivoting, 0 from APSS",
+    "baselines.reconstruction.surface.SurfaceApss.prepare",
+)
 def pymeshlab_apss_makes_nothing_of_a_plane() -> str:
     """Points of one plane: APSS returns an empty mesh and reports nothing."""
     points = np.random.default_rng(0).uniform(-1, 1, (2048, 3)) * (1, 0, 1)
@@ -224,7 +229,7 @@ def pymeshlab_apss_makes_nothing_of_a_plane() -> str:
     return f"{before} faces from ball pivoting, {meshlab.face_count} from APSS"
 
 
-@defect(r"^\d{3,} of \d+ vertices are not finite", "data_prep.normalise.normalise_points")
+@defect(r"^\d{3,} of \d+ vertices are not finite", "data_prep.clouds.normalise.normalise_points")
 def pymeshlab_apss_breaks_far_from_the_origin() -> str:
     """A box shifted by 1e6: APSS writes thousands of vertices that are not finite."""
     vertices, _ = apss(box() + 1e6, 50)
@@ -241,7 +246,7 @@ def pymeshlab_apss_makes_a_blob_of_16_points() -> str:
 
 @defect(
     r"^finite normals; \d{1,3} and \d{1,3} faces, where the clean cloud has \d{4}$",
-    "baselines.stages.check_points",
+    "baselines.reconstruction.stages.check_points",
 )
 def pymeshlab_normals_hide_what_is_not_finite() -> str:
     """An infinite point or NaN: normals are finite, and ball pivoting silently loses faces."""
@@ -255,20 +260,25 @@ def pymeshlab_normals_hide_what_is_not_finite() -> str:
     return f"finite normals; {counts[0]} and {counts[1]} faces, where the clean cloud has {whole}"
 
 
-@defect(r"^[1-9]\d* faces of points that coincide", "baselines.surface.SurfaceApss.prepare")
+@defect(
+    r"^[1-9]\d* faces of points that coincide",
+    "baselines.reconstruction.surface.SurfaceApss.prepare",
+)
 def pymeshlab_ball_pivoting_of_one_place() -> str:
     """2,048 points that coincide: ball pivoting makes faces of them."""
     meshlab = pivoted(np.zeros((2048, 3)))
     return f"{meshlab.face_count} faces of points that coincide"
 
 
-@defect(r"^0 faces", "baselines.surface.SurfaceApss.prepare")
+@defect(r"^0 faces", "baselines.reconstruction.surface.SurfaceApss.prepare")
 def pymeshlab_ball_pivoting_of_a_line() -> str:
     """Points of one line: ball pivoting makes no face and reports nothing."""
     return f"{pivoted(np.linspace(0, 1, 2048)[:, None] * (1.0, 0.0, 0.0)).face_count} faces"
 
 
-@defect(r"^raises RuntimeError: .*does not have", "baselines.surface.SurfaceApss.prepare")
+@defect(
+    r"^raises RuntimeError: .*does not have", "baselines.reconstruction.surface.SurfaceApss.prepare"
+)
 def pymeshlab_close_holes_without_faces() -> str:
     """No faces: closing holes raises, where there is nothing to do."""
     MeshLab(box()).close_holes(MAX_HOLE_EDGES)
@@ -276,7 +286,8 @@ def pymeshlab_close_holes_without_faces() -> str:
 
 
 @defect(
-    r"^(\d+) faces, (?!\1 )\d+ of the same points in reverse$", "data_prep.sampling.sample_surface"
+    r"^(\d+) faces, (?!\1 )\d+ of the same points in reverse$",
+    "data_prep.clouds.sampling.sample_surface",
 )
 def pymeshlab_ball_pivoting_depends_on_the_order() -> str:
     """The same points in reverse: ball pivoting makes another mesh."""  # ours seeds it
@@ -332,7 +343,7 @@ def drawn(of: Any) -> str:
     return f"{count} of {SIDE * SIDE} pixels drawn"
 
 
-@defect(r"^background [01], and 255 from floats", "data_prep.render.render")
+@defect(r"^background [01], and 255 from floats", "data_prep.rendering.opengl.render")
 def pyrender_background_of_integers_is_black() -> str:
     """A white background in integers comes out black."""
     levels = [
@@ -342,7 +353,7 @@ def pyrender_background_of_integers_is_black() -> str:
     return "background {}, and {} from floats".format(*levels)
 
 
-@defect(r"^raises AttributeError: .*np\.infty", "data_prep.render.render")
+@defect(r"^raises AttributeError: .*np\.infty", "data_prep.rendering.opengl.render")
 def pyrender_does_not_know_numpy_2() -> str:
     """The extent of a scene reads np.infty, which NumPy 2 has not."""
     made = scene(WHITE, TRIANGLE)
@@ -350,7 +361,9 @@ def pyrender_does_not_know_numpy_2() -> str:
     return f"scale {made.scale:g}"
 
 
-@defect(r"^0 of 1024 pixels drawn, without the NaN [1-9]\d* of", "data_prep.render.render")
+@defect(
+    r"^0 of 1024 pixels drawn, without the NaN [1-9]\d* of", "data_prep.rendering.opengl.render"
+)
 def pyrender_does_not_draw_a_nan_vertex() -> str:
     """A face with a NaN vertex is not drawn, and nothing is reported."""
     broken = TRIANGLE.copy()
@@ -366,7 +379,7 @@ def pyrender_draws_an_index_out_of_range() -> str:
     return drawn(scene(WHITE, TRIANGLE, np.array([[0, 1, 99]], np.uint32)))
 
 
-@defect(r"^the other one raises EGLError", "data_prep.render._context")
+@defect(r"^the other one raises EGLError", "data_prep.rendering.opengl._context")
 def pyrender_renderers_share_a_display() -> str:
     """Deleting one of two renderers breaks the other. We have one context a process."""
     library = pyrender()
@@ -400,21 +413,21 @@ def load(file: io.BytesIO, **options: Any) -> Any:
     return trimesh.load(file, file_type="ply", **options)
 
 
-@defect(r"^4 of 6 vertices", "data_prep.mesh_files.load_mesh")
+@defect(r"^4 of 6 vertices", "data_prep.files.meshes.load_mesh")
 def trimesh_merges_vertices() -> str:
     """Loading merges equal vertices by default (`process`), and changes the surface."""
     loaded = load(ply(SQUARE, ((0, 1, 2), (3, 4, 5))))
     return f"{len(loaded.vertices)} of {len(SQUARE)} vertices"
 
 
-@defect(r"^a Trimesh of 0 vertices", "data_prep.mesh_files.load_mesh")
+@defect(r"^a Trimesh of 0 vertices", "data_prep.files.meshes.load_mesh")
 def trimesh_loads_points_as_an_empty_mesh() -> str:
     """A PLY of points only loads as an empty mesh, and nothing is reported."""
     loaded = trimesh.load_mesh(ply(SQUARE), file_type="ply")
     return f"a {type(loaded).__name__} of {len(loaded.vertices)} vertices"
 
 
-@defect(r"^3 points, where the header has 9; refused$", "data_prep.cloud_files.load_points")
+@defect(r"^3 points, where the header has 9; refused$", "data_prep.files.clouds.load_points")
 def trimesh_reads_part_of_a_cloud() -> str:
     """A PLY in text that is cut short loads as if it were whole; faces of 3 and 4 corners in a
     binary one are refused."""
@@ -444,7 +457,7 @@ def trimesh_keeps_an_index_out_of_range() -> str:
     return f"a face with the vertices {loaded.faces[0].tolist()} of {len(loaded.vertices)}"
 
 
-@defect(r"^bounds \[nan", "data_prep.normalise.normalise")
+@defect(r"^bounds \[nan", "data_prep.clouds.normalise.normalise")
 def trimesh_keeps_a_nan_vertex() -> str:
     """NaN loads as a coordinate, and nothing is reported."""
     loaded = load(ply((("nan", 0, 0), *SQUARE[1:3]), ((0, 1, 2),)), process=False)

@@ -14,11 +14,11 @@ from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.methods import KEPT_MIB, growth_mib, resident_mib
 from bench.checking.contract.session import Passed, Step
 from bench.checking.contract.targets import DatasetSource, find_target
-from data_prep.dataset import Dataset
+from data_prep.datasets.dataset import Dataset
+from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE
-from data_prep.scene_objects import SceneObject
 
 CLASSES, OF_A_CLASS = 3, 2  # whose clouds and images are looked at
 CALLS = 8

@@ -21,9 +21,9 @@ from bench.checking.contract.session import Passed, Step
 from bench.checking.contract.targets import find_target
 from bench.running.isolation import TASKS_PER_WORKER
 from bench.running.work import checked_images, draw, reason_of, seen_by
-from data_prep.conditions import Perturbation
-from data_prep.datasets import ProceduralObject
-from data_prep.extremes import Count, Equal, FirstPoint, Flattened, Kept, Scaled
+from data_prep.clouds.conditions import Perturbation
+from data_prep.clouds.extremes import Count, Equal, FirstPoint, Flattened, Kept, Scaled
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput, StageFailure
 from data_prep.randomness import generator
 from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View

@@ -14,7 +14,7 @@ from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.methods import KEPT_MIB, TURN, VIEWS, growth_mib, resident_mib
 from bench.checking.contract.session import Passed, Step
 from bench.checking.contract.targets import find_target
-from data_prep.datasets import ProceduralObject
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.scene import UInt8Images
 
 BATCHES = (1, 3)  # images a call, beside all 20 of them

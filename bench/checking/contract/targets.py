@@ -21,8 +21,8 @@ from bench.catalogue.plugins import (
 )
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.session import Passed
-from data_prep.dataset import Dataset, DatasetReader
-from data_prep.datasets import (
+from data_prep.datasets.dataset import Dataset, DatasetReader
+from data_prep.datasets.registry import (
     find_reader,
     folder_of,
     is_dataset,

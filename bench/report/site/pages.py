@@ -34,7 +34,7 @@ from bench.tables.table import (
     pivot,
     scored_as_blank,
 )
-from data_prep.fingerprints import file_sha256
+from data_prep.files.checksums import file_sha256
 
 QUALITY = "ssim"  # before the metrics of a suite's headline; what costs are compared with
 LETTERS = (

@@ -32,9 +32,9 @@ from bench.tables.ranks import RANKS, ranks_table
 from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import TABLES, of_protocol
 from data_prep.failures import BadInput
-from data_prep.fingerprints import file_sha256
+from data_prep.files.atomic_write import whole_folder
+from data_prep.files.checksums import file_sha256
 from data_prep.progress import progress, say
-from data_prep.whole_files import whole_folder
 
 # What a run was to measure, in its manifest.
 REQUEST = (PROTOCOL, *FIXED, SHARD, "methods", "identities", "conditions", "objects")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data_prep.datasets import ProceduralObject, Split
+from data_prep.datasets.registry import ProceduralObject, Split
 from data_prep.failures import BadInput
 from data_prep.scene import Mesh
 from data_prep.shapes.chair.chairs import build_chair

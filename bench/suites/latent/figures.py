@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from baselines.splat import Splat
 from bench.tables.figure import bare, drawing, panels, show
-from data_prep.images import to_uint8
+from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, Points, View
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from bench.catalogue.methods import find_method
 from bench.suites.latent.chairs import SpecifiedChair
+from data_prep.clouds.sampling import sample_surface
 from data_prep.failures import BadInput, StageFailure
-from data_prep.images import to_uint8
 from data_prep.randomness import generator
-from data_prep.render import render
-from data_prep.sampling import sample_surface
+from data_prep.rendering.images import to_uint8
+from data_prep.rendering.opengl import render
 from data_prep.scene import Mesh, PointCloud, View
 from pc2pix.latent import decode
 from pc2pix.model import Decoder

@@ -29,7 +29,7 @@ from bench.suites.latent.tables import Mean, Value, latent_table, means, values_
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
-from data_prep.datasets import Split, open_dataset
+from data_prep.datasets.registry import Split, open_dataset
 from data_prep.failures import BadInput
 from data_prep.progress import progress
 from data_prep.randomness import generator

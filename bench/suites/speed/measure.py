@@ -23,8 +23,8 @@ from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import SpeedSuite
 from bench.running.work import draw, reason_of
 from bench.suites.speed.samples import Failure, Measurement, Sample, Stage
-from data_prep.conditions import Perturbation
-from data_prep.datasets import SceneObject
+from data_prep.clouds.conditions import Perturbation
+from data_prep.datasets.registry import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, View

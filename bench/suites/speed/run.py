@@ -39,8 +39,8 @@ from bench.suites.speed.tables import (
 from bench.tables.figure import FIGURES, save
 from bench.tables.published import published
 from bench.tables.table import Table, write_tables
-from data_prep.conditions import CONDITIONS
-from data_prep.datasets import SceneObject, open_dataset
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.datasets.registry import SceneObject, open_dataset
 from data_prep.progress import progress, say
 
 TIMED = (  # what decides how long something takes

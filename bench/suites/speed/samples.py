@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from data_prep.untrusted import MIB, read_file
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
+from data_prep.files.safe_read import MIB, read_file
 
 FORM = 1  # of the files; part of their keys
 MOST_BYTES = 64 * MIB

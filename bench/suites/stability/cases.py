@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from data_prep.conditions import GaussianNoise, Perturbation, Stride, Unchanged
-from data_prep.extremes import (
+from data_prep.clouds.conditions import GaussianNoise, Perturbation, Stride, Unchanged
+from data_prep.clouds.extremes import (
     Cast,
     Count,
     Equal,

@@ -143,9 +143,9 @@ def case_points(case: str) -> Points:
     """The cloud of a case, float32 [2048, 3]. Raises KeyError for an unknown one."""
     import numpy as np
 
-    from data_prep.datasets import ProceduralObject
+    from data_prep.clouds.sampling import sample_surface
+    from data_prep.datasets.registry import ProceduralObject
     from data_prep.randomness import generator
-    from data_prep.sampling import sample_surface
 
     mesh = ProceduralObject("chair", "test", 0).load()
     points = sample_surface(mesh, generator("stability", "formats")).points.copy()

@@ -39,11 +39,11 @@ from bench.suites.stability.tables import counts, matrix, observations_table, un
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
-from data_prep.datasets import ProceduralObject
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.progress import say
 
-CASES_VERSION = 1  # raise when a perturbation of `data_prep.extremes` changes a cloud
+CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
 
 
 def stability_jobs(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.normalise import normalise
+from data_prep.clouds.normalise import normalise
 from data_prep.scene import Mesh
 from data_prep.shapes.chair.armchairs import armchair_parts
 from data_prep.shapes.chair.backs import arm_parts, back_parts

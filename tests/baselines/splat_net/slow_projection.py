@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from baselines.splat_net.surfels import HOPS
-from data_prep.camera import camera_to_world, project
+from data_prep.rendering.camera import camera_to_world, project
 from data_prep.scene import IMAGE_SIZE
 
 # what windows of 1, 3, 7 and 9 px at 128 px are at other sizes: the nearest odd numbers

@@ -10,8 +10,8 @@ import torch
 from baselines.splat_net.projection import ALL_INPUTS, Inputs, Projection, cameras, project
 from baselines.splat_net.surfels import FLATTENED, HOPS, Surfels, stack
 from baselines.splat_net.window import Windows, whole_images
-from data_prep.camera import camera_to_world
-from data_prep.camera import project as pixels_of
+from data_prep.rendering.camera import camera_to_world
+from data_prep.rendering.camera import project as pixels_of
 from data_prep.scene import View
 
 from .slow_projection import SlowProjection

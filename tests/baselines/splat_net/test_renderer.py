@@ -13,11 +13,11 @@ from baselines.splat_net.renderer import SplatNetRenderer
 from baselines.splat_net.surfels import HOPS, find_surfels, stack
 from baselines.splat_net.weights import Weights
 from baselines.splat_net.window import Box, in_groups
-from data_prep.conditions import CONDITIONS
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.conditions import CONDITIONS
+from data_prep.clouds.sampling import sample_surface
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import StageFailure
-from data_prep.images import to_uint8
-from data_prep.sampling import sample_surface
+from data_prep.rendering.images import to_uint8
 from data_prep.scene import PointCloud, View
 
 from .conftest import lived_in, make_cloud

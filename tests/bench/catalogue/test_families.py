@@ -6,7 +6,14 @@ from baselines.splat_net.train import MAX_NOISE, POINTS_SEEN
 from bench.catalogue.families import FAMILIES, families_of
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from data_prep.conditions import CONDITIONS, GaussianNoise, Missing, Outliers, Stride, UnevenDensity
+from data_prep.clouds.conditions import (
+    CONDITIONS,
+    GaussianNoise,
+    Missing,
+    Outliers,
+    Stride,
+    UnevenDensity,
+)
 from data_prep.scene import CLOUD_SIZE
 
 BY_ID = {family.id: family for family in FAMILIES}

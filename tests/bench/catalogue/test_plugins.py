@@ -11,9 +11,9 @@ from bench.catalogue.methods import METHODS, OUR_FAMILIES, find_method
 from bench.catalogue.plugins import find_metric, metric_ids
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.records.record import GROUND_TRUTH
-from data_prep import datasets
-from data_prep.announced import OUR_KINDS
+from data_prep.datasets import registry as datasets
 from data_prep.failures import BadInput
+from data_prep.plugins import OUR_KINDS
 
 MODULE = """
 from bench.catalogue.methods import Method

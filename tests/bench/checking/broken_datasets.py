@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 
-from data_prep.dataset import Dataset, DatasetReader
-from data_prep.datasets import ProceduralObject
+from data_prep.datasets.dataset import Dataset, DatasetReader
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.scene import PointCloud
 

@@ -14,8 +14,8 @@ import pytest
 from bench.commands.data import REAL_MESHES, Verification, inspect, verify
 from bench.commands.publish import run_suite
 from bench.running.protocol import Options
-from data_prep.cloud_files import save_ply
-from data_prep.datasets import ProceduralObject
+from data_prep.datasets.registry import ProceduralObject
+from data_prep.files.clouds import save_ply
 
 from ...data_prep.dataset_trees import write_obj, write_paper_tree
 

@@ -15,7 +15,7 @@ from bench.commands.doctor import WITHOUT_DEPENDENCIES, examine, install, pinned
 from bench.metrics.lpips_weights import PACKAGE, VERSION
 from bench.running.environment import PACKAGES
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.render import DEBIAN_PACKAGES
+from data_prep.rendering.opengl import DEBIAN_PACKAGES
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,6 @@ import torch
 from bench.catalogue.metrics import find_extractor
 from bench.judges import JUDGE_WEIGHTS, VIEWS_WEIGHTS
 from bench.judges.judge import CODE, greyscale, judge, load_judge_network
-from bench.judges.train_views import labels
 from bench.judges.views import (
     FEATURES,
     Labels,
@@ -21,11 +20,12 @@ from bench.judges.views import (
     to_file,
     view_features,
 )
-from data_prep.datasets import ProceduralObject
-from data_prep.images import blank
+from bench.training.views import labels
+from data_prep.clouds.sampling import random_views
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
-from data_prep.render import render
-from data_prep.sampling import random_views
+from data_prep.rendering.images import blank
+from data_prep.rendering.opengl import render
 from data_prep.shapes.catalogue import CLASSES
 
 OBJECTS, VIEWS = 10, 4

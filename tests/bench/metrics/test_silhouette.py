@@ -9,7 +9,7 @@ import pytest
 from bench.metrics.image_scores import scores
 from bench.metrics.silhouette import Pairs, contrast, foreground, object_boxes, silhouette_iou
 from bench.metrics.thin_parts import evaluated
-from data_prep.images import blank
+from data_prep.rendering.images import blank
 
 
 def painted(*boxes, color=(120, 80, 40)):

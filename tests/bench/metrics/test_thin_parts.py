@@ -8,8 +8,8 @@ from scipy import ndimage
 
 from bench.metrics.silhouette import MOST_ASKED, contrast
 from bench.metrics.thin_parts import evaluated, thin, thin_scores
-from data_prep.images import blank
-from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.rendering.images import blank
+from data_prep.scene import NEUTRAL_GREY
 
 BROWN = (120, 80, 40)  # contrast 175
 DISC = np.array([[0, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [0, 1, 1, 0]], bool)

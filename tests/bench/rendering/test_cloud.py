@@ -14,10 +14,10 @@ from bench.catalogue.suites import SUITES, Limits
 from bench.commands.render import remedied
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file
 from bench.rendering.sheet import LABEL_HEIGHT, MARGIN, PROBLEM_GROUND
-from data_prep.cloud_files import save_ply
-from data_prep.dots import draw_dots
 from data_prep.failures import BadInput
+from data_prep.files.clouds import save_ply
 from data_prep.randomness import generator
+from data_prep.rendering.dots import draw_dots
 from data_prep.scene import PointCloud, View
 
 from ..conftest import BENCH

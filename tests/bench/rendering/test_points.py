@@ -7,8 +7,8 @@ import pytest
 
 import bench
 from bench.rendering.cloud import Drawing, Failed, draw_cloud
+from data_prep.clouds.normalise import normalise_points
 from data_prep.failures import BadInput, StageFailure
-from data_prep.normalise import normalise_points
 from data_prep.randomness import generator
 from data_prep.scene import View
 

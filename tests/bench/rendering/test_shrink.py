@@ -13,10 +13,10 @@ from bench.rendering.shrink import fails_alike, find_item, shrink
 from bench.running.isolation import TaskPool
 from bench.running.work import cloud_of
 from bench.suites.stability.cases import CASES
-from data_prep.cloud_files import load_points
-from data_prep.conditions import Stride
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.conditions import Stride
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
+from data_prep.files.clouds import load_points
 from data_prep.scene import View
 
 from ..builders import make_failed, make_manifest, make_record, write_all

@@ -26,7 +26,7 @@ from bench.running.protocol import artifact_path
 from bench.tables.build import make_outputs
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.whole_files import write_whole
+from data_prep.files.atomic_write import write_whole
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"
 BIDI = "name\u202ereversed"

@@ -17,9 +17,9 @@ from bench.commands.publish import run_suite
 from bench.running.export import export
 from bench.running.protocol import Options, plan, protocol_of
 from bench.running.work import cloud_of, rng_of
-from data_prep.datasets import open_dataset
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
-from data_prep.protocol_version import PROTOCOL_VERSION
 from data_prep.randomness import generator
 
 OPTIONS = Options("chair-robustness", conditions=("noise-0.10", "512"), limit=2, views=3, workers=1)
@@ -142,7 +142,7 @@ def test_verify_of_an_export_without_its_metadata_says_so(copied, command):
 def test_its_clouds_are_read_and_others_made(exported, jobs, monkeypatch):
     (obj, _) = jobs(f"exported:{exported}")
     job = obj.items[1]
-    monkeypatch.setattr("data_prep.conditions.Stride.apply", None)  # nobody needs it
+    monkeypatch.setattr("data_prep.clouds.conditions.Stride.apply", None)  # nobody needs it
     assert job.condition == "512"
     assert len(cloud_of(job)) == 512
     assert job.object.perturbed("noise-0.05") is None

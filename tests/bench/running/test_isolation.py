@@ -276,7 +276,7 @@ def test_what_a_task_raises_is_raised(tmp_path):
 REPLACING = """
 import bench.running.isolation
 from bench.running.isolation import Limits, run_tasks
-from data_prep.render import gl_renderer
+from data_prep.rendering.opengl import gl_renderer
 def draw(_):
     return bool(gl_renderer())
 if __name__ == "__main__":

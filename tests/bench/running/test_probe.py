@@ -10,8 +10,8 @@ import pytest
 from bench.running import environment as probe
 from bench.running.environment import environment
 from bench.running.isolation import WORKER_ENVIRONMENT
-from data_prep import render
 from data_prep.failures import MissingDependency
+from data_prep.rendering import opengl as render
 
 
 def answer(monkeypatch, stdout, code=0):

@@ -13,9 +13,9 @@ from bench.catalogue.suites import SUITES, Limits
 from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import plan, with_floor
 from bench.running.work import cloud_of, do
-from data_prep import conditions
-from data_prep.conditions import Condition, GaussianNoise
-from data_prep.datasets import PaperObject, ProceduralObject
+from data_prep.clouds import conditions
+from data_prep.clouds.conditions import Condition, GaussianNoise
+from data_prep.datasets.registry import PaperObject, ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.scene import View
 

@@ -17,11 +17,11 @@ from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_artifact
 from bench.records.job import JobTiming
 from bench.running.work import cloud_of, do
+from data_prep.clouds.sampling import sample_surface
 from data_prep.failures import BadInput, MissingDependency, StageFailure
-from data_prep.images import to_float, to_uint8
 from data_prep.randomness import generator
-from data_prep.render import render
-from data_prep.sampling import sample_surface
+from data_prep.rendering.images import to_float, to_uint8
+from data_prep.rendering.opengl import render
 from data_prep.scene import View
 
 from ..builders import SCORES, VIEWS, make_job, make_truth, write_artifact
@@ -255,7 +255,7 @@ def test_time_before_a_failure_counts(measure, clock):
 
 
 def test_the_time_of_the_ground_truth_is_rendering(tmp_path, clock, monkeypatch):
-    monkeypatch.setattr("data_prep.render.render", clock.taking(3.0, render))
+    monkeypatch.setattr("data_prep.rendering.opengl.render", clock.taking(3.0, render))
     assert do(make_truth(tmp_path)).timing == JobTiming(rendering=3.0)
 
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.sampling import face_areas
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
-from data_prep.sampling import face_areas
 from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES, FAMILIES
 from data_prep.shapes.palettes import LIGHTEST

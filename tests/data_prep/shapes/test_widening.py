@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data_prep.datasets import ProceduralObject, open_dataset
-from data_prep.mesh_files import NEUTRAL_GREY
+from data_prep.datasets.registry import ProceduralObject, open_dataset
+from data_prep.scene import NEUTRAL_GREY
 from data_prep.shapes import widening
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.deformations import Deformation, draw_deformation

@@ -7,7 +7,7 @@ import pytest
 
 from bench.catalogue.suites import LATENT
 from bench.suites.latent.chairs import CHANGES, choose_pairs, choose_triples, specified_chairs
-from data_prep.datasets import ProceduralObject
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 
 

@@ -24,7 +24,7 @@ from bench.suites.latent.network import cloud_of, load_network
 from bench.suites.latent.paths import walk
 from bench.suites.latent.run import run
 from data_prep.failures import BadInput
-from data_prep.render import render
+from data_prep.rendering.opengl import render
 from data_prep.scene import View
 from learning import checkpoint
 from learning.weights import file_sha256

@@ -37,8 +37,8 @@ from bench.suites.speed.samples import (
     read_measurement,
     write_measurement,
 )
-from data_prep.conditions import Stride, Unchanged
-from data_prep.datasets import ProceduralObject
+from data_prep.clouds.conditions import Stride, Unchanged
+from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.scene import IMAGE_SIZE, Mesh, PointCloud, View
 

@@ -20,7 +20,7 @@ from bench.suites.speed.run import run
 from bench.suites.speed.samples import Sample
 from bench.tables.build import tables
 from bench.tables.scored import read_scored
-from data_prep.conditions import Unchanged
+from data_prep.clouds.conditions import Unchanged
 from data_prep.failures import BadInput
 
 from ...harness_objects import Dying, Tetrahedron

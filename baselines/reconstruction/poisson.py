@@ -1,0 +1,72 @@
+"""Screened Poisson reconstruction (Kazhdan and Hoppe 2013), trimmed where there are no points.
+
+The method fits a solid to oriented normals and closes whatever is open, with a bubble where need
+be. Two things make it fit for bare clouds of thin objects:
+
+Orientation  Normals are those of the mesh that ball pivoting and the closing of holes give, not
+             those of single points made to agree with their neighbours: the two sides of a thin
+             part are distinguished more often.
+Trimming     Faces with a vertex farther from all points than the cloud's spacing are dropped. The
+             spacing is MeshLab's: half the distance to the 16th nearest point (itself counted), as
+             for a flat neighbourhood; here the median over the cloud.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from baselines.reconstruction.stages import (
+    DrawsReconstruction,
+    Reconstruction,
+    kept_faces,
+    run,
+    spacing,
+)
+from baselines.reconstruction.surface import closed_surface, reconstruction
+from data_prep.failures import StageFailure
+from data_prep.scene import Mesh, PointCloud, Points
+
+
+@dataclass(frozen=True)
+class Poisson(DrawsReconstruction):
+    """`depth` is the number of levels of the octree: 2^depth cells a side at the finest.
+
+    On validation chairs under the five conditions mean SSIM is 0.722, 0.726 and 0.730 at depths 5,
+    6 and 7; untrimmed it is 0.656, 0.666 and 0.671.
+    """
+
+    depth: int = 7
+
+    def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Reconstruction:
+        """Reconstruct the surface; no randomness.
+
+        Raises StageFailure naming the stage that handed on nothing usable: `input` (fewer points
+        than a normal needs, or a non-finite one), `normals`, `ball-pivoting`, `close-holes`,
+        `poisson`, or `trim` where no face is near the points.
+        """
+        del rng
+        return trimmed_poisson(cloud.points, self.depth)
+
+
+def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
+    """The reconstruction from points [N, 3]. Raises StageFailure as `Poisson.prepare`."""
+    meshlab = closed_surface(points)
+    run("poisson", lambda: meshlab.screened_poisson(depth))
+    whole = reconstruction("poisson", meshlab)
+    return Reconstruction(trimmed(whole.mesh, points), whole.notes)
+
+
+def trimmed(mesh: Mesh, points: Points) -> Mesh:
+    """The faces of `mesh` whose vertices all lie within the spacing of points [N, 3], N > 10.
+
+    Raises StageFailure("trim", ...) where there are none.
+    """
+    reach = spacing(points)
+    distance, _ = cKDTree(points).query(mesh.vertices)
+    keep = np.all(np.asarray(distance)[mesh.faces] <= reach, axis=1)
+    if not keep.any():
+        raise StageFailure("trim", f"no face within {reach:.3g} of the points")
+    return kept_faces(mesh, keep)

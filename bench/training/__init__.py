@@ -1,0 +1,1 @@
+"""Trainings of the networks that measure, and of the best constant image."""

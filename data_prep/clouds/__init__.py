@@ -1,0 +1,1 @@
+"""Point clouds: sampling, normalisation and perturbations."""

@@ -1,0 +1,238 @@
+"""A benchmark's inputs as files: `bench data export` writes them, `exported:PATH` reads them.
+
+    objects.csv   class, object, protocol, seed, dataset, file, sha256: a row an object and its mesh
+    clouds.csv    class, object, condition, points, file, sha256: a row a cloud, as methods see it
+    views.csv     class, object, view, azimuth_deg, elevation_deg, file, sha256: a row a true image
+    clouds/, images/, meshes/   the files: PLY, 128 x 128 RGB PNG, PLY with colours of faces
+    croissant.json              the same in the words of Croissant (mlcommons.org/croissant)
+
+A run on these files gives the tables of the run that they were exported from: clouds are float32
+bit for bit, angles have all their digits, and images are stored without loss.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.clouds.conditions import RandomSubset
+from data_prep.datasets.dataset import Dataset, Found
+from data_prep.datasets.grey import is_unpainted
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.failures import BadInput
+from data_prep.files.checksums import file_sha256
+from data_prep.files.clouds import load_points
+from data_prep.files.meshes import read_mesh
+from data_prep.files.orientations import OURS
+from data_prep.files.safe_read import MIB, plain_text, read_text, shown
+from data_prep.rendering.images import read_image
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+
+METADATA = "croissant.json"
+OBJECTS, CLOUDS, VIEWS = "objects.csv", "clouds.csv", "views.csv"
+COLUMNS = {
+    OBJECTS: ("class", "object", "protocol", "seed", "dataset", "file", "sha256"),
+    CLOUDS: ("class", "object", "condition", "points", "file", "sha256"),
+    VIEWS: ("class", "object", "view", "azimuth_deg", "elevation_deg", "file", "sha256"),
+}
+UNPERTURBED = "2048"  # the condition whose cloud is the one that others are made from
+MOST_BYTES = 256 * MIB  # of a list
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file and its checksum."""
+
+    path: Path
+    sha256: str
+
+    def checked(self) -> Path:
+        """Its path. Raises BadInput where it is missing or another."""
+        if file_sha256(self.path) != self.sha256:
+            raise BadInput(f"{self.path}: not the file of the list; fetch the dataset again")
+        return self.path
+
+
+@dataclass(frozen=True)
+class ExportedObject:
+    """A mesh (None: there was none), clouds by condition, and true images with their views."""
+
+    class_name: str
+    object_id: str
+    mesh: StoredFile | None
+    clouds: tuple[tuple[str, StoredFile], ...]
+    images: tuple[tuple[View, StoredFile], ...]
+
+    @property
+    def has_truth(self) -> bool:
+        """Yes: its images."""
+        return True
+
+    def fingerprint(self) -> str:
+        """Of the checksums and the angles; the files are verified where they are read."""
+        return hashlib.sha256(
+            repr(
+                (
+                    self.mesh and self.mesh.sha256,
+                    [(name, file.sha256) for name, file in self.clouds],
+                    [(view, file.sha256) for view, file in self.images],
+                )
+            ).encode()
+        ).hexdigest()
+
+    def load(self) -> Mesh:
+        """The mesh as it was rendered. Raises BadInput where there is none."""
+        if self.mesh is None:
+            raise BadInput(
+                f"{self.class_name}/{self.object_id}: exported without a mesh; take another dataset"
+            )
+        return read_mesh(self.mesh.checked())
+
+    @property
+    def in_grey(self) -> bool:
+        """Whether the mesh, and with it the images, are of a suite in neutral grey."""
+        return self.mesh is not None and is_unpainted(self.load())
+
+    def perturbed(self, condition: str) -> PointCloud | None:
+        """The cloud that was exported for a condition; None where there is none."""
+        file = dict(self.clouds).get(condition)
+        if file is None:
+            return None
+        points = load_points(file.checked()).astype(np.float32)
+        return PointCloud(points, self.load() if self.mesh else None)
+
+    def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+        """The unperturbed cloud; a random subset where it has more than `count` points.
+
+        Raises BadInput where it was not exported.
+        """
+        cloud = self.perturbed(UNPERTURBED)
+        if cloud is None:
+            raise BadInput(
+                f"{self.class_name}/{self.object_id}: no cloud of the condition {UNPERTURBED} in "
+                f"{CLOUDS}; export it again"
+            )
+        return RandomSubset(count).apply(cloud, rng)
+
+    def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
+        """The first `count` exported views. Raises BadInput where there are fewer."""
+        del rng
+        if count > len(self.images):
+            raise BadInput(
+                f"--views {count}: {self.class_name}/{self.object_id} has {len(self.images)} true "
+                f"images; give at most --views {len(self.images)}"
+            )
+        return tuple(view for view, _ in self.images[:count])
+
+    def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
+        """The images of these views. Raises BadInput where one cannot be read."""
+        files = dict(self.images)
+        return np.stack([read_image(files[view].checked())[0] for view in views])
+
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """Its own, from files of their own."""
+        return self.cloud(rng), self.truth(views)
+
+
+def exported_dataset(spec: str, root: Path) -> Dataset:
+    """Return all objects of an export, in their order, with the seed of the run exported.
+
+    Raises BadInput, naming file and line, for a list that is missing or malformed, for a file
+    outside the folder, for an object without clouds or images, for another protocol, and for
+    objects of several seeds.
+    """
+    clouds: dict[tuple[str, str], list[tuple[str, StoredFile]]] = {}
+    images: dict[tuple[str, str], list[tuple[View, StoredFile]]] = {}
+    for where, name, row in _rows(root, CLOUDS):
+        of = clouds.setdefault(name, [])
+        if row["condition"] in (condition for condition, _ in of):
+            raise BadInput(f"{where}: {shown(row['condition'])} is there twice; export it again")
+        of.append((row["condition"], _file(root, row, where)))
+    for where, name, row in _rows(root, VIEWS):
+        try:
+            view = View(float(row["azimuth_deg"]), float(row["elevation_deg"]))
+        except ValueError as error:
+            raise BadInput(f"{where}: {error}; export it again") from None
+        seen = images.setdefault(name, [])
+        if row["view"] != str(len(seen)):
+            raise BadInput(
+                f"{where}: view {shown(row['view'])} where {len(seen)} comes next; export it again"
+            )
+        seen.append((view, _file(root, row, where)))
+    found = Found()
+    seed = None
+    for where, name, row in _rows(root, OBJECTS):
+        if row["protocol"] != str(PROTOCOL_VERSION):
+            raise BadInput(
+                f"{where}: of protocol {shown(row['protocol'])}, this is {PROTOCOL_VERSION}; "
+                "export it again, or use the version that made it ('bench --protocol')"
+            )
+        seed = row["seed"] if seed is None else seed
+        if row["seed"] != seed or not seed.isdecimal():
+            raise BadInput(
+                f"{where}: seed {shown(row['seed'])} in an export with --seed {shown(seed)}; "
+                "export it again"
+            )
+        lacking = [file for file, of in ((CLOUDS, clouds), (VIEWS, images)) if name not in of]
+        if lacking:
+            text = shown("/".join(name))
+            raise BadInput(f"{where}: {text} is not in {lacking[0]}; fetch it again")
+        mesh = _file(root, row, where) if row["file"] else None
+        found.objects.append(ExportedObject(*name, mesh, tuple(clouds[name]), tuple(images[name])))
+    if not found.objects:
+        raise BadInput(f"{root / OBJECTS}: no object in this list; export it again")
+    dataset = found.dataset(spec, "clouds, views and true images of an export", OURS.message)
+    return replace(dataset, seed=int(seed or 0))
+
+
+def listed_files(root: Path) -> dict[str, str]:
+    """The files of an export and their checksums, its lists included.
+
+    Raises BadInput as `exported_dataset`, and for metadata without the checksums of the lists.
+    """
+    path = root / METADATA
+    try:
+        described = json.loads(read_text(path, MOST_BYTES))["distribution"]
+        rows = [{"file": str(one["contentUrl"]), "sha256": str(one["sha256"])} for one in described]
+    except (ValueError, KeyError, TypeError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"{path}: no checksums of the lists ({error}); export it again") from None
+    return {row["file"]: _file(root, row, str(path)).sha256 for row in rows} | {
+        row["file"]: _file(root, row, where).sha256
+        for name in COLUMNS
+        for where, _, row in _rows(root, name)
+        if row["file"]
+    }
+
+
+def _rows(root: Path, name: str) -> Iterator[tuple[str, tuple[str, str], dict[str, str]]]:
+    """Place, class and object, and fields of each row of a list."""
+    path, columns = root / name, COLUMNS[name]
+    try:
+        for number, fields in enumerate(csv.reader(read_text(path, MOST_BYTES).splitlines()), 1):
+            if len(fields) != len(columns) or (number == 1 and tuple(fields) != columns):
+                raise BadInput(f"{path}:{number}: expected {','.join(columns)}; export it again")
+            if number > 1:
+                row = dict(zip(columns, fields, strict=True))
+                yield f"{path}:{number}", (plain_text(row["class"]), plain_text(row["object"])), row
+    except (csv.Error, ValueError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"{path}: {error}; export it again") from None
+
+
+def _file(root: Path, row: dict[str, str], where: str) -> StoredFile:
+    name = PurePosixPath(row["file"])
+    if name.is_absolute() or ".." in name.parts or "\0" in row["file"]:
+        raise BadInput(f"{where}: {shown(row['file'])} is outside of the folder; export it again")
+    return StoredFile(root / name, row["sha256"])

@@ -1,0 +1,103 @@
+"""A folder of meshes or of clouds; sub-folders are classes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.clouds.conditions import RandomSubset
+from data_prep.clouds.normalise import normalise_points
+from data_prep.clouds.sampling import random_views
+from data_prep.datasets.dataset import Dataset, Found
+from data_prep.datasets.objects import SceneObject
+from data_prep.datasets.stored_meshes import MeshFile
+from data_prep.failures import BadInput
+from data_prep.files.checksums import fingerprint_of
+from data_prep.files.clouds import CLOUD_SUFFIXES, MOST_BYTES, load_points
+from data_prep.files.meshes import SUFFIXES
+from data_prep.files.orientations import OURS
+from data_prep.files.safe_read import files_below
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+
+# A .ply may be either: it is taken for a mesh. A .txt is more often something to read.
+BARE_SUFFIXES = tuple(suffix for suffix in CLOUD_SUFFIXES if suffix not in (".ply", ".txt"))
+
+
+@dataclass(frozen=True)
+class BareCloud:
+    """A cloud without mesh or images: it can be drawn, but there is nothing to score against."""
+
+    class_name: str
+    object_id: str
+    path: Path
+
+    @property
+    def has_truth(self) -> bool:
+        """No."""
+        return False
+
+    def fingerprint(self) -> str:
+        """Checksum of the file."""
+        return fingerprint_of("cloud", self.path, tuple, MOST_BYTES)
+
+    def load(self) -> Mesh:
+        """Raises BadInput: there is none."""
+        raise BadInput(f"{self.path}: a bare cloud has no mesh; give a mesh")
+
+    def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+        """The cloud, brought to the unit sphere; a random subset in the file's order where it has
+        more than `count` points."""
+        points = load_points(self.path)
+        try:
+            cloud = normalise_points(points)
+        except BadInput as error:
+            raise BadInput(f"{self.path}: {error}") from error
+        return RandomSubset(count).apply(cloud, rng)
+
+    def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
+        """Views drawn at random."""
+        return random_views(count, rng)
+
+    def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
+        """Raises BadInput: there is none."""
+        raise BadInput(f"{self.path}: a bare cloud has no true pictures; draw it with bench render")
+
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """Raises BadInput: there is no truth."""
+        return self.cloud(rng), self.truth(views)
+
+
+def folder_dataset(spec: str, root: Path) -> Dataset:
+    """All meshes below a folder; where there is none, all clouds.
+
+    Sub-folders that hold such files are classes (and files beside them are left alone); a folder
+    without such has no classes. Raises BadInput where there is neither a mesh nor a cloud.
+    """
+    files, kind = files_below(root, SUFFIXES), "meshes"
+    make: Callable[[str, str, Path], SceneObject] = MeshFile
+    if not files:
+        files, kind, make = files_below(root, BARE_SUFFIXES), "bare clouds", BareCloud
+    if not files:
+        raise BadInput(
+            f"{root}: no mesh in this folder; expected {', '.join(SUFFIXES)} "
+            f"(or clouds: {', '.join(BARE_SUFFIXES)})"
+        )
+    nested = tuple(file for file in files if file.parent != root)
+    layout = f"a folder of {kind}" + (", sub-folders are classes" if nested else "")
+    if not nested:
+        name = root.resolve().name
+        flat = tuple(make(name, file.name, file) for file in files)
+        return Dataset(spec, (), flat, layout=layout, orientation=OURS.message)
+    found = Found()
+    for file in nested:
+        class_name, *rest = file.relative_to(root).parts
+        found.objects.append(make(class_name, "/".join(rest), file))
+    if beside := len(files) - len(nested):
+        found.irregular.append(f"{beside} files beside the sub-folders are left alone")
+    return found.dataset(spec, layout, OURS.message)

@@ -1,0 +1,148 @@
+"""ModelNet10 and ModelNet40: OFF files, up +Z.
+
+    <class>/train/<class>_0001.off, <class>/test/...    as published, and as aligned by hand
+    <class>/<class>_0001.off, with modelnet40_train.txt, modelnet40_test.txt: an id a line
+
+The front is not stated anywhere and taken to be -Y, after a chair and a toilet (see
+`orientations.MODELNET`). ModelNet10 and the ModelNet40 of lmb-freiburg/orion are aligned; in the
+original ModelNet40 the azimuth is as it came.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from data_prep.datasets.dataset import Dataset, Found
+from data_prep.datasets.objects import Split
+from data_prep.datasets.stored_meshes import PlacedMesh
+from data_prep.failures import BadInput
+from data_prep.files.orientations import MODELNET
+from data_prep.files.safe_read import (
+    MIB,
+    files_in,
+    folders_in,
+    is_regular_file,
+    plain_name,
+    read_text,
+)
+
+MOST_LIST_BYTES = 4 * MIB  # 12,311 ids are 0.2
+SPLITS: Sequence[Split] = ("train", "test")
+OFF = (".off",)
+_LIST = re.compile(r"(modelnet[0-9]+)_(train|test)\.txt")
+
+
+def is_modelnet(root: Path) -> bool:
+    """Whether a folder looks like ModelNet: split lists, or classes with train and test."""
+    if _list_files(root):
+        return True
+    return any(
+        (folder / split).is_dir() and next(iter(_off_files(folder / split)), None)
+        for folder in folders_in(root)
+        for split in SPLITS
+    )
+
+
+def modelnet_dataset(spec: str, root: Path) -> Dataset:
+    """The objects of all classes in a folder; their ids are the names of their files.
+
+    Splits are the folders train and test, else the lists; without either all objects are in one.
+    An object that a list names and the disk has not is one that fails.
+
+    Raises BadInput where there is no OFF file in a class, and for lists that cannot be read.
+    """
+    classes = {folder.name: folder for folder in folders_in(root)}
+    found = Found()
+    if any((folder / split).is_dir() for folder in classes.values() for split in SPLITS):
+        for class_name, folder in classes.items():
+            _add_folders(found, class_name, folder)
+        layout = "ModelNet, with folders train and test"
+    else:
+        lists = _read_lists(root, found.irregular)
+        for class_name, folder in classes.items():
+            there = {path.stem: _object(class_name, path) for path in files_in(folder, OFF)}
+            if lists:
+                named = _of_class(class_name, lists)
+                found.add_listed(class_name, there, named, partial(_absent, class_name, folder))
+            else:
+                found.objects += there.values()
+        layout = "ModelNet, with split lists" if lists else "ModelNet, without splits"
+    if not found.objects:
+        raise BadInput(
+            f"{root}: no ModelNet here; expected <class>/train/<class>_0001.off or "
+            "<class>/<class>_0001.off"
+        )
+    return found.dataset(spec, layout, MODELNET.message)
+
+
+def _add_folders(found: Found, class_name: str, folder: Path) -> None:
+    """The objects in the folders train and test of a class."""
+    ids = []
+    for split in SPLITS:
+        there = [_object(class_name, path) for path in _off_files(folder / split)]
+        found.objects += there
+        found.splits.setdefault(split, []).extend(there)
+        ids.append({obj.object_id for obj in there})
+    if both := ids[0] & ids[1]:
+        found.irregular.append(f"{class_name}: {len(both)} ids are in train and in test")
+    if beside := len(files_in(folder, OFF)):
+        found.irregular.append(f"{class_name}: {beside} files beside train and test are left out")
+
+
+def _off_files(folder: Path) -> tuple[Path, ...]:
+    """None where there is no such folder."""
+    return files_in(folder, OFF) if folder.is_dir() else ()
+
+
+def _object(class_name: str, path: Path) -> PlacedMesh:
+    return PlacedMesh(class_name, path.stem, path, path.parent, MODELNET)
+
+
+def _absent(class_name: str, folder: Path, object_id: str) -> PlacedMesh:
+    return _object(class_name, folder / f"{object_id}.off")
+
+
+def _of_class(class_name: str, lists: Mapping[Split, Sequence[str]]) -> dict[Split, list[str]]:
+    """The ids of a class: "night_stand_0001" is a night_stand."""
+    return {
+        split: [i for i in ids if i.rpartition("_")[0] == class_name]
+        for split, ids in lists.items()
+    }
+
+
+def _list_files(root: Path) -> dict[str, dict[Split, Path]]:
+    """Split lists by the name of the set."""
+    found: dict[str, dict[Split, Path]] = {}
+    for path in sorted(root.glob("modelnet*.txt")):
+        if (match := _LIST.fullmatch(path.name)) and is_regular_file(path):
+            split: Split = "train" if match[2] == "train" else "test"
+            found.setdefault(match[1], {})[split] = path
+    return found
+
+
+def _read_lists(root: Path, irregular: list[str]) -> dict[Split, list[str]]:
+    """Ids by split; empty where there are no lists. Appends ids that are there twice."""
+    files = _list_files(root)
+    if not files:
+        return {}
+    # modelnet10 is a part of modelnet40: where both lists are there, the larger one counts.
+    name = max(files, key=lambda set_name: int(set_name.removeprefix("modelnet")))
+    lists: dict[Split, list[str]] = {}
+    seen: set[str] = set()
+    for split, path in sorted(files[name].items(), reverse=True):  # train before test
+        lines = read_text(path, MOST_LIST_BYTES).splitlines()
+        try:
+            ids = [plain_name(line.strip()) for line in lines if line.strip()]
+        except ValueError as error:
+            raise BadInput(f"{path}: {error}; expected an id a line") from None
+        lists[split] = []
+        for object_id in ids:
+            if object_id in seen:
+                irregular.append(f"{path.name}: {object_id} is listed again and left out")
+                continue
+            seen.add(object_id)
+            lists[split].append(object_id)
+    return lists

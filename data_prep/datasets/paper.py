@@ -1,0 +1,345 @@
+"""The paper's own data: clouds, images and cameras, in the layout that the original code unpacks.
+
+    <class>_exp.json, all_exp.json                                   splits
+    shape_net_core_uniform_samples_2048/<synset>/<id>.ply            clouds of 2,048 points
+    shapenet_release/renders/<synset>/<id>/render_<k>_128.png        images, k = 0..19, RGBA
+    shapenet_release/renders/<synset>/<id>/view.txt                  cameras, line k of image k
+
+Placement. Clouds are ShapeNetCore.v1 with +Z up, as Blender imports it: the original's rotations
+say so (`orientations.PAPER`), because the surfaces that it reconstructs, turned twice, are drawn by
+a camera whose position is turned back. Their coordinates are twice as large here: the images show
+the sphere of radius 0.5 from distance 2, ours that of radius 1 from distance 4. Clouds are not
+normalised again, or they would no longer fit their images.
+
+Angles. An azimuth of 0 stands on the clouds' +X, the front, and grows anticlockwise as seen from
+above: x = cos a cos e, y = sin a cos e, z = sin e, as in the rendering scripts of the time (Su et
+al. 2015), whose view files have the same columns. Ours grows clockwise, so the sign is changed. The
+data was not at hand to confirm this; `bench data inspect` counts the points of the clouds that fall
+on the objects in the images, for this reading of the angles and for the others.
+
+Ids from these files become parts of paths, so nothing that could lead out of the folder of the
+dataset is taken for an id.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.clouds.conditions import RandomSubset
+from data_prep.datasets.dataset import Dataset, differences, listed
+from data_prep.datasets.objects import SceneObject, Split
+from data_prep.datasets.synsets import class_names
+from data_prep.failures import BadInput
+from data_prep.files.checksums import fingerprint_of
+from data_prep.files.clouds import MOST_BYTES, load_points
+from data_prep.files.orientations import PAPER
+from data_prep.files.safe_read import (
+    MIB,
+    folders_in,
+    is_regular_file,
+    plain_name,
+    plain_text,
+    read_text,
+    shown,
+)
+from data_prep.rendering.images import read_image
+from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
+
+CLOUDS = Path("shape_net_core_uniform_samples_2048")
+RENDERS = Path("shapenet_release/renders")
+SPLIT_SUFFIX = "_exp.json"
+ALL_CLASSES = f"all{SPLIT_SUFFIX}"
+IMAGES = 20
+VIEWS = "view.txt"
+RADIUS = 0.5  # of the sphere that images show, in the units of the clouds
+MOST_VIEW_BYTES = 2**16  # the original has 20 lines of two numbers
+MOST_SPLIT_BYTES = 64 * MIB  # the original's largest, of 43,783 objects, has 2
+MOST_COLUMNS = 16  # of a line of view.txt
+_SPLITS: Sequence[Split] = ("train", "test")
+
+
+@dataclass(frozen=True)
+class PaperObject:
+    """A cloud with 20 images and their cameras; there is no mesh.
+
+    An object is used as a whole: where the cloud, the cameras or one of the images that are asked
+    for is missing or damaged, it fails with that reason in all its views.
+    """
+
+    class_name: str
+    object_id: str
+    cloud_file: Path
+    renders: Path
+
+    @property
+    def has_truth(self) -> bool:
+        """Yes: its images."""
+        return True
+
+    def fingerprint(self) -> str:
+        """Checksum of the cloud, the cameras and the images."""
+        version = f"paper {PAPER.columns} {PAPER.signs}"
+        return fingerprint_of(version, self.cloud_file, self._companions, MOST_BYTES)
+
+    def load(self) -> Mesh:
+        """Raises BadInput: there is none."""
+        raise BadInput(
+            f"{self.cloud_file}: a cloud with pictures has no mesh; take shapenet:PATH for meshes"
+        )
+
+    def cloud(self, rng: np.random.Generator, count: int = CLOUD_SIZE) -> PointCloud:
+        """The file's 2,048 points in its order; fewer where fewer are asked for, drawn at random.
+
+        Raises BadInput, naming the file, for any other number of points and for values that are not
+        finite.
+        """
+        points = load_points(self.cloud_file)
+        if len(points) != CLOUD_SIZE:
+            raise BadInput(
+                f"{self.cloud_file}: {len(points)} points, expected {CLOUD_SIZE}; fetch it again"
+            )
+        if not np.isfinite(points).all():
+            raise BadInput(f"{self.cloud_file}: points that are not finite; fetch it again")
+        with np.errstate(over="ignore"):
+            ours = (PAPER.to_ours(points) / RADIUS).astype(np.float32)
+        return RandomSubset(count).apply(PointCloud(ours), rng)
+
+    def views(self, count: int, rng: np.random.Generator) -> tuple[View, ...]:
+        """The cameras of the first `count` images; views of the front where they cannot be read.
+
+        Raises BadInput for more than there are images.
+        """
+        del rng
+        if count > IMAGES:
+            raise BadInput(
+                f"--views {count}: an object of this dataset has {IMAGES} pictures; give at most "
+                f"--views {IMAGES}"
+            )
+        try:
+            return self.cameras(count)
+        except BadInput:  # `truth` says why
+            return (View(0.0, 0.0),) * count
+
+    def cameras(self, count: int) -> tuple[View, ...]:
+        """The first cameras of view.txt in our angles. Raises BadInput where there are fewer."""
+        path = self.renders / VIEWS
+        found = read_views(path)
+        if len(found) < count:
+            raise BadInput(
+                f"{path}: {len(found)} lines, and {count} images are wanted; fetch it again"
+            )
+        return tuple(
+            View(math.remainder(-view.azimuth_deg, 360.0), view.elevation_deg)
+            for view in found[:count]
+        )
+
+    def image_files(self) -> tuple[Path, ...]:
+        """Where its images have their place."""
+        return tuple(self.renders / image_name(k) for k in range(IMAGES))
+
+    def truth(self, views: Sequence[View]) -> NDArray[np.uint8]:
+        """The first images. Raises BadInput where one, or a camera, cannot be had."""
+        if self.cameras(len(views)) != tuple(views):
+            raise BadInput(f"{self.renders / VIEWS}: has changed since the run began; start again")
+        return np.stack([read_image(path)[0] for path in self.image_files()[: len(views)]])
+
+    def cloud_and_truth(
+        self, rng: np.random.Generator, views: Sequence[View]
+    ) -> tuple[PointCloud, NDArray[np.uint8]]:
+        """Its own, from files of their own."""
+        return self.cloud(rng), self.truth(views)
+
+    def _companions(self) -> Iterator[Path]:
+        for path in (self.renders / VIEWS, *self.image_files()):
+            if is_regular_file(path):
+                yield path
+
+
+def image_name(number: int) -> str:
+    """The file of an image."""
+    return f"render_{number}_128.png"
+
+
+def is_paper(root: Path) -> bool:
+    """Whether a folder looks like the paper's data."""
+    return (root / CLOUDS).is_dir() or (root / RENDERS).is_dir()
+
+
+def paper_dataset(spec: str, root: Path) -> Dataset:
+    """The objects that the split files of a folder name.
+
+    A class that has a split file of its own takes that, the others all_exp.json. Classes have the
+    names of the 13 of the paper, else the first name in the split file. What a split names and the
+    disk has not is an object that fails.
+
+    Raises BadInput where there is no split file, or one cannot be read.
+    """
+    files = _split_files(root)
+    if not files:
+        raise BadInput(
+            f"{root}: no split file here; expected chair{SPLIT_SUFFIX} or {ALL_CLASSES} beside "
+            f"{CLOUDS}/ and {RENDERS.parent}/"
+        )
+    irregular: list[str] = []
+    classes: dict[str, PaperClass] = {}
+    for path in files:
+        for synset, paper_class in read_split(path).items():
+            if synset not in classes:
+                classes[synset] = paper_class
+            elif (classes[synset].train, classes[synset].test) != (
+                paper_class.train,
+                paper_class.test,
+            ):
+                irregular.append(f"{path.name}: another split of {synset}; not used")
+    names = class_names({synset: found.name for synset, found in classes.items()})
+    splits: dict[Split, list[SceneObject]] = {split: [] for split in _SPLITS}
+    for synset, paper_class in sorted(classes.items(), key=lambda item: names[item[0]]):
+        named: Mapping[Split, Sequence[str]] = {
+            "train": paper_class.train,
+            "test": paper_class.test,
+        }
+        for split, ids in named.items():
+            splits[split] += [_object(root, names[synset], synset, i) for i in ids]
+        irregular += _not_there(root, names[synset], synset, named)
+    return Dataset(
+        spec,
+        tuple(sorted(names.values())),
+        tuple(obj for split in _SPLITS for obj in splits[split]),
+        splits={split: tuple(splits[split]) for split in _SPLITS},
+        layout=f"the paper's clouds and pictures, split by {listed([path.name for path in files])}",
+        orientation=PAPER.message + ", twice as large",
+        irregular=tuple(irregular),
+    )
+
+
+def _object(root: Path, class_name: str, synset: str, object_id: str) -> PaperObject:
+    cloud = root / CLOUDS / synset / f"{object_id}.ply"
+    return PaperObject(class_name, object_id, cloud, root / RENDERS / synset / object_id)
+
+
+def _split_files(root: Path) -> tuple[Path, ...]:
+    """Those of single classes first."""
+    found = (path for path in sorted(root.glob(f"*{SPLIT_SUFFIX}")) if is_regular_file(path))
+    return tuple(sorted(found, key=lambda path: path.name == ALL_CLASSES))
+
+
+def _not_there(
+    root: Path, class_name: str, synset: str, named: Mapping[Split, Sequence[str]]
+) -> list[str]:
+    """What the split and the folders of a class do not agree on."""
+    clouds, renders = root / CLOUDS / synset, root / RENDERS / synset
+    there = [p.stem for p in sorted(clouds.glob("*.ply"))] if clouds.is_dir() else []
+    pictured = [p.name for p in folders_in(renders)] if renders.is_dir() else []
+    return [
+        *(f"{class_name}, clouds: {line}" for line in differences(named, there)),
+        *(f"{class_name}, pictures: {line}" for line in differences(named, pictured)),
+    ]
+
+
+# --- cameras and splits, as roatienza/pc2pix@46795a46 (loader.py, shapenet.py) reads them ---------
+
+
+@dataclass(frozen=True)
+class PaperClass:
+    """The objects of one class: its name, and the ids of its training and test split."""
+
+    name: str
+    train: tuple[str, ...]
+    test: tuple[str, ...]
+
+
+def read_views(path: Path) -> tuple[View, ...]:
+    """The cameras of `view.txt`: line k holds azimuth and elevation of image k in degrees.
+
+    Further numbers of a line are passed over, as in the original. The angles are those of the file:
+    whether zero and sense are ours is up to who reads a dataset. Raises BadInput, naming file, line
+    and value, for whatever is no angle, for gaps, and for an empty file.
+    """
+    text = read_text(path, MOST_VIEW_BYTES)
+    views = []
+    for number, line in enumerate(text.rstrip().splitlines(), 1):
+        fields = line.split()
+        if not 2 <= len(fields) <= MOST_COLUMNS:
+            raise BadInput(
+                f"{path}: line {number} has {len(fields)} numbers, expected azimuth and elevation; "
+                "a line per picture"
+            )
+        try:
+            azimuth, elevation, *_ = [_number(field) for field in fields]
+            views.append(View(azimuth, elevation))
+        except ValueError as error:
+            raise BadInput(f"{path}: line {number}: {error}; give degrees") from None
+    if not views:
+        raise BadInput(f"{path}: no views; give azimuth and elevation, a line per picture")
+    return tuple(views)
+
+
+def read_split(path: Path) -> dict[str, PaperClass]:
+    """The classes of a split file such as `chair_exp.json`, by their synset ("03001627").
+
+    {synset: {"name": ..., "train": [id, ...], "test": [id, ...]}}. An id is the name of a file or
+    folder, and nothing else: no path, no ".", no control characters. Raises BadInput, naming file,
+    value and remedy, for any other form, for an object that is listed twice, and for a file without
+    classes.
+    """
+    text = read_text(path, MOST_SPLIT_BYTES)
+    try:
+        tree = json.loads(text, object_pairs_hook=_without_doubles)
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"{path}: not JSON that can be read ({error}); fetch it again") from None
+    try:
+        if not isinstance(tree, dict) or not tree:
+            raise ValueError("no classes")
+        return {plain_name(synset): _paper_class(synset, entry) for synset, entry in tree.items()}
+    except ValueError as error:
+        raise BadInput(
+            f"{path}: {error}; expected {{synset: {{name, train: [ids], test: [ids]}}}}"
+        ) from None
+
+
+def _number(field: str) -> float:
+    try:
+        if "_" in field or not field.isascii():  # Python's own, 1_000
+            raise ValueError
+        return float(field)
+    except ValueError:
+        raise ValueError(f"{shown(field)} is not a number") from None
+
+
+def _paper_class(synset: str, entry: Any) -> PaperClass:
+    if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
+        raise ValueError(f"class {shown(synset)} has no name")
+    splits = {}
+    for split in ("train", "test"):
+        ids = entry.get(split)
+        if not isinstance(ids, list):
+            raise ValueError(f"class {shown(synset)} has no list {split!r}")
+        splits[split] = tuple(plain_name(value) for value in ids)
+    twice = _first_double(splits["train"] + splits["test"])
+    if twice is not None:
+        raise ValueError(f"class {shown(synset)} lists {shown(twice)} twice")
+    return PaperClass(plain_text(entry["name"]), **splits)
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    twice = _first_double([name for name, _ in pairs])
+    if twice is not None:
+        raise ValueError(f"{shown(twice)} is there twice")
+    return dict(pairs)
+
+
+def _first_double(names: Sequence[str]) -> str | None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None

@@ -1,0 +1,103 @@
+"""The embedded default: parametric shapes, seeded, unlimited in number; nothing to download."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data_prep.datasets.dataset import Dataset
+from data_prep.datasets.objects import MeshObject, Split
+from data_prep.datasets.protocol_version import PROTOCOL_VERSION
+from data_prep.files.orientations import OURS
+from data_prep.randomness import generator
+from data_prep.scene import Mesh
+from data_prep.shapes.catalogue import CLASSES, NOVEL_CLASSES
+
+PROCEDURAL_VERSION = 1  # raise when a shape changes: finished work is then done again
+_SALT = "41ec20ecc29a5c5a3390005bfa849f81"  # of the sealed split
+
+
+@dataclass(frozen=True)
+class ProceduralObject(MeshObject):
+    """Number `index` of a split. The splits share no random numbers, hence no object.
+
+    The sealed split is another in each version of the protocol. The objects of `novel-families`
+    are of structural families that no other split draws.
+    """
+
+    class_name: str
+    split: Split
+    index: int
+
+    @property
+    def object_id(self) -> str:
+        """For example "test-0007"; of the sealed split with the protocol: "sealed-1-0007"."""
+        version = f"{PROTOCOL_VERSION}-" if self.split == "sealed" else ""
+        return f"{self.split}-{version}{self.index:04d}"
+
+    def fingerprint(self) -> str:
+        """Class, number and version of the procedure."""
+        return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
+
+    def random_numbers(self) -> np.random.Generator:
+        """The random numbers that decide the object, from the first on."""
+        seal = (PROTOCOL_VERSION, _SALT) if self.split == "sealed" else ()
+        return generator("procedural", self.class_name, self.split, self.index, *seal)
+
+    def load(self) -> Mesh:
+        """Draw the object."""
+        shapes = NOVEL_CLASSES if self.split == "novel-families" else CLASSES
+        return shapes[self.class_name].draw(self.random_numbers()).mesh()
+
+
+@dataclass(frozen=True)
+class WidenedObject(MeshObject):
+    """Number `index` of the shapes for training that vary more than a class (`shapes.widening`)."""
+
+    class_name: str
+    index: int
+
+    @property
+    def object_id(self) -> str:
+        """For example "widened-00007"."""
+        return f"widened-{self.index:05d}"
+
+    def fingerprint(self) -> str:
+        """Class, number and version of the procedure."""
+        return f"procedural-{PROCEDURAL_VERSION}/{self.class_name}/{self.object_id}"
+
+    def random_numbers(self) -> np.random.Generator:
+        """The random numbers that decide the object, from the first on."""
+        return generator("procedural", self.class_name, "widened", self.index)
+
+    def load(self) -> Mesh:
+        """Draw the object."""
+        from data_prep.shapes.widening import draw_widened
+
+        return draw_widened(CLASSES[self.class_name], self.random_numbers())[0]
+
+
+def _widened(class_name: str, split: Split, index: int) -> MeshObject:
+    """The train split is widened; the others are those of `procedural`."""
+    if split == "train":
+        return WidenedObject(class_name, index)
+    return ProceduralObject(class_name, split, index)
+
+
+def widened_dataset(spec: str) -> Dataset:
+    """All classes of the catalogue, for trainings; what is measured are its train objects."""
+    return replace(procedural_dataset(spec, "train"), endless=_widened)
+
+
+def procedural_dataset(spec: str, measured: Split) -> Dataset:
+    """All classes of the catalogue; with novel families, those that have some."""
+    return Dataset(
+        spec,
+        tuple(NOVEL_CLASSES if measured == "novel-families" else CLASSES),
+        None,
+        measured=measured,
+        layout="parametric shapes, as many as one asks for",
+        orientation=OURS.message,
+        endless=ProceduralObject,
+    )

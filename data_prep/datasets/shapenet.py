@@ -1,0 +1,208 @@
+"""ShapeNetCore as it is unpacked, version 1 or 2.
+
+    v1    <synset>/<id>/model.obj                       up +Y, front +X
+    v2    <synset>/<id>/models/model_normalized.obj     up +Y, front -Z
+
+Which of the two an object is says its own path, and that decides how it is turned. Some models of
+v1 are mirrored (README.txt of v2; shapenet.org/annotations): that cannot be seen in the files,
+and is not undone. Both are normalised again, so that their different scales do not matter.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from data_prep.datasets.dataset import Dataset, Found, listed
+from data_prep.datasets.objects import Split
+from data_prep.datasets.stored_meshes import PlacedMesh
+from data_prep.datasets.synsets import class_names
+from data_prep.failures import BadInput
+from data_prep.files.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
+from data_prep.files.safe_read import (
+    MIB,
+    folders_in,
+    is_regular_file,
+    plain_name,
+    plain_text,
+    read_file,
+    read_text,
+    shown,
+)
+
+SYNSET = re.compile("[0-9]{8}")
+SPLIT_FILE = "all.csv"  # id,synsetId,subSynsetId,modelId,split
+TAXONOMY = "taxonomy.json"
+MOST_LIST_BYTES = 64 * MIB  # the published all.csv, of 51,300 objects, has 4
+_SPLITS: Mapping[str, Split] = {"train": "train", "val": "validation", "test": "test"}
+
+
+@dataclass(frozen=True)
+class _Version:
+    name: str
+    path: tuple[str, ...]  # below the folder of the object
+    orientation: Orientation
+
+    def place(self, class_name: str, folder: Path) -> PlacedMesh:
+        file = folder.joinpath(*self.path)
+        return PlacedMesh(class_name, folder.name, file, folder, self.orientation)
+
+
+V1 = _Version("v1", ("model.obj",), SHAPENET_V1)
+V2 = _Version("v2", ("models", "model_normalized.obj"), SHAPENET_V2)
+
+
+@dataclass
+class _Synset:
+    """What there is of a synset: objects by id, and folders without a model."""
+
+    versions: dict[str, _Version] = field(default_factory=dict)
+    empty: list[str] = field(default_factory=list)
+
+
+def is_shapenet(root: Path) -> bool:
+    """Whether a folder looks like ShapeNetCore: a synset with a model in it."""
+    for synset in folders_in(root):
+        if SYNSET.fullmatch(synset.name):
+            return any(_version_of(folder) for folder in folders_in(synset)[:100])
+    return False
+
+
+def shapenet_dataset(spec: str, root: Path) -> Dataset:
+    """The objects of all synsets in a folder.
+
+    Classes have the names of the 13 of the paper, others the first name in taxonomy.json, else
+    their synset. Splits are those of all.csv, in the folder or beside it; without that file all
+    objects are in one. Of a synset that is there, an object that all.csv names and the disk has not
+    is one that fails; synsets that are not there do not count.
+
+    Raises BadInput where no synset holds a model, and for lists that cannot be read.
+    """
+    synsets = {s.name: _find(s) for s in folders_in(root) if SYNSET.fullmatch(s.name)}
+    synsets = {synset: there for synset, there in synsets.items() if there.versions}
+    if not synsets:
+        raise BadInput(
+            f"{root}: no ShapeNetCore here; expected <synset>/<id>/{'/'.join(V1.path)} (v1) or "
+            f"<synset>/<id>/{'/'.join(V2.path)} (v2)"
+        )
+    found = Found()
+    versions = sorted({v.name for there in synsets.values() for v in there.versions.values()})
+    if len(versions) > 1:
+        found.irregular.append(
+            "objects of v1 and v2 side by side; each is turned as its own path says"
+        )
+    usual = V1 if versions == ["v1"] else V2
+    names = class_names(_taxonomy(root, tuple(synsets)))
+    lists = _split_lists(root, found.irregular)
+    for synset, there in sorted(synsets.items(), key=lambda item: names[item[0]]):
+        name, folder = names[synset], root / synset
+        if there.empty:
+            found.irregular.append(
+                f"{name}: {len(there.empty)} folders without a model: {listed(there.empty)}"
+            )
+        objects = {i: v.place(name, folder / i) for i, v in sorted(there.versions.items())}
+        if lists is None:
+            found.objects += objects.values()
+        else:
+            absent = partial(_absent, usual, name, folder)
+            found.add_listed(name, objects, lists.get(synset, {}), absent)
+    found.irregular += _shared_ids(synsets, names)
+    found.splits = {s: found.splits[s] for s in _SPLITS.values() if s in found.splits}
+    layout = f"ShapeNetCore {' and '.join(versions)}"
+    orientations = (f"{v.name}: {v.orientation.message}" for v in (V1, V2) if v.name in versions)
+    return found.dataset(
+        spec,
+        layout if lists is not None else f"{layout}, without {SPLIT_FILE}: one split",
+        "; ".join(orientations),
+    )
+
+
+def _absent(version: _Version, class_name: str, folder: Path, object_id: str) -> PlacedMesh:
+    return version.place(class_name, folder / object_id)
+
+
+def _find(synset: Path) -> _Synset:
+    found = _Synset()
+    for folder in folders_in(synset):
+        version = _version_of(folder)
+        if version is None:
+            found.empty.append(folder.name)
+        else:
+            found.versions[folder.name] = version
+    return found
+
+
+def _version_of(folder: Path) -> _Version | None:
+    return next((v for v in (V2, V1) if is_regular_file(folder.joinpath(*v.path))), None)
+
+
+def _shared_ids(found: Mapping[str, _Synset], names: Mapping[str, str]) -> list[str]:
+    """One model under two synsets, as ShapeNet has some: two objects, of different class."""
+    classes: dict[str, list[str]] = {}
+    for synset, there in found.items():
+        for object_id in there.versions:
+            classes.setdefault(object_id, []).append(names[synset])
+    twice = [f"{i} ({', '.join(sorted(c))})" for i, c in sorted(classes.items()) if len(c) > 1]
+    return [f"{len(twice)} ids are in several classes: {listed(twice)}"] if twice else []
+
+
+def _taxonomy(root: Path, synsets: Sequence[str]) -> dict[str, str]:
+    """ShapeNet's names of these synsets; empty where there are none to be had."""
+    names = dict.fromkeys(synsets, "")
+    path = root / TAXONOMY
+    if not is_regular_file(path):
+        return names
+    data = read_file(path, MOST_LIST_BYTES)
+    try:
+        tree: Any = json.loads(data)
+        for entry in tree:
+            if entry["synsetId"] in names:
+                names[entry["synsetId"]] = plain_text(entry["name"])
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise BadInput(
+            f"{path}: not the taxonomy of ShapeNet ({error}); fetch it again, or remove it"
+        ) from None
+    return names
+
+
+def _split_lists(root: Path, irregular: list[str]) -> dict[str, dict[Split, list[str]]] | None:
+    """By synset and split, the ids in the order of all.csv; None where there is no such file.
+
+    Of a model that is listed twice, the first line counts. Appends to `irregular`.
+    """
+    path = next(
+        (p for p in (root / SPLIT_FILE, root.parent / SPLIT_FILE) if is_regular_file(p)), None
+    )
+    if path is None:
+        return None
+    lists: dict[str, dict[Split, list[str]]] = {}
+    seen: dict[tuple[str, str], str] = {}
+    again = []
+    lines = read_text(path, MOST_LIST_BYTES).splitlines()
+    try:
+        for row in csv.DictReader(lines, strict=True):
+            synset, model, split = (row[name] for name in ("synsetId", "modelId", "split"))
+            key = plain_name(synset.zfill(8)), plain_name(model)
+            if split not in _SPLITS:
+                raise ValueError(f"{shown(split)} is no split")
+            if key in seen:
+                again.append(f"{model} ({seen[key]}, {split})")
+                continue
+            seen[key] = split
+            lists.setdefault(key[0], {}).setdefault(_SPLITS[split], []).append(model)
+    except (ValueError, KeyError, AttributeError, TypeError, csv.Error) as error:
+        raise BadInput(
+            f"{path}: not the split list of ShapeNet ({error}); expected the columns "
+            "id,synsetId,subSynsetId,modelId,split with train, val or test"
+        ) from None
+    if again:
+        irregular.append(
+            f"{SPLIT_FILE}: {len(again)} models are listed twice, the first counts: {listed(again)}"
+        )
+    return lists

@@ -1,0 +1,72 @@
+"""Objects that are one mesh in a file."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from data_prep.datasets.objects import MeshObject
+from data_prep.files.checksums import fingerprint_of
+from data_prep.files.meshes import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_mesh
+from data_prep.files.orientations import Orientation
+from data_prep.files.safe_read import is_regular_file
+from data_prep.scene import Mesh
+
+MATERIAL_SUFFIXES = (".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif")
+
+
+@dataclass(frozen=True)
+class MeshFile(MeshObject):
+    """A mesh in a folder of one's own; its id is the path below the folder of its class."""
+
+    class_name: str
+    object_id: str
+    path: Path
+
+    def fingerprint(self) -> str:
+        """Checksum of the file, of its companions (same name, other suffix: .mtl, .bin, textures)
+        and of the version of the loader; an unreadable file has a fingerprint that says so."""
+        version = f"loader {LOADER_VERSION}"
+        return fingerprint_of(version, self.path, self._companions, MOST_BYTES)
+
+    def load(self) -> Mesh:
+        """Read and normalise the file."""
+        return load_mesh(self.path)
+
+    def _companions(self) -> Iterator[Path]:
+        for path in sorted(self.path.parent.glob(f"{glob.escape(self.path.stem)}.*")):
+            if path.suffix.lower() not in SUFFIXES and is_regular_file(path):
+                yield path
+
+
+@dataclass(frozen=True)
+class PlacedMesh(MeshObject):
+    """A mesh of a dataset with an orientation of its own.
+
+    `folder` is that of the object: materials and textures are read from nowhere else.
+    """
+
+    class_name: str
+    object_id: str
+    path: Path
+    folder: Path
+    orientation: Orientation
+
+    def fingerprint(self) -> str:
+        """Checksum of the file, of the materials and images beside it and in `images`, of its
+        orientation and of the version of the loader."""
+        turn = self.orientation.columns, self.orientation.signs
+        version = f"loader {LOADER_VERSION} {turn}"
+        return fingerprint_of(version, self.path, self._companions, MOST_BYTES)
+
+    def load(self) -> Mesh:
+        """Read, turn and normalise the file."""
+        return load_mesh(self.path, self.orientation, self.folder)
+
+    def _companions(self) -> Iterator[Path]:
+        for folder in dict.fromkeys((self.path.parent, self.folder / "images")):
+            for path in sorted(folder.glob("*")):
+                if path.suffix.lower() in MATERIAL_SUFFIXES and is_regular_file(path):
+                    yield path

@@ -1,0 +1,119 @@
+"""Clouds and true images of many objects, in memory, for training."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.datasets.objects import SceneObject
+from data_prep.progress import progress
+from data_prep.randomness import generator
+from data_prep.scene import CLOUD_SIZE, IMAGE_SIZE, NEUTRAL_GREY, View
+
+BLACK = (0, 0, 0)
+CLOUD_POINTS = 4096  # twice what the encoder reads: each step takes another half
+DATA_SEED = 0  # of all trainings
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """N objects from V views each: random ones, or the objects' own.
+
+    images         uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE, 3], white background
+    azimuth_deg    float64 [N, V], -180..180
+    elevation_deg  float64 [N, V], -40..40
+    clouds         float32 [N, CLOUD_SIZE, 3], unit-sphere coordinates
+    """
+
+    images: NDArray[np.uint8]
+    azimuth_deg: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64]
+    clouds: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSet:
+    """A TrainingSet of meshes, and two more images of each of its views.
+
+    coverage  uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: how much of a pixel the object covers, 255 all
+    grey      uint8 [N, V, IMAGE_SIZE, IMAGE_SIZE]: the object in NEUTRAL_GREY, on white
+    """
+
+    seen: TrainingSet
+    coverage: NDArray[np.uint8]
+    grey: NDArray[np.uint8]
+
+
+def add_surfaces(
+    seen: TrainingSet,
+    objects: Sequence[SceneObject],
+    on_progress: Callable[[], object] = lambda: None,
+) -> SurfaceSet:
+    """The SurfaceSet of a set and the objects that it was made from; `on_progress` after each.
+
+    Raises BadInput for an object without a mesh.
+    """
+    from data_prep.rendering.opengl import render
+
+    shape = seen.images.shape[:-1]
+    coverage, grey = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+    for i, obj in enumerate(objects):
+        mesh = obj.load()
+        views = [
+            View(*angles) for angles in zip(seen.azimuth_deg[i], seen.elevation_deg[i], strict=True)
+        ]
+        for colour, images in ((BLACK, coverage), (NEUTRAL_GREY, grey)):
+            colours = np.broadcast_to(np.array(colour, np.uint8), mesh.face_colors.shape)
+            images[i] = render(replace(mesh, face_colors=colours), views)[..., 0]
+        on_progress()
+    return SurfaceSet(seen, 255 - coverage, grey)
+
+
+def make_training_set(
+    objects: Sequence[SceneObject],
+    views: int,
+    seed: int,
+    on_progress: Callable[[], object] = lambda: None,
+) -> TrainingSet:
+    """Clouds and images of `objects`, sampled and rendered where they do not come with their own;
+    `on_progress` is called after each.
+
+    The same arguments give the same arrays on the same driver, so nothing needs to be kept between
+    runs: 1,500 chairs of 8 views take about half a minute and 0.6 GB. Raises BadInput for an object
+    that cannot be loaded.
+    """
+    count = len(objects)
+    images = np.empty((count, views, IMAGE_SIZE, IMAGE_SIZE, 3), np.uint8)
+    angles = np.empty((2, count, views))
+    clouds = np.empty((count, CLOUD_SIZE, 3), np.float32)
+    for i, obj in enumerate(objects):
+        key = (seed, obj.class_name, obj.object_id)
+        cameras = obj.views(views, generator("training views", *key))
+        cloud, images[i] = obj.cloud_and_truth(generator("training cloud", *key), cameras)
+        clouds[i] = cloud.points
+        angles[:, i] = np.transpose([(v.azimuth_deg, v.elevation_deg) for v in cameras])
+        on_progress()
+    return TrainingSet(images, angles[0], angles[1], clouds)
+
+
+def training_set(objects: Sequence[SceneObject], views: int, *, quiet: bool = False) -> TrainingSet:
+    """`make_training_set` with progress on standard error and the seed of all trainings."""
+    with progress("rendering", len(objects), quiet=quiet) as advance:
+        return make_training_set(objects, views, DATA_SEED, lambda: advance(0))
+
+
+def training_clouds(objects: Sequence[SceneObject], *, quiet: bool = False) -> NDArray[np.float32]:
+    """Clouds float32 [N, M, 3], with progress. The same objects give the same clouds.
+
+    M is CLOUD_POINTS, or what the objects have where they are clouds themselves.
+    """
+    clouds = []
+    with progress("sampling", len(objects), quiet=quiet) as advance:
+        for obj in objects:
+            rng = generator(DATA_SEED, "training cloud", obj.class_name, obj.object_id)
+            clouds.append(obj.cloud(rng, CLOUD_POINTS).points)
+            advance(0)
+    return np.stack(clouds)

@@ -1,0 +1,1 @@
+"""Files of clouds and meshes, read without trust and written whole or not at all."""

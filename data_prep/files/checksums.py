@@ -1,0 +1,50 @@
+"""Checksums of files, and of all the files behind an object."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from data_prep.failures import BadInput
+from data_prep.files.safe_read import MIB, open_file
+
+MOST_BYTES = 2**32  # of weights or a checkpoint; pc2pix at the paper's width has one of 1.2 GB
+
+
+def file_sha256(path: Path, most_bytes: int = MOST_BYTES) -> str:
+    """The checksum of a file, read piece by piece. Raises BadInput as `untrusted.open_file`."""
+    with open_file(path, most_bytes) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def fingerprint_of(
+    version: str,
+    file: Path,
+    companions: Callable[[], Iterable[Path]],
+    most_bytes: int,
+) -> str:
+    """sha256 of a version, a file and its companions, these with their names: it changes whenever
+    one of these does.
+
+    Where one cannot be read, a text that says so ("unreadable: no such file").
+    """
+    digest = hashlib.sha256(version.encode())
+    path = file
+    try:
+        _update(digest, path, most_bytes)
+        for path in companions():
+            digest.update(os.fsencode(path.name))
+            _update(digest, path, most_bytes)
+    except (BadInput, OSError) as error:
+        return "unreadable: " + str(error).removeprefix(f"{path}: ")
+    return digest.hexdigest()
+
+
+def _update(digest: Any, path: Path, most_bytes: int) -> None:
+    """Feed a file to a hash, piece by piece."""
+    with open_file(path, most_bytes) as file:
+        while piece := file.read(MIB):
+            digest.update(piece)

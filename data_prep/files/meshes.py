@@ -1,0 +1,199 @@
+"""Meshes from files: whatever trimesh reads, reduced to what a scene requires.
+
+Formats: PLY, OBJ, OFF, STL, GLB and GLTF. Textures become one colour per face, transparency is
+dropped, and several parts in one file become one mesh.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.clouds.normalise import normalise
+from data_prep.clouds.sampling import face_areas
+from data_prep.failures import BadInput, NoFaces
+from data_prep.files.orientations import OURS, Orientation
+from data_prep.files.safe_read import open_file, reason_of
+from data_prep.scene import NEUTRAL_GREY, Mesh
+
+LOADER_VERSION = 1  # raise when a change here changes a mesh: finished work is then done again
+SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
+
+MOST_BYTES = 2**30  # of a file, of its companions together, and of what a glTF spreads them out to
+MOST_FACES = 50_000_000  # all instances counted
+MOST_PIXELS = 2**26  # of a texture, 8,192 x 8,192; its few bytes become 1.4 GiB on the way
+MOST_ZEROS = 2**24  # numbers that a glTF leaves out, which stands for zeros
+
+
+@np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
+def load_mesh(path: Path, orientation: Orientation = OURS, within: Path | None = None) -> Mesh:
+    """The file's mesh, normalised to the unit sphere.
+
+    Unless another `orientation` is given, the file's axes are kept: +Y has to be up and the front
+    has to look towards -Z already. Raises BadInput as `read_mesh`, and for non-finite vertices, no
+    extent and no area.
+    """
+    found = read_mesh(path, within)
+    try:
+        mesh = normalise(_turned(found, orientation))
+    except ValueError as error:
+        raise BadInput(f"{path}: {error}") from error
+    if not face_areas(mesh).any():
+        raise BadInput(f"{path}: all {len(mesh.faces)} faces have no area; a shape needs a surface")
+    return mesh
+
+
+@np.errstate(all="ignore")  # what float32 cannot hold is refused as not finite
+def read_mesh(path: Path, within: Path | None = None) -> Mesh:
+    """Return the file's mesh as it stands.
+
+    Vertices are not merged (trimesh would, and change the surface). Materials, textures and buffers
+    are read from the mesh's own folder only, or from anywhere in `within`, a folder above it.
+
+    Raises BadInput, naming the file: missing, no regular file, too large, not a mesh; and NoFaces.
+    Time and memory grow with what the file holds, not with what it claims; but parsers are
+    libraries, so a mesh that nobody vouches for belongs into a worker with limits.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise BadInput(f"{path}: no mesh by its name; use one of {', '.join(SUFFIXES)}")
+    with open_file(path, MOST_BYTES) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of libraries, about files; what matters is raised below
+        try:
+            parts = _parts(file, path, within)
+        except BadInput:
+            raise
+        except Exception as error:  # trimesh raises whatever its parsers raise
+            raise BadInput(
+                f"{path}: not a readable mesh ({reason_of(error)}); use one of "
+                + ", ".join(SUFFIXES)
+            ) from error
+        if not parts:
+            raise NoFaces(f"{path}: the mesh has no faces; a bare point cloud cannot be scored")
+        try:
+            return _joined(parts)
+        except ValueError as error:
+            raise BadInput(f"{path}: {error}") from error
+
+
+def _parts(file: BinaryIO, path: Path, within: Path | None) -> list[Any]:
+    """The trimesh.Trimesh parts with faces, each where its node puts it."""
+    import trimesh
+    from PIL import EpsImagePlugin
+
+    from data_prep.files.mesh_resources import Companions
+
+    EpsImagePlugin.gs_binary = False  # else a texture in PostScript is run, by Ghostscript
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # no tracebacks about textures
+    kind = path.suffix.lower()
+    if kind in (".glb", ".gltf"):
+        _check_gltf(file, kind)
+    companions = Companions(path.parent, MOST_BYTES, within)
+    scene = trimesh.load_scene(file, file_type=kind, resolver=companions, process=False)
+    for geometry in scene.geometry.values():
+        material = getattr(getattr(geometry, "visual", None), "material", None)
+        for image in (getattr(material, name, None) for name in _TEXTURES):
+            if image is not None and image.width * image.height > MOST_PIXELS:
+                raise BadInput(
+                    f"{path}: a texture of {image.width} x {image.height} pixels, at most "
+                    f"{MOST_PIXELS} are read; give a smaller one"
+                )
+    faces = 0
+    for node in scene.graph.nodes_geometry:
+        faces += len(getattr(scene.geometry[scene.graph[node][1]], "faces", ()))
+        if faces > MOST_FACES:
+            raise BadInput(f"{path}: more than {MOST_FACES} faces; give a coarser mesh")
+    return [g for g in scene.dump() if isinstance(g, trimesh.Trimesh) and len(g.faces)]
+
+
+_TEXTURES = ("image", "baseColorTexture", "emissiveTexture", "metallicRoughnessTexture")
+_TEXTURES += ("normalTexture", "occlusionTexture")
+_GLTF_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+
+def _check_gltf(file: BinaryIO, kind: str) -> None:
+    """Raises ValueError (or what comes of JSON of another form) where trimesh must not read on.
+
+    It takes memory for what views, and accessors without one, claim; and for a .gltf that is no
+    JSON it reads another file, model.gltf.
+    """
+    tree = json.loads(_first_chunk(file) if kind == ".glb" else file.read())
+    file.seek(0)
+    views = sum(view["byteLength"] for view in tree.get("bufferViews", ()))
+    empty = (a for a in tree.get("accessors", ()) if "bufferView" not in a)
+    zeros = sum(a["count"] * _GLTF_COLUMNS[a["type"]] for a in empty)
+    if not (0 <= views <= MOST_BYTES and 0 <= zeros <= MOST_ZEROS):
+        raise ValueError(f"buffer views of {views} bytes, {zeros} numbers without one")
+
+
+def _first_chunk(file: BinaryIO) -> bytes:
+    """The JSON of a GLB, all of whose chunks lie within the file."""
+    size = os.fstat(file.fileno()).st_size
+    text, at = b"", 12
+    while at + 8 <= size:
+        file.seek(at)
+        length = int.from_bytes(file.read(4), "little")
+        if at + 8 + length > size:
+            raise ValueError(f"a chunk of {length} bytes reaches beyond the end")
+        if at == 12:
+            file.seek(at + 8)
+            text = file.read(length)
+        at += 8 + length
+    return text
+
+
+def _joined(parts: Sequence[Any]) -> Mesh:
+    offsets = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return Mesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.faces + o for part, o in zip(parts, offsets, strict=True)]),
+        np.concatenate([_face_colors(part) for part in parts]),
+    )
+
+
+def _turned(mesh: Mesh, orientation: Orientation) -> Mesh:
+    return Mesh(orientation.to_ours(mesh.vertices), mesh.faces, mesh.face_colors)
+
+
+def _face_colors(part: Any) -> NDArray[np.uint8]:
+    """uint8 [F, 3] of a trimesh part (it has no types); neutral grey where the file gives none."""
+    count = len(part.faces)
+    grey = np.broadcast_to(np.array(NEUTRAL_GREY, np.uint8), (count, 3))
+    visual = part.visual
+    if visual.kind is None:
+        return grey
+    try:
+        if visual.kind == "texture":
+            colors = _texture_colors(visual, part.faces)
+            if any((colors == stand_in).all() for stand_in in _stand_ins()):
+                return grey
+        else:
+            colors = np.asarray(visual.face_colors)
+    except Exception:  # a broken texture costs the colours, not the object
+        return grey
+    return colors[:, :3].astype(np.uint8) if colors.shape[:1] == (count,) else grey
+
+
+def _texture_colors(visual: Any, faces: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """RGBA [F, 4]: the texture in the middle of each face, else the material's one colour."""
+    colors = None
+    if visual.uv is not None:
+        colors = visual.material.to_color(visual.uv[faces].mean(axis=1))
+    if colors is None:
+        colors = visual.material.main_color
+    return np.broadcast_to(colors, (len(faces), 4))
+
+
+def _stand_ins() -> tuple[NDArray[np.uint8], ...]:
+    """RGBA [4] that trimesh makes up for a material without a colour, and for one it lacks."""
+    from trimesh.visual.color import DEFAULT_COLOR
+    from trimesh.visual.material import empty_material
+
+    return DEFAULT_COLOR, empty_material().to_color(np.zeros((1, 2)))[0]

@@ -1,0 +1,150 @@
+"""Clouds in the formats of scanners, by libraries of their own: the extra `clouds`.
+
+    LAS, LAZ  laspy with lazrs, piece by piece
+    E57       pye57; all scans, each where its pose puts it, without points marked as invalid
+    PCD       pypcd4; points of three NaN are an organised cloud's places without a return
+
+A scan has many millions of points, more than any method here can use: of more than MOST_POINTS
+every k-th is kept, with the smallest k that does. The libraries are not written for files that
+nobody vouches for; such files belong into a worker with limits, as `bench render` has it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.failures import BadInput, MissingDependency
+from data_prep.files.safe_read import MIB, open_file, reason_of
+
+MOST_POINTS = 2**21  # kept; splats, the fastest, take seconds for as many
+MOST_BYTES = 2048 * MIB  # of LAS and LAZ, which are read piece by piece
+MOST_BYTES_AT_ONCE = 512 * MIB  # of E57 and PCD
+MOST_CLAIMED = 2**26  # points that an E57 or PCD may claim: 1.5 GiB of coordinates
+PIECE = 2**20  # points
+RECORD_HEADER_BYTES = 54  # of a variable-length record in LAS
+
+ScanPoints = NDArray[np.float64]  # [N, 3]
+
+
+def read_scan(path: Path) -> tuple[ScanPoints, bool]:
+    """Return float64 [N, 3], in the file's order and units, and whether the points have colours.
+
+    Raises BadInput, naming the file: missing, no regular file, too large, not readable; and
+    MissingDependency, naming the extra, where the library is not installed.
+    """
+    most_bytes, read = _READERS[path.suffix.lower()]
+    with open_file(path, most_bytes):
+        pass
+    try:
+        return read(path)
+    except ImportError as error:
+        raise MissingDependency(
+            f"{path}: reading {path.suffix.lower()} needs {error.name}; "
+            "install it with: pip install 'pc2pix-bench[clouds]'"
+        ) from error
+    except BadInput:
+        raise
+    except Exception as error:  # libraries raise whatever their parsers raise
+        kind = path.suffix[1:].upper()
+        raise BadInput(
+            f"{path}: not a readable {kind} file ({reason_of(error)}); fetch it again"
+        ) from error
+
+
+def _stride(count: int) -> int:
+    return max(1, math.ceil(count / MOST_POINTS))
+
+
+def _read_las(path: Path) -> tuple[ScanPoints, bool]:
+    import laspy
+
+    with open_file(path, MOST_BYTES) as file:
+        _check_records(file)
+        with laspy.LasReader(file, closefd=False, read_evlrs=False) as las:
+            step, seen = _stride(las.header.point_count), 0
+            kept = [np.empty((0, 3))]
+            for piece in las.chunk_iterator(PIECE):
+                points = np.stack([np.asarray(piece[axis]) for axis in "xyz"], axis=1)
+                kept.append(points[-seen % step :: step])
+                seen += len(points)
+        if seen != las.header.point_count:
+            raise _cut_short(path, las.header.point_count, seen)
+        has_colours = "red" in las.header.point_format.dimension_names
+    return np.concatenate(kept), has_colours
+
+
+def _check_records(file: BinaryIO) -> None:
+    """Raises ValueError where a LAS claims more variable-length records than its bytes hold.
+
+    laspy takes memory for as many as the header says, whatever the size of the file.
+    """
+    head = file.read(104)
+    count, size = int.from_bytes(head[100:], "little"), os.fstat(file.fileno()).st_size
+    if count * RECORD_HEADER_BYTES > size:
+        raise ValueError(f"{count} records in {size} bytes")
+    file.seek(0)
+
+
+def _read_e57(path: Path) -> tuple[ScanPoints, bool]:
+    import pye57
+
+    file = pye57.E57(str(path))
+    try:
+        headers = [file.get_header(i) for i in range(file.scan_count)]
+        _check_claim(path, sum(header.point_count for header in headers))
+        has_colours = any("colorRed" in header.point_fields for header in headers)
+        scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
+    finally:
+        file.close()
+    axes = "cartesianX", "cartesianY", "cartesianZ"
+    parts = [np.stack([scan[axis] for axis in axes], axis=1) for scan in scans]
+    points = np.concatenate([np.empty((0, 3)), *parts])
+    return points[:: _stride(len(points))], has_colours
+
+
+def _read_pcd(path: Path) -> tuple[ScanPoints, bool]:
+    from pypcd4.pypcd4 import PointCloud
+
+    claimed = 0
+    with open_file(path, MOST_BYTES_AT_ONCE) as file:
+        for line in file:
+            if line.startswith(b"POINTS"):
+                claimed = int(line.split()[1])
+                _check_claim(path, claimed)
+            if line.startswith(b"DATA"):
+                break
+        file.seek(0)
+        cloud = PointCloud.from_fileobj(file)
+    if len(cloud.pc_data) != claimed:  # of a binary file, whatever is there is read
+        raise _cut_short(path, claimed, len(cloud.pc_data))
+    points = cloud.numpy(("x", "y", "z")).astype(np.float64)
+    points = points[~np.isnan(points).all(axis=1)]
+    return points[:: _stride(len(points))], bool({"rgb", "rgba"} & set(cloud.fields))
+
+
+def _cut_short(path: Path, claimed: int, found: int) -> BadInput:
+    return BadInput(
+        f"{path}: {claimed} points in the header, {found} in the file; it is cut short, fetch it "
+        "again"
+    )
+
+
+def _check_claim(path: Path, count: int) -> None:
+    if not 0 <= count <= MOST_CLAIMED:
+        raise BadInput(f"{path}: {count} points, at most {MOST_CLAIMED} are read; thin it out")
+
+
+_READERS: Mapping[str, tuple[int, Callable[[Path], Any]]] = {
+    ".las": (MOST_BYTES, _read_las),
+    ".laz": (MOST_BYTES, _read_las),
+    ".e57": (MOST_BYTES_AT_ONCE, _read_e57),
+    ".pcd": (MOST_BYTES_AT_ONCE, _read_pcd),
+}
+SCAN_SUFFIXES = tuple(_READERS)

@@ -1,0 +1,102 @@
+"""What other installed packages add: methods, metrics, extractors and datasets, by entry points."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from data_prep.failures import BadInput
+from data_prep.files.safe_read import shown
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+# Groups of entry points.
+METHODS = "pc2pix_bench.methods"
+METRICS = "pc2pix_bench.metrics"
+EXTRACTORS = "pc2pix_bench.extractors"
+DATASETS = "pc2pix_bench.datasets"
+
+# Kinds of datasets of this project. Here, because `data_prep.datasets.registry` loads NumPy.
+OUR_KINDS = ("procedural", "folder", "shapenet", "modelnet", "exported", "paper")
+
+# Ids name files and stand in lists and in commands. Of a method what follows "@" is a variant.
+_ID = re.compile("[a-z0-9]+(-[a-z0-9]+)*")
+_METHOD_ID = re.compile(f"{_ID.pattern}(@[a-z0-9]+([-.][a-z0-9]+)*)?")
+
+
+class _HasId(Protocol):
+    @property
+    def id(self) -> str: ...
+
+
+Entry = TypeVar("Entry", bound=_HasId)
+
+
+def announced_ids(*groups: str) -> tuple[str, ...]:
+    """Return the ids that installed packages announce by entry points, sorted; load none."""
+    from importlib.metadata import entry_points
+
+    return tuple(sorted({name for group in groups for name in entry_points(group=group).names}))
+
+
+def refusal(groups: tuple[str, ...], wanted: str, kind: str, ours: Collection[str]) -> str:
+    """Return why an announced id cannot be used, with the package and the remedy; "" if it can.
+
+    `ours` are the ids of this project; those of methods stand for their variants, too.
+    """
+    entries = _entries(groups, wanted)
+    packages = sorted({_package(entry) for entry in entries})
+    where = f"{kind} {shown(wanted)} of {' and of '.join(packages)}"
+    if not (_METHOD_ID if METHODS in groups else _ID).fullmatch(wanted):
+        return (
+            f"{where}: an id is kebab-case (a-z, 0-9 and single hyphens), it names files; rename "
+            "it in that package"
+        )
+    if wanted.partition("@")[0] in ours:
+        return f"{where}: pc2pix-bench uses that id itself; rename it in that package"
+    if len(entries) > 1:
+        return f"{where}: there can be one of that id; rename or remove the others"
+    return ""
+
+
+def load_announced(
+    groups: tuple[str, ...],
+    wanted: str,
+    kind: str,
+    type_: type[Entry] | tuple[type[Entry], ...],
+    named: str,
+    ours: Collection[str],
+) -> Entry:
+    """Return what a package announces under an id that is among `announced_ids`.
+
+    `named` is the type as packages import it, `ours` as in `refusal`. Raises BadInput, naming the
+    package, where the id is refused, and where the entry cannot be loaded or is something else.
+    """
+    if problem := refusal(groups, wanted, kind, ours):
+        raise BadInput(problem)
+    (entry,) = _entries(groups, wanted)
+    where = f"{kind} '{wanted}' of {_package(entry)}"
+    try:
+        loaded = entry.load()
+    except (Exception, SystemExit) as error:  # whatever a stranger's module raises
+        raise BadInput(
+            f"{where}: {entry.value} cannot be loaded ({type(error).__name__}: {error}); fix or "
+            "remove that package"
+        ) from error
+    if not isinstance(loaded, type_) or loaded.id != wanted:
+        raise BadInput(
+            f"{where}: {entry.value} is not a {named} with that id; fix or remove that package"
+        )
+    return loaded
+
+
+def _entries(groups: tuple[str, ...], wanted: str) -> list[EntryPoint]:
+    from importlib.metadata import entry_points
+
+    return [entry for group in groups for entry in entry_points(group=group, name=wanted)]
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.value

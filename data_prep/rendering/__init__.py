@@ -1,0 +1,1 @@
+"""Images of meshes and clouds by the one camera of the project."""

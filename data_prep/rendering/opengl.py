@@ -1,0 +1,253 @@
+"""Images of meshes by OpenGL (EGL), with one shader that does what the scene requires.
+
+pyrender 0.1.45, the last release, makes the context; drawing goes past it. Its renderer reads back
+a depth buffer that nobody wants, looks programs and uniforms up anew for every view, multiplies
+every vertex by two identity matrices, and does not shade the back of a face;
+`studies/render_speed.py` has both side by side. Here a mesh is uploaded once, its views are
+drawn one after another into one small multisampled buffer, which stays in the processor's cache,
+and resolved into one sheet, which is read back once.
+
+Importing pyrender imports an interactive viewer that nobody here uses but which needs pyglet and
+libGLU; it is left out. One GL context is made per process and reused, with buffers for each size of
+images. OpenGL keeps global state: one thread only.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import functools
+import math
+import os
+import sys
+import types
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_prep.failures import MissingDependency
+from data_prep.rendering.camera import CAMERA_DISTANCE, FIELD_OF_VIEW_RAD, camera_to_world
+from data_prep.scene import IMAGE_SIZE, Mesh, View
+
+VERSION = 1  # raise when a change here changes a pixel: finished work is then done again
+SHADERS = Path(__file__).parent  # mesh.vert and mesh.frag
+SAMPLES = 4  # a pixel
+# Reconstructions may leave the unit sphere; what lies outside this range is cut off.
+NEAR, FAR = 0.05 * CAMERA_DISTANCE, 2.5 * CAMERA_DISTANCE
+SHEET_VIEWS = 32  # one above the other: 4,096 pixels, of the 16,384 that any OpenGL 4.1 can do
+POSITION, COLOUR = 0, 1  # attributes of a vertex, three float32 each
+DEBIAN_PACKAGES = {  # and the library each is installed for; `.ci/libraries` installs the same
+    "libegl1": "libEGL.so.1",
+    "libgl1": "libGL.so.1",
+    "libopengl0": "libOpenGL.so.0",
+    "libgomp1": "libgomp.so.1",
+    "libusb-1.0-0": "libusb-1.0.so.0",
+}
+REMEDY = "install the Debian packages " + " ".join(DEBIAN_PACKAGES) + " (bench doctor checks them)"
+
+
+def render(mesh: Mesh, views: Sequence[View], size: int = IMAGE_SIZE) -> NDArray[np.uint8]:
+    """Images of `mesh` from `views`: uint8 [V, size, size, 3], white background.
+
+    A facet seen head-on has exactly its own colour; tilted by an angle t its colour is multiplied
+    by cos(t)^(1/2.2). Both sides of a facet are visible. An edge is smoothed with 4 samples a
+    pixel. An empty mesh gives white images. The same mesh and views give the same bytes on the
+    same driver, in any process.
+
+    Raises ValueError for non-finite vertices, MissingDependency where no GL context can be made.
+    """
+    if not np.isfinite(mesh.vertices).all():
+        raise ValueError("render: the mesh has non-finite vertices")
+    images = np.full((len(views), size, size, 3), 255, dtype=np.uint8)
+    if len(mesh.faces) == 0 or len(views) == 0:
+        return images
+    context = _context()
+    context.make_current()
+    buffers = context.buffers(size)
+    context.upload(*_vertices_of_one_colour(mesh))
+    matrices = _world_to_camera(views)
+    for start in range(0, len(views), SHEET_VIEWS):
+        stop = start + SHEET_VIEWS
+        context.draw(matrices[start:stop], mesh.faces.size, buffers)
+        images[start:stop] = context.read(len(images[start:stop]), buffers)
+    return images
+
+
+def gl_renderer() -> str:
+    """Name and version of the GL driver in use: part of a run's manifest, images depend on it.
+
+    Raises MissingDependency where no GL context can be made.
+    """
+    context = _context()
+    context.make_current()
+    gl = context.gl
+    name, version = gl.glGetString(gl.GL_RENDERER), gl.glGetString(gl.GL_VERSION)
+    return " / ".join(bytes(text or b"unknown").decode() for text in (name, version))
+
+
+def _vertices_of_one_colour(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+    """Vertices [V, 6] with the colour of their faces (x, y, z, r, g, b), and faces [F, 3] of them.
+
+    A vertex that faces of different colours share is one that no colour fits: then every face gets
+    vertices of its own.
+    """
+    positions, faces = mesh.vertices, mesh.faces
+    face_colors = mesh.face_colors.astype(np.float32) / np.float32(255.0)
+    colors = np.zeros((len(positions), 3), np.float32)
+    colors[faces] = face_colors[:, None]
+    if not (colors[faces] == face_colors[:, None]).all():
+        positions, colors = positions[faces].reshape(-1, 3), np.repeat(face_colors, 3, axis=0)
+        faces = np.arange(faces.size)
+    return np.concatenate([positions, colors], axis=1), faces.astype(np.uint32)
+
+
+def _world_to_camera(views: Sequence[View]) -> NDArray[np.float32]:
+    """Matrices [V, 4, 4]."""
+    poses = np.stack([camera_to_world(view) for view in views])
+    return np.linalg.inv(poses).astype(np.float32)
+
+
+def _projection() -> NDArray[np.float64]:
+    """OpenGL's matrix [4, 4] of the project's camera: what it sees to -1..1, near to far."""
+    scale = 1.0 / math.tan(FIELD_OF_VIEW_RAD / 2)
+    matrix = np.diag([scale, scale, (FAR + NEAR) / (NEAR - FAR), 0.0])
+    matrix[2, 3] = 2 * FAR * NEAR / (NEAR - FAR)
+    matrix[3, 2] = -1.0
+    return matrix
+
+
+@dataclass(frozen=True)
+class _Buffers:
+    """Frame buffers for images of a size."""
+
+    size: int
+    multisampled: int
+    sheet: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Context:
+    """The one GL context: its state is set when it is made; buffers are added for other sizes."""
+
+    gl: Any  # PyOpenGL has no types
+    platform: Any
+    view_matrix: int  # uniform
+    made: dict[int, _Buffers]
+
+    def buffers(self, size: int) -> _Buffers:
+        """Those for images of this size, and the viewport set to it."""
+        if size not in self.made:
+            self.made[size] = _make_buffers(self.gl, size)
+        self.gl.glViewport(0, 0, size, size)
+        return self.made[size]
+
+    def make_current(self) -> None:
+        self.platform.make_current()
+
+    def upload(self, vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> None:
+        """In place of the mesh before it."""
+        gl = self.gl
+        gl.glBufferData(gl.GL_ARRAY_BUFFER, vertices.nbytes, vertices, gl.GL_STATIC_DRAW)
+        gl.glBufferData(gl.GL_ELEMENT_ARRAY_BUFFER, faces.nbytes, faces, gl.GL_STATIC_DRAW)
+
+    def draw(self, world_to_camera: NDArray[np.float32], indices: int, buffers: _Buffers) -> None:
+        """Views [V, 4, 4], at most SHEET_VIEWS, of the uploaded mesh."""
+        gl, size = self.gl, buffers.size
+        for place, matrix in enumerate(world_to_camera):
+            gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, buffers.multisampled)
+            gl.glClear(gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
+            gl.glUniformMatrix4fv(self.view_matrix, 1, gl.GL_TRUE, matrix)
+            gl.glDrawElements(gl.GL_TRIANGLES, indices, gl.GL_UNSIGNED_INT, ctypes.c_void_p(0))
+            gl.glBindFramebuffer(gl.GL_DRAW_FRAMEBUFFER, buffers.sheet)
+            bottom, top = size * place, size * (place + 1)
+            gl.glBlitFramebuffer(
+                *(0, 0, size, size), *(0, bottom, size, top), gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST
+            )
+
+    def read(self, count: int, buffers: _Buffers) -> NDArray[np.uint8]:
+        """The first images of the sheet, uint8 [count, IMAGE_SIZE, IMAGE_SIZE, 3]."""
+        gl, size = self.gl, buffers.size
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, buffers.sheet)
+        pixels = gl.glReadPixels(0, 0, size, size * count, gl.GL_RGB, gl.GL_UNSIGNED_BYTE)
+        # OpenGL counts rows from below.
+        return np.frombuffer(pixels, np.uint8).reshape(count, size, size, 3)[:, ::-1]
+
+
+@functools.cache
+def _context() -> _Context:
+    # Not a default that the environment may change: OSMesa draws other images.
+    os.environ["PYOPENGL_PLATFORM"] = "egl"
+    viewer = types.ModuleType("pyrender.viewer")
+    viewer.Viewer = None  # type: ignore[attr-defined]
+    sys.modules.setdefault(viewer.__name__, viewer)
+    try:
+        from OpenGL import GL
+        from OpenGL.GL import shaders
+        from pyrender.platforms.egl import EGLPlatform, get_device_by_index
+
+        device = get_device_by_index(int(os.environ.get("EGL_DEVICE_ID", "0")))
+        platform = EGLPlatform(IMAGE_SIZE, IMAGE_SIZE, device)
+        platform.init_context()  # and makes it current
+        context = _set_up(GL, shaders, platform)
+    except ModuleNotFoundError as error:
+        package = str(error.name).partition(".")[0]
+        raise MissingDependency(
+            f"rendering needs the package {package}: run 'bench doctor --install'"
+        ) from error
+    except Exception as error:  # PyOpenGL reports a missing library in many ways
+        raise MissingDependency(f"no OpenGL context ({error}): {REMEDY}") from error
+    # While Python can still import: what PyOpenGL does after that ends in complaints on stderr.
+    atexit.register(platform.delete_context)
+    return context
+
+
+def _set_up(gl: Any, shaders: Any, platform: Any) -> _Context:
+    """All state of the context that is the same for any mesh, view and size."""
+    gl.glEnable(gl.GL_DEPTH_TEST)
+    gl.glClearColor(1.0, 1.0, 1.0, 1.0)
+
+    gl.glBindVertexArray(gl.glGenVertexArrays(1))
+    gl.glBindBuffer(gl.GL_ELEMENT_ARRAY_BUFFER, gl.glGenBuffers(1))
+    gl.glBindBuffer(gl.GL_ARRAY_BUFFER, gl.glGenBuffers(1))
+    for attribute in (POSITION, COLOUR):
+        start = ctypes.c_void_p(12 * attribute)
+        gl.glVertexAttribPointer(attribute, 3, gl.GL_FLOAT, gl.GL_FALSE, 24, start)
+        gl.glEnableVertexAttribArray(attribute)
+
+    program = shaders.compileProgram(
+        shaders.compileShader((SHADERS / "mesh.vert").read_text(), gl.GL_VERTEX_SHADER),
+        shaders.compileShader((SHADERS / "mesh.frag").read_text(), gl.GL_FRAGMENT_SHADER),
+    )
+    gl.glUseProgram(program)
+    projection = gl.glGetUniformLocation(program, "camera_to_clip")
+    gl.glUniformMatrix4fv(projection, 1, gl.GL_TRUE, _projection().astype(np.float32))
+
+    view_matrix = gl.glGetUniformLocation(program, "world_to_camera")
+    return _Context(gl, platform, view_matrix, {})
+
+
+def _make_buffers(gl: Any, size: int) -> _Buffers:
+    multisampled = gl.glGenFramebuffers(1)
+    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, multisampled)
+    for attachment, pixel in (
+        (gl.GL_COLOR_ATTACHMENT0, gl.GL_RGBA8),
+        (gl.GL_DEPTH_ATTACHMENT, gl.GL_DEPTH_COMPONENT24),
+    ):
+        _attach(gl, attachment)
+        gl.glRenderbufferStorageMultisample(gl.GL_RENDERBUFFER, SAMPLES, pixel, size, size)
+    sheet = gl.glGenFramebuffers(1)
+    gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, sheet)
+    _attach(gl, gl.GL_COLOR_ATTACHMENT0)
+    gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, gl.GL_RGBA8, size, size * SHEET_VIEWS)
+    return _Buffers(size, multisampled, sheet)
+
+
+def _attach(gl: Any, attachment: int) -> None:
+    """A new render buffer to the bound frame buffer; it stays bound, for its storage."""
+    buffer = gl.glGenRenderbuffers(1)
+    gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
+    gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, attachment, gl.GL_RENDERBUFFER, buffer)

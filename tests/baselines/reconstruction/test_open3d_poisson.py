@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import math
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from baselines.reconstruction.open3d_poisson import Open3dPoisson
+from bench.catalogue.methods import find_method
+from data_prep.clouds.sampling import face_areas
+from data_prep.failures import MissingDependency, StageFailure
+from data_prep.scene import PointCloud
+from tests.baselines.clouds import RADIUS, chair_cloud, lattice_sphere
+
+needs_open3d = pytest.mark.skipif(
+    find_spec("open3d") is None, reason="Open3D is not installed (extra [open3d])"
+)
+
+
+def test_without_open3d_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(MissingDependency, match=r"pip install 'pc2pix-bench\[open3d\]'"):
+        Open3dPoisson().prepare(PointCloud(lattice_sphere()))
+
+
+@pytest.mark.skipif(find_spec("open3d") is not None, reason="Open3D is installed")
+def test_a_run_without_open3d_is_refused_before_any_work() -> None:
+    with pytest.raises(MissingDependency, match=r"^Open3D is not installed: .*\[open3d\]"):
+        find_method("open3d-poisson@depth=6").identity()
+
+
+@needs_open3d
+def test_a_sphere() -> None:
+    cloud = PointCloud(lattice_sphere())
+    state = Open3dPoisson(depth=6).prepare(cloud)
+    # As of baselines.reconstruction.poisson; up to a twentieth of the vertices is trimmed, with their faces.
+    error = np.linalg.norm(state.mesh.vertices.astype(np.float64), axis=1) - RADIUS
+    assert np.abs(error).max() < 0.02
+    area = face_areas(state.mesh).sum() / (4 * math.pi * RADIUS**2)
+    assert 0.85 < area < 1.0
+    assert state.notes[0].startswith("outliers: ")
+    again = Open3dPoisson(depth=6).prepare(cloud)
+    assert state.mesh.vertices.tobytes() == again.mesh.vertices.tobytes()
+    assert state.mesh.faces.tobytes() == again.mesh.faces.tobytes()
+
+
+@needs_open3d
+def test_outliers_are_removed() -> None:
+    points = np.append(lattice_sphere(), [[3, 0, 0], [0, 3, 0]], axis=0)
+    state = Open3dPoisson(depth=6).prepare(PointCloud(points))
+    assert state.notes[0] == "outliers: 2 of 2050 points removed"
+
+
+@needs_open3d
+@pytest.mark.parametrize(
+    ("points", "stage"),
+    [
+        (np.zeros((50, 3)), "input"),
+        (np.linspace(-1, 1, 500)[:, None] * [1, 0, 0], "normals"),
+        ([*lattice_sphere(100), [np.nan, 0, 0]], "input"),
+    ],
+)
+def test_degenerate_clouds_fail_by_name(points, stage: str) -> None:
+    with pytest.raises(StageFailure) as failure:
+        Open3dPoisson().prepare(PointCloud(points))
+    assert failure.value.stage == stage
+
+
+@needs_open3d
+def test_a_chair() -> None:
+    assert len(Open3dPoisson().prepare(chair_cloud()).mesh.faces) > 1000

@@ -1,0 +1,295 @@
+from __future__ import annotations
+
+import io
+import os
+import warnings
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import plyfile
+import pytest
+
+from data_prep.failures import BadInput, CannotWrite
+from data_prep.files import clouds as cloud_files
+from data_prep.files.clouds import load_points, read_cloud, save_ply
+
+# Exact in binary and in text; nothing is ever rounded on the way in.
+POINTS = np.array([[0.5, -1.25, 3.0], [1e30, -1e-30, 0.0], [7.0, 8.0, 9.0], [0.1, 0.2, 0.3]])
+
+
+def ply(kind: str, properties: str, body: bytes, count: int = 4, before: str = "") -> bytes:
+    head = f"ply\nformat {kind} 1.0\ncomment end_header of a scan\n{before}"
+    head += f"element vertex {count}\n"
+    head += "".join(f"property {p}\n" for p in properties.split(","))
+    return (head + "end_header\n").encode() + body
+
+
+def rows(points: np.ndarray = POINTS) -> bytes:
+    return "".join(" ".join(map(repr, row)) + "\n" for row in points.tolist()).encode()
+
+
+def npy(array: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def load(tmp_path: Path, name: str, content: bytes) -> np.ndarray:
+    path = tmp_path / name
+    path.write_bytes(content)
+    return load_points(path)
+
+
+XYZ = "double x,double y,double z"
+WHOLE = {
+    "ascii.ply": ply("ascii", XYZ, rows()),
+    "blank-lines.ply": ply("ascii", XYZ, b"\n" + rows().replace(b"\n", b"\r\n\n")),
+    "little.ply": ply("binary_little_endian", XYZ, POINTS.astype("<f8").tobytes()),
+    "big.ply": ply("binary_big_endian", XYZ, POINTS.astype(">f8").tobytes()),
+    "dos.ply": ply("binary_little_endian", XYZ, b"").replace(b"\n", b"\r\n")
+    + POINTS.astype("<f8").tobytes(),
+    "more-follows.ply": ply("ascii", XYZ, rows() + b"3 0 1 2\n"),
+    "a.npy": npy(POINTS),
+    "big.npy": npy(POINTS.astype(">f8")),
+    "columns.npy": npy(np.asfortranarray(POINTS)),
+    "a.xyz": rows(),
+    "a.TXT": b"# x y z\n\n" + rows().replace(b"\n", b"  # note\n"),
+    "tabs.txt": rows().replace(b" ", b"\t"),
+    "a.csv": rows().replace(b" ", b", "),
+    "mark.csv": b"\xef\xbb\xbf" + rows().replace(b" ", b","),
+    "colours.xyz": rows().replace(b"\n", b" 255 0 0\n"),
+    "no-end-of-line.xyz": rows()[:-1],
+    "header.csv": b"x,y,z\n" + rows().replace(b" ", b","),
+    "header.xyz": b"# of a scan\n\n//X Y Z R G B\n" + rows().replace(b"\n", b" 255 0 0\n"),
+    "turned.csv": b'"Id","Z","X","Y"\r\n'
+    + b"".join(b"7,%r,%r,%r\r\n" % (z, x, y) for x, y, z in POINTS.tolist()),
+    "names.csv": rows().replace(b" ", b",").replace(b"\n", b",chair leg\n"),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_the_same_points_from_every_format(tmp_path: Path, name: str) -> None:
+    points = load(tmp_path, name, WHOLE[name])
+    assert points.dtype == np.float64
+    np.testing.assert_array_equal(points, POINTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "unused", "lines"),
+    [
+        ("a.ply", WHOLE["ascii.ply"], (), [9, 10, 11, 12]),
+        ("b.ply", WHOLE["little.ply"], (), None),
+        ("a.npy", WHOLE["a.npy"], (), None),
+        ("a.csv", WHOLE["a.csv"], (), [1, 2, 3, 4]),
+        ("b.csv", WHOLE["header.csv"], (), [2, 3, 4, 5]),
+        ("a.xyz", WHOLE["header.xyz"], ("3 of its 6 columns",), [4, 5, 6, 7]),
+        ("b.xyz", WHOLE["colours.xyz"], ("3 of its 6 columns",), [1, 2, 3, 4]),
+        (
+            "c.ply",
+            ply("ascii", f"{XYZ},uchar red,uchar green,uchar blue", b"1 2 3 9 9 9\n", 1),
+            ("its colours",),
+            [12],
+        ),
+        (
+            "d.ply",
+            ply(
+                "ascii", f"{XYZ}\nelement face 1\nproperty list uchar int v", rows() + b"3 0 1 2\n"
+            ),
+            ("its 1 faces",),
+            [11, 12, 13, 14],
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_what_is_passed_over_and_the_line_of_each_point(
+    tmp_path: Path, name: str, content: bytes, unused: tuple[str, ...], lines: list[int] | None
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    contents = read_cloud(tmp_path / name)
+    assert contents.unused == unused
+    assert (None if contents.lines is None else list(contents.lines)) == lines
+
+
+@pytest.mark.parametrize("text", [False, True])
+@pytest.mark.parametrize("order", "<>")
+def test_what_plyfile_writes(tmp_path: Path, text: bool, order: str) -> None:
+    # Other properties around and between x, y and z, in another order, and elements around.
+    table = np.zeros(5, [("a", "u1"), ("z", "f4"), ("x", "i2"), ("nx", "f8"), ("y", "f8")])
+    rng = np.random.default_rng(0)
+    table["z"], table["x"], table["y"] = rng.normal(size=5), range(5), rng.normal(size=5)
+    camera = np.array([(1.0, 2), (3.0, 4)], [("focal", "f8"), ("id", "u1")])
+    faces = np.array([([0, 1, 2],), ([0, 1, 2, 3],)], [("vertex_indices", object)])
+    elements = [
+        plyfile.PlyElement.describe(camera, "camera"),
+        plyfile.PlyElement.describe(table, "vertex"),
+        plyfile.PlyElement.describe(faces, "face", {"vertex_indices": "u1"}),
+    ]
+    file = io.BytesIO()
+    plyfile.PlyData(elements, text=text, byte_order=order).write(file)
+    expected = np.stack([table[axis].astype(float) for axis in "xyz"], axis=1)
+    np.testing.assert_array_equal(load(tmp_path, "a.ply", file.getvalue()), expected)
+
+
+def test_nothing_and_what_is_not_finite_are_kept_and_numbers_of_other_types(tmp_path: Path) -> None:
+    wild = np.array([[np.nan, np.inf, -np.inf], [1e308, -0.0, 5e-324]])
+    for points in (wild, wild[:0]):
+        for name, content in (
+            ("a.ply", ply("ascii", XYZ, rows(points), len(points))),
+            ("a.npy", npy(points)),
+            ("a.xyz", b"# nothing\n" + rows(points)),
+        ):
+            np.testing.assert_array_equal(load(tmp_path, name, content), points)
+    values = np.arange(12).reshape(4, 3)
+    for kind in ("f2", "u1", "i8"):
+        np.testing.assert_array_equal(load(tmp_path, "a.npy", npy(values.astype(kind))), values)
+
+
+LITTLE = "binary_little_endian"
+LIST = "element face 1\nproperty list uchar int v\n"
+BROKEN = {
+    "empty.ply": (b"", "no PLY header"),
+    "endless.ply": (b"ply\n" + b"comment x\n" * 9000 + b"end_header\n", "no PLY header"),
+    "no-format.ply": (b"ply\nelement vertex 0\nend_header\n", "no format"),
+    "format.ply": (ply("ascii", XYZ, b"", 0).replace(b"1.0", b"2.0"), "'format ascii 2.0'"),
+    "no-vertex.ply": (b"ply\nformat ascii 1.0\nelement face 0\nend_header\n", "but 'face'"),
+    "flat.ply": (ply("ascii", "float x,float y", b"1 2\n", 1), "0 properties z"),
+    "twice.ply": (ply("ascii", "float x,float y,float z,int x", b"", 0), "2 properties x"),
+    "kind.ply": (ply("ascii", "quad x,float y,float z", b"", 0), "'property quad x'"),
+    "list.ply": (ply("ascii", "list uchar int x,float y,float z", b"", 0), "a list among"),
+    "lists-first.ply": (ply(LITTLE, XYZ, bytes(120), 1, LIST), "lists .'face'. before"),
+    "cut.ply": (ply(LITTLE, XYZ, bytes(95), 4), "4 vertices of 24 bytes .* and 95 bytes"),
+    "cut-ascii.ply": (ply("ascii", XYZ, rows(), 5), "5 vertices in the header, 4 in the file"),
+    "huge.ply": (ply(LITTLE, XYZ, bytes(96), 10**12 - 1), "999999999999 vertices"),
+    "huger.ply": (ply("ascii", XYZ, rows(), 10**19), "'element vertex 1000.*write the file again"),
+    "negative.ply": (ply("ascii", XYZ, rows(), -1), "'element vertex -1'"),
+    "huge-before.ply": (
+        ply(LITTLE, XYZ, bytes(96), 4, "element a 999999999999\nproperty char b\n"),
+        "and 0 bytes for them",
+    ),
+    "huge-before-ascii.ply": (
+        ply("ascii", XYZ, rows(), 4, "element a 999999999999\nproperty char b\n"),
+        "0 in the file",
+    ),
+    "word.ply": (ply("ascii", XYZ, b"1 2 x\n", 1), "line 1 after the header: 'x' is not a"),
+    "short.ply": (ply("ascii", XYZ, b"\n1 2\n", 1), "line 2 after the header has 2 columns"),
+    "empty.npy": (b"", "not a readable NPY"),
+    "magic.npy": (b"\x93NUMPY\x07\x07" + bytes(90), "not a readable NPY"),
+    "four.npy": (npy(np.zeros((5, 4))), r"float64' of shape '\(5, 4\)'; save real numbers"),
+    "line.npy": (npy(np.zeros(3)), r"of shape '\(3,\)'"),
+    "complex.npy": (npy(np.zeros((5, 3), complex)), "'complex128'"),
+    "truth.npy": (npy(np.zeros((5, 3), bool)), "'bool'"),
+    "objects.npy": (npy(np.array([[{}, 1, 2]], object)), "'object'"),
+    "cut.npy": (npy(POINTS)[:-1], "claims 4 points, 96 bytes, and 95 follow"),
+    "more.npy": (npy(POINTS) + b"x", "claims 4 points, 96 bytes, and 97 follow"),
+    "huge.npy": (npy(POINTS).replace(b"(4, 3), }", b"(9999999999999999999999, 3), }"), "claims"),
+    "negative.npy": (npy(POINTS).replace(b"(4, 3), }", b"(-4, 3), }"), r"shape '\(-4, 3\)'"),
+    "deep.npy": (npy(POINTS).replace(b"(4, 3), }", b"(" * 60), "not a readable NPY"),
+    "words.xyz": (b"id a b\n1 2 3\n", "line 1: 'id' is not a number; start comment lines with #"),
+    "two-headers.csv": (b"x,y,z\nx,y,z\n1,2,3\n", "line 2: 'x' is not a number"),
+    "late-header.csv": (b"1,2,3\nx,y,z\n", "line 2: 'x' is not a number"),
+    "two.xyz": (b"1 2 3\n1 2\n", "line 2 has 2 columns"),
+    "gap.csv": (b"1,,2,3\n", "line 1: '' is not a number"),
+    "python.xyz": (b"1_0 2 3\n", "'1_0' is not a number"),
+    "semicolons.csv": (b"1;2;3\n", "line 1 has 1 columns"),
+    "wide.xyz": ("1 2 3\n".encode("utf-16"), "is not a number"),
+    "long.xyz": (b"1 2 3\n1 2 " + b"3" * 70000, "line 2 is longer than 65536 bytes"),
+    "cloud.obj": (
+        b"v 1 2 3\n",
+        r"\.obj is not supported as a point cloud; use one of \.ply, \.npy, \.xyz, \.txt, \.csv",
+    ),
+    "cloud": (b"1 2 3\n", "a name without a suffix is not supported as a point cloud; use one of"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_one_line_names_the_file_and_the_problem(tmp_path: Path, name: str) -> None:
+    content, problem = BROKEN[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(BadInput, match=problem) as failure:
+            load(tmp_path, name, content)
+    message = str(failure.value)
+    assert message.startswith(f"{tmp_path / name}: ")
+    assert "\n" not in message
+    assert len(message) < len(str(tmp_path)) + 250
+
+
+@pytest.mark.parametrize("name", ["little.ply", "dos.ply", "a.npy", "ascii.ply", "a.csv"])
+def test_a_cut_file_is_refused_but_for_a_text_that_lacks_its_end(tmp_path: Path, name: str) -> None:
+    text = name in ("ascii.ply", "a.csv")
+    for length in range(0, len(WHOLE[name]), 7):
+        with suppress(BadInput):
+            points = load(tmp_path, name, WHOLE[name][:length])
+            assert text
+            assert len(points) == len(POINTS) or name == "a.csv"  # which does not count them
+            done = max(0, len(points) - 1)  # the cut may go through the last number
+            np.testing.assert_array_equal(points[:done], POINTS[:done])
+
+
+@pytest.mark.parametrize("name", ["huge.ply", "huge.npy", "huge-before.ply"])
+def test_a_header_costs_no_memory(tmp_path: Path, monkeypatch, name: str) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("memory was taken")
+
+    for function in ("empty", "zeros", "frombuffer", "fromfile"):
+        monkeypatch.setattr(np, function, refuse)
+    with pytest.raises(BadInput):
+        load(tmp_path, name, BROKEN[name][0])
+
+
+def test_large_files_are_refused_unread_and_large_texts_sooner(tmp_path: Path, monkeypatch) -> None:
+    with (tmp_path / "a.xyz").open("wb") as file:
+        file.truncate(cloud_files.MOST_BYTES + 1)  # sparse
+    with pytest.raises(BadInput, match="268435457 bytes, and at most 268435456 are read"):
+        load_points(tmp_path / "a.xyz")
+    for name in ("a.xyz", "ascii.ply"):
+        monkeypatch.setattr(cloud_files, "MOST_TEXT_BYTES", len(rows()))
+        load(tmp_path, name, WHOLE[name])
+        monkeypatch.setattr(cloud_files, "MOST_TEXT_BYTES", len(rows()) - 1)
+        with pytest.raises(BadInput, match=r"bytes of text, at most \d+ are read; use NPY"):
+            load(tmp_path, name, WHOLE[name])
+
+
+def test_bits_survive_writing_whatever_the_layout_in_memory(tmp_path: Path) -> None:
+    # All kinds of float32: zeros, subnormals, infinities, NaNs of every sign and payload.
+    bits = [0, 0x80000000, 1, 0x007FFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F800001]
+    bits += [0xFFC12345, 0x3F800000, 0xBF800000, 0x7F7FFFFF]
+    points = np.array(bits, np.uint32).view(np.float32).reshape(-1, 3)
+    path = tmp_path / "new" / "a.ply"
+    save_ply(points, path)
+    assert path.read_bytes().endswith(b"end_header\n" + np.array(bits, "<u4").tobytes())
+    there = plyfile.PlyData.read(path, mmap=False)["vertex"]
+    for column, axis in enumerate("xyz"):
+        assert there[axis].dtype == np.dtype("<f4")
+        np.testing.assert_array_equal(
+            there[axis].view(np.uint32), points[:, column].copy().view(np.uint32)
+        )
+    np.testing.assert_array_equal(load_points(path), points)
+    assert [p.name for p in path.parent.iterdir()] == ["a.ply"]
+    for kind in ("<f4", ">f4"):
+        points = np.asfortranarray(POINTS.astype(kind))[::-1]
+        save_ply(points, path)
+        np.testing.assert_array_equal(load_points(path), points)
+    save_ply(points[:0], path)
+    assert load_points(path).shape == (0, 3)
+
+
+@pytest.mark.parametrize("points", [POINTS, POINTS.astype("f4")[:, :2], np.zeros(3, "f4")])
+def test_only_float32_of_three_columns(tmp_path: Path, points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"expected float32 \[N, 3\]"):
+        save_ply(points, tmp_path / "a.ply")
+    assert not (tmp_path / "a.ply").exists()
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch) -> None:
+    """How: test_whole_files. Here: that it is written so, and what the message says."""
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "a.ply").write_bytes(b"old")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(CannotWrite, match=r"a\.ply: cannot be written \(No space left"):
+        save_ply(POINTS.astype("f4"), tmp_path / "a.ply")
+    assert [p.read_bytes() for p in tmp_path.iterdir()] == [b"old"]

@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import builtins
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_prep.failures import BadInput, MissingDependency
+from data_prep.files import scans as scan_files
+from data_prep.files.clouds import COLOURS, load_points, read_cloud
+
+laspy = pytest.importorskip("laspy", reason="the extra 'clouds' is not installed")
+pye57 = pytest.importorskip("pye57", reason="the extra 'clouds' is not installed")
+pypcd4 = pytest.importorskip("pypcd4", reason="the extra 'clouds' is not installed")
+
+POINTS = np.random.default_rng(0).integers(-4000, 4000, (1000, 3)) / 8.0  # exact in every format
+
+
+def write_las(path: Path, points: np.ndarray = POINTS) -> None:
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales = np.array([0.125] * 3)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.T
+    las.write(str(path))
+
+
+def write_e57(path: Path, *scans: np.ndarray, **pose) -> None:
+    file = pye57.E57(str(path), mode="w")
+    for points in scans:
+        axes = zip(("cartesianX", "cartesianY", "cartesianZ"), points.T, strict=True)
+        file.write_scan_raw({name: np.ascontiguousarray(v) for name, v in axes}, **pose)
+    file.close()
+
+
+def write_pcd(path: Path, points: np.ndarray = POINTS, encoding: str = "BINARY") -> None:
+    from pypcd4 import Encoding
+
+    cloud = pypcd4.PointCloud.from_xyz_points(points.astype(np.float32))
+    cloud.save(path, Encoding[encoding])
+
+
+def test_las_and_large_ones_thinned_out(tmp_path: Path, monkeypatch) -> None:
+    for name in ("a.las", "a.laz", "a.LAS"):
+        write_las(tmp_path / name)
+        found = load_points(tmp_path / name)
+        assert found.dtype == np.float64
+        assert np.array_equal(found, POINTS)
+    for most, piece, step in ((1, 64, 1000), (333, 63, 4), (999, 64, 2), (100, 1000, 10)):
+        monkeypatch.setattr(scan_files, "MOST_POINTS", most)
+        monkeypatch.setattr(scan_files, "PIECE", piece)
+        assert np.array_equal(load_points(tmp_path / "a.las"), POINTS[::step])
+
+
+def test_e57(tmp_path: Path, monkeypatch) -> None:
+    write_e57(tmp_path / "a.e57", POINTS[:600], POINTS[600:])
+    assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS)
+    monkeypatch.setattr(scan_files, "MOST_POINTS", 500)
+    assert np.array_equal(load_points(tmp_path / "a.e57"), POINTS[::2])
+
+
+def test_scans_of_an_e57_stand_where_their_pose_puts_them(tmp_path: Path) -> None:
+    quarter = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # about z: x becomes y
+    write_e57(tmp_path / "a.e57", POINTS, rotation=quarter, translation=np.array([10.0, 0, 0]))
+    x, y, z = POINTS.T
+    expected = np.stack([10 - y, x, z], axis=1)
+    # The quaternion's sine and cosine are off by a rounding error each, of coordinates below 500.
+    np.testing.assert_allclose(load_points(tmp_path / "a.e57"), expected, atol=500 * 2.0**-50)
+
+
+def test_pcd_and_places_without_a_return(tmp_path: Path, monkeypatch) -> None:
+    for encoding in ("ASCII", "BINARY", "BINARY_COMPRESSED"):
+        write_pcd(tmp_path / "a.pcd", encoding=encoding)
+        assert np.array_equal(load_points(tmp_path / "a.pcd"), POINTS)
+    points = POINTS.copy()
+    points[::2] = np.nan
+    points[1, 0] = np.nan
+    write_pcd(tmp_path / "a.pcd", points)
+    found = load_points(tmp_path / "a.pcd")
+    assert np.array_equal(found, points[1::2], equal_nan=True)
+    monkeypatch.setattr(scan_files, "MOST_POINTS", 250)
+    assert np.array_equal(load_points(tmp_path / "a.pcd"), points[1::4], equal_nan=True)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz", ".e57", ".pcd"])
+@pytest.mark.parametrize("content", [b"nonsense", b"LASF" + b"\xff" * 400])
+def test_files_that_cannot_be_read(tmp_path: Path, suffix: str, content: bytes) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(BadInput, match=rf"a\{suffix}: not a readable {suffix[1:].upper()} file"):
+        load_points(path)
+    with pytest.raises(BadInput, match="no such file"):
+        load_points(tmp_path / f"gone{suffix}")
+
+
+def test_files_cut_short_and_claims_are_not_believed(tmp_path: Path, monkeypatch) -> None:
+    write_las(tmp_path / "a.las")
+    write_pcd(tmp_path / "a.pcd")
+    write_e57(tmp_path / "a.e57", POINTS)
+    monkeypatch.setattr(scan_files, "MOST_CLAIMED", 999)
+    for name in ("a.pcd", "a.e57"):
+        with pytest.raises(BadInput, match="1000 points, at most 999 are read; thin it out"):
+            load_points(tmp_path / name)
+    monkeypatch.undo()
+    for path in tmp_path.iterdir():
+        path.write_bytes(path.read_bytes()[:-3000])
+        with pytest.raises(BadInput, match=path.name.replace(".", r"\.")):
+            load_points(path)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "package"), [(".laz", "laspy"), (".e57", "pye57"), (".pcd", "pypcd4")]
+)
+def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch, suffix: str, package: str) -> None:
+    (tmp_path / f"a{suffix}").touch()
+    real = builtins.__import__
+
+    def without(name: str, *args, **kwargs):
+        if name.split(".")[0] == package:
+            raise ModuleNotFoundError(f"No module named '{package}'", name=package)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(
+        MissingDependency, match=rf"needs {package}; .*pip install 'pc2pix-bench\[clouds\]'"
+    ):
+        load_points(tmp_path / f"a{suffix}")
+
+
+def test_pts(tmp_path: Path) -> None:
+    path = tmp_path / "a.pts"
+    path.write_text("2\n1 2 3 -700 10 20 30\n4 5 6 0 1 2 3\r\n1\r\n7.5 8 9 0 0 0 0\n")
+    assert load_points(path).tolist() == [[1, 2, 3], [4, 5, 6], [7.5, 8, 9]]
+    path.write_text("0.1 0.2 0.3\n0.4 0.5 0.6\n")  # without a count, as others write it
+    assert load_points(path).tolist() == [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]
+    path.write_text("2\n1 2\n")
+    with pytest.raises(BadInput, match="line 2 has 2 columns"):
+        load_points(path)
+
+
+def test_colours_are_seen_but_not_read(tmp_path: Path) -> None:
+    write_las(tmp_path / "a.las")
+    assert read_cloud(tmp_path / "a.las").unused == (COLOURS,)  # point format 3 has them
+    for write, name in ((write_e57, "a.e57"), (write_pcd, "a.pcd")):
+        write(tmp_path / name, POINTS)
+        assert read_cloud(tmp_path / name).unused == ()
+    colours = np.zeros(len(POINTS), np.float32)
+    pypcd4.PointCloud.from_xyzrgb_points(
+        np.column_stack([POINTS.astype(np.float32), colours])
+    ).save(tmp_path / "b.pcd")
+    file = pye57.E57(str(tmp_path / "b.e57"), mode="w")
+    axes = ("cartesianX", "cartesianY", "cartesianZ")
+    scan = {name: np.ascontiguousarray(v) for name, v in zip(axes, POINTS.T, strict=True)}
+    channels = ("colorRed", "colorGreen", "colorBlue")
+    file.write_scan_raw(scan | {name: np.zeros(len(POINTS), np.uint8) for name in channels})
+    file.close()
+    for name in ("b.pcd", "b.e57"):
+        contents = read_cloud(tmp_path / name)
+        assert contents.unused == (COLOURS,)
+        assert np.array_equal(contents.points, POINTS)
