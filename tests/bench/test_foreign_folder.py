@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 
@@ -12,6 +13,10 @@ from bench.catalogue.suites import Limits
 from bench.running.environment import environment
 from bench.running.isolation import run_tasks
 
+RUN = (
+    *("run", "--suite", "chair-robustness", "--limit", "1", "--methods", "splat,blank"),
+    *("--conditions", "2048", "--views", "2", "--workers", "1", "--out", "run"),
+)
 MODULES = ("random", "struct", "bench", "numpy")
 
 
@@ -46,11 +51,13 @@ def test_processes_of_the_project_run_no_module_of_it(folder, monkeypatch):
         (("doctor",), "ok   rendering: "),
         (("test", "splat"), "ok   processes and threads: "),
         (
-            (
-                *("run", "--suite", "chair-robustness", "--limit", "1", "--methods", "splat,blank"),
-                *("--conditions", "2048", "--views", "2", "--out", "run"),
-            ),
+            RUN,
             "2 items done, 0 from before, 0 failed",
+        ),
+        pytest.param(
+            (*RUN, "--ray", "local"),
+            "2 items done, 0 from before, 0 failed",
+            marks=[pytest.mark.ray, pytest.mark.skipif(not find_spec("ray"), reason="needs [ray]")],
         ),
     ],
 )
