@@ -21,7 +21,7 @@ NEW_NAMES = {
     "untrusted": "files.safe_read",
     "whole_files": "files.atomic_write",
     "fingerprints": "files.checksums",
-    "orientations": "files.orientations",
+    "orientations": "clouds.orientations",
     "render": "rendering.opengl",
     "rays": "rendering.raycast",
     "draw_mesh": "rendering.mesh",

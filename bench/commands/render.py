@@ -28,9 +28,9 @@ from bench.rendering.files import MOVING, moves, write_images
 from bench.rendering.sheet import Tile, columns_of, draw_sheet
 from bench.running.environment import cores
 from bench.tables.markdown import visible
+from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
 from data_prep.files.clouds import check_cloud_name
-from data_prep.files.orientations import upright
 from data_prep.progress import progress
 from data_prep.scene import UInt8Images, View
 

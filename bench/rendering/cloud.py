@@ -16,9 +16,9 @@ from bench.catalogue.suites import Limits
 from bench.running.isolation import Lost, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.normalise import normalise_points
+from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.files.clouds import read_cloud
-from data_prep.files.orientations import upright
 from data_prep.randomness import generator
 from data_prep.rendering.dots import draw_dots
 from data_prep.scene import PointCloud, Renderer, UInt8Images, View
@@ -32,7 +32,7 @@ class CloudFile:
     """A file with points, and how they become a cloud.
 
     as_is         keep their units (in float32), else they are brought to the unit sphere
-    up, front     of the file's axes, see `data_prep.files.orientations.upright`
+    up, front     of the file's axes, see `data_prep.clouds.orientations.upright`
     most          of more points so many are chosen at random, the same each time; None: all are
                   kept
     drop_invalid  leave out points that are not finite; else they are refused, unless as_is

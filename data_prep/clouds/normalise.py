@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from data_prep.clouds.orientations import upright
 from data_prep.failures import BadInput
-from data_prep.files.orientations import upright
 from data_prep.scene import Mesh, PointCloud
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.clouds.conditions import RandomSubset
+from data_prep.clouds.orientations import OURS
 from data_prep.datasets.dataset import Dataset, Found
 from data_prep.datasets.grey import is_unpainted
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
@@ -30,7 +31,6 @@ from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
 from data_prep.files.clouds import load_points
 from data_prep.files.meshes import read_mesh
-from data_prep.files.orientations import OURS
 from data_prep.files.safe_read import MIB, plain_text, read_text, shown
 from data_prep.rendering.images import read_image
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View

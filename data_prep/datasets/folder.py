@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.normalise import normalise_points
+from data_prep.clouds.orientations import OURS
 from data_prep.clouds.sampling import random_views
 from data_prep.datasets.dataset import Dataset, Found
 from data_prep.datasets.objects import SceneObject
@@ -19,7 +20,6 @@ from data_prep.failures import BadInput
 from data_prep.files.checksums import fingerprint_of
 from data_prep.files.clouds import CLOUD_SUFFIXES, MOST_BYTES, load_points
 from data_prep.files.meshes import SUFFIXES
-from data_prep.files.orientations import OURS
 from data_prep.files.safe_read import files_below
 from data_prep.scene import CLOUD_SIZE, Mesh, PointCloud, View
 

@@ -15,11 +15,11 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from data_prep.clouds.orientations import MODELNET
 from data_prep.datasets.dataset import Dataset, Found
 from data_prep.datasets.objects import Split
 from data_prep.datasets.stored_meshes import PlacedMesh
 from data_prep.failures import BadInput
-from data_prep.files.orientations import MODELNET
 from data_prep.files.safe_read import (
     MIB,
     files_in,

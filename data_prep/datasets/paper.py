@@ -34,13 +34,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.clouds.conditions import RandomSubset
+from data_prep.clouds.orientations import PAPER
 from data_prep.datasets.dataset import Dataset, differences, listed
 from data_prep.datasets.objects import SceneObject, Split
 from data_prep.datasets.synsets import class_names
 from data_prep.failures import BadInput
 from data_prep.files.checksums import fingerprint_of
 from data_prep.files.clouds import MOST_BYTES, load_points
-from data_prep.files.orientations import PAPER
 from data_prep.files.safe_read import (
     MIB,
     folders_in,

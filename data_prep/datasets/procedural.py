@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from data_prep.clouds.orientations import OURS
 from data_prep.datasets.dataset import Dataset
 from data_prep.datasets.objects import MeshObject, Split
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
-from data_prep.files.orientations import OURS
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES, NOVEL_CLASSES

@@ -19,12 +19,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from data_prep.clouds.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
 from data_prep.datasets.dataset import Dataset, Found, listed
 from data_prep.datasets.objects import Split
 from data_prep.datasets.stored_meshes import PlacedMesh
 from data_prep.datasets.synsets import class_names
 from data_prep.failures import BadInput
-from data_prep.files.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
 from data_prep.files.safe_read import (
     MIB,
     folders_in,

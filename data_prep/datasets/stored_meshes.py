@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from data_prep.clouds.orientations import Orientation
 from data_prep.datasets.objects import MeshObject
 from data_prep.files.checksums import fingerprint_of
 from data_prep.files.meshes import LOADER_VERSION, MOST_BYTES, SUFFIXES, load_mesh
-from data_prep.files.orientations import Orientation
 from data_prep.files.safe_read import is_regular_file
 from data_prep.scene import Mesh
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_prep.clouds.normalise import normalise
+from data_prep.clouds.orientations import OURS, Orientation
 from data_prep.clouds.sampling import face_areas
 from data_prep.failures import BadInput, NoFaces
-from data_prep.files.orientations import OURS, Orientation
 from data_prep.files.safe_read import open_file, reason_of
 from data_prep.scene import NEUTRAL_GREY, Mesh
 

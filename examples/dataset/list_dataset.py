@@ -3,10 +3,10 @@
 import csv
 from pathlib import Path
 
+from data_prep.clouds.orientations import Orientation
 from data_prep.datasets.dataset import DatasetReader, Found
 from data_prep.datasets.stored_meshes import PlacedMesh
 from data_prep.failures import BadInput
-from data_prep.files.orientations import Orientation
 from data_prep.files.safe_read import MIB, read_text
 
 LIST = "objects.csv"

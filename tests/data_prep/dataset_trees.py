@@ -12,11 +12,11 @@ import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
+from data_prep.clouds.orientations import OURS, PAPER, Orientation
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.paper import CLOUDS, RADIUS, RENDERS, VIEWS, image_name
 from data_prep.datasets.synsets import SYNSETS
 from data_prep.files.clouds import save_ply
-from data_prep.files.orientations import OURS, PAPER, Orientation
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, View
 

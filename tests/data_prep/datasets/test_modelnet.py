@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from data_prep.clouds.orientations import MODELNET, OURS
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
-from data_prep.files.orientations import MODELNET, OURS
 from tests.data_prep.dataset_trees import write_off
 
 

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 import data_prep
+from data_prep.clouds.orientations import PAPER
 from data_prep.datasets import procedural as dataset_procedural
 from data_prep.datasets import registry as datasets
 from data_prep.datasets.registry import (
@@ -24,7 +25,6 @@ from data_prep.datasets.registry import (
 )
 from data_prep.failures import BadInput
 from data_prep.files.meshes import LOADER_VERSION
-from data_prep.files.orientations import PAPER
 from data_prep.randomness import generator
 from data_prep.scene import Mesh
 from data_prep.shapes.catalogue import CLASSES, FAMILIES, NOVEL_CLASSES, NOVEL_FAMILIES

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from data_prep.clouds.orientations import OURS, SHAPENET_V1, SHAPENET_V2
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
-from data_prep.files.orientations import OURS, SHAPENET_V1, SHAPENET_V2
 from data_prep.rendering.opengl import render
 from data_prep.scene import View
 from tests.data_prep.dataset_trees import shape, write_obj, write_ply

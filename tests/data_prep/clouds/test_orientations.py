@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.failures import BadInput
-from data_prep.files.orientations import (
+from data_prep.clouds.orientations import (
     AXES,
     MODELNET,
     OURS,
@@ -14,6 +13,7 @@ from data_prep.files.orientations import (
     Orientation,
     upright,
 )
+from data_prep.failures import BadInput
 from tests.data_prep.dataset_trees import from_ours
 
 ALL = [OURS, SHAPENET_V1, SHAPENET_V2, MODELNET, PAPER]
