@@ -1,1 +1,1 @@
-"""Renderers without pc2pix: surface reconstruction and other methods, floor and ceiling."""
+"""Renderers that pc2pix is compared with: surface reconstruction, splats, ceiling and floor."""

@@ -1,8 +1,8 @@
 """The best constant image: one image for every cloud and view, with the highest mean SSIM.
 
-A second floor, higher than white: whoever draws images that score below it does not show by his
-score that he has looked at the cloud. The image is fitted to the training set by `bench train
-constant` and kept as `constant.png`.
+It is a second floor, higher than white: a method that scores below it has not shown that it looked
+at the cloud. The image is fitted to the training set by `bench train constant` and kept as
+`constant.png`.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ CONSTANT_IMAGE = Path(__file__).with_name("constant.png")
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """Draws `image`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], whatever the cloud."""
+    """A method that draws `image`, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3], for any cloud."""
 
     image: NDArray[np.uint8]
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> None:
-        """Nothing to prepare."""
+        """Do nothing: the image does not depend on the cloud."""
         del cloud, rng
 
     def draw(
         self, state: None, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """The same image for each view."""
+        """Return the image once for each view, float32 [V, IMAGE_SIZE, IMAGE_SIZE, 3]."""
         del state, rng
         return np.repeat(to_float(self.image)[None], len(views), axis=0)
 
 
 def read_image(path: Path = CONSTANT_IMAGE) -> NDArray[np.uint8]:
-    """The image of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
+    """Return the image of a PNG file, uint8 [IMAGE_SIZE, IMAGE_SIZE, 3].
 
     Raises BadInput where there is none, or one of another size.
     """

@@ -1,4 +1,4 @@
-"""The ceiling and the floor: ordinary methods that show both ends of every metric's scale."""
+"""The ceiling and the floor: methods that show both ends of every metric's scale."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from data_prep.scene import Images, Mesh, PointCloud, View
 
 @dataclass(frozen=True)
 class TrueMesh:
-    """Renders the mesh that the cloud was sampled from: the ground truth, bit for bit.
+    """A method that renders the mesh of the cloud: the ground truth, bit for bit.
 
     painted  whether in its colours, else in neutral grey: what drawing without colour can reach
     """
@@ -24,7 +24,7 @@ class TrueMesh:
     painted: bool = True
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Mesh:
-        """The cloud's source as it is drawn.
+        """Return the cloud's source mesh, in its colours or in grey.
 
         Raises StageFailure("input", ...) for a cloud without one.
         """
@@ -43,15 +43,15 @@ class TrueMesh:
 
 @dataclass(frozen=True)
 class Blank:
-    """White images, whatever the cloud."""
+    """A method that draws white images for any cloud."""
 
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> None:
-        """Nothing to prepare."""
+        """Do nothing: the image does not depend on the cloud."""
         del cloud, rng
 
     def draw(
         self, state: None, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """White images."""
+        """Return a white image for each view."""
         del state, rng
         return to_float(blank(len(views)))

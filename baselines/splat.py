@@ -1,4 +1,4 @@
-"""Points drawn as discs: what a point-cloud viewer shows, without any reconstruction."""
+"""Points drawn as discs, as a point-cloud viewer draws them, without reconstruction."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_RADIUS_PX = 16.0  # a lone point must not paint the image
 
 @dataclass(frozen=True)
 class Discs:
-    """Centres [N, 3] and one radius, both in unit-sphere units."""
+    """Centres [N, 3] of discs and their radius, both in unit-sphere units."""
 
     centres: Points
     radius: float
@@ -28,7 +28,7 @@ class Discs:
 
 @dataclass(frozen=True)
 class Splat:
-    """Depth-buffered discs that face the camera, grey by depth (nearer is lighter).
+    """A renderer by depth-buffered discs, grey by depth: nearer is lighter.
 
     `spread` scales the radius, which is the median distance to the nearest other point: sparser
     clouds get larger discs.

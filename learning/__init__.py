@@ -1,1 +1,1 @@
-"""What any training needs: the loop, checkpoints, logs, several processes, weights as files."""
+"""Mechanisms of all trainings: the loop, checkpoints, logs, several processes, weights as files."""

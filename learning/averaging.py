@@ -1,4 +1,4 @@
-"""Exponential moving averages of networks: they are exported, and they draw the sample sheets."""
+"""Exponential moving averages of networks, which are exported and draw the sample sheets."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ def update(average: nn.Module, current: nn.Module, decay: float, step: int) -> N
 
 @torch.no_grad()
 def take_statistics(current: nn.Module, average: nn.Module) -> None:
-    """Let BatchNorms of `current`, which is in training mode, normalise by the statistics of
-    `average`, and leave these as they are.
+    """Make BatchNorms of `current` normalise by the statistics of `average`.
+
+    `current` is in training mode; the statistics of `average` stay as they are.
 
     A batch whose clouds all have few points normalises itself in training, but not at inference,
     where statistics are of all batches. Trained on to the end like that, splat-net lost .05 of SSIM
@@ -34,6 +35,6 @@ def take_statistics(current: nn.Module, average: nn.Module) -> None:
     averaged = dict(average.named_modules())
     for name, module in current.named_modules():
         if isinstance(module, nn.BatchNorm2d):
-            for own, other in zip(module.buffers(), averaged[name].buffers(), strict=True):
-                own.copy_(other)
+            for buffer, other in zip(module.buffers(), averaged[name].buffers(), strict=True):
+                buffer.copy_(other)
             module.eval()

@@ -35,12 +35,15 @@ def save(
 
 
 def load(path: Path, kind: str) -> tuple[dict[str, Tensor], int, dict[str, Any]]:
-    """State, number of steps done and configuration. Raises BadInput for anything else."""
+    """Return state, number of steps done and configuration.
+
+    Raises BadInput for anything but a checkpoint of `kind`.
+    """
     state, header = read_safetensors(path)
-    found = (header.get("format"), header.get("kind"))
-    if found != (FORMAT, kind):
+    identity = (header.get("format"), header.get("kind"))
+    if identity != (FORMAT, kind):
         raise BadInput(
-            f"{path}: expected a checkpoint ({FORMAT}, {kind}), found {found}; "
+            f"{path}: expected a checkpoint ({FORMAT}, {kind}), found {identity}; "
             "choose another output directory"
         )
     with understanding_header(path, "choose another output directory"):
@@ -51,7 +54,7 @@ def load(path: Path, kind: str) -> tuple[dict[str, Tensor], int, dict[str, Any]]
 
 
 def pack(**parts: nn.Module | torch.optim.Optimizer | torch.Generator) -> dict[str, Tensor]:
-    """All state of the named parts as one flat table of tensors."""
+    """Return all state of the named parts as one flat table of tensors."""
     state: dict[str, Tensor] = {}
     for name, part in parts.items():
         if isinstance(part, nn.Module):
@@ -67,7 +70,7 @@ def pack(**parts: nn.Module | torch.optim.Optimizer | torch.Generator) -> dict[s
 def unpack(
     state: Mapping[str, Tensor], **parts: nn.Module | torch.optim.Optimizer | torch.Generator
 ) -> None:
-    """Put back what `pack` took out, in place."""
+    """Put back in place what `pack` took out."""
     for name, part in parts.items():
         if isinstance(part, torch.Generator):
             part.set_state(state[name])
@@ -92,5 +95,5 @@ def _unpack_optimizer(state: Mapping[str, Tensor], optimizer: torch.optim.Optimi
 
 
 def all_finite(tensors: Iterable[Tensor]) -> bool:
-    """Whether no floating-point tensor holds NaN or infinity."""
+    """Return whether no floating-point tensor holds NaN or infinity."""
     return all(bool(t.isfinite().all()) for t in tensors if t.is_floating_point())

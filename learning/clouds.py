@@ -1,4 +1,4 @@
-"""What training does to clouds, batch by batch: points drawn from them, noise added.
+"""Augmentation of clouds, batch by batch: points drawn from them, noise added.
 
 All randomness is a `torch.Generator` on the CPU, so that a resumed run goes on exactly.
 """
@@ -10,7 +10,10 @@ from torch import Tensor
 
 
 def draw_points(clouds: Tensor, count: int, random: torch.Generator) -> Tensor:
-    """[B, count, 3]: points of each cloud [B, M, 3] in random order, none twice; count <= M."""
+    """Return [B, count, 3]: points of clouds [B, M, 3] in random order, none twice.
+
+    count <= M.
+    """
     batch, available, _ = clouds.shape
     # the order of random numbers is a random order, another one for each cloud
     order = torch.rand(batch, available, generator=random).argsort(dim=1)[:, :count]
@@ -18,7 +21,7 @@ def draw_points(clouds: Tensor, count: int, random: torch.Generator) -> Tensor:
 
 
 def add_noise(points: Tensor, most: float, clean_share: float, random: torch.Generator) -> Tensor:
-    """Clouds [B, N, 3] with Gaussian noise on all but about `clean_share` of them.
+    """Return clouds [B, N, 3] with Gaussian noise on all but about `clean_share` of them.
 
     The standard deviation of a cloud's noise is drawn from 0..most.
     """

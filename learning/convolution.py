@@ -1,6 +1,6 @@
-"""A convolution for inference: its kernel is brought into the fastest memory layout once.
+"""A convolution for inference, whose kernel is brought into the fastest memory layout once.
 
-In the layout that oneDNN wants. For that PyTorch has operators without a public name
+That is the layout of oneDNN. PyTorch has operators for it without a public name
 (`torch.ops.mkldnn`, behind torch.compile); without them, and on other devices, its public
 convolution is called.
 """
@@ -21,14 +21,17 @@ DTYPES: dict[Precision, torch.dtype] = {"float32": torch.float32, "bfloat16": to
 
 
 def dtype_of(precision: Precision) -> torch.dtype:
-    """The type in memory. Raises ValueError for another precision."""
+    """Return the type in memory.
+
+    Raises ValueError for another precision.
+    """
     if precision not in DTYPES:
         raise ValueError(f"precision must be {' or '.join(DTYPES)}, got {precision!r}")
     return DTYPES[precision]
 
 
 class Convolution:
-    """A convolution with a kernel laid out for a size of input; others are right, too, if slower.
+    """A convolution with a kernel laid out for a size of input; other sizes are slower.
 
     kernel   [cout, cin, K, K], float64
     bias     [cout] or None, float64
@@ -60,7 +63,7 @@ class Convolution:
         self.weight = weight
 
     def __call__(self, x: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, H', W'], both channels last."""
+        """Convolve [B, cin, H, W] -> [B, cout, H', W'], both channels last."""
         if not self.prepacked:
             y = functional.conv2d(
                 x, self.weight, self.bias, stride=self.stride, padding=self.padding
@@ -73,7 +76,7 @@ class Convolution:
 
 
 def normalisation(bn: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:
-    """Scale and shift [c], float64, that BatchNorm in evaluation mode is."""
+    """Return scale and shift [c], float64, to which BatchNorm in evaluation mode reduces."""
     assert bn.running_mean is not None
     assert bn.running_var is not None
     scale = bn.weight.double() / torch.sqrt(bn.running_var.double() + bn.eps)

@@ -13,11 +13,11 @@ FIRST = 20  # logged steps that tell what a loss is like at the start
 
 
 class TrainingDiverged(RuntimeError):
-    """A loss or a weight became NaN or infinite, or a loss exploded."""
+    """The failure of a training: a loss or weight is not finite, or a loss exploded."""
 
 
 class Watch:
-    """Detects when a loss explodes, from the losses that are logged.
+    """A detector of exploding losses, fed with the losses that are logged.
 
     A loss explodes when it is more than FACTOR times what it was at the start (median of the FIRST
     logged values) *and* FACTOR times what it was of late (median of the last WINDOW). The recent
@@ -27,15 +27,15 @@ class Watch:
     """
 
     def __init__(self, history: Mapping[str, Iterable[float]] | None = None) -> None:
-        """`history` is what was logged before a resume, oldest first."""
+        """Start from `history`, the losses logged before a resume, oldest first."""
         sizes = {name: _sizes(values) for name, values in (history or {}).items()}
         self._first = {name: some[:FIRST] for name, some in sizes.items()}
         self._recent = {name: deque(some, maxlen=WINDOW) for name, some in sizes.items()}
 
     def add(self, losses: Mapping[str, float]) -> str | None:
-        """Take the losses of a logged step; the first that is wrong, and how; or None."""
-        found = [self._add(name, value) for name, value in losses.items()]
-        return next(filter(None, found), None)
+        """Take the losses of a logged step and return the first that is wrong, and how; or None."""
+        problems = [self._add(name, value) for name, value in losses.items()]
+        return next(filter(None, problems), None)
 
     def _add(self, name: str, value: float) -> str | None:
         first = self._first.setdefault(name, [])

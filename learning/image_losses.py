@@ -18,7 +18,7 @@ FOREGROUND_WEIGHT = 3.0  # thin parts are few pixels
 def weighted_error(
     drawn: Tensor, real: Tensor, is_object: Tensor, structure_weight: float
 ) -> Tensor:
-    """Mean absolute error plus `structure_weight` times 1 - SSIM; a scalar.
+    """Return the mean absolute error plus `structure_weight` times 1 - SSIM; a scalar.
 
     After Zhao et al. 2017, who mix L1 with MS-SSIM. Images [B, C, H, W] in [0, 1], H and W at least
     11; pixels of the object, bool [B, 1, H, W], count FOREGROUND_WEIGHT times.
@@ -29,7 +29,9 @@ def weighted_error(
 
 
 def structural_similarity(a: Tensor, b: Tensor, every: int = 2) -> Tensor:
-    """Mean SSIM of images [B, C, H, W] in [0, 1], differentiable, without clipping; a scalar.
+    """Return the mean SSIM of images [B, C, H, W] in [0, 1], differentiable; a scalar.
+
+    It is not clipped.
 
     Window and constants are those of the metric (11x11 Gaussian, sigma 1.5, valid windows only),
     but of the windows only every second one (or as `every` says), across and down, is taken:
@@ -45,7 +47,7 @@ def structural_similarity(a: Tensor, b: Tensor, every: int = 2) -> Tensor:
 
 
 def _window_means(x: Tensor, every: int) -> Tensor:
-    """Gaussian means [..., h, w] of [..., H, W], by matrix products.
+    """Return Gaussian means [..., h, w] of [..., H, W], by matrix products.
 
     PyTorch's convolution of single planes is forty times as slow on a CPU, backwards above all.
     """
@@ -55,7 +57,7 @@ def _window_means(x: Tensor, every: int) -> Tensor:
 
 @functools.cache
 def _window_matrix(size: int, every: int) -> Tensor:
-    """[n, size]: row i holds the window's weights around pixel every * i + 5."""
+    """Return the matrix [n, size] of window weights: row i is around pixel every * i + 5."""
     weights = torch.exp(-(torch.arange(_WINDOW) - _WINDOW // 2).square() / (2 * _SIGMA**2))
     weights = weights / weights.sum()
     starts = range(0, size - _WINDOW + 1, every)

@@ -1,4 +1,4 @@
-"""`losses.csv` of a training run, a step and its losses in every row; and the plot of it.
+"""The losses of a training run as `losses.csv`, a step in every row, and its plot.
 
 The image has one panel a loss, a smoothed line over the faint values.
 """
@@ -26,7 +26,10 @@ LOG_RATIO = 20.0  # between the largest and the smallest smoothed value
 
 
 class LossLog:
-    """Appends to `losses.csv`. Rows after `step` belong to a run that was cut off, and go."""
+    """A writer that appends to `losses.csv`.
+
+    Rows after `step` belong to a run that was cut off, and are dropped.
+    """
 
     def __init__(self, path: Path, step: int) -> None:
         self.path = path
@@ -46,7 +49,7 @@ class LossLog:
 def read_losses(
     path: Path, last_step: int
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]]:
-    """Steps [N] up to `last_step`, and each loss [N] by name; empty where there is no file."""
+    """Return steps [N] up to `last_step`, and each loss [N] by name; empty without a file."""
     header, *rows = _rows(path, last_step) or ["step"]
     values = np.array([row.split(",") for row in rows], dtype=np.float64)
     values = values.reshape(-1, header.count(",") + 1)
@@ -55,7 +58,7 @@ def read_losses(
 
 
 def _rows(path: Path, last_step: int) -> list[str]:
-    """Header and rows up to `last_step`; nothing where there is neither file nor step."""
+    """Return the header and rows up to `last_step`; nothing without file or step."""
     lines = path.read_text().splitlines() if path.is_file() and last_step > 0 else []
     # a row that was cut short is later than the checkpoint, for rows are written before it
     whole = [line for line in lines[1:] if line.count(",") == lines[0].count(",")]
@@ -64,7 +67,7 @@ def _rows(path: Path, last_step: int) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One loss against the steps [N]; NaN where the loss was left out."""
+    """One loss against the steps [N]; NaN where it was left out."""
 
     name: str
     steps: NDArray[np.int64]
@@ -74,7 +77,7 @@ class Panel:
 
 
 def write_loss_curves(csv: Path, png: Path, last_step: int) -> None:
-    """Draw the rows of `csv` up to `last_step`. Nothing where there are none."""
+    """Draw the rows of `csv` up to `last_step`; nothing where there are none."""
     panels = make_panels(*read_losses(csv, last_step))
     if panels:
         with whole_file(png) as new:
@@ -84,7 +87,7 @@ def write_loss_curves(csv: Path, png: Path, last_step: int) -> None:
 def make_panels(
     steps: NDArray[np.int64], losses: dict[str, NDArray[np.float64]]
 ) -> tuple[Panel, ...]:
-    """A panel for every loss that has a value; an exact zero stands for none."""
+    """Return a panel for every loss that has a value; an exact zero stands for none."""
     panels = []
     for name, values in losses.items():
         raw = np.where(values == 0, np.nan, values)
@@ -97,7 +100,7 @@ def make_panels(
 
 
 def _running_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The mean of a window around each value [N]; at the ends, of what there is of it."""
+    """Return the mean of a window around each value [N], which is cut at the ends."""
     half = math.ceil(SMOOTHED_SHARE * len(values) / 2)
     total = np.concatenate([[0.0], np.cumsum(values)])
     at = np.arange(len(values))
@@ -110,7 +113,10 @@ def _spans_decades(values: NDArray[np.float64]) -> bool:
 
 
 def draw(panels: tuple[Panel, ...]) -> Figure:
-    """The figure; one set of axes a panel, in rows of COLUMNS. At least one panel."""
+    """Return the figure with a set of axes for each panel, in rows of COLUMNS.
+
+    There is at least one panel.
+    """
     from matplotlib.figure import Figure
 
     columns = min(COLUMNS, len(panels))

@@ -31,13 +31,13 @@ Name = TypeVar("Name")
 
 
 class Processes(Protocol):
-    """The processes of a training. Every method but `random` waits until all have called it."""
+    """The processes of a training; every method but `random` waits until all have called it."""
 
     rank: int
     count: int
 
     def random(self, seed: int) -> torch.Generator:
-        """This process's random stream; that of process 0 is PyTorch's for `seed`."""
+        """Return this process's random stream; that of process 0 is PyTorch's for `seed`."""
         ...
 
     def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
@@ -45,33 +45,33 @@ class Processes(Protocol):
         ...
 
     def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
-        """The mean of each value over the processes; NaN where one is."""
+        """Return the mean of each value over the processes; NaN where a value is NaN."""
         ...
 
     def gather(self, tensor: Tensor) -> list[Tensor]:
-        """The tensors of all processes, by rank, on the CPU. Shapes must agree."""
+        """Return the tensors of all processes, by rank, on the CPU. Shapes must agree."""
         ...
 
 
 class OneProcess:
-    """A training in this process alone: everything stays as it is."""
+    """A training in this process alone, where nothing is averaged."""
 
     rank = 0
     count = 1
 
     def random(self, seed: int) -> torch.Generator:
-        """PyTorch's generator for `seed`."""
+        """Return PyTorch's generator for `seed`."""
         return torch.Generator().manual_seed(seed)
 
     def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
-        """Nothing to do."""
+        """Leave the gradients as they are."""
 
     def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
-        """The values."""
+        """Return the values as they are."""
         return dict(values)
 
     def gather(self, tensor: Tensor) -> list[Tensor]:
-        """The tensor."""
+        """Return the tensor alone."""
         return [tensor]
 
 
@@ -86,15 +86,18 @@ class FabricProcesses:
         self.rank, self.count = fabric.global_rank, fabric.world_size
 
     def random(self, seed: int) -> torch.Generator:
-        """Depends on seed and rank alone."""
+        """Return a stream that depends on seed and rank alone."""
         if self.rank == 0:
             return ONE.random(seed)
-        own = generator("training process", seed, self.rank).integers(2**63)
-        return torch.Generator().manual_seed(int(own))
+        stream_seed = generator("training process", seed, self.rank).integers(2**63)
+        return torch.Generator().manual_seed(int(stream_seed))
 
     @torch.no_grad()
     def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
-        """All in one message. The same parameters must have gradients in all processes."""
+        """Average all gradients in one message.
+
+        The same parameters must have gradients in all processes.
+        """
         gradients = [p.grad for p in parameters if p.grad is not None]
         flat = torch.cat([gradient.reshape(-1) for gradient in gradients])
         self._reduce(flat)
@@ -103,14 +106,20 @@ class FabricProcesses:
             gradient.copy_(mean.view(gradient.shape))
 
     def average(self, values: Mapping[Name, float]) -> dict[Name, float]:
-        """In float64. The same names in the same order in all processes."""
+        """Return means in float64.
+
+        All processes pass the same names in the same order.
+        """
         numbers = torch.tensor(list(values.values()), dtype=torch.float64)
         numbers = numbers.to(self.fabric.device)
         self._reduce(numbers)
         return dict(zip(values, numbers.tolist(), strict=True))
 
     def gather(self, tensor: Tensor) -> list[Tensor]:
-        """As the sum of tables in which each process has filled its own row: nothing is rounded."""
+        """Return all tensors without rounding.
+
+        They are the sum of tables in which each process has filled its own row.
+        """
         table = tensor.new_zeros(self.count, *tensor.shape, device=self.fabric.device)
         table[self.rank] = tensor
         self.fabric.all_reduce(table, reduce_op="sum")
@@ -121,17 +130,17 @@ class FabricProcesses:
 
 
 def is_first() -> bool:
-    """Whether this process is the one that writes and speaks."""
+    """Return whether this process is the one that writes files and messages."""
     return _from_torchrun("RANK", 0) == 0
 
 
 def local_rank() -> int | None:
-    """Which process of this machine this one is; None unless there are several processes."""
+    """Return this process's number on its machine; None unless there are several processes."""
     return _from_torchrun("LOCAL_RANK", 0) if _from_torchrun("WORLD_SIZE", 1) > 1 else None
 
 
 def connect(device: torch.device) -> Processes:
-    """The processes that `torchrun` started, or this one alone.
+    """Return the processes that `torchrun` started, or this one alone.
 
     Raises MissingDependency where there are several and Fabric is not installed.
     """

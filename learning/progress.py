@@ -20,7 +20,7 @@ PLAIN_EVERY_S = 30.0
 
 @contextmanager
 def training_progress(title: str, *, quiet: bool = False) -> Iterator[OnProgress]:
-    """Yields what a training function takes as `on_progress`.
+    """Yield the function that a training takes as `on_progress`.
 
     Where standard error is not a terminal: one line at the first report, then at most one every 30
     seconds, and one at the last step. `quiet` shows nothing.
@@ -55,7 +55,7 @@ def _bar(title: str, report: StepReport) -> Table:
 
 
 def describe(report: StepReport) -> str:
-    """`step 120/2000, chamfer 0.0312, 98.1 images/s, 0:10:12 left`."""
+    """Return the report as "step 120/2000, chamfer 0.0312, 98.1 images/s, 0:10:12 left"."""
     parts = [f"step {report.step}/{report.steps}"]
     parts += [f"{name} {value:.4g}" for name, value in report.losses.items()]
     if report.images_per_s is not None and report.seconds_left is not None:

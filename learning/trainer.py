@@ -1,4 +1,4 @@
-"""What all trainers of networks share: their state, mixed precision, one step of an optimiser."""
+"""State, mixed precision and optimiser steps that all trainers of networks share."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Part = nn.Module | torch.optim.Optimizer | torch.Generator
 
 
 class NetworkTrainer:
-    """A `learning.training_loop.Trainer`; its step, parts and learning rates are its own.
+    """A base of `learning.training_loop.Trainer`; subclasses add step, parts and learning rates.
 
     kept  attributes, tensors, that are part of the state beside the parts
 
@@ -35,40 +35,40 @@ class NetworkTrainer:
         self.steps_done = torch.zeros((), dtype=torch.int64)
 
     def parts(self) -> dict[str, Part]:
-        """Networks, optimisers and the random generator, by their names in a checkpoint."""
+        """Return networks, optimisers and the random generator, by their names in a checkpoint."""
         raise NotImplementedError
 
     def take_step(self) -> dict[str, Tensor]:
-        """One step of optimisation; the losses by name."""
+        """Take one step of optimisation and return the losses by name."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Tensor]:
-        """Everything that the next step depends on."""
+        """Return all tensors that the next step depends on."""
         return checkpoint.pack(**self.parts()) | {name: getattr(self, name) for name in self.kept}
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` has returned."""
         checkpoint.unpack(state, **self.parts())
         for name in self.kept:
             setattr(self, name, state[name].clone())
 
     def independent_steps(self, steps: int) -> int | None:
-        """All: the learning rate does not depend on where the training ends."""
+        """Return None, for all: the learning rate does not depend on the training's end."""
         return None
 
     def sheet(self) -> NDArray[np.uint8] | None:
-        """Nothing to see."""
+        """Return None, for no sheet."""
         return None
 
     def autocast(self) -> torch.autocast:
-        """Mixed precision, where the configuration asks for it."""
+        """Return a context of mixed precision where the configuration asks for it."""
         enabled = self.config.precision == "bfloat16"
         return torch.autocast(self.device.type, torch.bfloat16, enabled=enabled)
 
     def minimise(
         self, loss: Tensor, optimizer: torch.optim.Optimizer, rate: float | None = None
     ) -> None:
-        """One step of the optimiser with the mean gradients of all processes.
+        """Take one step of the optimiser with the mean gradients of all processes.
 
         rate  the learning rate of this step; None: that of the step before
         """

@@ -1,4 +1,4 @@
-"""What all trainings share: resuming, logging, sample sheets, checkpoints, stopping on NaN.
+"""The loop of all trainings: resuming, logging, sample sheets, checkpoints, stopping on NaN.
 
 A run lives in one directory: `checkpoint.safetensors`, `losses.csv` and its image `losses.png`,
 `sheets/step-*.png`. It continues from its checkpoint whenever it is started again; on a CPU in
@@ -42,7 +42,7 @@ RANDOM = "random"  # where a trainer's state holds the state of its random gener
 
 @dataclass(frozen=True)
 class Cadence:
-    """Every how many steps something is written."""
+    """The intervals, in steps, at which something is written."""
 
     log: int = 10
     sheet: int = 500
@@ -54,7 +54,7 @@ DEFAULT_CADENCE = Cadence()
 
 @dataclass(frozen=True)
 class StepReport:
-    """Progress after `step` of `steps` steps.
+    """The progress after `step` of `steps` steps.
 
     losses        means over the processes
     images_per_s  of all processes, over the last minute, sheets and checkpoints included
@@ -72,40 +72,40 @@ OnProgress = Callable[[StepReport], None]
 
 
 class Trainer(Protocol):
-    """One kind of training, as the loop sees it."""
+    """The protocol of one kind of training, as the loop sees it."""
 
     kind: str
     batch: int
 
     def take_step(self) -> dict[str, Tensor]:
-        """One step of optimisation; the losses by name, detached scalars of one device.
+        """Take one step of optimisation and return the losses by name.
 
-        The same names in every step. To read a value would wait for the device: the loop does, and
-        only for what is logged.
+        They are detached scalars of one device, under the same names in every step. To read a value
+        would wait for the device: the loop does, and only for what is logged.
         """
         ...
 
     def state(self) -> dict[str, Tensor]:
-        """Everything that the next step depends on; under RANDOM what draws its batches."""
+        """Return all that the next step depends on; under RANDOM what draws its batches."""
         ...
 
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """The inverse of `state`."""
+        """Restore what `state` has returned."""
         ...
 
     def independent_steps(self, steps: int) -> int | None:
-        """How many of `steps` steps are the same in a training of any other length; None: all.
+        """Return how many of `steps` steps are the same in a training of any length; None: all.
 
         A learning rate that falls at the end depends on where the end is.
         """
         ...
 
     def learning_rates(self, steps: int) -> str:
-        """Those of the first `steps` steps, in words for the card of the weights."""
+        """Return the rates of the first `steps` steps, in words for the card of the weights."""
         ...
 
     def sheet(self) -> NDArray[np.uint8] | None:
-        """An image [H, W, 3] of how far training has come; None where there is nothing to see.
+        """Return an image [H, W, 3] of the training's progress; None for none.
 
         Must not change the state.
         """
@@ -196,7 +196,7 @@ def run(
 
 
 def _read(unread: list[dict[str, Tensor]], processes: Processes) -> list[dict[str, float]]:
-    """The losses of each step, as means over the processes; all in one transfer."""
+    """Return the losses of each step, as means over the processes, in one transfer."""
     table = torch.stack([torch.stack([*losses.values()]) for losses in unread])
     means = processes.average(dict(enumerate(table.flatten().tolist())))
     rows = np.reshape(list(means.values()), table.shape).tolist()
@@ -218,7 +218,7 @@ def _report(
 
 
 def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes) -> int:
-    """Restore the trainer from `path`, or from what was kept beside it; the steps it has taken."""
+    """Restore the trainer from `path` or its kept copy, and return the steps it has taken."""
     state, step, planned = _load(trainer, identity, path, processes)
     steps = identity["steps"]
     independent = [trainer.independent_steps(length) for length in (planned, steps)]
@@ -241,12 +241,15 @@ def _resume(trainer: Trainer, identity: Mapping[str, Any], path: Path, processes
 def _load(
     trainer: Trainer, identity: Mapping[str, Any], path: Path, processes: Processes
 ) -> tuple[dict[str, Tensor], int, int]:
-    """State of this process, steps taken, and steps planned, of a checkpoint of this training."""
-    state, step, found = checkpoint.load(path, trainer.kind)
+    """Return this process's state, the steps taken and the steps planned, of a checkpoint.
+
+    Raises BadInput where it is not of this training.
+    """
+    state, step, config = checkpoint.load(path, trainer.kind)
     for key in identity.keys() - set(MAY_CHANGE_ON_RESUME):
-        if found.get(key) != identity[key]:
+        if config.get(key) != identity[key]:
             raise BadInput(
-                f"{path}: trained with {key} = {found.get(key)!r}, asked for {identity[key]!r}; "
+                f"{path}: trained with {key} = {config.get(key)!r}, asked for {identity[key]!r}; "
                 "use the same value or another output directory"
             )
     count = 1 + sum(key.startswith(f"{RANDOM}-") for key in state)
@@ -257,16 +260,16 @@ def _load(
         )
     if processes.rank > 0:
         state[RANDOM] = state[_random_of(processes.rank)]
-    return state, step, _planned_steps(found, path)
+    return state, step, _planned_steps(config, path)
 
 
-def _planned_steps(found: Mapping[str, Any], path: Path) -> int:
+def _planned_steps(config: Mapping[str, Any], path: Path) -> int:
     with understanding_header(path, "choose another output directory"):
-        return int(found["steps"])
+        return int(config["steps"])
 
 
 def _whole_state(trainer: Trainer, processes: Processes) -> dict[str, Tensor]:
-    """The trainer's state, and beside it the random states of the other processes."""
+    """Return the trainer's state and the random states of the other processes."""
     state = trainer.state()
     if processes.count > 1:
         _, *others = processes.gather(state[RANDOM])
@@ -287,7 +290,7 @@ def _require_same_start(first: int, path: Path, processes: Processes) -> None:
 
 
 def hash_arrays(*arrays: NDArray[Any]) -> str:
-    """A fingerprint of training data, so that a run is not continued on other data."""
+    """Return a fingerprint of training data, so that a run is not continued on other data."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype}{array.shape}".encode())
@@ -296,7 +299,10 @@ def hash_arrays(*arrays: NDArray[Any]) -> str:
 
 
 def seeded(seed: int, build: Callable[[], Built]) -> Built:
-    """The result of `build` with PyTorch's global generator seeded, and restored afterwards."""
+    """Return the result of `build`, called with PyTorch's global generator seeded.
+
+    The generator is restored afterwards.
+    """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return build()
@@ -304,9 +310,10 @@ def seeded(seed: int, build: Callable[[], Built]) -> Built:
 
 @contextmanager
 def denormals_flushed() -> Generator[None]:
-    """Inside, denormal numbers count as zeros: they slow training on a CPU by up to seven times.
+    """Count denormal numbers as zeros inside.
 
-    A setting of the calling thread, restored at the end, and of threads that start meanwhile.
+    They slow training on a CPU by up to seven times. This is a setting of the calling thread,
+    restored at the end, and of threads that start meanwhile.
     """
     before = sys.float_info.min / 2 == 0.0  # PyTorch sets it, but has no function that returns it
     torch.set_flush_denormal(True)
@@ -317,14 +324,14 @@ def denormals_flushed() -> Generator[None]:
 
 
 def prepare_device(device: str) -> torch.device:
-    """The device; "auto" is the GPU where there is one, each process its own.
+    """Return the device; "auto" is the GPU where there is one, another for each process.
 
     Raises BadInput for a GPU where there is none.
     """
-    found = torch.cuda.is_available()
+    has_gpu = torch.cuda.is_available()
     if device == "auto":
-        device = "cuda" if found else "cpu"
-    if device == "cuda" and not found:
+        device = "cuda" if has_gpu else "cpu"
+    if device == "cuda" and not has_gpu:
         raise BadInput(
             f"--device cuda: PyTorch {torch.__version__} finds no usable GPU; use --device cpu, or "
             "install a build of PyTorch and a driver that go together"

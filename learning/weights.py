@@ -1,7 +1,8 @@
-"""Weights as files: found, checksummed, written, and checked before use.
+"""Weights as files, which are looked up, checksummed, written, and checked before use.
 
-A safetensors file; its header says what it is and how it was trained. PyTorch is imported by what
-handles tensors only: names and checksums are for the command line, which has no time for it.
+They are safetensors files; the header says what a file is and how it was trained. Only functions
+that handle tensors import PyTorch: names and checksums are for the command line, which has no time
+for it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ COUNTER = "num_batches_tracked"  # of BatchNorm; drawing does without
 
 
 def find_file(name_or_path: str | Path, folder: Path, bundled: Mapping[str, str]) -> Path:
-    """The file of a bundled name (name -> sha256), its checksum verified, or the path itself.
+    """Return the file of a bundled name, its checksum verified, or the path itself.
+
+    `bundled` maps names to sha256.
 
     Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
     bundled file differs from its checksum.
@@ -46,22 +49,25 @@ def find_file(name_or_path: str | Path, folder: Path, bundled: Mapping[str, str]
     path = folder / f"{name}.safetensors"
     if not is_regular_file(path):
         raise BadInput(f"{path}: the bundled weights are missing; reinstall the package")
-    found = file_sha256(path)
-    if found != bundled[name]:
+    actual = file_sha256(path)
+    if actual != bundled[name]:
         raise BadInput(
-            f"{path}: sha256 {found} is not the expected {bundled[name]}; reinstall the package"
+            f"{path}: sha256 {actual} is not the expected {bundled[name]}; reinstall the package"
         )
     return path
 
 
 def file_sha256(path: Path) -> str:
-    """The checksum of a file. Raises BadInput where it cannot be read, or is too large."""
+    """Return the checksum of a file.
+
+    Raises BadInput where it cannot be read, or is too large.
+    """
     with open_file(path, MOST_BYTES) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def objective_of(path: Path) -> str:
-    """What exported weights were trained with, from the file's header alone; "" if it says nothing.
+    """Return the objective of exported weights from the file's header; "" if it has none.
 
     Raises BadInput as `card_of`.
     """
@@ -75,7 +81,7 @@ def objective_of(path: Path) -> str:
 
 
 def card_of(path: Path) -> dict[str, Any]:
-    """How exported weights were trained, and `model`, from the file's header alone.
+    """Return how exported weights were trained, and `model`, from the file's header alone.
 
     A safetensors file begins with the length of its header (8 bytes, little-endian) and the header,
     which is JSON. Raises BadInput where this one does not.
@@ -106,7 +112,7 @@ def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[
 
 
 def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors (on the CPU) and header of a safetensors file.
+    """Return the tensors, on the CPU, and the header of a safetensors file.
 
     Raises BadInput where the file is missing, cut short, of another kind, or larger than
     `MOST_BYTES`. Nothing in it is executed, and no more memory taken than the file has bytes.
@@ -131,9 +137,9 @@ def read_safetensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 def read_weights(
     path: Path, expected: str, remedy: str
 ) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """As `read_safetensors`, of exported weights: their header names the format `expected`.
+    """Return tensors and header of exported weights, whose header names the format `expected`.
 
-    Raises BadInput, with the `remedy`, also where it names another.
+    Raises BadInput as `read_safetensors`, and with the `remedy` where it names another format.
     """
     tensors, header = read_safetensors(path)
     if header.get("format") != expected:
@@ -146,8 +152,10 @@ def read_weights(
 
 @contextmanager
 def understanding_header(path: Path, remedy: str) -> Generator[None]:
-    """What is raised inside by a header that lacks something, or says something else than it
-    should, becomes BadInput with the `remedy`."""
+    """Turn errors inside, from a header that lacks or misstates something, into BadInput.
+
+    The message has the `remedy`.
+    """
     try:
         yield
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -155,16 +163,19 @@ def understanding_header(path: Path, remedy: str) -> Generator[None]:
 
 
 def training_header(config: Mapping[str, Any], step: int, apart: Iterable[str]) -> str:
-    """How weights were trained, as JSON for their file's header: the configuration, the steps that
-    were taken, and their learning rates. Left out are the keys `apart`, which the header has of
-    their own, and what says only how often something was written."""
+    """Return how weights were trained, as JSON for their file's header.
+
+    It has the configuration, the steps that were taken, and their learning rates. The keys `apart`,
+    which the header has of their own, are left out, and so is what says only how often something
+    was written.
+    """
     left_out = {*apart, "cadence"}
     kept = {key: value for key, value in config.items() if key not in left_out}
     return json.dumps(kept | {"steps": step})
 
 
 def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str, Tensor]:
-    """Kernels in float16, everything of one dimension as it is: how weights are exported.
+    """Return kernels in float16, everything of one dimension as it is, for export.
 
     Raises BadInput, naming the checkpoint `source` and the `remedy`, where a value does not fit.
     """
@@ -178,18 +189,18 @@ def halved(tensors: Mapping[str, Tensor], source: Path, remedy: str) -> dict[str
 
 
 def sub_state(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
-    """The entries below `name.`, without that prefix."""
+    """Return the entries below `name.`, without that prefix."""
     prefix = f"{name}."
     return {key.removeprefix(prefix): v for key, v in state.items() if key.startswith(prefix)}
 
 
 def without_counters(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors that are stored."""
+    """Return the tensors that are stored: all but counters."""
     return {key: value for key, value in tensors.items() if not key.endswith(COUNTER)}
 
 
 def expected_shapes(network: nn.Module, prefix: str = "") -> dict[str, tuple[int, ...]]:
-    """What a file has to hold for `network`, which may be on the meta device."""
+    """Return the shapes that a file has to hold for `network`, which may be a meta network."""
     state = without_counters(network.state_dict())
     return {f"{prefix}{key}": tuple(value.shape) for key, value in state.items()}
 
@@ -200,8 +211,10 @@ def check_tensors(
     expected: Mapping[str, tuple[int, ...]],
     remedy: str,
 ) -> None:
-    """Raises BadInput, naming file, tensor and `remedy`, where a tensor is missing, unknown, of
-    another shape or type, or not finite."""
+    """Check that tensors have the names, shapes and types expected, and are finite.
+
+    Raises BadInput, naming file, tensor and `remedy`, otherwise.
+    """
     import torch
 
     types = (torch.float16, torch.float32)
@@ -210,8 +223,10 @@ def check_tensors(
         raise BadInput(f"{path}: tensor {key} {problem}; {remedy}")
     for key, shape in expected.items():
         if tuple(tensors[key].shape) != shape:
-            found = list(tensors[key].shape)
-            raise BadInput(f"{path}: {key} has shape {found}, expected {list(shape)}; {remedy}")
+            shape_read = list(tensors[key].shape)
+            raise BadInput(
+                f"{path}: {key} has shape {shape_read}, expected {list(shape)}; {remedy}"
+            )
         if tensors[key].dtype not in types:
             raise BadInput(f"{path}: {key} is of {tensors[key].dtype}, not {types}; {remedy}")
         if not tensors[key].isfinite().all():

@@ -32,7 +32,7 @@ CORNERS = 4  # of a tetrahedron
 
 @dataclass(frozen=True)
 class AlphaShape(DrawsReconstruction):
-    """The ball's radius is `alpha_percent` of the diagonal of the cloud's box.
+    """The alpha shape whose ball has a radius of `alpha_percent` of the box's diagonal.
 
     On 12 validation chairs under the five conditions mean SSIM is 0.720 at 1.5 %, 0.724 at 3 %,
     0.733 at 5 and 6 % (0.881 and 0.875 on the full cloud) and 0.730 at 8 %: smaller balls leave
@@ -56,7 +56,7 @@ class AlphaShape(DrawsReconstruction):
 
 
 def alpha_mesh(points: Points, radius: float) -> Mesh:
-    """The alpha shape of finite points [N, 3], N >= 4, in neutral grey.
+    """Return the alpha shape of finite points [N, 3], N >= 4, in neutral grey.
 
     Raises StageFailure: `delaunay` or `alpha-shape`, as `AlphaShape.prepare`.
     """
@@ -74,7 +74,7 @@ def alpha_mesh(points: Points, radius: float) -> Mesh:
 def alpha_faces(
     points: Floats, cells: NDArray[np.int32], neighbours: NDArray[np.int32], radius: float
 ) -> NDArray[np.int32]:
-    """The triangles [F, 3] of the alpha shape of points [N, 3].
+    """Return the triangles [F, 3] of the alpha shape of points [N, 3].
 
     cells [T, 4] are the Delaunay tetrahedra; neighbours [T, 4] the one across the face opposite
     each corner, -1 where there is none.
@@ -87,11 +87,11 @@ def alpha_faces(
     faces = cells[cell[:, None], _OPPOSITE[corner]]
     boundary = kept[cell] != kept[across]
 
-    centre, own = smallest_sphere(points[faces])
+    centre, triangle_radius = smallest_sphere(points[faces])
     apexes = np.stack([cells[cell, corner], _apex(cells, neighbours, across, cell)], axis=1)
     distance = np.linalg.norm(points[apexes] - centre[:, None], axis=2)
-    empty = ((apexes < 0) | (distance >= own[:, None])).all(axis=1)
-    single = ~kept[cell] & ~kept[across] & (own <= radius) & empty
+    empty = ((apexes < 0) | (distance >= triangle_radius[:, None])).all(axis=1)
+    single = ~kept[cell] & ~kept[across] & (triangle_radius <= radius) & empty
     return faces[boundary | single]
 
 
@@ -104,14 +104,14 @@ def _apex(
     across: NDArray[np.int32],
     cell: NDArray[np.int64],
 ) -> NDArray[np.int32]:
-    """The corner [F] of each cell `across` that it does not share with `cell`; -1 outside."""
+    """Return the corner [F] of each cell `across` that `cell` does not share; -1 outside."""
     which = (neighbours[across] == cell[:, None]).argmax(axis=1)
     return np.where(across < 0, np.int32(-1), cells[across, which])
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def circumradius(corners: Floats) -> Floats:
-    """Of tetrahedra [T, 4, 3]; infinite or NaN for flat ones."""
+    """Return the circumradii [T] of tetrahedra [T, 4, 3]; infinite or NaN for flat ones."""
     edges = corners[:, 1:] - corners[:, :1]
     a, b, c = np.moveaxis(edges, 1, 0)
     squares = (edges**2).sum(axis=2)[..., None]
@@ -126,7 +126,10 @@ def circumradius(corners: Floats) -> Floats:
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def smallest_sphere(corners: Floats) -> tuple[Floats, Floats]:
-    """Centre [F, 3] and radius [F] of the sphere on the circumcircle of triangles [F, 3, 3]."""
+    """Return the smallest spheres around triangles' circumcircles: centres [F, 3], radii [F].
+
+    The triangles are [F, 3, 3].
+    """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(a, b)
     aa, bb = (a**2).sum(axis=1)[:, None], (b**2).sum(axis=1)[:, None]

@@ -3,8 +3,8 @@
 Rule    Noise below 0.55 spacings of the points that it is estimated from leaves the cloud as it is:
         clean clouds lose nothing.
         Above, points are projected three times onto height fields over as many neighbours as lie
-        within three standard deviations of the noise (`baselines.reconstruction.smoothing`). What noise moved
-        along the surface blurs its outline: the points that lie sparsest are left out, a share that
+        within three standard deviations of the noise (`baselines.reconstruction.smoothing`). Points
+        that noise moved along the surface blur its outline: the sparsest are left out, a share that
         grows with the noise.
 Meshes  Ball pivoting, the alpha shape and screened Poisson, as in the methods without smoothing.
         The radii follow the spacing of the points, which grows with noise, the depth of the octree
@@ -43,8 +43,10 @@ CLEAN_DEPTH, NOISY_DEPTH = 7, 6  # of Poisson's octree: a cell of 0.035 is finer
 
 @dataclass(frozen=True)
 class Cleaned:
-    """Points [N, 3] for a mesh, the noise that they had (0 where they are left as they are), the
-    spacing that they had, and notes."""
+    """Points [N, 3] to mesh, the noise and spacing that they had, and notes.
+
+    The noise is 0 where the points are left as they are.
+    """
 
     points: Points
     noise: float
@@ -53,7 +55,7 @@ class Cleaned:
 
 
 def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> Cleaned:
-    """At most `most` points of a cloud, smoothed where they are noisy.
+    """Return at most `most` points of a cloud, smoothed where they are noisy.
 
     `strength` is a factor on the estimated noise; 0 smooths nothing.
 
@@ -77,7 +79,7 @@ def cleaned(cloud: PointCloud, strength: float, most: int = MOST_POINTS) -> Clea
 
 @dataclass(frozen=True)
 class DenoisedBpa(DrawsReconstruction):
-    """Ball pivoting and closed holes. `strength` is a factor on the estimated noise."""
+    """Ball pivoting and closed holes; `strength` is a factor on the estimated noise."""
 
     strength: float = 1.0
 
@@ -88,8 +90,8 @@ class DenoisedBpa(DrawsReconstruction):
         """
         del rng
         clean = cleaned(cloud, self.strength)
-        made = reconstruction("close-holes", closed_surface(clean.points))
-        return Reconstruction(made.mesh, (*clean.notes, *made.notes))
+        result = reconstruction("close-holes", closed_surface(clean.points))
+        return Reconstruction(result.mesh, (*clean.notes, *result.notes))
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class DenoisedAlpha(DrawsReconstruction):
 
 @dataclass(frozen=True)
 class DenoisedPoisson(DrawsReconstruction):
-    """Screened Poisson, trimmed. `strength` is a factor on the estimated noise."""
+    """Screened Poisson, trimmed; `strength` is a factor on the estimated noise."""
 
     strength: float = 1.0
 
@@ -125,5 +127,5 @@ class DenoisedPoisson(DrawsReconstruction):
         """
         del rng
         clean = cleaned(cloud, self.strength)
-        made = trimmed_poisson(clean.points, NOISY_DEPTH if clean.noise else CLEAN_DEPTH)
-        return Reconstruction(made.mesh, (*clean.notes, *made.notes))
+        result = trimmed_poisson(clean.points, NOISY_DEPTH if clean.noise else CLEAN_DEPTH)
+        return Reconstruction(result.mesh, (*clean.notes, *result.notes))

@@ -12,8 +12,8 @@ normals are needed. The surface is where chi has the mean of its values at the s
 Cost    Of more than 2,500 points every nth is used: A takes 75 MB in float32, its Gram matrix 25.
 Grid    chi is evaluated only where a sample is near; faces apart from the samples are not drawn,
         as in `baselines.reconstruction.poisson`.
-Noise   Noisy points are smoothed first, as in `baselines.reconstruction.denoised`. The width alone does not deal
-        with it: wide enough for the noise, it loses the parts.
+Noise   Noisy points are smoothed first, as in `baselines.reconstruction.denoised`. The width alone
+        does not deal with it: wide enough for the noise, it loses the parts.
 Width   Follows the spacing of the points, which grows with noise.
 """
 
@@ -43,7 +43,7 @@ CHUNK = 1024  # places at a time: 10 MB for each array of places x samples
 
 @dataclass(frozen=True)
 class ParametricGauss(DrawsReconstruction):
-    """`width` is that of the kernel, in spacings of the points."""
+    """Parametric Gauss reconstruction; `width` is the kernel's, in spacings of the points."""
 
     width: float = 1.0
 
@@ -66,7 +66,7 @@ class ParametricGauss(DrawsReconstruction):
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def solution(samples: Floats32, width: np.float32) -> Floats32:
-    """The vectors mu [N, 3] of samples [N, 3]; `width` > 0.
+    """Return the vectors mu [N, 3] of samples [N, 3]; `width` > 0.
 
     Raises StageFailure("gauss", ...) where rounding leaves the system without a solution.
     """
@@ -87,18 +87,18 @@ def solution(samples: Floats32, width: np.float32) -> Floats32:
 def indicator(
     places: Floats32, samples: Floats32, vectors: Floats32, width: np.float32
 ) -> Floats32:
-    """chi [M] at places [M, 3]."""
-    found = np.empty(len(places), np.float32)
+    """Return chi [M] at places [M, 3]."""
+    values = np.empty(len(places), np.float32)
     constant = (samples * vectors).sum(axis=1)
     for first in range(0, len(places), CHUNK):
         part = slice(first, first + CHUNK)
         flux = places[part] @ vectors.T - constant
-        found[part] = (flux * _inverse_cube(places[part], samples, width)).sum(axis=1)
-    return found
+        values[part] = (flux * _inverse_cube(places[part], samples, width)).sum(axis=1)
+    return values
 
 
 def surface(samples: Floats32, vectors: Floats32, width: np.float32, reach: float) -> Mesh:
-    """The level set through the samples, up to `reach` from them; its faces turn outwards.
+    """Return the level set through the samples, up to `reach` from them; its faces turn outwards.
 
     Raises StageFailure("marching-cubes", ...) where there is none.
     """
@@ -133,14 +133,14 @@ def surface(samples: Floats32, vectors: Floats32, width: np.float32, reach: floa
 
 
 def _kernel(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:
-    """K as a matrix [M, 3 N]: first all x, then all y, then all z."""
+    """Return K as a matrix [M, 3 N]: first all x, then all y, then all z."""
     inverse = _inverse_cube(places, samples, width)
     parts = [(places[:, axis, None] - samples[:, axis]) * inverse for axis in range(3)]
     return np.concatenate(parts, axis=1)
 
 
 def _inverse_cube(places: Floats32, samples: Floats32, width: np.float32) -> Floats32:
-    """1 / (4 pi r^3), [M, N]."""
+    """Return 1 / (4 pi r^3), [M, N]."""
     square = (places**2).sum(axis=1)[:, None] - 2 * (places @ samples.T)
     square += (samples**2).sum(axis=1)
     np.maximum(square, width**2, out=square)

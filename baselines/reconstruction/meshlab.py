@@ -1,4 +1,4 @@
-"""The MeshLab filters of the benchmark: names and parameters, and nothing else.
+"""The MeshLab filters of the benchmark, with their names and parameters.
 
 pymeshlab renames filters and parameter types now and then (2022.2, 2023.12); this module is the
 only one that knows them. Arrays go in and out; files never do.
@@ -44,16 +44,17 @@ class MeshLab:
             raise RuntimeError(" ".join(str(error).split())) from error
 
     def estimate_normals(self, neighbours: int) -> None:
-        """Normals from the `neighbours` nearest points.
+        """Estimate normals from the `neighbours` nearest points.
 
         Their signs are made to agree from neighbour to neighbour; which side is outside stays open.
         """
         self._apply("compute_normal_for_point_clouds", k=neighbours, flipflag=False)
 
     def ball_pivoting(self, radius_percent: float | None = None) -> None:
-        """Clustering 20 %, crease angle 90 degrees; the radius in percent of the box's diagonal.
+        """Pivot a ball whose radius is in percent of the box's diagonal.
 
-        None is the script's: MeshLab chooses the radius, from the box and the number of points.
+        None leaves the radius to MeshLab, as the script does, which takes it from the box and the
+        number of points. Clustering is 20 %, the crease angle 90 degrees.
         """
         self._apply(
             "generate_surface_reconstruction_ball_pivoting",
@@ -76,7 +77,7 @@ class MeshLab:
     def marching_cubes_apss(
         self, resolution: int, accuracy: float = 1e-4, accurate_normals: bool = True
     ) -> None:
-        """Algebraic point set surface, meshed on a grid and projected onto it.
+        """Mesh the algebraic point set surface on a grid and project the mesh onto it.
 
         A cell is GRID_MARGIN times the longest side of the points' box (of all points, also of
         those that no face uses) over `resolution`.
@@ -97,7 +98,7 @@ class MeshLab:
         )
 
     def screened_poisson(self, depth: int) -> None:
-        """Screened Poisson reconstruction on an octree of `depth` levels, from oriented normals.
+        """Reconstruct by screened Poisson on an octree of `depth` levels, from oriented normals.
 
         On one thread: with more, the mesh changes from run to run. Points without a normal (those
         that no face uses, after `close_holes`) are left out.
@@ -111,15 +112,15 @@ class MeshLab:
 
     @property
     def face_count(self) -> int:
-        """Faces of the current mesh."""
+        """The number of faces of the current mesh."""
         return self._meshes.current_mesh().face_number()
 
     def normals(self) -> NDArray[np.float64]:
-        """Vertex normals [V, 3] of the current mesh."""
+        """Return the vertex normals [V, 3] of the current mesh."""
         return self._meshes.current_mesh().vertex_normal_matrix()
 
     def mesh(self, color: tuple[int, int, int]) -> Mesh:
-        """The current mesh in one colour. Its vertices may be non-finite."""
+        """Return the current mesh in one colour. Its vertices may be non-finite."""
         current = self._meshes.current_mesh()
         faces = current.face_matrix()
         return Mesh(

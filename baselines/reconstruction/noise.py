@@ -1,4 +1,4 @@
-"""How noisy a cloud is, from the cloud alone.
+"""An estimate of a cloud's noise from the cloud alone.
 
 The k nearest points of each point have heights above their common plane, with a variance m2 and a
 kurtosis q. A thin plate of half thickness a, both sides of it sampled, with normal noise of
@@ -42,7 +42,7 @@ PLANE_FREEDOMS = 3  # of a fitted plane: so many of the residuals are not free
 
 
 def noise_scale(points: Points) -> float:
-    """The standard deviation of the noise of points [N, 3] along the surface's normal, >= 0.
+    """Return the standard deviation of the noise of points [N, 3] along the surface's normal, >= 0.
 
     In the units of the points; it scales with them and does not depend on their order. Of more than
     2,048 points every nth is taken, in the order of their coordinates; equal points count once. 0
@@ -71,12 +71,12 @@ def noise_scale(points: Points) -> float:
 
 
 def even_sample(points: Points) -> Points:
-    """At most 2,048 of points [N, 3] that are sorted by coordinates: every nth."""
+    """Return every nth of points [N, 3] sorted by coordinates, at most 2,048."""
     return points[:: max(-(-len(points) // MOST_POINTS), 1)]
 
 
 def moments(patches: Floats) -> tuple[Floats, Floats]:
-    """Variance [P] and kurtosis [P] of the heights of patches [P, k, 3] above their planes.
+    """Return variance and kurtosis [P] of patches' [P, k, 3] heights above their planes.
 
     The kurtosis is that of a plate where all heights are 0.
     """
@@ -91,13 +91,13 @@ def moments(patches: Floats) -> tuple[Floats, Floats]:
 
 
 def noise_share(kurtosis: float) -> float:
-    """Of the variance of a noisy plate's heights the part that is noise, 0..1."""
+    """Return the share of noise in the variance of a noisy plate's heights, 0..1."""
     below = (NOISE_KURTOSIS - kurtosis) / (NOISE_KURTOSIS - PLATE_KURTOSIS)
     return 1 - float(np.sqrt(np.clip(below, 0, 1)))
 
 
 def _cut_by_a_ball() -> tuple[Floats, Floats]:
-    """Standard deviations of noise in a ball of radius 1, as seen and as they are.
+    """Return standard deviations of noise in a ball of radius 1: observed, and true.
 
     In the ball the plane z has the area pi (1 - z^2).
     """

@@ -1,4 +1,4 @@
-"""Screened Poisson as a first script with Open3D does it; needs the extra [open3d].
+"""Screened Poisson as in Open3D's tutorials; needs the extra [open3d].
 
 Outliers are removed by their distance to their neighbours, normals are those of 30 neighbours and
 made to agree along the tangent plane graph (Hoppe et al. 1992), Poisson reconstruction goes to
@@ -35,7 +35,7 @@ REMEDY = "install it with \"pip install 'pc2pix-bench[open3d]'\", or leave out o
 
 @dataclass(frozen=True)
 class Open3dPoisson(DrawsReconstruction):
-    """`depth` is the number of levels of the octree."""
+    """Screened Poisson of Open3D; `depth` is the number of levels of the octree."""
 
     depth: int = 8
 
@@ -72,14 +72,17 @@ class Open3dPoisson(DrawsReconstruction):
         faces = np.asarray(mesh.triangles)
         if len(faces) == 0:
             raise StageFailure("poisson", "no faces")
-        made = finite_part("poisson", in_grey(np.asarray(mesh.vertices), faces))
+        result = finite_part("poisson", in_grey(np.asarray(mesh.vertices), faces))
         outliers = len(points) - len(inner.points)
         removed = f"outliers: {outliers} of {len(points)} points removed"
-        return Reconstruction(made.mesh, (removed, *notes, *made.notes))
+        return Reconstruction(result.mesh, (removed, *notes, *result.notes))
 
 
 def open3d() -> Any:
-    """The library. Raises MissingDependency where it cannot be loaded."""
+    """Return the library Open3D.
+
+    Raises MissingDependency where it cannot be loaded.
+    """
     try:
         return importlib.import_module("open3d")
     except (ImportError, OSError) as error:  # its wheel needs libusb and libGL from the system

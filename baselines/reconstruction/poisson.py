@@ -32,7 +32,7 @@ from data_prep.scene import Mesh, PointCloud, Points
 
 @dataclass(frozen=True)
 class Poisson(DrawsReconstruction):
-    """`depth` is the number of levels of the octree: 2^depth cells a side at the finest.
+    """Screened Poisson on an octree of `depth` levels: 2^depth cells a side at the finest.
 
     On validation chairs under the five conditions mean SSIM is 0.722, 0.726 and 0.730 at depths 5,
     6 and 7; untrimmed it is 0.656, 0.666 and 0.671.
@@ -52,7 +52,10 @@ class Poisson(DrawsReconstruction):
 
 
 def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
-    """The reconstruction from points [N, 3]. Raises StageFailure as `Poisson.prepare`."""
+    """Return the trimmed reconstruction from points [N, 3].
+
+    Raises StageFailure as `Poisson.prepare`.
+    """
     meshlab = closed_surface(points)
     run("poisson", lambda: meshlab.screened_poisson(depth))
     whole = reconstruction("poisson", meshlab)
@@ -60,7 +63,9 @@ def trimmed_poisson(points: Points, depth: int) -> Reconstruction:
 
 
 def trimmed(mesh: Mesh, points: Points) -> Mesh:
-    """The faces of `mesh` whose vertices all lie within the spacing of points [N, 3], N > 10.
+    """Return the faces of `mesh` whose vertices all lie within the spacing of points [N, 3].
+
+    N > 10.
 
     Raises StageFailure("trim", ...) where there are none.
     """

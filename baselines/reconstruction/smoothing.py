@@ -1,10 +1,10 @@
-"""Points moved onto the surface that they scatter about.
+"""Smoothing: noisy points are moved onto the surface that they scatter about.
 
-Moving least squares by iterated projection (Alexa et al., Computing and rendering point set
-surfaces, IEEE TVCG 9(1), 2003): each point moves along the normal of its neighbourhood onto a
-height field of degree 2 over the neighbourhood's plane, fitted by weighted least squares (a jet:
-Cazals and Pouget, Estimating differential quantities using polynomial fitting of osculating jets,
-CAGD 22(2), 2005).
+The method is moving least squares by iterated projection (Alexa et al., Computing and rendering
+point set surfaces, IEEE TVCG 9(1), 2003): each point moves along the normal of its neighbourhood
+onto a height field of degree 2 over the neighbourhood's plane, fitted by weighted least squares (a
+jet: Cazals and Pouget, Estimating differential quantities using polynomial fitting of osculating
+jets, CAGD 22(2), 2005).
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few
 
 
 def smoothed(points: Floats, neighbours: int, rounds: int) -> Floats:
-    """Points [N, 3], projected `rounds` times onto height fields of their `neighbours` nearest.
+    """Return points [N, 3] projected `rounds` times onto height fields of their neighbours.
+
+    A height field is fitted to the `neighbours` nearest points.
 
     Planes and paraboloids stay as they are, to rounding; 0 rounds change nothing. Of fewer points
     than `neighbours` all are neighbours.
@@ -47,9 +49,10 @@ def _projected(points: Floats, neighbours: int) -> Floats:
 
 
 def dense_part(points: Floats, share: float, neighbours: int) -> Floats:
-    """Of points [N, 3] the `share` (0..1) that lies densest, in their order.
+    """Return the densest `share` (0..1) of points [N, 3], in their order.
 
-    Dense is where the point `neighbours` away is near; of equally dense ones the first.
+    A point is the denser the nearer the point `neighbours` away is; of equally dense ones the first
+    are taken.
     """
     kept = round(share * len(points))
     if kept >= len(points):

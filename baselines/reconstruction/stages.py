@@ -1,4 +1,4 @@
-"""What all reconstructions share: checks between the stages, and the type of their result."""
+"""Checks between the stages of reconstructions, and the type of their result."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ SPACING_NEIGHBOURS = 16
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A reconstructed mesh with finite vertices, and what was repaired on the way."""
+    """A reconstructed mesh with finite vertices, and notes of what was repaired."""
 
     mesh: Mesh
     notes: tuple[str, ...]
 
 
 class DrawsReconstruction:
-    """The second half of every method whose `prepare` gives a Reconstruction."""
+    """The drawing half of every method whose `prepare` gives a Reconstruction."""
 
     def draw(
         self,
@@ -40,22 +40,30 @@ class DrawsReconstruction:
 
 
 def check_points(points: Points, least: int, what: str) -> None:
-    """Raises StageFailure("input", ...) below `least` points, which `what` needs, and where one of
-    points [N, 3] is not finite."""
+    """Check that points [N, 3] are finite and at least `least`, which `what` needs.
+
+    Raises StageFailure("input", ...) otherwise.
+    """
     if len(points) < least:
         raise StageFailure("input", f"{len(points)} points; {what} need at least {least}")
     check_finite(points)
 
 
 def check_finite(points: Points) -> None:
-    """Raises StageFailure("input", ...) where one of points [N, 3] is not finite."""
+    """Check that points [N, 3] are finite.
+
+    Raises StageFailure("input", ...) otherwise.
+    """
     bad = int((~np.isfinite(points)).any(axis=1).sum())
     if bad:
         raise StageFailure("input", f"{bad} of {len(points)} points are not finite")
 
 
 def run(stage: str, step: Callable[[], None]) -> None:
-    """Take a step of MeshLab. Raises StageFailure(stage, ...) where it refuses."""
+    """Run one step of MeshLab.
+
+    Raises StageFailure(stage, ...) where MeshLab refuses.
+    """
     try:
         step()
     except RuntimeError as error:
@@ -63,7 +71,7 @@ def run(stage: str, step: Callable[[], None]) -> None:
 
 
 def finite_part(stage: str, mesh: Mesh) -> Reconstruction:
-    """`mesh` without the faces that have a vertex that is not finite; their number is noted.
+    """Return `mesh` without faces that have a non-finite vertex; their number is noted.
 
     Raises StageFailure(stage, ...) where no face is left.
     """
@@ -80,19 +88,22 @@ def finite_part(stage: str, mesh: Mesh) -> Reconstruction:
 
 
 def kept_faces(mesh: Mesh, keep: NDArray[np.bool_], vertices: Points | None = None) -> Mesh:
-    """The faces of `mesh` where `keep` [F] holds; on `vertices` [V, 3], if these are given."""
+    """Return the faces of `mesh` where `keep` [F] holds, on `vertices` [V, 3] if given."""
     vertices = mesh.vertices if vertices is None else vertices
     return Mesh(vertices, mesh.faces[keep], mesh.face_colors[keep])
 
 
 def in_grey(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mesh:
-    """A mesh of vertices [V, 3] and faces [F, 3] in neutral grey."""
+    """Return a mesh of vertices [V, 3] and faces [F, 3] in neutral grey."""
     colors = np.tile(np.array(NEUTRAL_GREY, np.uint8), (len(faces), 1))
     return Mesh(vertices.astype(np.float32), faces.astype(np.int32), colors)
 
 
 def spacing(points: Points) -> float:
-    """How far apart points [N, 3] lie, N > 0: half the distance to the 16th nearest (itself
-    counted), as for an even sample of a plane; here the median over the cloud."""
+    """Return the median spacing of points [N, 3], N > 0.
+
+    The spacing of a point is half the distance to the 16th nearest (itself counted), as for an even
+    sample of a plane.
+    """
     distances, _ = cKDTree(points).query(points, k=[min(SPACING_NEIGHBOURS, len(points))])
     return float(np.median(distances)) / 2

@@ -13,8 +13,9 @@ from data_prep.scene import PointCloud, Points
 def used_points(
     cloud: PointCloud, least: int, most: int, what: str
 ) -> tuple[Points, tuple[str, ...]]:
-    """Those points [M, 3] of the cloud that are in sight, each once, sorted by coordinates; and
-    notes of what was left out.
+    """Return the different points [M, 3] in sight, sorted by coordinates, and notes.
+
+    The notes say which points were left out.
 
     Points as far away as the camera or farther are out of sight. Of more than `most` points every
     nth is taken. Neither the order of the points nor repeated ones change the result.

@@ -31,7 +31,7 @@ RESOLUTION = 200
 
 @dataclass(frozen=True)
 class SurfaceApss(DrawsReconstruction):
-    """The paper's chain. `resolution` is the number of grid cells a side."""
+    """The paper's chain, with `resolution` grid cells a side."""
 
     resolution: int = RESOLUTION
 
@@ -73,7 +73,7 @@ class SurfaceBpa(DrawsReconstruction):
 
 
 def closed_surface(points: Points, radius_percent: float | None = None) -> MeshLab:
-    """The chain up to its third stage: points [N, 3] pivoted, and small holes closed.
+    """Pivot points [N, 3] and close small holes: the chain up to its third stage.
 
     The ball's radius is in percent of the diagonal of the cloud's box; None is MeshLab's choice.
     Raises StageFailure as `SurfaceApss.prepare`, but for the stage `apss`.
@@ -91,7 +91,10 @@ def closed_surface(points: Points, radius_percent: float | None = None) -> MeshL
 
 
 def reconstruction(stage: str, meshlab: MeshLab) -> Reconstruction:
-    """What the last stage has left, in neutral grey. Raises StageFailure where that is nothing."""
+    """Return the mesh that the last stage has left, in neutral grey.
+
+    Raises StageFailure where it has no faces.
+    """
     _require_faces(stage, meshlab)
     return finite_part(stage, meshlab.mesh(NEUTRAL_GREY))
 

@@ -1,7 +1,7 @@
 """The paper's chain without the work that the image cannot show.
 
-The stages and filters are those of `baselines.reconstruction.surface`; what differs is how finely they look. Let a
-pixel's footprint be what it covers at the origin, CAMERA_DISTANCE / FOCAL_PX = 0.017 units.
+The stages and filters are those of `baselines.reconstruction.surface`, at a lower resolution. Let a
+pixel's footprint be the length it covers at the origin, CAMERA_DISTANCE / FOCAL_PX = 0.017 units.
 
 Grid    A cell of the APSS grid is 2.25 footprints; two pixels are the shortest wave that an image
         resolves. With L the longest side of the cloud's box the resolution is
@@ -87,12 +87,12 @@ class SurfaceFit(DrawsReconstruction):
 
 
 def in_sight(points: Points) -> Points:
-    """Those of points [N, 3] that lie nearer to the origin than the camera."""
+    """Return the points [M, 3] of [N, 3] that lie nearer to the origin than the camera."""
     return points[np.linalg.norm(points.astype(np.float64), axis=1) < CAMERA_DISTANCE]
 
 
 def thinned(points: Points, side: float) -> Points:
-    """Of finite points [N, 3] one for each cube of `side` that has any, sorted by cube.
+    """Return one of finite points [N, 3] for each occupied cube of `side`, sorted by cube.
 
     It is the one nearest the middle of the cube, and of equally near ones the first by coordinates:
     the result [M, 3] does not depend on the order of the points.
@@ -107,6 +107,6 @@ def thinned(points: Points, side: float) -> Points:
 
 
 def resolution(points: Points, cell: float) -> int:
-    """The finest of MeshLab's resolutions, up to the paper's, whose cells are not below `cell`."""
+    """Return MeshLab's finest resolution, at most the paper's, with cells of `cell` or more."""
     longest = float(np.ptp(points.astype(np.float64), axis=0).max())
     return min(max(math.floor(GRID_MARGIN * longest / cell), 1), RESOLUTION)

@@ -23,7 +23,7 @@ def load(
     precision: Precision = "float32",
     size: int = 128,
 ) -> SplatNetRenderer:
-    """A renderer with `prepare` and `draw`; see `SplatNetRenderer`.
+    """Return a renderer with `prepare` and `draw`; see `SplatNetRenderer`.
 
     Bundled names are the keys of `baselines.splat_net.weights.BUNDLED`. Raises BadInput for an
     unknown name and a damaged file, ValueError for another precision or size.

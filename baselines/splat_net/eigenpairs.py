@@ -18,7 +18,9 @@ PARALLEL = 1e-20
 
 
 def smallest_eigenpairs(upper: Floats) -> tuple[Floats, Floats]:
-    """Eigenvalues [n] and unit eigenvectors [n, 3], of either sign, of finite matrices.
+    """Return the smallest eigenvalues [n] and unit eigenvectors [n, 3] of finite matrices.
+
+    The sign of the eigenvectors is arbitrary.
 
     upper  [n, 6]: a00, a01, a02, a11, a12, a22
 
@@ -42,21 +44,21 @@ def smallest_eigenpairs(upper: Floats) -> tuple[Floats, Floats]:
 
 
 def _across(rows: Floats) -> Floats:
-    """Unit vectors [n, 3] at right angles to all rows [3, 3, n] of matrices of rank 2 or less."""
-    found, best = np.zeros_like(rows[0]), np.zeros_like(rows[0, 0])
+    """Return unit vectors [n, 3] perpendicular to all rows [3, 3, n] of matrices of rank <= 2."""
+    vectors, best = np.zeros_like(rows[0]), np.zeros_like(rows[0, 0])
     for first, second in ((0, 1), (0, 2), (1, 2)):
         product = _cross(rows[first], rows[second])
         length = (product * product).sum(axis=0)
         limit = PARALLEL * (rows[first] ** 2).sum(axis=0) * (rows[second] ** 2).sum(axis=0)
         better = length > np.maximum(best, limit)
-        found, best = np.where(better, product, found), np.where(better, length, best)
+        vectors, best = np.where(better, product, vectors), np.where(better, length, best)
     if not (best > 0).all():
-        found = np.where(best > 0, found, _across_line(rows))
-    return (found / np.sqrt((found * found).sum(axis=0))).T
+        vectors = np.where(best > 0, vectors, _across_line(rows))
+    return (vectors / np.sqrt((vectors * vectors).sum(axis=0))).T
 
 
 def _across_line(rows: Floats) -> Floats:
-    """Vectors [3, n] at right angles to the longest row, which all others are multiples of."""
+    """Return vectors [3, n] perpendicular to the longest row, of which all are multiples."""
     lengths = (rows**2).sum(axis=1)  # [3, n]
     line = np.take_along_axis(rows, lengths.argmax(axis=0)[None, None], axis=0)[0]
     axes = np.eye(3)[np.abs(line).argmin(axis=0)].T  # the axis that it runs along least
@@ -66,7 +68,10 @@ def _across_line(rows: Floats) -> Floats:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Of vectors [3, n]; NumPy's own spends most of its time on moving axes."""
+    """Return the cross products of vectors [3, n].
+
+    NumPy's function spends most of its time on moving axes.
+    """
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )

@@ -1,7 +1,7 @@
 """The network for inference: normalisation folded into convolutions, kernels prepared once.
 
-What it draws is what `SplatNet` draws in evaluation mode, up to the rounding of the precision. The
-finest level may be computed in windows only (`baselines.splat_net.window`).
+It draws what `SplatNet` draws in evaluation mode, up to the rounding of the precision. The finest
+level may be computed in windows only (`baselines.splat_net.window`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,11 @@ GROUP = 10  # images that pass together: in more, windows are wider; in fewer, c
 
 
 class FoldedSplatNet:
-    """See the module. `network` is kept, for `for_one`: it must not change any more. Raises
-    ValueError for another precision."""
+    """The folded network.
+
+    `network` is kept, for `for_one`: it must not change any more. Raises ValueError for another
+    precision.
+    """
 
     def __init__(self, network: SplatNet, precision: Precision = "float32", size: int = 128):
         self.network = network
@@ -30,14 +33,20 @@ class FoldedSplatNet:
 
     @functools.cached_property
     def for_one(self) -> _Layers:
-        """Kernels laid out for a group are slow with a single image."""
+        """The layers with kernels laid out for a single image.
+
+        Kernels laid out for a group are slow with one image.
+        """
         return _Layers(self.network, self.dtype, self.size, 1)
 
     def __call__(
         self, channels: Tensor, windows: Windows | None = None, points: Tensor | None = None
     ) -> Tensor:
-        """Images float32 [P, h, w, 3] in 0..1 by the first head, of channels [P, C, h, w] of
-        `dtype` in windows; without these of whole images. `points` are not used."""
+        """Return images float32 [P, h, w, 3] in 0..1 by the first head.
+
+        The channels [P, C, h, w] are of `dtype` and of windows, or of whole images without
+        `windows`. `points` are not used.
+        """
         layers = self.for_one if len(channels) == 1 else self.for_many
         windows = windows or whole_images(range(len(channels)), self.size)
         planes = layers(channels, windows).float().sigmoid_()
@@ -50,7 +59,7 @@ class FoldedSplatNet:
 
 
 class _Layers:
-    """All convolutions, for groups of `group` images of a size."""
+    """All convolutions, laid out for groups of `group` images of a size."""
 
     def __init__(self, network: SplatNet, dtype: torch.dtype, size: int, group: int) -> None:
         widths = network.config.widths
@@ -80,8 +89,10 @@ class _Layers:
 
     @functools.cached_property
     def empty(self) -> Tensor:
-        """What the level below the finest begins with [1, S / 2, S / 2, c] in an image without
-        points."""
+        """The input of the level below the finest for an image without points.
+
+        Its shape is [1, S / 2, S / 2, c].
+        """
         return _channels_last(self.down[0][0](self.first(self.nothing)))
 
     def __call__(self, channels: Tensor, windows: Windows) -> Tensor:
@@ -133,7 +144,7 @@ def _folded(block: nn.Module, like: list[int], dtype: torch.dtype) -> Convolutio
 
 
 def _lifting(conv: nn.Module, like: list[int], dtype: torch.dtype) -> Convolution:
-    """Gives each channel twice, for `_add_doubled`."""
+    """Return the convolution that gives each channel twice, for `_add_doubled`."""
     assert isinstance(conv, nn.Conv2d)
     assert conv.bias is not None
     kernel, bias = conv.weight.double().repeat(2, 1, 1, 1), conv.bias.double().repeat(2)
@@ -141,7 +152,10 @@ def _lifting(conv: nn.Module, like: list[int], dtype: torch.dtype) -> Convolutio
 
 
 def _last(network: SplatNet, like: list[int], dtype: torch.dtype) -> Convolution:
-    """Alpha and the first head, of which 1 - s(x) = s(-x) is what is wanted, s the sigmoid."""
+    """Return the convolution to alpha and the first head, negated.
+
+    1 - s(x) = s(-x) is wanted, s the sigmoid.
+    """
     conv = network.last
     assert conv.bias is not None
     count = 1 + PLANES[network.config.heads[0]]

@@ -18,7 +18,7 @@ GREY_WEIGHT = 0.5
 
 @dataclass(frozen=True)
 class Objective:
-    """Which terms count.
+    """The terms of a training's loss and their weights.
 
     patch_weight  that of the judge of patches on clean clouds, and on those with the strongest
                   noise of the training; between the two it rises with the standard deviation. The
@@ -36,7 +36,7 @@ class Objective:
     colours: bool = False
 
     def image_error(self, drawn: Tensor, real: Tensor, coverage: Tensor) -> Tensor:
-        """A scalar, of images [B, C, S, S] and coverage [B, 1, S, S] in 0..1.
+        """Return the error of images [B, C, S, S], given coverage [B, 1, S, S] in 0..1; a scalar.
 
         Unless it is plain, `learning.image_losses.weighted_error`: the score of the benchmark is
         part of it, and the model card says so.
@@ -46,12 +46,15 @@ class Objective:
         return weighted_error(drawn, real, coverage > 0, STRUCTURE_WEIGHT)
 
     def judged(self, colour: Tensor, grey: Tensor) -> Tensor:
-        """What the judge sees [B, `judged_channels`, S, S] of images [B, 3, S, S], [B, 1, S, S]."""
+        """Return the judge's input [B, `judged_channels`, S, S]: the grey image, or both.
+
+        The images are [B, 3, S, S] and [B, 1, S, S].
+        """
         return torch.cat([colour, grey], dim=1) if self.colours else grey
 
     @property
     def judged_channels(self) -> int:
-        """Of `judged`."""
+        """The number of channels of `judged`."""
         return 4 if self.colours else 1
 
 
@@ -71,7 +74,7 @@ OBJECTIVES = {
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True images in 0..1 of B clouds and views.
+    """True images of B clouds and views, in 0..1.
 
     colour    [B, 3, S, S]
     grey      [B, 1, S, S]
@@ -84,13 +87,13 @@ class Truth:
 
 
 def coverage_error(logits: Tensor, coverage: Tensor) -> Tensor:
-    """Cross entropy of coverage [B, 1, S, S], weighted as in `weighted_error`; a scalar."""
+    """Return the cross entropy of coverage [B, 1, S, S], weighted as in `weighted_error`."""
     weight = torch.where(coverage > 0, FOREGROUND_WEIGHT, 1.0)
     return functional.binary_cross_entropy_with_logits(logits, coverage, weight=weight)
 
 
 class PatchJudge(nn.Sequential):
-    """Images [B, channels, S, S] -> how real their patches look [B, 1, S/8, S/8]."""
+    """The patch discriminator: images [B, channels, S, S] -> realness [B, 1, S/8, S/8]."""
 
     def __init__(self, channels: int) -> None:
         def layer(cin: int, cout: int, stride: int) -> nn.Module:
@@ -104,5 +107,5 @@ class PatchJudge(nn.Sequential):
 
 
 def judge_error(on_real: Tensor, on_drawn: Tensor) -> Tensor:
-    """Hinge loss of the judge; a scalar."""
+    """Return the hinge loss of the judge; a scalar."""
     return functional.relu(1 - on_real).mean() + functional.relu(1 + on_drawn).mean()

@@ -28,7 +28,7 @@ PLANES: dict[Material, int] = {"colour": 3, "grey": 1}
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """What the network looks like.
+    """The shape of the network.
 
     widths  channels at 128, 64, 32, 16 and 8 pixels
     heads   materials that it draws in
@@ -46,7 +46,7 @@ class NetworkConfig:
 
     @property
     def outputs(self) -> int:
-        """Alpha, and what each head has."""
+        """The number of planes that the network gives: alpha's, and those of each head."""
         return 1 + sum(PLANES[head] for head in self.heads)
 
 
@@ -73,7 +73,7 @@ NETWORKS = {
 
 
 class Block(nn.Sequential):
-    """Convolution, normalisation, ReLU. `norm` is folded into the convolution for inference."""
+    """Convolution, normalisation, ReLU; `norm` is folded into the convolution for inference."""
 
     def __init__(self, cin: int, cout: int, stride: int = 1) -> None:
         super().__init__()
@@ -83,7 +83,7 @@ class Block(nn.Sequential):
 
 
 class SplatNet(nn.Module):
-    """Images of projected points."""
+    """The U-Net from projected points to the planes of images."""
 
     def __init__(self, config: NetworkConfig = DEFAULT) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class SplatNet(nn.Module):
         self.last = nn.Conv2d(widths[0], config.outputs, 3, padding=1)
 
     def forward(self, channels: Tensor, points: Tensor | None = None) -> Tensor:
-        """Alpha and the heads' planes [P, outputs, S, S], before the sigmoid.
+        """Return alpha and the heads' planes [P, outputs, S, S], before the sigmoid.
 
         channels  [P, C, S, S] of `project`
         points    not used: all that is known of them is projected
@@ -122,7 +122,10 @@ class SplatNet(nn.Module):
 
 
 def composite(output: Tensor, heads: tuple[Material, ...]) -> tuple[Tensor, list[Tensor]]:
-    """Alpha [P, 1, S, S] and, for each head, an image on white [P, 3 or 1, S, S]; all in 0..1."""
+    """Return alpha [P, 1, S, S] and an image on white [P, 3 or 1, S, S] for each head.
+
+    All lie in 0..1.
+    """
     planes = torch.sigmoid(output.float())
     alpha, *covers = planes.split([1, *(PLANES[head] for head in heads)], dim=1)
     return alpha, [1 + alpha * (cover - 1) for cover in covers]

@@ -26,7 +26,7 @@ DROPPED = 0.5  # of the channels of the widest two levels that go up, in trainin
 
 
 class PointNet(nn.Sequential):
-    """Points [P, 3, N] -> codes [P, CODE]; their order does not matter."""
+    """A PointNet from points [P, 3, N] to codes [P, CODE]; their order does not matter."""
 
     def __init__(self) -> None:
         layers: list[nn.Module] = []
@@ -36,7 +36,7 @@ class PointNet(nn.Sequential):
 
 
 class Points2Pix(nn.Module):
-    """Images of projected points, and of the points themselves."""
+    """The network from projected points, and the points themselves, to planes of images."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -70,7 +70,7 @@ class Points2Pix(nn.Module):
         self.last = nn.Conv2d(wide, config.outputs, 3, padding=1)
 
     def forward(self, channels: Tensor, points: Tensor) -> Tensor:
-        """Alpha and the heads' planes [P, outputs, 128, 128], before the sigmoid.
+        """Return alpha and the heads' planes [P, outputs, 128, 128], before the sigmoid.
 
         channels  [P, C, 128, 128] of `project`
         points    [P, 3, N], in the camera's frame
@@ -88,7 +88,7 @@ class Points2Pix(nn.Module):
 
 
 class Points2PixEngine:
-    """The network for inference, as `baselines.splat_net.engine.FoldedSplatNet`: whole images."""
+    """The inference engine, called as a `FoldedSplatNet` and drawing whole images."""
 
     dtype = torch.float32
 
@@ -96,7 +96,7 @@ class Points2PixEngine:
         self.network = network
 
     def __call__(self, channels: Tensor, windows: Windows, points: Tensor) -> Tensor:
-        """Images float32 [n, 128, 128, 3] in 0..1 by the first head.
+        """Return images float32 [n, 128, 128, 3] in 0..1 by the first head.
 
         points  [P, 3, N], of all images, of which the windows have some
         """
@@ -109,5 +109,5 @@ Network = SplatNet | Points2Pix
 
 
 def build(config: NetworkConfig) -> Network:
-    """The network of a configuration, with random weights."""
+    """Return the network of a configuration, with random weights."""
     return Points2Pix(config) if config.body == "points2pix" else SplatNet(config)

@@ -28,7 +28,7 @@ FARTHEST = CAMERA_DISTANCE + 1.25  # nearness 0: the far end of the unit sphere,
 
 @dataclass(frozen=True)
 class Inputs:
-    """Which channels there are.
+    """The selection of input channels.
 
     windows    sides in pixels of the discs, at 128 px, from narrow to wide; odd
     normals    normals and surface variation: of the first scale for the narrowest discs, of the
@@ -49,7 +49,7 @@ class Inputs:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each channel is, in the order of `project`."""
+        """The name of each channel, in the order of `project`."""
         return (
             *(f"nearest in {window}" for window in self.windows),
             *(["farthest"] if self.far else []),
@@ -71,12 +71,12 @@ class Inputs:
 
     @property
     def channels(self) -> int:
-        """How many."""
+        """The number of channels."""
         return len(self.names)
 
     @property
     def surfaces(self) -> bool:
-        """Whether any channel needs the neighbours of points."""
+        """True if any channel needs the neighbours of points."""
         return self.normals or self.flattened or self.noise
 
 
@@ -84,18 +84,18 @@ ALL_INPUTS = Inputs(noise=True)
 
 
 def cameras(views: Sequence[View]) -> Tensor:
-    """World-to-camera matrices float32 [V, 3, 4], OpenGL's convention."""
+    """Return world-to-camera matrices float32 [V, 3, 4], in OpenGL's convention."""
     poses = np.stack([camera_to_world(view) for view in views])
     return torch.from_numpy(np.linalg.inv(poses)[:, :3].astype(np.float32))
 
 
 def project(surfels: Surfels, cameras: Tensor, inputs: Inputs, size: int = IMAGE_SIZE) -> Tensor:
-    """Channels of whole images, see `Projection`."""
+    """Return the channels of whole images, see `Projection`."""
     return Projection(surfels, cameras, inputs, size).whole()
 
 
 class Projection:
-    """The points of P clouds as P cameras see them.
+    """The points of P clouds as seen by P cameras.
 
     surfels  with one leading dimension: P, or 1 where all cameras see the same cloud
     cameras  [P, 3, 4]
@@ -121,7 +121,7 @@ class Projection:
         self.noise = _noise(surfels, len(cameras)) if inputs.noise else None
 
     def boxes(self) -> list[Box]:
-        """Of each image the box beyond which all channels are zero.
+        """Return for each image the box beyond which all channels are zero.
 
         It is around the middle where no point is seen.
         """
@@ -140,12 +140,13 @@ class Projection:
         return [Box(*box) for box in torch.stack(ends, dim=1).tolist()]
 
     def whole(self) -> Tensor:
-        """The channels of whole images."""
+        """Return the channels of whole images."""
         return self.channels(whole_images(range(len(self.points)), self.size))
 
     def channels(self, windows: Windows, dtype: torch.dtype = torch.float32) -> Tensor:
-        """Channels [n, inputs.channels, h, w] of windows, channels last, in a type; everything
-        before is float32.
+        """Return channels [n, inputs.channels, h, w] of windows, channels last, in a type.
+
+        All computation before the conversion to `dtype` is in float32.
 
         All zero where no point is near. Depth is given as nearness, 0 for `FARTHEST` or nothing to
         about 1.1; counts n as log(1 + n).
@@ -192,7 +193,7 @@ class Projection:
 
 
 def _reach(inputs: Inputs, size: int) -> int:
-    """How many pixels from a point's own pixel it still changes channels."""
+    """Return how many pixels away from its own pixel a point changes channels."""
     half = _scaled(inputs.windows[-1], size) // 2
     if inputs.density:  # whose points are shared with the next pixel
         half = max(half, _scaled(DENSITY_WINDOWS[-1], size) // 2 + 1)
@@ -204,12 +205,15 @@ def _scaled(window: int, size: int) -> int:
 
 
 def _to_camera(points: Tensor, cameras: Tensor) -> Tensor:
-    """[..., N, 3] -> [P, 3, N]."""
+    """Return points [..., N, 3] in the cameras' frames, [P, 3, N]."""
     return cameras[:, :, :3] @ points.mT + cameras[:, :, 3:]
 
 
 class _Pixels:
-    """Where points [P, 3, N], in the camera's frame, fall: one table of S * S pixels an image."""
+    """The pixels in which points [P, 3, N] fall: a table of S * S pixels for each image.
+
+    The points are in the camera's frame.
+    """
 
     def __init__(self, points: Tensor, size: int) -> None:
         self.size = size
@@ -227,7 +231,7 @@ class _Pixels:
         self.depth = torch.where(self.seen, depth, EMPTY)
 
     def nearest(self) -> Tensor:
-        """The nearest point of each pixel, int64 [P, S, S]: the bits of its depth above its number.
+        """Return the nearest point of each pixel, int64 [P, S, S]: depth bits above its number.
 
         Positive floats are ordered like their bits, so that one minimum finds depth and point.
         Where there is none, EMPTY and the number N.
@@ -239,11 +243,11 @@ class _Pixels:
         return self._table(key, nothing, "amin")
 
     def nearest_depth(self) -> Tensor:
-        """Depth of the nearest point of each pixel [P, S, S]; EMPTY where there is none."""
+        """Return the depth of each pixel's nearest point [P, S, S]; EMPTY where there is none."""
         return self._table(self.depth, EMPTY, "amin")
 
     def farthest(self) -> Tensor:
-        """Depth of the farthest point of each pixel [P, S, S]; -EMPTY where there is none."""
+        """Return the depth of each pixel's farthest point [P, S, S]; -EMPTY where there is none."""
         return self._table(self.depth, -EMPTY, "amax")
 
     def _table(self, values: Tensor, nothing: float, reduce: str) -> Tensor:
@@ -253,7 +257,9 @@ class _Pixels:
         return table[:, :-1].unflatten(1, (self.size, self.size))
 
     def count(self) -> Tensor:
-        """Points per pixel [P, S, S], each shared among the four pixels around it."""
+        """Return the number of points per pixel [P, S, S], each shared among the 4 pixels around
+        it.
+        """
         x, y = self.column - 0.5, self.row - 0.5
         left, top = x.floor(), y.floor()
         right_share, lower_share = x - left, y - top
@@ -275,7 +281,7 @@ class _Pixels:
 
 
 def _spread(plane: Tensor, window: int, combine: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    """`combine` (minimum, maximum or add) over a square of `window` pixels around each pixel.
+    """Return `combine` (minimum, maximum or add) over `window` x `window` pixels around each.
 
     plane [P, h, w] -> [P, h, w]; beyond the edge there is nothing. Rows first, then columns, each
     from parts of 1, 2, 4, ... pixels, so that 9 pixels take four steps.
@@ -324,8 +330,10 @@ def _nearness(depth: Tensor, out: Tensor) -> None:
 
 
 def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-    """Normals towards the camera, and variation: [P, N + 1, 4] of the first scale, and
-    [P, N + 1, 4 (scales - 1)] of the others. points [P, 3, N] are in the camera's frame.
+    """Return normals towards the camera, and variation, of the first scale and of the others.
+
+    Their shapes are [P, N + 1, 4] and [P, N + 1, 4 (scales - 1)]. points [P, 3, N] are in the
+    camera's frame.
 
     A row of zeros stands behind each cloud, for pixels without a point.
     """
@@ -343,15 +351,15 @@ def _attributes(surfels: Surfels, cameras: Tensor, points: Tensor) -> tuple[Tens
 
 
 def _noise(surfels: Surfels, images: int) -> Tensor:
-    """The medians [images, scales] of the variation of each image's cloud."""
+    """Return the medians [images, scales] of the variation of each image's cloud."""
     of_clouds = 3 * surfels.variation.median(dim=-2).values
     return of_clouds.expand(images, -1)
 
 
 def _look_up(attributes: Tensor, nearest: Tensor, numbers: Sequence[int]) -> Tensor:
-    """[n, h, w, attributes]: what the point has that each pixel's disc comes from."""
+    """Return the attributes [n, h, w, attributes] of the point whose disc covers each pixel."""
     rows = attributes.shape[1]
     first = torch.tensor([i * rows for i in numbers], device=nearest.device)
     index = (nearest & 0xFFFFFFFF) + first[:, None, None]
-    found = attributes.flatten(0, 1).index_select(0, index.flatten())
-    return found.view(*nearest.shape, -1)
+    values = attributes.flatten(0, 1).index_select(0, index.flatten())
+    return values.view(*nearest.shape, -1)

@@ -26,7 +26,7 @@ POINTS_TOGETHER = 2**19  # of all these views: a bound on memory for large cloud
 
 
 class SplatNetRenderer:
-    """`data_prep.scene.Renderer` by projection and network.
+    """A `data_prep.scene.Renderer` by projection and network.
 
     precision  of the network: "float32" (default), or "bfloat16", twice as fast where the processor
                has it; points and their projection are float32 always. ValueError for another
@@ -66,7 +66,9 @@ class SplatNetRenderer:
 
     @torch.inference_mode()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Surfels:
-        """Neighbours and normals of all points, with one leading dimension; `rng` is not used.
+        """Return all points with neighbours and normals, with one leading dimension.
+
+        `rng` is not used.
 
         Raises StageFailure("input") for an empty or non-finite cloud. A single point, or points
         that all coincide, are drawn like any others.
@@ -85,7 +87,10 @@ class SplatNetRenderer:
     def draw(
         self, state: Surfels, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Images float32 [V, size, size, 3] in 0..1; no randomness. No views: an empty array."""
+        """Return images float32 [V, size, size, 3] in 0..1; no randomness.
+
+        No views give an empty array.
+        """
         del rng
         images = np.ones((len(views), self.size, self.size, 3), np.float32)
         most = max(1, min(VIEWS_TOGETHER, POINTS_TOGETHER // len(state)))
@@ -101,13 +106,13 @@ class SplatNetRenderer:
         return images
 
     def boxes(self, seen: Projection) -> list[Box]:
-        """Of each image the part that is computed, and all if something is drawn at its edge."""
+        """Return the part of each image to compute: all of it if a box's edge is drawn on."""
         if isinstance(self.engine, Points2PixEngine):  # which draws in what no point is near
             return [Box(0, self.size, 0, self.size)] * len(seen.points)
         return [box.grown(BEYOND, self.size) for box in seen.boxes()]
 
     def _draw(self, seen: Projection, boxes: Mapping[int, Box], images: Images) -> None:
-        """The boxes of images, by number: what the network draws in them, into `images`."""
+        """Draw boxes of images, by number, into `images`."""
         for windows in in_groups(boxes, self.size, GROUP):
             drawn = self.engine(seen.channels(windows, self.engine.dtype), windows, seen.points)
             if not drawn.sum().isfinite():  # of values in 0..1
@@ -119,7 +124,7 @@ class SplatNetRenderer:
 
 
 def _is_cut_off(image: NDArray[np.float32], box: Box) -> bool:
-    """Whether something is drawn at the box's edge, and the image goes on beyond."""
+    """Return whether something is drawn at the box's edge where the image goes on beyond."""
     inside, size = box.of(image), len(image)
     edges = (
         (box.top > 0, inside[0]),

@@ -1,9 +1,9 @@
-"""Weights from which a training starts: the colour and the grey file as one network.
+"""Initial weights of a training: the colour and the grey file as one network.
 
-A training exports its network twice, each with one head; what is trained has both. Inputs that the
-new network does without are cut out of the first layer; those that are new are not used yet. A
-wider network draws as the narrower one did: the channels it has more of are random, and no earlier
-channel uses them yet.
+A training exports its network twice, each with one head; the trained network has both. Inputs that
+the new network lacks are cut out of the first layer; new inputs are not used yet. A wider network
+draws as the narrower one did: its additional channels are random, and no earlier channel uses them
+yet.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ class Start:
 
 
 def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start:
-    """The network `config` with the weights of a bundled name, or of a file and the one beside it.
+    """Return `config`'s network with the weights of a bundled name or a file, and of its grey.
+
+    The second file is the one with the grey head beside the first.
 
     name_or_path  "chair" for `chair` and `chair-grey`, "FILE.safetensors" for it and
                   "FILE-grey.safetensors"
@@ -49,42 +51,46 @@ def read_start(name_or_path: str, config: NetworkConfig, seed: int = 0) -> Start
         raise _not_one_training(name_or_path, "the heads are not colour and grey")
     state = colour.network.state_dict()
     for key, other in grey.network.state_dict().items():
-        own, shared = state[key], other
+        colour_part, grey_part = state[key], other
         if key in HEAD:  # alpha comes before the materials
-            state[key], own, shared = torch.cat([own, other[1:]]), own[:1], other[:1]
-        if not torch.equal(own, shared):
+            state[key], colour_part, grey_part = (
+                torch.cat([colour_part, other[1:]]),
+                colour_part[:1],
+                other[:1],
+            )
+        if not torch.equal(colour_part, grey_part):
             raise _not_one_training(name_or_path, f"{key} differs")
-    found = colour.network.config
-    if (found.body, config.body) != ("splat-net", "splat-net"):
+    read = colour.network.config
+    if (read.body, config.body) != ("splat-net", "splat-net"):
         raise BadInput(
-            f"--start {name_or_path}: is of {found.body}, asked for {config.body}; only splat-net "
+            f"--start {name_or_path}: is of {read.body}, asked for {config.body}; only splat-net "
             "can start from weights, those of splat-net"
         )
-    if any(wanted < width for wanted, width in zip(config.widths, found.widths, strict=True)):
+    if any(wanted < width for wanted, width in zip(config.widths, read.widths, strict=True)):
         raise BadInput(
-            f"--start {name_or_path}: is of widths {found.widths}, asked for {config.widths}; a "
+            f"--start {name_or_path}: is of widths {read.widths}, asked for {config.widths}; a "
             "network can be made wider, not narrower: use another --network"
         )
-    state["first.conv.weight"] = _arranged(state["first.conv.weight"], found.inputs, config.inputs)
+    state["first.conv.weight"] = _arranged(state["first.conv.weight"], read.inputs, config.inputs)
     network = training_loop.seeded(seed, lambda: SplatNet(config))
     _fill(network, state)
     return Start(network.eval().requires_grad_(False), f"{colour.sha256} {grey.sha256}")
 
 
 def _fill(network: SplatNet, narrow: Mapping[str, Tensor]) -> None:
-    """Put the weights of a network in place that is no wider; `network` draws as it did.
+    """Put a network's weights into one that is no narrower; `network` draws as it did.
 
     The first channels of each layer are those of `narrow`, and do not depend on the others.
     """
-    for key, own in network.state_dict().items():  # which are the network's own, not copies
+    for key, target in network.state_dict().items():  # the tensors themselves, no copies
         known = narrow[key]
         if known.dim() == 4:  # kernels [out, in, height, width]
-            own[: len(known), known.shape[1] :] = 0
-        own[tuple(slice(length) for length in known.shape)] = known
+            target[: len(known), known.shape[1] :] = 0
+        target[tuple(slice(length) for length in known.shape)] = known
 
 
 def grey_beside(path: Path) -> Path:
-    """The file with the grey head that goes with the one in colour."""
+    """Return the file with the grey head that goes with the one in colour."""
     return path.with_name(f"{path.stem}{GREY}{path.suffix}")
 
 
@@ -93,16 +99,16 @@ def _grey_of(name_or_path: str) -> str:
 
 
 def _arranged(kernel: Tensor, old: Inputs, new: Inputs) -> Tensor:
-    """The first kernel [out, channels of `old`, ...] for the channels of `new`.
+    """Return the first kernel [out, channels of `old`, ...] for the channels of `new`.
 
-    Channels that it has never seen are not used yet: their weights are 0.
+    Weights of channels that are new are 0: they are not used yet.
     """
     places = {name: place for place, name in enumerate(old.names)}
-    made = kernel.new_zeros(kernel.shape[0], new.channels, *kernel.shape[2:])
+    arranged = kernel.new_zeros(kernel.shape[0], new.channels, *kernel.shape[2:])
     for place, name in enumerate(new.names):
         if name in places:
-            made[:, place] = kernel[:, places[name]]
-    return made
+            arranged[:, place] = kernel[:, places[name]]
+    return arranged
 
 
 def _not_one_training(name_or_path: str, why: str) -> BadInput:

@@ -51,7 +51,7 @@ class Surfels:
 def find_surfels(
     points: NDArray[np.float32], workers: int = 1, *, surfaces: bool = True
 ) -> Surfels:
-    """The surfels of a cloud [N, 3] of finite points, N > 0: sorted, and each place once.
+    """Return the surfels of a cloud [N, 3] of finite points, N > 0: sorted, and each place once.
 
     Their order says nothing, nor does a point that is listed twice. `workers` threads search for
     neighbours. Of a single place any vector is as good a normal as another: the result is finite,
@@ -86,27 +86,26 @@ def find_surfels(
 
 
 def _average(place: Floats, workers: int) -> csr_array:
-    """The matrix [N, N] that averages over each point's neighbours."""
+    """Return the matrix [N, N] that averages over each point's neighbours."""
     # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
     # plane), SciPy 1.17 steps to the next number, which is denormal. Inside a training
     # (`learning.training_loop.denormals_flushed`) that is 0 again, and so on without end.
     tree = KDTree(place, balanced_tree=False)
     count = min(NEIGHBOURS, len(place))
-    _, found = tree.query(place, k=count, workers=workers)
-    first = np.arange(0, found.size + 1, count)
-    shares = np.full(found.size, 1 / count)
-    return csr_array((shares, found.ravel(), first), shape=(len(place), len(place)))
+    _, neighbours = tree.query(place, k=count, workers=workers)
+    first = np.arange(0, neighbours.size + 1, count)
+    shares = np.full(neighbours.size, 1 / count)
+    return csr_array((shares, neighbours.ravel(), first), shape=(len(place), len(place)))
 
 
 def _products(vectors: Floats) -> Floats:
-    """Upper triangles [n, 6] of the products v v^T of vectors [n, 3]."""
+    """Return upper triangles [n, 6] of the products v v^T of vectors [n, 3]."""
     rows, columns = _UPPER
     return vectors[:, rows] * vectors[:, columns]
 
 
 def _fit(covariance: Floats) -> tuple[Floats, Floats]:
-    """Normals [n, 3] and surface variation [n] of covariances, of which the upper triangle [n, 6]
-    is given."""
+    """Return normals [n, 3] and surface variation [n] from covariances' upper triangles [n, 6]."""
     least, normals = smallest_eigenpairs(covariance)
     total = covariance[:, [0, 3, 5]].sum(axis=1)  # the trace is the sum of the eigenvalues
     variation = np.divide(least, total, out=np.zeros_like(total), where=total > 0)
@@ -114,7 +113,7 @@ def _fit(covariance: Floats) -> tuple[Floats, Floats]:
 
 
 def stack(surfels: list[Surfels]) -> Surfels:
-    """Clouds as one with a leading dimension; where one has fewer places, its last is repeated."""
+    """Return clouds as one with a leading dimension; the last place of shorter ones repeats."""
     most = max(len(s) for s in surfels)
 
     def together(name: str) -> Tensor:

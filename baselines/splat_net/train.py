@@ -1,4 +1,4 @@
-"""Training of the network: clouds are degraded, projected and drawn, and compared with true images.
+"""Training of the network: degraded clouds are projected and drawn, and compared with true images.
 
 Each step takes a few clouds and several views of each: finding neighbours costs as much as drawing
 an image, and the views of a cloud share them. The learning rate is constant, then falls to nothing
@@ -58,7 +58,7 @@ SHEET_CLOUDS = 8
 
 @dataclass(frozen=True)
 class SplatNetConfig:
-    """How it is trained.
+    """The configuration of a training.
 
     objective  a key of `baselines.splat_net.losses.OBJECTIVES`
     warm_up    steps before the judge of patches takes part
@@ -110,7 +110,7 @@ def train_splat_net(
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
 
     start  a network of `config.network` whose weights training starts from, where `config.start`
            names them
@@ -123,9 +123,9 @@ def train_splat_net(
             f"{data.seen.azimuth_deg.shape[1]} views of an object: at least {VIEWS_TOGETHER} are "
             "drawn together; render more"
         )
-    found = training_loop.prepare_device(device)
-    team = connect(found)
-    trainer = _Trainer(data, config, found, team, start)
+    torch_device = training_loop.prepare_device(device)
+    team = connect(torch_device)
+    trainer = _Trainer(data, config, torch_device, team, start)
     seen = data.seen
     data_hash = training_loop.hash_arrays(
         *(seen.images, seen.azimuth_deg, seen.elevation_deg, seen.clouds),
@@ -207,12 +207,12 @@ class _Trainer(NetworkTrainer):
         return self.config.steps - int(self.steps_done)
 
     def _rate(self, done: int) -> float:
-        """The learning rate of the step after `done` steps."""
+        """Return the learning rate of the step after `done` steps."""
         left = self.config.steps - done
         return self.config.learning_rate * min(1.0, left / max(1, self.config.cool_down))
 
     def independent_steps(self, steps: int) -> int:
-        """All before the last `cool_down`."""
+        """Return the number of steps before the last `cool_down`."""
         return max(0, steps - self.config.cool_down)
 
     def learning_rates(self, steps: int) -> str:
@@ -226,8 +226,11 @@ class _Trainer(NetworkTrainer):
         return f"{rate} up to step {constant}, then falling linearly to {last}"
 
     def _judge(self, drawn: Tensor, real: Tensor) -> tuple[Tensor, Tensor]:
-        """A step of the judge: its error, and how false [B] it finds the drawn images. Zeros
-        before it takes part, so that losses.csv has the same columns from first to last step."""
+        """Take a step of the judge; return its error, and how false [B] it finds drawn images.
+
+        Both are zero before it takes part, so that losses.csv has the same columns from first to
+        last step.
+        """
         if int(self.steps_done) < self.config.warm_up:
             return torch.zeros((), device=drawn.device), torch.zeros(
                 len(drawn), device=drawn.device
@@ -243,8 +246,10 @@ class _Trainer(NetworkTrainer):
         return error.detach(), patches
 
     def _draw_batch(self) -> tuple[Seen, Truth, Tensor]:
-        """What the network sees and truth of B views, and the standard deviation [B] of the noise
-        that their clouds have."""
+        """Return the network's input, the truth, and the noise of the clouds [B], for B views.
+
+        The noise is a standard deviation.
+        """
         count, views = self.data.seen.azimuth_deg.shape
         clouds = self.batch // VIEWS_TOGETHER
         objects = torch.randint(count, (clouds,), generator=self.random)
@@ -265,7 +270,7 @@ class _Trainer(NetworkTrainer):
     def _scene(
         self, points: Tensor, objects: Tensor, views: Tensor, mirrored: Tensor
     ) -> tuple[Seen, Truth]:
-        """What the network is shown of objects [K] from their views [K, M], and the truth.
+        """Return the network's input of objects [K] from views [K, M], and the truth.
 
         A mirrored shape seen from the opposite azimuth gives the mirrored image, for the light
         is at the camera.
@@ -284,19 +289,19 @@ class _Trainer(NetworkTrainer):
             )
         ]
         search = functools.partial(find_surfels, surfaces=self.config.network.inputs.surfaces)
-        found = stack(list(self.searchers.map(search, points.numpy())))
+        surfels = stack(list(self.searchers.map(search, points.numpy())))
         together = dataclasses.replace(
-            found,
+            surfels,
             **{
                 name: value.repeat_interleave(views.shape[1], dim=0).to(self.device)
-                for name, value in vars(found).items()
+                for name, value in vars(surfels).items()
             },
         )
         at = cameras(looks).to(self.device)
         projection = Projection(together, at, self.config.network.inputs)
 
-        def scaled(of: NDArray[np.uint8]) -> Tensor:
-            taken = torch.from_numpy(of[rows, columns]).to(self.device).float() / 255
+        def scaled(images_of_all: NDArray[np.uint8]) -> Tensor:
+            taken = torch.from_numpy(images_of_all[rows, columns]).to(self.device).float() / 255
             taken = taken.unsqueeze(1) if taken.dim() == 3 else taken.permute(0, 3, 1, 2)
             flip = (signs < 0).to(self.device)[:, None, None, None]
             return torch.where(flip, taken.flip(3), taken)
@@ -306,8 +311,11 @@ class _Trainer(NetworkTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Columns of objects, three rows: the truth, and what the averaged network draws of them in
-        colour and in grey, from 2,048 points without noise."""
+        """Return columns of objects: the truth, and the averaged network's images of 2,048 points.
+
+        The three rows are the truth, the image in colour and the image in grey; the points are
+        without noise.
+        """
         count = min(SHEET_CLOUDS, len(self.clouds))
         objects = torch.arange(count) * len(self.clouds) // count
         views = (torch.arange(count) % self.data.seen.azimuth_deg.shape[1])[:, None]

@@ -55,7 +55,7 @@ MOST_WINDOW = 63
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """A network in float32 and evaluation mode, on the CPU.
+    """A network in float32 and evaluation mode, on the CPU, and its origin.
 
     card    how it was trained: objective, steps, learning rates, seed, ...
     sha256  of the file
@@ -67,7 +67,7 @@ class Weights:
 
 
 def find_weights(name_or_path: str | Path) -> Path:
-    """The file of a bundled name, its checksum verified, or the path itself.
+    """Return the file of a bundled name, its checksum verified, or the path itself.
 
     Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
     bundled file differs from its checksum.
@@ -76,7 +76,7 @@ def find_weights(name_or_path: str | Path) -> Path:
 
 
 def export(checkpoint_path: Path, path: Path, head: Material) -> str:
-    """Write the weights of a checkpoint with one of its heads, atomically; the file's sha256.
+    """Write a checkpoint's weights with one of its heads, atomically, and return the sha256.
 
     Raises BadInput where the checkpoint is of something else or has no such head, or a weight does
     not fit float16.
@@ -105,7 +105,7 @@ def export(checkpoint_path: Path, path: Path, head: Material) -> str:
 
 
 def load_weights(name_or_path: str | Path = "chair") -> Weights:
-    """Weights by bundled name or by path.
+    """Return the weights of a bundled name or a path.
 
     Raises BadInput as `find_weights`, and where the file is no safetensors file or of another
     format, or tensors are missing, superfluous, of the wrong shape or not finite.
@@ -130,7 +130,10 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
 
 
 def network_config(found: Mapping[str, Any]) -> NetworkConfig:
-    """From JSON. Raises TypeError or ValueError where a number is none that anybody has trained."""
+    """Return the configuration from JSON.
+
+    Raises TypeError or ValueError where a number is none that anybody has trained.
+    """
     from baselines.splat_net.network import BODIES, PLANES, NetworkConfig
     from baselines.splat_net.projection import Inputs
 

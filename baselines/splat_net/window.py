@@ -21,7 +21,7 @@ STEP = 8  # of heights and widths: each size needs kernels of its own
 
 
 class Box(NamedTuple):
-    """Rows top .. bottom - 1 and columns left .. right - 1 of an image."""
+    """The rows top .. bottom - 1 and columns left .. right - 1 of an image."""
 
     top: int
     bottom: int
@@ -29,16 +29,16 @@ class Box(NamedTuple):
     right: int
 
     def grown(self, pixels: int, size: int) -> Box:
-        """The box and `pixels` around it, within an image of a size."""
+        """Return the box enlarged by `pixels` on all sides, within an image of a size."""
         top, left = max(0, self.top - pixels), max(0, self.left - pixels)
         return Box(top, min(size, self.bottom + pixels), left, min(size, self.right + pixels))
 
     def moved(self, rows: int, columns: int) -> Box:
-        """The box elsewhere."""
+        """Return the box moved by rows and columns."""
         return Box(self.top + rows, self.bottom + rows, self.left + columns, self.right + columns)
 
     def of(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """What is in it of an image [S, S, ...]: a view of the same memory."""
+        """Return the box's part of an image [S, S, ...]: a view of the same memory."""
         return image[self.top : self.bottom, self.left : self.right]
 
 
@@ -60,11 +60,11 @@ class Windows:
 
     @property
     def whole(self) -> bool:
-        """Whether they are the images themselves."""
+        """True if the windows are whole images."""
         return self.height == self.width == self.size
 
     def cut(self, images: Tensor) -> Tensor:
-        """Their parts [n, height, width, ...] of all images [P, size, size, ...]."""
+        """Return the windows' parts [n, height, width, ...] of all images [P, size, size, ...]."""
         if self.whole and self.numbers == range(len(images)):
             return images
         h, w = self.height, self.width
@@ -72,14 +72,15 @@ class Windows:
         return torch.stack([images[i, y : y + h, x : x + w] for i, (y, x) in parts])
 
     def below(self) -> Windows:
-        """The same of the n images of the level below."""
+        """Return the same windows of the n images of the level below."""
         corners = [(top // 2, left // 2) for top, left in self.corners]
         numbers = range(len(corners))
         return Windows(numbers, corners, self.height // 2, self.width // 2, self.size // 2)
 
     def paste(self, parts: Tensor, empty: Tensor) -> Tensor:
-        """Parts [n, height, width, c] with the rest of an image without points, `empty`
-        [1, size, size, c], around them.
+        """Return parts [n, height, width, c], surrounded by an image without points.
+
+        The surroundings are `empty` [1, size, size, c].
 
         A convolution of stride 2 has made the parts. It looks at the pixel before their first row
         and column: where the image goes on, these are wrong, and those of `empty` right. All is as
@@ -95,12 +96,12 @@ class Windows:
 
 
 def whole_images(numbers: Sequence[int], size: int) -> Windows:
-    """Windows that are the images."""
+    """Return windows that cover whole images."""
     return Windows(numbers, [(0, 0)] * len(numbers), size, size, size)
 
 
 def in_groups(boxes: Mapping[int, Box], size: int, most: int) -> Iterator[Windows]:
-    """Windows around boxes of images, by number, in groups of at most `most`.
+    """Yield windows around boxes of images, by number, in groups of at most `most`.
 
     Images of like boxes are together. Windows reach RING beyond the boxes, or to the image's edge.
     """
@@ -120,6 +121,6 @@ def in_groups(boxes: Mapping[int, Box], size: int, most: int) -> Iterator[Window
 
 
 def _span(start: int, end: int, size: int) -> tuple[int, int]:
-    """start - RING .. end + RING, within the image; the first even, their distance by STEP."""
+    """Return start - RING .. end + RING in the image: the first even, their distance by STEP."""
     start, end = max(0, start - RING) // 2 * 2, min(size, end + RING)
     return start, start + min(size, -(-(end - start) // STEP) * STEP)
