@@ -18,7 +18,10 @@ __all__ = ["draw_cloud", "load", "turntable"]
 
 
 def __getattr__(name: str) -> Any:
-    """What needs NumPy is imported when it is asked for: the command line has no time for it."""
+    """Import names that need NumPy when they are asked for.
+
+    The command line has no time for NumPy.
+    """
     if name not in ("draw_cloud", "turntable"):
         raise AttributeError(f"module 'pc2pix' has no attribute '{name}'")
     from pc2pix import images
@@ -33,14 +36,32 @@ def load(
     device: str = "cpu",
     precision: Precision = "float32",
 ) -> Pc2pixRenderer:
-    """A renderer with `prepare(cloud)` and `draw(state, views)`, from trained weights.
+    """Return a renderer with `prepare(cloud)` and `draw(state, views)`, from trained weights.
 
-    name_or_path  a bundled name (`pc2pix.weights.BUNDLED`) or the path of an exported file
-    z             the generator's noise, see `pc2pix.renderer.Pc2pixRenderer`
-    precision     the generator's, "float32" or "bfloat16"; likewise
+    PyTorch is imported here, not with the package.
 
-    Raises `data_prep.failures.BadInput` where the weights cannot be used. PyTorch is imported
-    here, not with the package.
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A bundled name (`pc2pix.weights.BUNDLED`) or the path of an exported file.
+    z : {"zero", "uniform"}
+        The generator's noise, see `pc2pix.renderer.Pc2pixRenderer`.
+    device : str
+        PyTorch's name of the device, "cpu" or "cuda" for example.
+    precision : {"float32", "bfloat16"}
+        The generator's precision, see `pc2pix.renderer.Pc2pixRenderer`.
+
+    Returns
+    -------
+    Pc2pixRenderer
+        Renderer of images [V, 128, 128, 3].
+
+    Raises
+    ------
+    data_prep.failures.BadInput
+        Where the weights cannot be used.
+    ValueError
+        For another precision.
     """
     from pc2pix.renderer import Pc2pixRenderer
     from pc2pix.weights import load_weights

@@ -1,4 +1,4 @@
-"""Clouds as the networks see them while training: fewer points, noise, mirrored.
+"""Augmentation of training: fewer points, noise, mirrored scenes.
 
 Whether noise and missing points were shown decides what robustness means afterwards; the model card
 says so. All randomness is a `torch.Generator` on the CPU, so that a resumed run goes on exactly.
@@ -20,7 +20,7 @@ PLAIN_POINTS = 1024  # what an encoder that takes any number is fed while traini
 
 
 def degrade(clouds: Tensor, random: torch.Generator) -> Tensor:
-    """[B, n, 3]: fewer points, and Gaussian noise on about half of the clouds [B, M, 3].
+    """Return clouds [B, n, 3] of fewer points, with Gaussian noise on about half of them.
 
     n is one of POINTS_SEEN for the whole batch; the noise of a cloud is drawn from 0..MAX_NOISE.
     """
@@ -30,12 +30,12 @@ def degrade(clouds: Tensor, random: torch.Generator) -> Tensor:
 
 
 def take_evenly(points: Tensor, count: int) -> Tensor:
-    """Rows floor(i N / count) of clouds [B, N, 3]: repeats or leaves out as evenly as can be."""
+    """Return rows floor(i N / count) of clouds [B, N, 3]: repeated or omitted evenly."""
     return points[:, torch.arange(count) * points.shape[1] // count]
 
 
 class Scene(NamedTuple):
-    """B clouds, their images and the directions these are seen from.
+    """A batch of B clouds, their images and the directions that these are seen from.
 
     points       [B, N, 3]
     images       [B, 3, H, W]
@@ -50,7 +50,7 @@ class Scene(NamedTuple):
 
 
 def mirror(scene: Scene, which: Tensor) -> Scene:
-    """The scenes marked in `which` (bool [B]) mirrored left to right.
+    """Return the scenes marked in `which` (bool [B]) mirrored left to right.
 
     Exact for a light at the camera: a mirrored shape seen from the opposite azimuth gives the
     mirrored image.

@@ -53,17 +53,17 @@ _PRODUCT_ROWS = torch.tensor([[-1.0, 0, 0], [1, 1, 1], [0, 0, 1]], dtype=torch.f
 
 
 class Upsampled(Protocol):
-    """Nearest x2, then a 3x3 convolution, plus a shortcut that is up-sampled likewise."""
+    """The protocol of nearest x2, a 3x3 convolution, and a shortcut that is up-sampled too."""
 
     shortcuts: int  # how many times over the channels of the shortcut are wanted
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """[B, c, H, W] and [B, shortcuts * c, H, W] -> [B, c, 2H, 2W]."""
+        """Map [B, c, H, W] and shortcuts [B, shortcuts * c, H, W] to [B, c, 2H, 2W]."""
         ...
 
 
 def upsampled(kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> Upsampled:
-    """The fastest form for a kernel [c, c, 3, 3], float64, and inputs of a shape [B, c, H, W]."""
+    """Return the fastest form for a float64 kernel [c, c, 3, 3] and inputs [B, c, H, W]."""
     channels = like[1]
     if channels >= NINE_PRODUCTS_FROM:
         return NineProducts(kernel, like, dtype)
@@ -73,7 +73,10 @@ def upsampled(kernel: Tensor, like: Sequence[int], dtype: torch.dtype) -> Upsamp
 
 
 class Phases:
-    """`Upsampled` by four 2x2 convolutions. `kernel` is [c, c, 3, 3], float64; no bias."""
+    """An `Upsampled` by four 2x2 convolutions.
+
+    `kernel` is [c, c, 3, 3], float64; no bias.
+    """
 
     shortcuts = 1
 
@@ -87,17 +90,17 @@ class Phases:
         ]
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """[B, c, H, W] twice -> [B, c, 2H, 2W]."""
+        """Map two tensors [B, c, H, W] to [B, c, 2H, 2W]."""
         h, w = y.shape[2:]
         out = _doubled(y)
         for p, q, conv in self.phases:
-            found = conv(y)  # [B, c, H + 1, W + 1]: row i looks at i - 1 and i
-            torch.add(found[:, :, p : p + h, q : q + w], shortcut, out=out[:, :, p::2, q::2])
+            convolved = conv(y)  # [B, c, H + 1, W + 1]: row i looks at i - 1 and i
+            torch.add(convolved[:, :, p : p + h, q : q + w], shortcut, out=out[:, :, p::2, q::2])
         return out
 
 
 class Rows:
-    """`Upsampled` by two 2x3 convolutions, one for even and one for odd rows of the result.
+    """An `Upsampled` by two 2x3 convolutions, for even and for odd rows of the result.
 
     Each gives the pixels of two columns side by side, so that what is left to do is to interleave
     whole rows. Of its six taps a column needs four; where channels are few that is the lesser evil.
@@ -114,18 +117,21 @@ class Rows:
         self.rows = [Convolution(k, None, like, dtype, padding=1) for k in kernels]
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """[B, c, H, W] and [B, 2 c, H, W] -> [B, c, 2H, 2W]."""
+        """Map [B, c, H, W] and [B, 2 c, H, W] to [B, c, 2H, 2W]."""
         b, c, h, w = y.shape
         out = y.new_empty((b, h, 2, w, 2 * c))
         shortcut = shortcut.permute(0, 2, 3, 1)
         for p, conv in enumerate(self.rows):
-            found = conv(y).permute(0, 2, 3, 1)  # [B, H + 1, W, 2 c]
-            torch.add(found[:, p : p + h], shortcut, out=out[:, :, p])
+            convolved = conv(y).permute(0, 2, 3, 1)  # [B, H + 1, W, 2 c]
+            torch.add(convolved[:, p : p + h], shortcut, out=out[:, :, p])
         return out.view(b, 2 * h, 2 * w, c).permute(0, 3, 1, 2)
 
 
 class NineProducts:
-    """`Upsampled` by differences of neighbours. `kernel` is [c, c, 3, 3], float64; no bias."""
+    """An `Upsampled` by differences of neighbours.
+
+    `kernel` is [c, c, 3, 3], float64; no bias.
+    """
 
     shortcuts = 1
 
@@ -143,7 +149,7 @@ class NineProducts:
         self.both = products([m[0, 0], m[0, 2], m[2, 0], m[2, 2]], h + 1, w + 1)
 
     def __call__(self, y: Tensor, shortcut: Tensor) -> Tensor:
-        """[B, c, H, W] twice -> [B, c, 2H, 2W]."""
+        """Map two tensors [B, c, H, W] to [B, c, 2H, 2W]."""
         h, w = y.shape[2:]
         wide = functional.pad(y, (1, 1, 1, 1))
         steps = wide[:, :, 1:] - wide[:, :, :-1]  # [B, c, H + 1, W + 2], down
@@ -172,7 +178,7 @@ def _dense(x: Tensor) -> Tensor:
 
 
 class FoldedBlock:
-    """An `UpBlock` in evaluation mode. `like` is the shape [B, cin, H, W] of its inputs."""
+    """An `UpBlock` in evaluation mode; `like` is the shape [B, cin, H, W] of its inputs."""
 
     def __init__(self, block: UpBlock, like: Sequence[int], dtype: torch.dtype) -> None:
         batch, _, h, w = like
@@ -190,25 +196,25 @@ class FoldedBlock:
         self.shortcut = Convolution(kernel, bias.repeat(copies), like, dtype)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, 2H, 2W]."""
+        """Map [B, cin, H, W] to [B, cout, 2H, 2W]."""
         y = self.conv1(self.norm(x)).relu_()
         return self.conv2(y, self.shortcut(x))
 
 
 class Norm:
-    """BatchNorm in evaluation mode, then ReLU; the statistics stay in float32."""
+    """A BatchNorm in evaluation mode, then ReLU; the statistics stay in float32."""
 
     def __init__(self, bn: nn.BatchNorm2d) -> None:
         scale, shift = (x.float() for x in normalisation(bn))
         self.arguments = torch.zeros_like(scale), torch.ones_like(scale), scale, shift
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Any shape [B, c, H, W]; a new tensor."""
+        """Return a new tensor of the same shape [B, c, H, W]."""
         return functional.batch_norm(x, *self.arguments, eps=0.0).relu_()
 
 
 class LastLayers:
-    """BatchNorm, ReLU and the convolution to three channels, as images in [0, 1]."""
+    """The last BatchNorm, ReLU and convolution to three channels, as images in [0, 1]."""
 
     def __init__(self, generator: Generator, like: Sequence[int], dtype: torch.dtype) -> None:
         self.norm = Norm(generator.bn)
@@ -221,7 +227,7 @@ class LastLayers:
         self.conv = Convolution(kernel.flatten(0, 2), bias, like, dtype, stride=2, padding=1)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """[B, c, H, W] -> float32 [B, H, W, 3]."""
+        """Map [B, c, H, W] to float32 [B, H, W, 3]."""
         x = self.conv(self.norm(x)).permute(0, 2, 3, 1)  # [B, H / 2, W / 2, 12]
         x = x.unflatten(3, (2, 2, 3)).permute(0, 1, 3, 2, 4, 5)  # [B, H / 2, 2, W / 2, 2, 3]
         x = x.flatten(3, 4).flatten(1, 2).float()
@@ -229,7 +235,7 @@ class LastLayers:
 
 
 class Stack:
-    """Blocks and last layers of a generator, for groups of at most `most` images."""
+    """The blocks and last layers of a generator, for groups of at most `most` images."""
 
     def __init__(self, generator: Generator, dtype: torch.dtype, most: int) -> None:
         self.layers: list[FoldedBlock | LastLayers] = []
@@ -250,7 +256,7 @@ class Stack:
             self.layers.append(LastLayers(generator, like, dtype))
 
     def draw(self, x: Tensor, out: Tensor, first: int = 0) -> None:
-        """Layers `first` and on of x, into `out`: each group to its end before the next."""
+        """Apply layers `first` and on to x, into `out`: each group to its end before the next."""
         if first == len(self.layers):
             out.copy_(x)
             return
@@ -260,7 +266,7 @@ class Stack:
 
 
 class FoldedGenerator:
-    """See `fold`."""
+    """The generator for inference, see `fold`."""
 
     def __init__(self, generator: Generator, precision: Precision) -> None:
         self.precision: Precision = precision
@@ -275,14 +281,17 @@ class FoldedGenerator:
 
     @functools.cached_property
     def for_one(self) -> Stack:
-        """Kernels laid out for a group of 32 images are slow with a single one."""
+        """The layers with kernels laid out for a single image.
+
+        Kernels laid out for a group of 32 images are slow with one.
+        """
         return Stack(self.generator, self.dtype, 1)
 
     @torch.inference_mode()
     def __call__(
         self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
     ) -> Tensor:
-        """Images float32 [V, 128, 128, 3] in [0, 1] of one cloud.
+        """Return images float32 [V, 128, 128, 3] in [0, 1] of one cloud.
 
         code                    [1, latent_dim]
         elevation01, azimuth01  [V, 1], as the generator takes them
@@ -300,9 +309,9 @@ class FoldedGenerator:
 
 
 class UnfoldedGenerator:
-    """The generator as it was trained, called like a `FoldedGenerator`: what folding is judged by.
+    """The generator as it was trained, called like a `FoldedGenerator`, to judge folding.
 
-    Float32, channels last. The generator itself, not a copy.
+    It is the generator itself, not a copy, in float32 and channels last.
     """
 
     def __init__(self, generator: Generator) -> None:
@@ -313,7 +322,7 @@ class UnfoldedGenerator:
     def __call__(
         self, code: Tensor, elevation01: Tensor, azimuth01: Tensor, noise: Tensor | None = None
     ) -> Tensor:
-        """As `FoldedGenerator`."""
+        """Return images as `FoldedGenerator` does."""
         count = len(elevation01)
         if noise is None:
             noise = code.new_zeros((count, NOISE_DIM))
@@ -322,7 +331,7 @@ class UnfoldedGenerator:
 
 
 def fold(generator: Generator, precision: Precision = "float32") -> FoldedGenerator:
-    """The generator in evaluation mode, for inference, on the device that it is on.
+    """Return the generator in evaluation mode, for inference, on the device that it is on.
 
     The weights are copied: what happens to `generator` afterwards changes nothing. float32 draws
     what the generator draws, up to rounding (some 1e-6 of the range); bfloat16 keeps weights and

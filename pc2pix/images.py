@@ -28,20 +28,38 @@ def draw_cloud(
     front: str | None = None,
     renderer: Pc2pixRenderer | None = None,
 ) -> NDArray[np.uint8]:
-    """Return an image [128, 128, 3] of the chair of points [N, 3], in any units and anywhere.
+    """Return an image of points in any units and anywhere, drawn as a chair.
 
-    azimuth_deg    0: the front; 90: from +X (see `data_prep.scene`)
-    elevation_deg  -90..90; the networks were trained within -40..40
-    up, front      axes of the points that point up and to the front, "z" or "-x" say; the front is
-                   "-z" where it is not given, or "-y" where z is up
-    renderer       of `pc2pix.load`; None: the bundled weights `chair`, read once a process, which
-                   draw every cloud as a chair (`bench.draw_cloud` draws other objects)
+    The same points give the same image.
 
-    Any number of points will do; of many, the network gets several random thousands. The same
-    points give the same image. Raises ValueError for what is no array of such a shape and for
-    angles that there are not; BadInput (a ValueError) for a cloud without points, without extent or
-    with non-finite points, and for axes that are none; StageFailure for a cloud that the network
-    cannot make sense of (all of `data_prep.failures`).
+    Parameters
+    ----------
+    points : array_like of real numbers, [N, 3]
+        Any number of points will do; of many, the network gets several random thousands.
+    azimuth_deg : float
+        Azimuth in degrees; 0 is the front, 90 is from +X (see `data_prep.scene`).
+    elevation_deg : float
+        Elevation in degrees, -90..90; the networks were trained within -40..40.
+    up, front : str
+        Axes of the points that point up and to the front, "z" or "-x" say. The front is "-z" where
+        it is not given, or "-y" where z is up.
+    renderer : Pc2pixRenderer, optional
+        A renderer of `pc2pix.load`; without one the bundled weights `chair`, read once a process.
+
+    Returns
+    -------
+    uint8 array, [128, 128, 3]
+        Image in sRGB on white.
+
+    Raises
+    ------
+    ValueError
+        Where `points` is no array of that shape and where an angle is out of range or not finite.
+    data_prep.failures.BadInput
+        A ValueError, for a cloud without points, without extent or with non-finite points, and for
+        axes that are none.
+    data_prep.failures.StageFailure
+        For a cloud that the network cannot make sense of.
     """
     views = [View(azimuth_deg, elevation_deg)]
     return _draw(points, views, up, front, renderer)[0]
@@ -56,9 +74,26 @@ def turntable(
     front: str | None = None,
     renderer: Pc2pixRenderer | None = None,
 ) -> NDArray[np.uint8]:
-    """Return images [frames, 128, 128, 3] from all around, from azimuth 0 on, in equal steps.
+    """Return images from all around, from azimuth 0 on, in equal steps.
 
-    Everything else as in `draw_cloud`; the cloud is encoded once. No frames give an empty array.
+    The cloud is encoded once.
+
+    Parameters
+    ----------
+    points, elevation_deg, up, front, renderer
+        Arguments as of `draw_cloud`.
+    frames : int
+        Number of images; 0 gives an empty array.
+
+    Returns
+    -------
+    uint8 array, [frames, 128, 128, 3]
+        Images in sRGB on white.
+
+    Raises
+    ------
+    ValueError, data_prep.failures.BadInput, data_prep.failures.StageFailure
+        As `draw_cloud`.
     """
     views = [View(360 * i / frames, elevation_deg) for i in range(frames)]
     return _draw(points, views, up, front, renderer)

@@ -1,4 +1,4 @@
-"""Codes as vectors: paths between two of them, and A - B + C (the paper's Figures 5 and 6).
+"""Arithmetic of codes: paths between two of them, and A - B + C (the paper's Figures 5 and 6).
 
 Codes are *whitened*, as `Pc2pixRenderer.prepare` gives them and as decoder and generator take them:
 (code - mean) / std over the training set, so that no number outweighs another by its unit alone.
@@ -15,7 +15,7 @@ from pc2pix.model import Decoder
 
 
 def interpolate(start: Tensor, end: Tensor, positions: int) -> Tensor:
-    """Codes [positions, d] on the straight line from `start` to `end`, both [1, d], evenly spaced.
+    """Return codes [positions, d], evenly spaced from `start` to `end`, both [1, d].
 
     The first is `start` and the last is `end`, bit for bit. Raises ValueError for fewer than two
     positions, and where a shape is not [1, d].
@@ -29,7 +29,9 @@ def interpolate(start: Tensor, end: Tensor, positions: int) -> Tensor:
 
 
 def add_difference(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
-    """A - B + C of codes [1, d]: `c` plus what `a` has and `b` has not; exactly `c` where a is b.
+    """Return A - B + C of codes [1, d]: `c`, plus what `a` has and `b` has not.
+
+    The result is exactly `c` where a is b.
 
     Raises ValueError where a shape is not [1, d].
     """
@@ -39,9 +41,9 @@ def add_difference(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
 
 @torch.inference_mode()
 def decode(decoder: Decoder, codes: Tensor) -> NDArray[np.float32]:
-    """Clouds float32 [K, 2048, 3] in (-1, 1) of codes [K, d], on the CPU.
+    """Return clouds float32 [K, 2048, 3] in (-1, 1) of codes [K, d], on the CPU.
 
-    One by one, so that a cloud does not depend on its neighbours, bit for bit.
+    They are decoded one by one, so that a cloud does not depend on its neighbours, bit for bit.
     """
     return torch.cat([decoder(code[None]) for code in codes]).float().cpu().numpy()
 

@@ -1,4 +1,4 @@
-"""The loss functions: Chamfer distance, angular error, the paper's Eq. 6 and 7, reconstruction.
+"""Loss functions: Chamfer distance, angular error, the paper's Eq. 6 and 7, reconstruction.
 
 Pure functions of tensors. `Objective` holds what the paper and the code weigh differently.
 """
@@ -23,7 +23,9 @@ ELEVATION_RANGE_RAD = 0.4444 * math.pi  # 0..1 is -40..40 degrees; the code roun
 
 
 def chamfer(a: Tensor, b: Tensor) -> Tensor:
-    """Mean squared distance to the nearest neighbour, from a to b plus from b to a; a scalar.
+    """Return the Chamfer distance of clouds, from a to b plus from b to a; a scalar.
+
+    It is the mean squared distance to the nearest neighbour.
 
     a [B, N, 3] and b [B, M, 3], neither empty; means run over batch and points (the original's
     loss; no square root). Zero for equal sets, NaN where a coordinate is. Neighbours are found
@@ -38,7 +40,7 @@ def chamfer(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _nearest(a: Tensor, b: Tensor) -> Tensor:
-    """Index [B, N] of the point of b [B, M, 3] nearest to each of a [B, N, 3].
+    """Return the index [B, N] of the point of b [B, M, 3] nearest to each of a [B, N, 3].
 
     Search trees on a CPU, where the [B, N, M] table of distances costs ten times as much; one
     batched matrix product elsewhere.
@@ -54,9 +56,9 @@ def _nearest(a: Tensor, b: Tensor) -> Tensor:
     # Split in the middle, not at the median: where that is exactly 0 (half of a cloud in one
     # plane), SciPy 1.17 steps to the next number, which is denormal. Inside a training
     # (`learning.training_loop.denormals_flushed`) that is 0 again, and so on without end.
-    trees = ((of, KDTree(to, balanced_tree=False)) for of, to in pairs)
-    found = [tree.query(of, workers=threads)[1] for of, tree in trees]
-    return torch.from_numpy(np.stack(found))
+    trees = ((points, KDTree(targets, balanced_tree=False)) for points, targets in pairs)
+    indices = [tree.query(points, workers=threads)[1] for points, tree in trees]
+    return torch.from_numpy(np.stack(indices))
 
 
 def _rows(points: Tensor, index: Tensor) -> Tensor:
@@ -64,7 +66,7 @@ def _rows(points: Tensor, index: Tensor) -> Tensor:
 
 
 def angular_error(predicted01: Tensor, target01: Tensor, range_rad: float) -> Tensor:
-    """Mean absolute angle in radians, 0..pi, between normalised angles of the same shape.
+    """Return the mean absolute angle in radians, 0..pi, between normalised angles.
 
     L_theta = atan2(sin d / cos d) of the paper's section 3.2, with d = range_rad * difference:
     a whole turn counts as none, so azimuth 0.99 and 0.01 are 0.02 turns apart.
@@ -74,7 +76,9 @@ def angular_error(predicted01: Tensor, target01: Tensor, range_rad: float) -> Te
 
 
 def azimuth_error(judged: Tensor, target01: Tensor) -> Tensor:
-    """Error of an azimuth [B, 1], in radians; or of its sine and cosine [B, 2], mean absolute.
+    """Return the error of an azimuth [B, 1] in radians, or of its sine and cosine [B, 2].
+
+    The latter is the mean absolute difference.
 
     The latter has a gradient towards the target everywhere. The angular error of one number has
     none that agrees over a batch while all angles are judged alike, as they are at the start.
@@ -88,7 +92,7 @@ STRUCTURE_WEIGHT = 0.25
 
 
 def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
-    """How far drawn images are from the real ones of the same cloud and view; a scalar.
+    """Return the error of drawn images against real ones of the same cloud and view; a scalar.
 
     Images [B, 3, H, W] in [-1, 1], H and W at least 11. `learning.image_losses.weighted_error` on
     a scale of 0..1; whatever is not white is object. Works in float32. The score of the benchmark
@@ -101,7 +105,7 @@ def reconstruction_error(drawn: Tensor, real: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Objective:
-    """Weights of the terms of Eq. 6 and 7, and the error measured on the code.
+    """The weights of the terms of Eq. 6 and 7, and the error measured on the code.
 
     reconstruction_weight  of `reconstruction_error`; where it is not zero, real and drawn images
                            are of the same clouds and views, and the encoder is trained too
@@ -130,7 +134,7 @@ OBJECTIVES = {
 
 
 class Condition(NamedTuple):
-    """What an image was, or should be, made from: c_1, c_2, c_3 of Eq. 6."""
+    """The condition of an image, c_1, c_2, c_3 of Eq. 6: what it was, or should be, made from."""
 
     code: Tensor  # [B, latent_dim]
     elevation01: Tensor  # [B, 1]
@@ -138,7 +142,7 @@ class Condition(NamedTuple):
 
 
 class LossTerms(NamedTuple):
-    """Scalars. `total` is weighted and is what gets minimised; the others are unweighted."""
+    """The loss as scalars: `total` is weighted and minimised; the others are unweighted."""
 
     total: Tensor
     real: Tensor
@@ -173,7 +177,7 @@ def discriminator_loss(
     fake: Condition,
     objective: Objective,
 ) -> LossTerms:
-    """Eq. 6: cross entropy on both halves, reconstruction of the conditions on both halves.
+    """Return Eq. 6: cross entropy and reconstruction of the conditions, on both halves.
 
     The halves are added, as in Eq. 6; the original averages them, a factor of one half on
     everything, to which Adam is indifferent.
@@ -189,5 +193,5 @@ def discriminator_loss(
 def generator_loss(
     on_fake: DiscriminatorOutput, fake: Condition, objective: Objective
 ) -> LossTerms:
-    """Eq. 7: be taken for real, and let the conditions be read off the image."""
+    """Return Eq. 7: be taken for real, and let the conditions be read off the image."""
     return _terms(on_fake, fake, True, objective)

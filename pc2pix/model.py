@@ -45,14 +45,23 @@ AzimuthKind = Literal["scalar", "sine-cosine"]
 class ModelConfig:
     """Widths and variants of all networks.
 
-    width       factor on every hidden width but PointNet's; 1.0 is the paper's
-    latent_dim  length of the code rho: 32 for chairs, 512 for all classes in the paper
-    encoder     "paper": dilated convolutions along the order of 2,048 points. "pointnet": ours,
-                independent of order, any number of points.
-    azimuth     how networks give and take it. "scalar": as in the paper, one number that jumps at
-                the back of the object. "sine-cosine": ours, two numbers without a jump.
+    Parameters
+    ----------
+    width : float
+        Factor on every hidden width but PointNet's; 1.0 is the paper's.
+    latent_dim : int
+        Length of the code rho: 32 for chairs, 512 for all classes in the paper.
+    encoder : {"paper", "pointnet"}
+        "paper": dilated convolutions along the order of 2,048 points. "pointnet": ours,
+        independent of order, any number of points.
+    azimuth : {"scalar", "sine-cosine"}
+        Form in which networks give and take the azimuth. "scalar": as in the paper, one number
+        that jumps at the back of the object. "sine-cosine": ours, two numbers without a jump.
 
-    Raises ValueError where a number is not positive or a kind is unknown.
+    Raises
+    ------
+    ValueError
+        Where a number is not positive or a kind is unknown.
     """
 
     width: float = 1.0
@@ -71,12 +80,12 @@ class ModelConfig:
             raise ValueError(f"azimuth must be scalar or sine-cosine, got {self.azimuth!r}")
 
     def scaled(self, channels: int) -> int:
-        """A width of the paper scaled to this configuration, at least 1."""
+        """Return a width of the paper scaled to this configuration, at least 1."""
         return max(1, round(channels * self.width))
 
     @property
     def azimuth_numbers(self) -> int:
-        """How many numbers stand for an azimuth: 1 or 2."""
+        """The number of values that stand for an azimuth, 1 or 2."""
         return 1 if self.azimuth == "scalar" else 2
 
 
@@ -85,19 +94,35 @@ LITE = ModelConfig(width=0.25)
 
 
 def sine_cosine(azimuth01: Tensor) -> Tensor:
-    """[B, 1] normalised azimuth -> [B, 2], its sine and cosine; 0.5 (the front) is (0, 1)."""
+    """Return the sine and cosine of a normalised azimuth.
+
+    Parameters
+    ----------
+    azimuth01 : Tensor, [B, 1]
+        Azimuth as the generator takes it; 0.5 is the front.
+
+    Returns
+    -------
+    Tensor, [B, 2]
+        Sine and cosine; (0, 1) for the front.
+    """
     angle = 2 * math.pi * (azimuth01 - 0.5)
     return torch.cat([torch.sin(angle), torch.cos(angle)], dim=1)
 
 
 class DiscriminatorOutput(NamedTuple):
-    """What the discriminator says about B images.
+    """The discriminator's answers about B images.
 
-    real_logit  [B, 1], before the sigmoid, so that the cross entropy is stable; see `real`
-    code        [B, latent_dim], the reconstructed code rho
-    elevation   [B, 1] in (0, 1), normalised as the generator's input
-    azimuth     [B, 1] in (0, 1), normalised as the generator's input; or [B, 2], sine and cosine,
-                unbounded
+    Attributes
+    ----------
+    real_logit : Tensor, [B, 1]
+        Logit of being real, before the sigmoid, so that the cross entropy is stable; see `real`.
+    code : Tensor, [B, latent_dim]
+        Reconstructed code rho.
+    elevation : Tensor, [B, 1]
+        Elevation in (0, 1), normalised as the generator's input.
+    azimuth : Tensor, [B, 1] or [B, 2]
+        Azimuth in (0, 1), normalised as the generator's input; or sine and cosine, unbounded.
     """
 
     real_logit: Tensor
@@ -107,12 +132,12 @@ class DiscriminatorOutput(NamedTuple):
 
     @property
     def real(self) -> Tensor:
-        """Probability [B, 1] that the image is a real one (Table 2: p_real)."""
+        """The probability [B, 1] that the image is a real one (Table 2: p_real)."""
         return torch.sigmoid(self.real_logit)
 
 
 def initialise(network: nn.Module) -> None:
-    """Glorot-uniform kernels and zero biases, the initial state of the original (Keras)."""
+    """Set Glorot-uniform kernels and zero biases, the initial state of the original (Keras)."""
     for module in network.modules():
         if isinstance(module, nn.Conv1d | nn.Conv2d | nn.Linear):
             nn.init.xavier_uniform_(module.weight)
@@ -121,7 +146,7 @@ def initialise(network: nn.Module) -> None:
 
 
 def channels_last(network: nn.Module) -> None:
-    """Change the memory layout of the 2-D kernels in place; on CPU and GPU alike it is faster."""
+    """Change the memory layout of 2-D kernels in place; it is faster on CPU and GPU alike."""
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] (stub gap)
 
 
@@ -129,13 +154,26 @@ def channels_last(network: nn.Module) -> None:
 
 
 def upsample_then_conv(x: Tensor, conv: nn.Conv2d) -> Tensor:
-    """Nearest x2, then the 3x3 convolution, as one transposed convolution: 4 taps for 9."""
+    """Return nearest x2, then a 3x3 convolution, as one transposed convolution: 4 taps for 9.
+
+    Parameters
+    ----------
+    x : Tensor, [B, cin, H, W]
+        Input.
+    conv : Conv2d
+        Convolution with a 3x3 kernel, stride 1 and padding 1.
+
+    Returns
+    -------
+    Tensor, [B, cout, 2H, 2W]
+        Convolution of the up-sampled input, to rounding.
+    """
     kernel = 4 * functional.avg_pool2d(conv.weight.flip(2, 3), 2, stride=1, padding=1)
     return functional.conv_transpose2d(x, kernel.transpose(0, 1), conv.bias, stride=2, padding=1)
 
 
 class UpBlock(nn.Module):
-    """Table 1's ResBlock: BN-ReLU-conv-(x2)-BN-ReLU-conv beside a 1x1 convolution and x2.
+    """The ResBlock of Table 1: BN-ReLU-conv-(x2)-BN-ReLU-conv beside a 1x1 convolution and x2.
 
     The shortcut is a convolution even where the widths agree (code). The second BN comes before
     the up-sampling here: same statistics, a quarter of the elements.
@@ -150,14 +188,14 @@ class UpBlock(nn.Module):
         self.shortcut = nn.Conv2d(cin, cout, 1)
 
     def forward(self, x: Tensor) -> Tensor:  # [B, cin, H, W]
-        """[B, cin, H, W] -> [B, cout, 2H, 2W]."""
+        """Map [B, cin, H, W] to [B, cout, 2H, 2W]."""
         y = self.conv1(functional.relu(self.bn1(x)))  # [B, cout, H, W]
         y = upsample_then_conv(functional.relu(self.bn2(y)), self.conv2)  # [B, cout, 2H, 2W]
         return y + functional.interpolate(self.shortcut(x), scale_factor=2.0)
 
 
 class Generator(nn.Module):
-    """Paper Table 1: noise, code and angles to an image.
+    """The generator of Table 1, from noise, code and angles to an image.
 
     Departure of the original code from Table 1, followed here: no ReLU after the first dense layer.
     """
@@ -176,12 +214,23 @@ class Generator(nn.Module):
     def forward(
         self, noise: Tensor, code: Tensor, elevation01: Tensor, azimuth01: Tensor
     ) -> Tensor:
-        """Images [B, 3, 128, 128] in [-1, 1].
+        """Return images of codes seen from angles.
 
-        noise        [B, 128], uniform in (-1, 1) while training
-        code         [B, latent_dim]
-        elevation01  [B, 1], elevation_deg / 80 + 0.5
-        azimuth01    [B, 1], azimuth_deg / 360 + 0.5
+        Parameters
+        ----------
+        noise : Tensor, [B, 128]
+            Noise z, uniform in (-1, 1) while training.
+        code : Tensor, [B, latent_dim]
+            Code rho, whitened over the training set.
+        elevation01 : Tensor, [B, 1]
+            elevation_deg / 80 + 0.5.
+        azimuth01 : Tensor, [B, 1]
+            azimuth_deg / 360 + 0.5.
+
+        Returns
+        -------
+        Tensor, [B, 3, 128, 128]
+            Images in [-1, 1].
         """
         azimuth = azimuth01 if self.config.azimuth == "scalar" else sine_cosine(azimuth01)
         x = torch.cat([noise, code, elevation01, azimuth], dim=1)  # [B, 128 + d + 2 or 3]
@@ -197,7 +246,7 @@ class Generator(nn.Module):
 
 
 def spectrally_normalised(weight: Tensor, u: Tensor, *, store: bool) -> Tensor:
-    """A kernel [cout, ...] divided by an estimate of its largest singular value.
+    """Return a kernel [cout, ...] divided by an estimate of its largest singular value.
 
     As in the original: one power iteration per forward pass, starting from the stored u [cout],
     which is drawn from N(0, 1), and sigma from the new vectors. Two departures: the original stores
@@ -230,19 +279,19 @@ class SpectralConv2d(nn.Conv2d):
         self.register_buffer("u", torch.randn(cout))
 
     def forward(self, input: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, H, W]."""
+        """Map [B, cin, H, W] to [B, cout, H, W]."""
         kernel = spectrally_normalised(self.weight, self.u, store=self.training)
         return functional.conv2d(input, kernel, self.bias, padding=self.kernel_size[0] // 2)
 
     def then_pool(self, x: Tensor) -> Tensor:
-        """[B, cin, 2H, 2W] -> [B, cout, H, W]: 3x3 convolution, then 2x2 average pooling."""
+        """Map [B, cin, 2H, 2W] to [B, cout, H, W]: 3x3 convolution, then 2x2 average pooling."""
         kernel = spectrally_normalised(self.weight, self.u, store=self.training)
         kernel = functional.avg_pool2d(kernel, 2, stride=1, padding=1)  # 4x4
         return functional.conv2d(x, kernel, self.bias, stride=2, padding=1)
 
 
 class SpectralLinear(nn.Linear):
-    """Table 2's DenseSN."""
+    """The DenseSN of Table 2: a dense layer with spectral normalisation."""
 
     u: Tensor
 
@@ -251,13 +300,13 @@ class SpectralLinear(nn.Linear):
         self.register_buffer("u", torch.randn(cout))
 
     def forward(self, input: Tensor) -> Tensor:
-        """[B, cin] -> [B, cout]."""
+        """Map [B, cin] to [B, cout]."""
         kernel = spectrally_normalised(self.weight, self.u, store=self.training)
         return functional.linear(input, kernel, self.bias)
 
 
 class DownBlock(nn.Module):
-    """Table 2's ResBlockSN: ReLU-conv-ReLU-conv-pool beside a 1x1 convolution and pool.
+    """The ResBlockSN of Table 2: ReLU-conv-ReLU-conv-pool beside a 1x1 convolution and pool.
 
     The first block, too, starts with a ReLU on the raw image (code): negative pixel values reach
     the network only through the shortcut.
@@ -271,7 +320,7 @@ class DownBlock(nn.Module):
         self.pool = pool
 
     def forward(self, x: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, H/2, W/2], or H and W without pooling."""
+        """Map [B, cin, H, W] to [B, cout, H/2, W/2], or to H and W without pooling."""
         y = functional.relu(self.conv1(functional.relu(x)))  # [B, cout, H, W]
         if not self.pool:
             return self.conv2(y) + self.shortcut(x)
@@ -279,7 +328,10 @@ class DownBlock(nn.Module):
 
 
 class Discriminator(nn.Module):
-    """Paper Table 2: an image to real or not, code and angles. Every layer is normalised."""
+    """The discriminator of Table 2, from an image to real or not, code and angles.
+
+    Every layer is spectrally normalised.
+    """
 
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
@@ -298,7 +350,18 @@ class Discriminator(nn.Module):
         initialise(self)
 
     def forward(self, images: Tensor) -> DiscriminatorOutput:
-        """Judge images [B, 3, 128, 128] in [-1, 1]. In training mode this moves every u."""
+        """Judge images; in training mode this moves every u.
+
+        Parameters
+        ----------
+        images : Tensor, [B, 3, 128, 128]
+            Images in [-1, 1].
+
+        Returns
+        -------
+        DiscriminatorOutput
+            Answers about the B images.
+        """
         x = images
         for block in self.blocks[:-1]:
             x = block(x)  # [B, c1, 64, 64] ... [B, c4, 8, 8]
@@ -315,15 +378,15 @@ class Discriminator(nn.Module):
         )
 
     def _azimuth(self, x: Tensor) -> Tensor:
-        found = self.azimuth(x)
-        return torch.sigmoid(found) if self.config.azimuth == "scalar" else found
+        azimuth = self.azimuth(x)
+        return torch.sigmoid(azimuth) if self.config.azimuth == "scalar" else azimuth
 
 
 # Point-cloud autoencoder: paper section 3.1; its details are in the code only
 
 
 class NormConv1d(nn.Module):
-    """BN-ReLU-conv1d of kernel 5 with Keras' "same" padding."""
+    """A BN-ReLU-conv1d of kernel 5 with Keras' "same" padding."""
 
     def __init__(self, cin: int, cout: int, *, dilation: int = 1, stride: int = 1) -> None:
         super().__init__()
@@ -333,12 +396,12 @@ class NormConv1d(nn.Module):
         self.padding = (1, 2) if stride == 2 else (2 * dilation, 2 * dilation)
 
     def forward(self, x: Tensor) -> Tensor:
-        """[B, cin, L] -> [B, cout, L / stride]."""
+        """Map [B, cin, L] to [B, cout, L / stride]."""
         return self.conv(functional.pad(functional.relu(self.bn(x)), self.padding))
 
 
 class Encoder(nn.Module):
-    """Wide dilated 1-D convolutions with skip connections (section 3.1).
+    """The paper's encoder: wide dilated 1-D convolutions with skip connections (section 3.1).
 
     The convolutions run along the *order* of the points: shuffling the rows of a cloud changes its
     code, as in the original.
@@ -371,7 +434,18 @@ class Encoder(nn.Module):
         initialise(self)
 
     def forward(self, points: Tensor) -> Tensor:
-        """Code [B, latent_dim] of clouds [B, 2048, 3] in unit-sphere coordinates."""
+        """Return the codes of clouds.
+
+        Parameters
+        ----------
+        points : Tensor, [B, 2048, 3]
+            Clouds in unit-sphere coordinates.
+
+        Returns
+        -------
+        Tensor, [B, latent_dim]
+            Codes, not whitened.
+        """
         x = skip = points.transpose(1, 2)  # [B, 3, 2048]
         for stage, branches in enumerate(self.branches):
             assert isinstance(branches, nn.ModuleList)
@@ -386,7 +460,7 @@ class Encoder(nn.Module):
 
 
 class PointNet(nn.Module):
-    """PointNet (Qi et al. 2017): a small network on every point, then maximum and mean over them.
+    """A PointNet (Qi et al. 2017): a network on every point, then maximum and mean over them.
 
     The code does not depend on the order of the points, and any number of points will do. No
     BatchNorm: it costs more than the layers it would serve, and ties a cloud's code to its batch.
@@ -405,7 +479,18 @@ class PointNet(nn.Module):
         initialise(self)
 
     def forward(self, points: Tensor) -> Tensor:
-        """Code [B, latent_dim] of clouds [B, N, 3], N > 0, in unit-sphere coordinates."""
+        """Return the codes of clouds.
+
+        Parameters
+        ----------
+        points : Tensor, [B, N, 3], N > 0
+            Clouds in unit-sphere coordinates.
+
+        Returns
+        -------
+        Tensor, [B, latent_dim]
+            Codes, not whitened.
+        """
         x = points
         for layer in self.points:
             x = functional.relu(layer(x))  # [B, N, c]
@@ -414,12 +499,15 @@ class PointNet(nn.Module):
 
 
 def build_encoder(config: ModelConfig) -> Encoder | PointNet:
-    """The encoder that a configuration asks for, freshly initialised."""
+    """Return the encoder that a configuration asks for, freshly initialised."""
     return Encoder(config) if config.encoder == "paper" else PointNet(config)
 
 
 class Decoder(nn.Module):
-    """Three hidden dense layers and tanh: a code to a cloud. Used only to train the encoder."""
+    """The decoder from a code to a cloud: three hidden dense layers and tanh.
+
+    It is used only to train the encoder, and to see what codes mean.
+    """
 
     def __init__(self, config: ModelConfig = PAPER) -> None:
         super().__init__()
@@ -430,7 +518,18 @@ class Decoder(nn.Module):
         initialise(self)
 
     def forward(self, code: Tensor) -> Tensor:
-        """Cloud [B, 2048, 3] in (-1, 1) from codes [B, latent_dim]."""
+        """Return the clouds of codes.
+
+        Parameters
+        ----------
+        code : Tensor, [B, latent_dim]
+            Codes, as the encoder gives them or whitened, depending on the training.
+
+        Returns
+        -------
+        Tensor, [B, 2048, 3]
+            Clouds in (-1, 1).
+        """
         x = code
         for layer in self.layers[:-1]:
             x = functional.relu(layer(x))  # [B, hidden]

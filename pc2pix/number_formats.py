@@ -40,7 +40,7 @@ GREY_LEVELS = 255
 
 @dataclass(frozen=True)
 class LayerRange:
-    """What a layer gave, over all its values.
+    """The range of a layer's output, over all its values.
 
     name        as in the network, `generator.blocks.2.conv1`. "input of NAME" stands before the
                 layer where its input is not finite though all layers before were: a cast, a sum or
@@ -74,14 +74,14 @@ class Inference:
 
     @property
     def refused(self) -> str | None:
-        """The stage at which `Pc2pixRenderer` refuses such a code or image, if it does."""
+        """The stage at which `Pc2pixRenderer` refuses such a code or image; None if it does not."""
         if not np.isfinite(self.code).all():
             return "encode"
         return None if np.isfinite(self.images).all() else "generate"
 
 
 class Deviation(NamedTuple):
-    """Absolute differences, over all values."""
+    """The absolute differences of two arrays, over all values."""
 
     largest: float
     mean: float
@@ -116,7 +116,7 @@ def infer(weights: Weights, points: Points, views: Sequence[View], fmt: Format) 
 
 
 def deviation(found: NDArray[np.float64], reference: NDArray[np.float64]) -> Deviation | None:
-    """How far two arrays of one shape lie apart; None where a value is not finite."""
+    """Return the absolute differences of two arrays of one shape; None if any is not finite."""
     if not (np.isfinite(found).all() and np.isfinite(reference).all()):
         return None
     apart = np.abs(found - reference)
@@ -124,7 +124,7 @@ def deviation(found: NDArray[np.float64], reference: NDArray[np.float64]) -> Dev
 
 
 def _names(prefix: str, network: nn.Module) -> dict[int, str]:
-    """The layer that each bias belongs to, by the identity of the tensor."""
+    """Return the layer that each bias belongs to, by the identity of the tensor."""
     return {
         id(parameter): f"{prefix}.{name.removesuffix('.bias')}"
         for name, parameter in network.named_parameters()
@@ -133,7 +133,7 @@ def _names(prefix: str, network: nn.Module) -> dict[int, str]:
 
 
 class _Watch(TorchFunctionMode):
-    """Notes the range of every layer that runs while it is active."""
+    """A recorder of the range of every layer that runs while it is active."""
 
     def __init__(self, names: dict[int, str]) -> None:
         super().__init__()

@@ -26,21 +26,32 @@ NoisePolicy = Literal["zero", "uniform"]
 
 
 class Pc2pixRenderer:
-    """`data_prep.scene.Renderer` by encoder and generator.
-
-    z  "zero" (default): the centre of the noise distribution, one image per cloud and view
-       whatever the seed, so that a score carries no sampling noise. "uniform": z ~ U(-1, 1) from
-       the `rng` given to `draw`, a fresh one per view, as in the original's evaluation.
-
-    precision  of the generator (`pc2pix.engine.fold`); the encoder always computes in float32.
-               "float32" (default), or "bfloat16": twice as fast where the processor has it.
-               Raises ValueError for another.
-
-    folded     False: the generator as it was trained, in float32, to measure what folding saves.
+    """A `data_prep.scene.Renderer` by encoder and generator.
 
     Results do not depend on the number of threads, or on the other views of a call, beyond the
     rounding of the precision (float32: some 1e-6). Angles outside the trained -40..40 degrees of
     elevation are passed on as they are: the network extrapolates.
+
+    Parameters
+    ----------
+    weights : Weights
+        Trained networks of `pc2pix.weights.load_weights`; moved to `device`.
+    z : {"zero", "uniform"}
+        The generator's noise. "zero": the centre of the noise distribution, one image per cloud and
+        view whatever the seed, so that a score carries no sampling noise. "uniform": z ~ U(-1, 1)
+        from the `rng` given to `draw`, a fresh one per view, as in the original's evaluation.
+    device : str
+        PyTorch's name of the device.
+    precision : {"float32", "bfloat16"}
+        Precision of the generator (`pc2pix.engine.fold`); the encoder always computes in float32.
+        "bfloat16" is twice as fast where the processor has it.
+    folded : bool
+        False: the generator as it was trained, in float32, to measure what folding saves.
+
+    Raises
+    ------
+    ValueError
+        For another precision.
     """
 
     def __init__(
@@ -63,13 +74,30 @@ class Pc2pixRenderer:
 
     @torch.inference_mode()
     def prepare(self, cloud: PointCloud, rng: np.random.Generator | None = None) -> Tensor:
-        """Whitened code [1, latent_dim] of a cloud in unit-sphere coordinates; `rng` is not used.
+        """Return the whitened code of a cloud.
 
         For the paper's encoder, any number of points is brought to 2,048 by `pick_points`. PointNet
         takes all there are; of more than it was trained with, the mean code of several parts of the
-        cloud is taken (`parts`). Raises StageFailure("encode") for an empty or non-finite cloud,
-        for a code that is not finite, and for one beyond LARGEST_CODE: what the generator makes of
-        that is a saturated pattern, whatever the cloud.
+        cloud is taken (`parts`).
+
+        Parameters
+        ----------
+        cloud : PointCloud
+            Points [N, 3] in unit-sphere coordinates.
+        rng : numpy.random.Generator, optional
+            Not used.
+
+        Returns
+        -------
+        Tensor, [1, latent_dim]
+            (code - mean) / std over the training set.
+
+        Raises
+        ------
+        StageFailure
+            At the stage "encode", for an empty or non-finite cloud, for a code that is not finite,
+            and for one beyond LARGEST_CODE, from which the generator draws a saturated pattern
+            whatever the cloud.
         """
         if not len(cloud):
             raise StageFailure("encode", "the cloud is empty")
@@ -96,10 +124,28 @@ class Pc2pixRenderer:
     def draw(
         self, state: Tensor, views: Sequence[View], rng: np.random.Generator | None = None
     ) -> Images:
-        """Images float32 [V, 128, 128, 3] in [0, 1]: one batch of exactly these views.
+        """Return images of a cloud, drawn in one batch of exactly these views.
 
-        No views give an empty array. Raises ValueError where z is "uniform" and `rng` is missing,
-        StageFailure("generate") where the network gives NaN or infinity.
+        Parameters
+        ----------
+        state : Tensor, [1, latent_dim]
+            Code of `prepare`.
+        views : sequence of View
+            V cameras; none give an empty array.
+        rng : numpy.random.Generator, optional
+            Source of z = "uniform"; not used for "zero".
+
+        Returns
+        -------
+        float32 array, [V, 128, 128, 3]
+            Images in [0, 1].
+
+        Raises
+        ------
+        ValueError
+            Where z is "uniform" and `rng` is missing.
+        StageFailure
+            At the stage "generate", where the network gives NaN or infinity.
         """
         if not views:
             return np.empty((0, IMAGE_SIZE, IMAGE_SIZE, 3), dtype=np.float32)
@@ -120,7 +166,7 @@ class Pc2pixRenderer:
 
 
 def pick_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Exactly 2,048 rows [2048, 3] of a cloud [N, 3], N > 0, in the cloud's order.
+    """Return exactly 2,048 rows [2048, 3] of a cloud [N, 3], N > 0, in the cloud's order.
 
     Output row i is input row floor(i N / 2048). So 2,048 points stay as they are; where N divides
     2,048 every row is repeated the same number of times consecutively, as the original does; where
@@ -131,7 +177,7 @@ def pick_points(points: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def parts(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """PARTS random selections of PLAIN_POINTS of a larger cloud [N, 3]; else the cloud itself.
+    """Return PARTS random selections of PLAIN_POINTS of a larger cloud [N, 3]; else the cloud.
 
     Shape [PARTS, PLAIN_POINTS, 3], or [1, N, 3] for N <= PLAIN_POINTS. The maximum over the points
     grows with their number, under noise above all, and the encoder has seen no more than
@@ -147,5 +193,5 @@ def parts(points: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _turns(azimuth_deg: float) -> float:
-    """An azimuth as a fraction of a turn in [-0.5, 0.5]; -180 and 180 stay as they are."""
+    """Return an azimuth as a fraction of a turn in [-0.5, 0.5]; -180 and 180 stay as they are."""
     return math.remainder(azimuth_deg, 360.0) / 360

@@ -35,7 +35,7 @@ SHEET_VIEW = View(azimuth_deg=30.0, elevation_deg=20.0)
 
 @dataclass(frozen=True)
 class AutoencoderConfig:
-    """Defaults are the original's, but for the width and the number of steps.
+    """The configuration, with the original's defaults but for width and number of steps.
 
     steps      the original trains 600 passes over each cloud (101,640 steps for its chairs)
     precision  bfloat16 is mixed precision: weights, BN statistics and the loss stay float32
@@ -53,7 +53,10 @@ class AutoencoderConfig:
 
 @dataclass(frozen=True, eq=False)
 class AutoencoderData:
-    """Clouds float32 [N, M, 3] in unit-sphere coordinates, M >= 2048; BadInput otherwise."""
+    """The clouds, float32 [N, M, 3] in unit-sphere coordinates, M >= 2048.
+
+    Raises BadInput for others.
+    """
 
     clouds: NDArray[np.float32]
 
@@ -87,21 +90,21 @@ def train_autoencoder(
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
 
     Under `torchrun` all processes train together, each with `config.batch` clouds a step. Raises
     BadInput where `out_dir` holds a run of another configuration or other data, and
     TrainingDiverged where a loss stops being finite or explodes.
     """
-    found = training_loop.prepare_device(device)
-    team = connect(found)
-    trainer = _AutoencoderTrainer(data, config, found, team)
+    torch_device = training_loop.prepare_device(device)
+    team = connect(torch_device)
+    trainer = _AutoencoderTrainer(data, config, torch_device, team)
     data_hash = training_loop.hash_arrays(data.clouds)
     return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
 
 def load_encoder(path: Path) -> Encoder | PointNet:
-    """The encoder of an autoencoder checkpoint, in evaluation mode."""
+    """Return the encoder of an autoencoder checkpoint, in evaluation mode."""
     state, _, config = checkpoint.load(path, KIND)
     encoder = build_encoder(ModelConfig(**config["model"]))
     encoder.load_state_dict(checkpoint.sub_state(state, "encoder"))
@@ -137,7 +140,7 @@ class _AutoencoderTrainer(NetworkTrainer):
         )
 
     def _draw_batch(self) -> tuple[Tensor, Tensor]:
-        """What the encoder is fed [B, n, 3], and what the decoder has to return [B, 2048, 3]."""
+        """Return the encoder's input [B, n, 3], and the decoder's target [B, 2048, 3]."""
         which = torch.randint(len(self.clouds), (self.batch,), generator=self.random)
         whole = draw_points(self.clouds[which], CLOUD_SIZE, self.random)
         size = self.encoder.cloud_size
@@ -172,7 +175,7 @@ class _AutoencoderTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Two rows: clouds, and the same clouds decoded from their codes."""
+        """Return two rows: clouds, and the same clouds decoded from their codes."""
         clouds = self.clouds[:SHEET_CLOUDS, :CLOUD_SIZE]
         self.encoder.eval()
         self.decoder.eval()
@@ -181,12 +184,12 @@ class _AutoencoderTrainer(NetworkTrainer):
 
 
 def dots_of(*rows: Tensor) -> NDArray[np.uint8]:
-    """A sample sheet [128 R, 128 K, 3] of R rows of K clouds [K, N, 3]."""
+    """Return a sample sheet [128 R, 128 K, 3] of R rows of K clouds [K, N, 3]."""
     return np.vstack([np.hstack([dots(cloud.numpy()) for cloud in row]) for row in rows])
 
 
 def dots(points: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A sample sheet's image [128, 128, 3] of a cloud [N, 3]: a black pixel for each point."""
+    """Return an image [128, 128, 3] of a cloud [N, 3]: a black pixel for each point."""
     image = np.full((IMAGE_SIZE, IMAGE_SIZE, 3), 255, dtype=np.uint8)
     pixels, _ = project(points, SHEET_VIEW)
     column, row = np.clip(pixels, 0, IMAGE_SIZE - 1).astype(int).T

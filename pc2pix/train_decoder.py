@@ -1,4 +1,4 @@
-"""A decoder for the frozen encoder of exported weights: clouds again from whitened codes.
+"""Training of a decoder for the frozen encoder of exported weights.
 
 Drawing needs no decoder, and weights are exported without; the one that an encoder was trained with
 fits it no longer where the encoder was trained further. So one is fitted afterwards, to see what a
@@ -33,7 +33,7 @@ DECAY_STEPS = 500
 
 @dataclass(frozen=True)
 class DecoderConfig:
-    """How a decoder is fitted.
+    """The configuration of a decoder's training.
 
     weights        sha256 of the weights whose encoder it belongs to
     learning_rate  of Adam at first; at step t it is divided by sqrt(1 + t / DECAY_STEPS), which
@@ -61,15 +61,15 @@ def train_decoder(
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
 
     Under `torchrun` all processes train together, each with `config.batch` clouds a step. Raises
     BadInput where `out_dir` holds a run of another configuration, other weights or other data, and
     TrainingDiverged where a loss stops being finite.
     """
-    found = training_loop.prepare_device(device)
-    team = connect(found)
-    trainer = _DecoderTrainer(data, weights, config, found, team)
+    torch_device = training_loop.prepare_device(device)
+    team = connect(torch_device)
+    trainer = _DecoderTrainer(data, weights, config, torch_device, team)
     data_hash = training_loop.hash_arrays(data.clouds)
     return training_loop.run(trainer, config, data_hash, out_dir, on_progress, team)
 
@@ -96,7 +96,7 @@ class _DecoderTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def _encode(self, clouds: Tensor) -> Tensor:
-        """Whitened codes [B, d] of clouds [B, 2048, 3], in float32."""
+        """Return whitened codes [B, d] of clouds [B, 2048, 3], in float32."""
         return (self.encoder(clouds.to(self.device)) - self.mean) / self.std
 
     def take_step(self) -> dict[str, Tensor]:
@@ -120,7 +120,7 @@ class _DecoderTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Two rows: clouds, and the same clouds decoded from their codes."""
+        """Return two rows: clouds, and the same clouds decoded from their codes."""
         clouds = self.clouds[:SHEET_CLOUDS, :CLOUD_SIZE]
         decoded = self.decoder(self._encode(clouds)).cpu()
         return dots_of(clouds, decoded)

@@ -68,7 +68,7 @@ MIN_CODE_STD = 1e-6  # a dimension that never varies is centred, not blown up
 
 @dataclass(frozen=True)
 class GanConfig:
-    """Defaults are the paper's, but for the width and the number of steps.
+    """The configuration, with the paper's defaults but for width and number of steps.
 
     objective  a key of `pc2pix.losses.OBJECTIVES`
     steps      pairs of one discriminator and one generator step (chair: 406,560 in the original)
@@ -105,7 +105,9 @@ class GanConfig:
 
 @dataclass(frozen=True, eq=False)
 class GanData:
-    """Training images of N objects from V views each; BadInput where a shape is wrong.
+    """The training images of N objects from V views each, and their clouds.
+
+    Raises BadInput where a shape is wrong.
 
     images         uint8 [N, V, 128, 128, 3], white background
     azimuth_deg    float [N, V], -180..180
@@ -154,7 +156,7 @@ def train_gan(
     device: str = "cpu",
     on_progress: training_loop.OnProgress = lambda report: None,
 ) -> Path:
-    """Train to `config.steps`, continuing a run in `out_dir`; the path of the checkpoint.
+    """Train to `config.steps`, continuing a run in `out_dir`, and return the checkpoint's path.
 
     `encoder` is frozen, or with `paired` where training starts; it is stored in the checkpoint,
     which is all that export needs. Under `torchrun` all processes train together, each with
@@ -167,9 +169,9 @@ def train_gan(
             f"encoder: its configuration is {encoder.config}, the GAN's {config.model}; "
             "train both with the same width and latent_dim"
         )
-    found = training_loop.prepare_device(device)
-    team = connect(found)
-    trainer = _GanTrainer(data, encoder, config, found, team)
+    torch_device = training_loop.prepare_device(device)
+    team = connect(torch_device)
+    trainer = _GanTrainer(data, encoder, config, torch_device, team)
     data_hash = training_loop.hash_arrays(
         data.images,
         data.azimuth_deg,
@@ -184,7 +186,7 @@ def train_gan(
 def encode_clouds(
     encoder: Encoder | PointNet, clouds: NDArray[np.float32], device: torch.device
 ) -> Tensor:
-    """Codes float32 [N, latent_dim], on the CPU, of clouds [N, 2048, 3]."""
+    """Return codes float32 [N, latent_dim], on the CPU, of clouds [N, 2048, 3]."""
     encoder.to(device).eval()
     batches = torch.from_numpy(clouds).split(ENCODE_BATCH)
     return torch.cat([encoder(batch.to(device)).cpu() for batch in batches])
@@ -249,11 +251,11 @@ class _GanTrainer(NetworkTrainer):
         }
 
     def state(self) -> dict[str, Tensor]:
-        """With the statistics of the codes: a checkpoint is all that export needs."""
+        """Return the state with the statistics of the codes, so that export needs no more."""
         return super().state() | {"code_mean": self.code_mean, "code_std": self.code_std}
 
     def _images(self, objects: Tensor, views: Tensor) -> Tensor:
-        """Real images [B, 3, 128, 128] in [-1, 1], channels last."""
+        """Return real images [B, 3, 128, 128] in [-1, 1], channels last."""
         device = self.images.device
         nhwc = self.images[objects.to(device), views.to(device)]
         return nhwc.permute(0, 3, 1, 2).float() / 127.5 - 1
@@ -272,13 +274,13 @@ class _GanTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def _codes(self, objects: Tensor) -> Tensor:
-        """Codes [B, d] of the frozen encoder."""
+        """Return codes [B, d] of the frozen encoder."""
         if not self.config.augment:
             return self.codes[objects]
         return self._whiten(self.encoder(self._points(objects).to(self.device)))
 
     def _draw_fake(self) -> tuple[Tensor, Condition]:
-        """Noise [B, 128], and a training cloud's code seen from anywhere."""
+        """Return noise [B, 128], and a training cloud's code seen from anywhere."""
         noise = torch.rand(self.batch, NOISE_DIM, generator=self.random) * 2 - 1
         objects = torch.randint(len(self.codes), (self.batch,), generator=self.random)
         elevation, azimuth = torch.rand(2, self.batch, 1, generator=self.random)
@@ -341,7 +343,7 @@ class _GanTrainer(NetworkTrainer):
         return mirror(scene, torch.rand(self.batch, generator=self.random) < 0.5)
 
     def _points(self, objects: Tensor) -> Tensor:
-        """What the encoder is fed [B, n, 3]."""
+        """Return the encoder's input [B, n, 3]."""
         clouds, size = self.clouds[objects], self.encoder.cloud_size
         if self.config.augment:
             points = degrade(clouds, self.random)
@@ -366,7 +368,7 @@ class _GanTrainer(NetworkTrainer):
         return _detached({f"d_{name}": value for name, value in terms._asdict().items()})
 
     def _judge_drawn(self, drawn: Tensor, condition: Condition) -> dict[str, Tensor]:
-        """Eq. 7 for drawn images."""
+        """Return the terms of Eq. 7 for drawn images."""
         # gradients pass through the discriminator, but its own would be thrown away
         self.discriminator.requires_grad_(False)
         with self.autocast():
@@ -396,7 +398,7 @@ class _GanTrainer(NetworkTrainer):
 
     @torch.no_grad()
     def sheet(self) -> NDArray[np.uint8]:
-        """Two rows: real images, and what the averaged generator draws for the same (z = 0)."""
+        """Return two rows: real images, and the averaged generator's of the same (z = 0)."""
         count = min(SHEET_IMAGES, len(self.codes))
         objects = torch.arange(count) * len(self.codes) // count
         views = torch.arange(count) % self.azimuth01.shape[1]

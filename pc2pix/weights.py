@@ -64,7 +64,7 @@ MOST_LATENT_DIM = 4096  # eight times the paper's largest
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Networks in float32 and evaluation mode, on the CPU.
+    """The trained networks in float32 and evaluation mode, on the CPU.
 
     code_mean, code_std  float32 [latent_dim]: the generator's input is (code - mean) / std
     card                 how they were trained: objective, steps, learning rates, seed, ...
@@ -80,7 +80,7 @@ class Weights:
 
 
 def find_weights(name_or_path: str | Path) -> Path:
-    """The file of a bundled name, its checksum verified, or the path itself.
+    """Return the file of a bundled name, its checksum verified, or the path itself.
 
     Raises BadInput, naming file, value and remedy, where a name is unknown, a file is missing, or a
     bundled file differs from its checksum.
@@ -89,7 +89,7 @@ def find_weights(name_or_path: str | Path) -> Path:
 
 
 def export(checkpoint_path: Path, path: Path) -> str:
-    """Write the weights of a GAN checkpoint to `path`, atomically; the file's sha256.
+    """Write the weights of a GAN checkpoint to `path`, atomically, and return the sha256.
 
     Raises BadInput where the checkpoint is not one of a GAN, or a weight does not fit float16.
     """
@@ -112,7 +112,7 @@ def export(checkpoint_path: Path, path: Path) -> str:
 
 
 def load_weights(name_or_path: str | Path = "chair") -> Weights:
-    """Weights by bundled name or by path.
+    """Return the weights of a bundled name or a path.
 
     Raises BadInput, naming file, value and remedy, where a name is unknown, a bundled file differs
     from its checksum, the file is no safetensors file or of another format, or tensors are missing,
@@ -153,7 +153,10 @@ def load_weights(name_or_path: str | Path = "chair") -> Weights:
 
 
 def _sane(config: ModelConfig) -> ModelConfig:
-    """The configuration. Raises ValueError where its numbers are none that anybody has trained."""
+    """Return the configuration unchanged.
+
+    Raises ValueError where its numbers are none that anybody has trained.
+    """
     if not isinstance(config.latent_dim, int) or config.latent_dim > MOST_LATENT_DIM:
         raise ValueError(f"latent_dim {config.latent_dim}, expected up to {MOST_LATENT_DIM}")
     if config.width > MOST_WIDTH:
@@ -162,19 +165,19 @@ def _sane(config: ModelConfig) -> ModelConfig:
 
 
 def decoder_path(name_or_path: str | Path) -> Path:
-    """Where the decoder of these weights has its place: beside them, there or not."""
+    """Return the place of these weights' decoder, beside them, whether it exists or not."""
     name = str(name_or_path)
     weights = FOLDER / f"{name}.safetensors" if name in BUNDLED else Path(name_or_path)
     return weights.with_name(f"{weights.stem}-decoder.safetensors")
 
 
 def training_command(name_or_path: str | Path) -> str:
-    """What makes the decoder of these weights."""
+    """Return the command that makes the decoder of these weights."""
     return f"bench train decoder --weights {name_or_path}"
 
 
 def find_decoder(name_or_path: str | Path) -> Path:
-    """The file of the decoder of these weights; that of a bundled one has its checksum verified.
+    """Return the file of these weights' decoder; a bundled one's checksum is verified.
 
     Raises BadInput, with the command that makes it, where it is missing.
     """
@@ -185,17 +188,17 @@ def find_decoder(name_or_path: str | Path) -> Path:
             f"make it with '{training_command(name_or_path)}'"
         )
     expected = BUNDLED_DECODERS.get(str(name_or_path))
-    found = file_sha256(path)
-    if expected not in (None, found):
+    actual = file_sha256(path)
+    if expected not in (None, actual):
         raise BadInput(
-            f"{path}: sha256 {found} is not the expected {expected}; reinstall the package, or "
+            f"{path}: sha256 {actual} is not the expected {expected}; reinstall the package, or "
             f"name the new one in {Path(__file__).name}"
         )
     return path
 
 
 def export_decoder(checkpoint_path: Path, path: Path) -> str:
-    """Write the decoder of a checkpoint to `path`, atomically; the file's sha256.
+    """Write the decoder of a checkpoint to `path`, atomically, and return the sha256.
 
     Raises BadInput where the checkpoint is not one of a decoder, or a weight does not fit float16.
     """
@@ -215,11 +218,11 @@ def export_decoder(checkpoint_path: Path, path: Path) -> str:
 
 
 def load_decoder(name_or_path: str | Path, weights: Weights) -> tuple[Decoder, str]:
-    """The decoder of `weights`, which were loaded from `name_or_path`, and its file's sha256.
+    """Return the decoder of `weights`, loaded from `name_or_path`, and its file's sha256.
 
-    In float32 and evaluation mode, on the CPU. Raises BadInput, naming file, value and the command
-    that makes the right one, where there is none, where it is damaged or of another format, and
-    where it belongs to other weights.
+    The decoder is in float32 and evaluation mode, on the CPU. Raises BadInput, naming file, value
+    and the command that makes the right one, where the file is missing, damaged, of another format
+    or of other weights.
     """
     from pc2pix.model import Decoder, ModelConfig
 

@@ -16,7 +16,7 @@ from pc2pix.model import Generator
 
 
 def widen(generator: Generator, times: int, seed: int = 0) -> Generator:
-    """A generator `times` as wide, in evaluation mode, that draws what `generator` draws there.
+    """Return a generator `times` as wide, in evaluation mode, that draws the same images.
 
     Up to rounding: sums are of `times` as many terms. Inputs, the three channels of the image and
     the latent dimension stay what they are. Raises ValueError for `times` below 1, RuntimeError
@@ -42,7 +42,7 @@ def widen(generator: Generator, times: int, seed: int = 0) -> Generator:
 
 
 def _share_out(weight: Tensor, times: int, random: torch.Generator) -> Tensor:
-    """[cout, cin, ...] -> [cout, times * cin, ...]: copies of a channel get parts that add up.
+    """Map [cout, cin, ...] to [cout, times * cin, ...]: copies of a channel get parts of it.
 
     The parts lie between half and one and a half of an equal share, before they are scaled to one.
     """
