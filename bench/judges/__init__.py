@@ -1,4 +1,4 @@
-"""The bundled networks that measure: their weights and their trainings."""
+"""The bundled networks that measure, with their weights."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
-"""What the judge's answers mean: the view of an image, and which object it shows.
+"""Readings of the judge's answers: the view of an image, and which object it shows.
 
-Pure functions of `bench.judges.judge.judge`'s answers, without the network.
+They are pure functions of `bench.judges.judge.judge`'s answers, without the network.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ VIEW_COLUMNS = 3  # sine and cosine of the azimuth, elevation; the rest is the s
 
 
 def azimuth_error_deg(answers: NDArray[Any], azimuth_deg: Floats) -> Floats:
-    """How far the judged azimuth is from the one asked for, [n], 0..180 degrees.
+    """Return the error of the judged azimuth against the requested one, [n], 0..180 degrees.
 
     answers [n, 3 + d]; azimuth_deg [n], any finite value: both are wrapped at 360.
     """
@@ -29,13 +29,13 @@ def azimuth_error_deg(answers: NDArray[Any], azimuth_deg: Floats) -> Floats:
 
 
 def elevation_error_deg(answers: NDArray[Any], elevation_deg: Floats) -> Floats:
-    """How far the judged elevation is from the one asked for, [n], degrees."""
+    """Return the error of the judged elevation against the requested one, [n], in degrees."""
     return np.abs(ELEVATION_UNIT_DEG * answers[:, 2].astype(float) - elevation_deg)
 
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """The true shape codes of all objects of a class, to find judged ones among.
+    """The true shape codes of all objects of a class, among which judged ones are looked up.
 
     class_name
     objects  the G objects, sorted
@@ -51,11 +51,10 @@ class Gallery:
     codes: dict[ImageKey, Floats]
 
     def without(self, view: int) -> Floats:
-        """The mean code [G, d] of each object over its true images except this view.
+        """Return the mean code [G, d] of each object over its true images except this view.
 
-        So that an image is never compared with the true image of its own view: it has to be
-        known by its shape, and the truth itself is no exception. NaN for an object that has no
-        other image.
+        So an image is never compared with the true image of its own view: it has to be known by its
+        shape, and the truth itself is no exception. NaN for an object that has no other image.
         """
         sums, counts = self.sums.copy(), self.counts.astype(float)
         for i, obj in enumerate(self.objects):
@@ -68,7 +67,7 @@ class Gallery:
 
 
 def gallery(class_name: str, images: Sequence[ImageKey], answers: NDArray[Any]) -> Gallery:
-    """The gallery of a class, from the answers [n, 3 + d] to its n true images."""
+    """Return the gallery of a class, from the answers [n, 3 + d] to its n true images."""
     objects = tuple(sorted({obj for obj, _ in images}))
     codes = _codes(answers)
     place = {obj: i for i, obj in enumerate(objects)}
@@ -80,7 +79,7 @@ def gallery(class_name: str, images: Sequence[ImageKey], answers: NDArray[Any]) 
 
 
 def why_no_retrieval(among: Gallery) -> str:
-    """The reason why nothing can be found in this gallery; empty where it can."""
+    """Return the reason why this gallery permits no retrieval; empty where it does."""
     if len(among.objects) < 2:
         return f"{len(among.objects)} object: there is nothing to tell it from; run at least 2"
     if among.counts.min() < 2:
@@ -89,9 +88,9 @@ def why_no_retrieval(among: Gallery) -> str:
 
 
 def found(among: Gallery, answers: NDArray[Any], images: Sequence[ImageKey]) -> Floats:
-    """1 for each image whose judged code is nearest to the right object of all, else 0; [n].
+    """Return 1 for each image [n] whose judged code is nearest to the right object, else 0.
 
-    Euclidean; of objects equally near the first by name is taken to be meant.
+    The distance is Euclidean; of objects equally near the first by name counts.
     """
     codes = _codes(answers)
     hits = np.zeros(len(images))

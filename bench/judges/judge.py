@@ -1,10 +1,10 @@
 """The judge of drawn images: from where a chair is seen, and which chair it is.
 
-A network that has seen true images only. From an image it predicts the direction of view, to be
-compared with the one that was asked for, and a shape code, by which the object can be found among
-others. It looks at brightness alone, because methods draw in other colours than the truth, and was
-trained on blurred, repainted and damaged images, because methods draw those. Trained by
-`bench train judge` on the procedural train split; the weights are bundled.
+It is a network that has seen true images only. From an image it predicts the direction of view, to
+be compared with the requested one, and a shape code, by which the object can be told from others.
+It looks at brightness alone, because methods draw in other colours than the truth, and was trained
+on blurred, repainted and damaged images, because methods draw those. Trained by `bench train judge`
+on the procedural train split; the weights are bundled.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ BATCH = 20
 
 
 class JudgeNetwork(nn.Module):
-    """Darkness [N, 1, 128, 128] in 0..1 (white is 0) -> answers [N, 3 + CODE], see `judge`."""
+    """The network from darkness [N, 1, 128, 128] in 0..1 (white is 0) to answers [N, 3 + CODE].
+
+    See `judge` for the answers.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,11 +54,13 @@ class JudgeNetwork(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, darkness: Tensor) -> Tensor:
-        """Answers float32 [N, 3 + CODE]."""
+        """Return answers float32 [N, 3 + CODE]."""
         return self.answers(self.body(darkness))
 
     def answers(self, features: Tensor) -> Tensor:
-        """Answers [N, 3 + CODE] of what `body` gives, [N, FEATURES]; codes have length 1."""
+        """Return answers [N, 3 + CODE] from the output [N, FEATURES] of `body`; codes have length
+        1.
+        """
         return torch.cat([self.view(features), functional.normalize(self.code(features))], dim=1)
 
 
@@ -81,7 +86,7 @@ def _layer(channels: int, width: int, kernel: int, stride: int) -> nn.Sequential
 
 
 def load_judge_network(path: Path) -> JudgeNetwork:
-    """The network with weights from a safetensors file, ready for inference.
+    """Return the network with weights from a safetensors file, ready for inference.
 
     Raises BadInput where the file cannot be read or does not fit the network.
     """
@@ -98,7 +103,7 @@ def load_judge_network(path: Path) -> JudgeNetwork:
 
 
 def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What the judge makes of images uint8 [N, 128, 128, 3]: float32 [N, 3 + CODE].
+    """Return the judge's answers to images uint8 [N, 128, 128, 3]: float32 [N, 3 + CODE].
 
     Columns 0 and 1 are sine and cosine of the azimuth, column 2 the elevation over 40 degrees, the
     rest a shape code of length 1; the closer two codes (Euclidean), the likelier the same object.
@@ -107,8 +112,8 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
     Raises ValueError for images of another size or type.
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
-        found = f"{images.dtype} {list(images.shape)}"
-        raise ValueError(f"pictures must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {found}")
+        shape = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"pictures must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {shape}")
     answers = np.empty((len(images), 3 + CODE), np.float32)
     with torch.inference_mode():
         for start in range(0, len(images), BATCH):
@@ -118,20 +123,20 @@ def judge(network: JudgeNetwork, images: NDArray[np.uint8]) -> NDArray[np.float3
 
 
 def greyscale(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Luma (Rec. 601) of sRGB images uint8 [..., 3]: uint8 [...], rounded half up.
+    """Return luma (Rec. 601) of sRGB images uint8 [..., 3]: uint8 [...], rounded half up.
 
     In whole numbers, so that grey is exactly itself. Raises ValueError for another type or number
     of channels.
     """
     if images.dtype != np.uint8 or images.shape[-1:] != (3,):
-        found = f"{images.dtype} {list(images.shape)}"
-        raise ValueError(f"pictures must be uint8 [..., 3], got {found}")
+        shape = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"pictures must be uint8 [..., 3], got {shape}")
     weighted = images.astype(np.int32) @ np.array([299, 587, 114], np.int32)
     return ((weighted + 500) // 1000).astype(np.uint8)
 
 
 def darkness(grey: Tensor) -> Tensor:
-    """What the network reads, float32 [N, 1, 128, 128], of luma uint8 [N, 128, 128].
+    """Return the network's input, float32 [N, 1, 128, 128], of luma uint8 [N, 128, 128].
 
     The white background is zero, as is the padding of the convolutions.
     """

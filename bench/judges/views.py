@@ -32,7 +32,7 @@ _LABELS = "labels"
 
 @dataclass(frozen=True)
 class Labels:
-    """What the network distinguishes, in the order of the outputs of its heads.
+    """The labels that the network distinguishes, in the order of the outputs of its heads.
 
     families  as "class/family", of all classes
     backs     of chairs
@@ -44,7 +44,10 @@ class Labels:
 
 
 class ViewsNetwork(nn.Module):
-    """uint8 images [N, 3, 128, 128] -> features [N, 64]; `heads` maps features to answers."""
+    """The network from uint8 images [N, 3, 128, 128] to features [N, 64].
+
+    `heads` maps features to answers.
+    """
 
     def __init__(self, labels: Labels) -> None:
         super().__init__()
@@ -74,26 +77,26 @@ class ViewsNetwork(nn.Module):
         )
 
     def forward(self, images: Tensor) -> Tensor:
-        """Features [N, 64] float32, >= 0."""
+        """Return features [N, 64] float32, >= 0."""
         x = 1.0 - images.to(torch.float32) / 255.0  # the white background is zero
         return self.body(x).mean(dim=(2, 3))
 
 
 def to_file(network: ViewsNetwork) -> bytes:
-    """The network as a safetensors file, which `load_views_network` reads."""
+    """Return the network as a safetensors file, which `load_views_network` reads."""
     state = {name: tensor.contiguous() for name, tensor in network.state_dict().items()}
     return save(state, {_LABELS: json.dumps(asdict(network.labels))})
 
 
 def load_views_network(path: Path) -> ViewsNetwork:
-    """The network with weights from a safetensors file, ready for inference.
+    """Return the network with weights from a safetensors file, ready for inference.
 
     Raises BadInput where the file cannot be read or does not fit the network.
     """
     try:
         state, header = read_safetensors(path)
         labels = json.loads(header[_LABELS])
-        network = ViewsNetwork(Labels(**{name: tuple(of) for name, of in labels.items()}))
+        network = ViewsNetwork(Labels(**{name: tuple(entries) for name, entries in labels.items()}))
         network.load_state_dict(state)
     except Exception as error:  # safetensors and torch raise types of their own
         reason = " ".join(str(error).split())
@@ -102,14 +105,14 @@ def load_views_network(path: Path) -> ViewsNetwork:
 
 
 def view_features(network: ViewsNetwork, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Features float32 [N, 64] of images uint8 [N, 128, 128, 3], in batches of at most 20.
+    """Return features float32 [N, 64] of images uint8 [N, 128, 128, 3], in batches of at most 20.
 
     Raises ValueError for anything else: floats in 0..1 would pass for black, and the averages of
     images of another size for those of another object.
     """
     if images.dtype != np.uint8 or images.shape[1:] != (IMAGE_SIZE, IMAGE_SIZE, 3):
-        found = f"{images.dtype} {list(images.shape)}"
-        raise ValueError(f"pictures must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {found}")
+        shape = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"pictures must be uint8 [N, {IMAGE_SIZE}, {IMAGE_SIZE}, 3], got {shape}")
     features = np.empty((len(images), FEATURES), np.float32)
     with torch.inference_mode():
         for start in range(0, len(images), BATCH):

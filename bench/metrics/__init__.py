@@ -1,7 +1,7 @@
 """The metrics of the benchmark, by the names that other people's scripts may rely on.
 
-Each is imported when it is asked for, because `bench list` needs none. What takes the features of a
-Fréchet distance is in `bench.metrics.inception`.
+Each is imported when it is asked for, because `bench list` needs none. `bench.metrics.inception`
+has the network that takes the features of a Fréchet distance.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
-    """A metric, from the module that has it. Raises AttributeError for other names."""
+    """Return a metric, from the module that has it.
+
+    Raises AttributeError for other names.
+    """
     if name not in _MODULES:
         raise AttributeError(f"module 'bench.metrics' has no attribute '{name}'")
     return getattr(import_module(f"bench.metrics.{_MODULES[name]}"), name)

@@ -35,11 +35,11 @@ _KEPT = 2**21  # numbers of the moments that a set may keep: 16 MB
 
 
 class TooFewSamples(ValueError):
-    """A set of fewer than two samples has no covariance."""
+    """The error for a set of fewer than two samples, which has no covariance."""
 
 
 class Moments(NamedTuple):
-    """The moments of rows that others may be added to.
+    """The moments of rows, to which others may be added.
 
     n     how many rows; of none, `mean` is 0 and `root` has no row
     mean  float64 [d]
@@ -63,21 +63,37 @@ class Centred(NamedTuple):
 
 
 def frechet_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
-    """Fréchet distance of the features x [n, d] and y [m, d]; >= 0, lower is better, symmetric.
+    """Return the Fréchet distance of two sets of features; lower is better, symmetric.
 
-    Any real dtype; everything is computed in float64, and the order of the rows does not matter.
-    The unit is that of the features squared. Exact also where n or m <= d (rank deficient); but
-    small sets lie apart even if drawn from one distribution (3,390 for 2 x 100 standard normal
-    vectors of 2,048 features), so compare values only at equal n and m.
+    Everything is computed in float64, and the order of the rows does not matter. Exact also where n
+    or m <= d (rank deficient); but small sets lie apart even if drawn from one distribution (3,390
+    for 2 x 100 standard normal vectors of 2,048 features), so compare values only at equal n and m.
 
-    Raises TooFewSamples below two rows, and ValueError where an array is not [n, d], where the
-    numbers of features differ, and where values are not finite or their squares overflow.
+    Parameters
+    ----------
+    x : array of real numbers, [n, d], n >= 2
+        Features of one set, any real dtype.
+    y : array of real numbers, [m, d], m >= 2
+        Features of the other set.
+
+    Returns
+    -------
+    float
+        Distance >= 0, in the unit of the features squared; 0 for equal moments.
+
+    Raises
+    ------
+    TooFewSamples
+        Where a set has fewer than two rows.
+    ValueError
+        Where an array is not [n, d], where the numbers of features differ, and where values are not
+        finite or their squares overflow.
     """
     return centred_to_frechet(centred(x), centred(y))
 
 
 def centred(features: NDArray[Any]) -> Centred:
-    """The moments of one set [n, d], to be kept where one set is compared with many.
+    """Return the moments of one set [n, d], to be kept where one set is compared with many.
 
     Raises as `frechet_distance` does.
     """
@@ -85,7 +101,7 @@ def centred(features: NDArray[Any]) -> Centred:
 
 
 def moments(features: NDArray[Any]) -> Moments:
-    """The moments of rows [n, d], n >= 0, any real dtype, which are taken to float64 in parts.
+    """Return the moments of rows [n, d], n >= 0, of any real dtype.
 
     Raises ValueError where the array is not [n, d] with d > 0, and where values are not finite or
     their squares overflow.
@@ -94,7 +110,7 @@ def moments(features: NDArray[Any]) -> Moments:
 
 
 def merged(a: Moments, b: Moments) -> Moments:
-    """The moments of the rows of both: exact, whatever the counts; no rows change nothing.
+    """Return the moments of the rows of both: exact, whatever the counts; no rows change nothing.
 
     The pairwise update of Chan, Golub and LeVeque 1983 on factors instead of covariances: below
     each other stand both roots and the row sqrt(n m / (n + m)) (mean_b - mean_a), whose square is
@@ -115,7 +131,9 @@ def merged(a: Moments, b: Moments) -> Moments:
 
 
 def merged_to_centred(blocks: Iterable[Moments]) -> Centred:
-    """The moments of a set that comes in blocks, merged as they come; memory for d x d numbers.
+    """Return the moments of a set that comes in blocks, merged as they come.
+
+    The memory is that of d x d numbers.
 
     Equal to `centred` of all rows at once to 1e-9 of any distance that is not far below the traces.
     Raises TooFewSamples below two rows, ValueError where d differs.
@@ -127,7 +145,10 @@ def merged_to_centred(blocks: Iterable[Moments]) -> Centred:
 
 
 def centred_to_frechet(a: Centred, b: Centred) -> float:
-    """The distance of two sets from their moments; >= 0. Raises ValueError where d differs."""
+    """Return the distance of two sets from their moments; >= 0.
+
+    Raises ValueError where d differs.
+    """
     if a.mean.shape != b.mean.shape:
         raise ValueError(f"sets of {a.mean.size} and {b.mean.size} features cannot be compared")
     shift = a.mean - b.mean
@@ -138,7 +159,7 @@ def centred_to_frechet(a: Centred, b: Centred) -> float:
 
 
 class LeftOut:
-    """A feature set, and what is left of it without each block of its objects.
+    """A feature set whose blocks of objects can be left out, one at a time.
 
     Keeps the features as they come, float32 say; they are taken to float64 some rows at a time.
 
@@ -147,7 +168,10 @@ class LeftOut:
     """
 
     def __init__(self, features: NDArray[Any], groups: NDArray[Any]) -> None:
-        """Features [n, d]; raises as `frechet_distance`, and ValueError for groups not [n]."""
+        """Take features [n, d] and their groups [n].
+
+        Raises as `frechet_distance`, and ValueError for groups that are not [n].
+        """
         self._features = _of_set(features)
         self.groups = _labels(groups, len(self._features))
         self.whole = _centred(self._features)
@@ -155,11 +179,11 @@ class LeftOut:
 
     @property
     def has_rows(self) -> bool:
-        """Whether the factor of the whole set is its rows, and not that of a decomposition."""
+        """True if the factor of the whole set is its rows, not that of a decomposition."""
         return len(self.whole.factor) == len(self._features)
 
     def without_each(self, member: NDArray[np.intp], count: int) -> Iterator[Centred]:
-        """The moments without the rows of each block, in the order of the blocks 0 .. count - 1.
+        """Yield the moments without each block's rows, in the order of blocks 0 .. count - 1.
 
         member  [n], the block of each row; a block may have none here
 
@@ -170,7 +194,7 @@ class LeftOut:
         order = np.argsort(member, kind="stable")
         ends = np.searchsorted(member[order], np.arange(count + 1))
 
-        def of(low: int, high: int) -> Moments:
+        def rows(low: int, high: int) -> Moments:
             return _moments(self._features, order[ends[low] : ends[high]])
 
         def down(low: int, high: int, outside: Moments) -> Iterator[Centred]:
@@ -178,14 +202,14 @@ class LeftOut:
                 yield _to_centred(outside)
                 return
             middle = (low + high) // 2
-            yield from down(low, middle, merged(outside, of(middle, high)))
-            yield from down(middle, high, merged(outside, of(low, middle)))
+            yield from down(low, middle, merged(outside, rows(middle, high)))
+            yield from down(middle, high, merged(outside, rows(low, middle)))
 
-        return down(0, count, of(0, 0))
+        return down(0, count, rows(0, 0))
 
     def without_blocks(self, member: NDArray[np.intp], count: int) -> Iterable[Centred]:
-        """As `without_each`; kept for the next call with the same blocks, if there is room."""
-        if count * self.whole.factor.size > _KEPT:
+        """Return the moments of `without_each`, kept for the next call with the same blocks."""
+        if count * self.whole.factor.size > _KEPT:  # too large to keep
             return self.without_each(member, count)
         blocks = member.tobytes()
         if self._kept is None or self._kept[0] != blocks:
@@ -194,7 +218,7 @@ class LeftOut:
 
 
 def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
-    """The names of the objects, sorted, and the block of each, which is left out as one.
+    """Return the objects' names, sorted, and the block of each, which is left out as one.
 
     Of up to `MOST_BLOCKS` objects each is a block. Of more, k = ceil(G / MOST_BLOCKS) neighbours by
     name are one, or k - 1, so that there are ceil(G / k) blocks: 201 of 401 objects, 334 of 1,000.
@@ -208,7 +232,7 @@ def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]
 
 
 def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
-    """The distances theta_i without each block of the objects of both sets, [g], blocks in order.
+    """Return the distances [g] without each block of the objects of both sets, in order.
 
     Blocks are those of `object_blocks`: single objects up to `MOST_BLOCKS`. All NaN where a block
     leaves fewer than two rows of a set. Intervals are made from them by
@@ -230,7 +254,7 @@ def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
 def _leave_out_rows(
     a: Centred, b: Centred, in_a: NDArray[np.intp], in_b: NDArray[np.intp], count: int
 ) -> Floats:
-    """The distance without each of the blocks, where the factors are the centred rows, [g].
+    """Return the distances [g] without each block, where the factors are the centred rows.
 
     Rows that are left are centred by taking off their mean, and so are their products: of A B' as a
     whole, rows and columns are left out and the means of the others taken off. The rounding is that
@@ -251,7 +275,7 @@ def _leave_out_rows(
 
 
 def _moments_without(whole: Centred, kept: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Mean [g, d] and trace of the covariance [g] of the rows that are kept [g, n]."""
+    """Return the mean [g, d] and trace of the covariance [g] of the rows kept [g, n]."""
     n_kept = kept.sum(axis=1)
     if n_kept.min() < 2:
         raise TooFewSamples(f"{n_kept.min()} rows are left")
@@ -264,7 +288,7 @@ def _moments_without(whole: Centred, kept: NDArray[np.bool_]) -> tuple[Floats, F
 
 
 def _growth(kept: NDArray[np.bool_]) -> float:
-    """sqrt((n - 1) / (n' - 1)): a factor is over the root of the number of its rows less one."""
+    """Return sqrt((n - 1) / (n' - 1)), which rescales a factor to the rows that are kept."""
     return float(np.sqrt((len(kept) - 1) / (kept.sum() - 1)))
 
 
@@ -276,22 +300,22 @@ def _labels(groups: NDArray[Any], n: int) -> NDArray[Any]:
 
 
 def _of_set(features: NDArray[Any]) -> NDArray[Any]:
-    """The features, checked, at least two rows."""
+    """Return the features after checks; they have at least two rows."""
     features = _checked(features)
     if len(features) < 2:
-        found = f"{features.dtype} {list(features.shape)}"
-        raise TooFewSamples(f"a covariance needs at least 2 samples, got {found}")
+        shape = f"{features.dtype} {list(features.shape)}"
+        raise TooFewSamples(f"a covariance needs at least 2 samples, got {shape}")
     return features
 
 
 def _checked(features: NDArray[Any]) -> NDArray[Any]:
-    """The features as they are, which float64 can hold; of a wider type, as float64."""
+    """Return the features after checks, in a type that float64 can hold."""
     features = np.asarray(features)
-    found = f"{features.dtype} {list(features.shape)}"
+    shape = f"{features.dtype} {list(features.shape)}"
     if features.dtype.kind not in "fiu":
-        raise ValueError(f"features must be real numbers, got {found}")
+        raise ValueError(f"features must be real numbers, got {shape}")
     if features.ndim != 2 or features.shape[1] == 0:
-        raise ValueError(f"features must be [n, d], got {found}")
+        raise ValueError(f"features must be [n, d], got {shape}")
     if features.dtype.itemsize > 8:
         with np.errstate(over="ignore"):  # what only longdouble can hold is named below
             features = features.astype(np.float64)
@@ -305,7 +329,7 @@ def _checked(features: NDArray[Any]) -> NDArray[Any]:
 
 
 def _centred(features: NDArray[Any]) -> Centred:
-    """Of fewer rows than features, or as many, the rows themselves are the factor."""
+    """Return the centred moments; the rows are the factor unless they outnumber the features."""
     n, d = features.shape
     if n > d:
         return _to_centred(_moments(features))
@@ -314,14 +338,14 @@ def _centred(features: NDArray[Any]) -> Centred:
     return Centred(mean, (rows - mean) / np.sqrt(n - 1))
 
 
-def _to_centred(of: Moments) -> Centred:
-    if of.n < 2:
-        raise TooFewSamples(f"a covariance needs at least 2 samples, got {of.n}")
-    return Centred(of.mean, of.root / np.sqrt(of.n - 1))
+def _to_centred(moments: Moments) -> Centred:
+    if moments.n < 2:
+        raise TooFewSamples(f"a covariance needs at least 2 samples, got {moments.n}")
+    return Centred(moments.mean, moments.root / np.sqrt(moments.n - 1))
 
 
 def _moments(features: NDArray[Any], rows: NDArray[np.intp] | None = None) -> Moments:
-    """Of those rows, in float64, some at a time; None: of all."""
+    """Return the moments of the given rows, or of all, in float64, some at a time."""
     n, d = features.shape if rows is None else (len(rows), features.shape[1])
     whole = Moments(0, np.zeros(d), np.empty((0, d)))
     size = max(_ROWS, 4 * d)
@@ -334,6 +358,6 @@ def _moments(features: NDArray[Any], rows: NDArray[np.intp] | None = None) -> Mo
 
 
 def _triangle(rows: Floats) -> Floats:
-    """At most d rows with the same rows.T @ rows: those there are, or the R of their QR."""
+    """Return at most d rows with the same rows.T @ rows: the rows, or the R of their QR."""
     n, d = rows.shape
     return rows if n <= d else np.asarray(np.linalg.qr(rows, mode="r"))

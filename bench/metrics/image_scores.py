@@ -12,7 +12,7 @@ from bench.metrics.thin_parts import thin_scores_of
 
 
 def scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
-    """Scores [V] of images uint8 [V, H, W, 3]; NaN where an image has no such score.
+    """Return scores [V] of images uint8 [V, H, W, 3]; NaN where an image has no such score.
 
     `ssim_object` is the mean of the SSIM map over the windows that contain a pixel of the true
     silhouette or of the drawn one. One map gives it and the four before it, and one pair of

@@ -37,7 +37,7 @@ _INPUT_SIZE = 299
 
 
 class _Conv(NamedTuple):
-    """Convolution without bias, batch norm (eps 1e-3), ReLU; its name is part of the state dict."""
+    """A convolution without bias, batch norm (eps 1e-3), ReLU; its name is in the state dict."""
 
     name: str
     out: int
@@ -229,13 +229,17 @@ class _MixedBlock(nn.Module):
 
 
 class FidInception(nn.Module):
-    """uint8 [N, 3, H, W] to features [N, 2048], in the dtype of the weights (float32 as built).
+    """The Inception network of FID, uint8 [N, 3, H, W] to features [N, 2048].
 
     The state dict has the 566 keys of the published file, the unused classifier included. The
     network is frozen: always in evaluation mode, without gradients. A fresh one has random weights;
-    `load_inception` gives the trained one. N may be 0. Any size of image is resized to 299 x 299.
+    `load_inception` gives the trained one. Features have the dtype of the weights (float32 as
+    built). N may be 0. Any size of image is resized to 299 x 299.
 
-    Raises ValueError where the images are not uint8 [N, 3, H, W].
+    Raises
+    ------
+    ValueError
+        Where the images are not uint8 [N, 3, H, W].
     """
 
     def __init__(self) -> None:
@@ -254,12 +258,12 @@ class FidInception(nn.Module):
         self.eval()
 
     def train(self, mode: bool = True) -> FidInception:
-        """Stays in evaluation mode: batch statistics would give other features."""
+        """Stay in evaluation mode: batch statistics would give other features."""
         super().train(False)
         return self
 
     def forward(self, images: Tensor) -> Tensor:
-        """See the class."""
+        """Return the features [N, 2048] of images, see the class."""
         if images.dtype != torch.uint8 or images.ndim != 4 or images.shape[1] != 3:
             raise ValueError(
                 f"images must be uint8 [N, 3, H, W], got {images.dtype} {list(images.shape)}"
@@ -272,7 +276,7 @@ class FidInception(nn.Module):
 
 
 def _resize(images: Tensor, size: int) -> Tensor:
-    """[N, C, H, W] to [N, C, size, size], bilinear as TensorFlow 1 does it, rows then columns."""
+    """Resize [N, C, H, W] to [N, C, size, size], bilinear as in TensorFlow 1, rows first."""
     return _stretch(_stretch(images, size, dim=3), size, dim=2)
 
 
@@ -293,7 +297,7 @@ def _stretch(x: Tensor, size: int, dim: int) -> Tensor:
 def inception_features(
     model: FidInception, images: NDArray[np.uint8], batch: int = 20
 ) -> NDArray[np.float32]:
-    """Features [N, 2048] of images uint8 [N, H, W, 3], on the device where the model is.
+    """Return features [N, 2048] of images uint8 [N, H, W, 3], on the device where the model is.
 
     The same `batch` belongs to both sides of a comparison: another one may choose other
     convolution kernels, which moves features by float32 rounding (1e-6 of the largest).
@@ -315,7 +319,9 @@ def inception_features(
 
 
 def load_inception(path: Path) -> FidInception:
-    """The network with the published weights from `path` (see `inception_weights.find_weights`).
+    """Return the network with the published weights from `path`.
+
+    `inception_weights.find_weights` gives the path.
 
     The sha256 of the very bytes that are loaded is checked first, and no pickled code is run.
     Raises BadInput where the file cannot be read or is not the published one.

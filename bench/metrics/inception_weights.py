@@ -1,7 +1,7 @@
-"""Where the weights of the FID network come from: a file, the cache, or (on request) the network.
+"""The sources of the FID network's weights: a file, the cache, or (on request) a download.
 
-Apart from `bench.metrics.inception`, so that a run can be planned, and its rows marked as skipped,
-without importing torch.
+They are apart from `bench.metrics.inception`, so that a run can be planned, and its rows marked as
+skipped, without importing torch.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ MOST_BYTES = 256 * MIB  # the published file has 91 MiB
 
 
 class WeightsUnavailable(RuntimeError):
-    """The published weights are not on this machine and cannot be fetched. It says the remedy."""
+    """The error for published weights that are not here and cannot be fetched; has the remedy."""
 
 
 def find_weights(chosen: str | None) -> Path:
-    """The verified weight file.
+    """Return the verified weight file.
 
     chosen None        the user's cache: `pc2pix-bench/` in $XDG_CACHE_HOME or ~/.cache
     chosen "download"  the same, filled from the net where it does not hold the intact file
@@ -61,14 +61,17 @@ def find_weights(chosen: str | None) -> Path:
 
 
 def read_weights(path: Path) -> bytes:
-    """The bytes of the weight file at `path`; BadInput where it is not the published one."""
+    """Return the bytes of the weight file at `path`.
+
+    Raises BadInput where it is not the published one.
+    """
     try:
         data = read_file(path, MOST_BYTES)
     except BadInput as error:
         raise BadInput(f"{error}; {_REMEDY}") from error
-    found = _digest(data)
-    if found != WEIGHTS_SHA256:
-        raise BadInput(f"{path}: sha256 {found}, expected {WEIGHTS_SHA256}; {_REMEDY}")
+    digest = _digest(data)
+    if digest != WEIGHTS_SHA256:
+        raise BadInput(f"{path}: sha256 {digest}, expected {WEIGHTS_SHA256}; {_REMEDY}")
     return data
 
 
@@ -85,10 +88,10 @@ def _download() -> bytes:
             data = response.read(MOST_BYTES)
     except (OSError, http.client.HTTPException) as error:  # URLError and time-outs included
         raise WeightsUnavailable(f"cannot fetch the FID weights ({error}); {_REMEDY}") from error
-    found = _digest(data)
-    if found != WEIGHTS_SHA256:
+    digest = _digest(data)
+    if digest != WEIGHTS_SHA256:
         raise WeightsUnavailable(
-            f"{WEIGHTS_URL} answered with {len(data)} bytes of sha256 {found}, "
+            f"{WEIGHTS_URL} answered with {len(data)} bytes of sha256 {digest}, "
             f"expected {WEIGHTS_SHA256}; {_REMEDY}"
         )
     return data

@@ -26,7 +26,7 @@ _ROWS = 1024  # kernels are taken of so many rows with as many at a time
 
 
 def kernel_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
-    """Unbiased estimate from features x [n, d] and y [m, d]; lower is better, symmetric.
+    """Return the unbiased kernel distance of x [n, d] and y [m, d]; lower is better, symmetric.
 
         mean of k(x_i, x_j), i != j  +  mean of k(y_i, y_j), i != j  -  2 mean of k(x_i, y_j)
 
@@ -40,7 +40,7 @@ def kernel_distance(x: NDArray[Any], y: NDArray[Any]) -> float:
 def left_out_kernel_distances(
     x: NDArray[Any], y: NDArray[Any], groups_x: NDArray[Any], groups_y: NDArray[Any]
 ) -> Floats:
-    """The distance without each object in turn, [g], as `bench.metrics.frechet` leaves them out.
+    """Return the distances [g] without each object, left out as in `bench.metrics.frechet`.
 
     groups_x [n] and groups_y [m] name the object of each row; objects in sorted order, of many
     objects blocks of them (`bench.metrics.frechet.object_blocks`). NaN without one that leaves
@@ -48,14 +48,14 @@ def left_out_kernel_distances(
     """
     names, block = object_blocks(np.concatenate([np.unique(groups_x), np.unique(groups_y)]))
     count = int(block[-1]) + 1
-    member_x, member_y = (block[np.searchsorted(names, of)] for of in (groups_x, groups_y))
+    member_x, member_y = (block[np.searchsorted(names, groups)] for groups in (groups_x, groups_y))
     sums = _block_sums(x, y, member_x, member_y, count)
     return np.array([_distance(sums, kept) for kept in 1.0 - np.eye(count)])
 
 
 @dataclass(frozen=True, eq=False)
 class _BlockSums:
-    """Sums of kernels between the blocks of two sets, [g, g] each, and rows of each block [g].
+    """The sums of kernels between the blocks of two sets, [g, g] each, and rows of a block [g].
 
     Within a set no row is taken with itself.
     """
@@ -83,7 +83,7 @@ def _block_sums(
 
 
 def _within(a: Floats, member: NDArray[Any], count: int) -> Floats:
-    """Of one set, without the kernels of rows with themselves."""
+    """Return the sums of one set, without the kernels of rows with themselves."""
     themselves = (np.einsum("nd,nd->n", a, a) / a.shape[1] + 1.0) ** 3
     return _sums(a, a, member, member, count) - np.diag(np.bincount(member, themselves, count))
 
@@ -91,7 +91,7 @@ def _within(a: Floats, member: NDArray[Any], count: int) -> Floats:
 def _sums(
     a: Floats, b: Floats, member_a: NDArray[Any], member_b: NDArray[Any], count: int
 ) -> Floats:
-    """Sums of kernels between blocks [g, g], some rows at a time: n x m kernels fill the memory."""
+    """Return sums of kernels between blocks [g, g], some rows at a time to save memory."""
     sums, blocks = np.zeros((count, count)), np.eye(count)
     for i in range(0, len(a), _ROWS):
         rows = slice(i, i + _ROWS)
@@ -103,7 +103,7 @@ def _sums(
 
 
 def _distance(sums: _BlockSums, kept: Floats) -> float:
-    """Of the objects that are kept [g], 0 or 1 each."""
+    """Return the distance of the objects that are kept [g], 0 or 1 each."""
     n, m = kept @ sums.rows_x, kept @ sums.rows_y
     if min(n, m) < 2:
         return float("nan")

@@ -36,7 +36,7 @@ TINY = 1e-10  # added to lengths, as in the original
 
 
 class Conv(NamedTuple):
-    """A convolution with ReLU; whether pooling comes before, and the distance looks at it."""
+    """A convolution with ReLU; `pooled` and `seen` say if pooling precedes and if it counts."""
 
     kernel: int
     stride: int
@@ -46,7 +46,7 @@ class Conv(NamedTuple):
 
 
 class Trunk(NamedTuple):
-    """A network as a table. pool: (window, stride) of the maximum; least: side of an image."""
+    """The table of a network; pool: (window, stride) of the maximum; least: side of an image."""
 
     name: str
     layers: tuple[Conv, ...]
@@ -88,7 +88,7 @@ TRUNKS: dict[Net, Trunk] = {
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What the network sees in N images.
+    """The activations of the network for N images.
 
     layers    activations [N, c, h, w] of five layers, each pixel's of length 1 (or 0)
     features  [N, d], the last layer's mean over pixels before that
@@ -102,7 +102,10 @@ class Lpips:
     """A trunk with its heads, on the CPU, in one precision; kernels are laid out for IMAGE_SIZE."""
 
     def __init__(self, path: Path, net: Net = "alex", dtype: torch.dtype = torch.float32) -> None:
-        """Raises BadInput where the file is not the published checkpoint of this trunk."""
+        """Read the heads and the trunk from a file.
+
+        Raises BadInput where it is not the published checkpoint of this trunk.
+        """
         self.dtype = dtype
         self._trunk = trunk = TRUNKS[net]
         checkpoint = read_lpips_weights(path, net)
@@ -130,7 +133,7 @@ class Lpips:
 
     @torch.inference_mode()
     def see(self, images: NDArray[np.uint8]) -> Seen:
-        """Of images uint8 [N, H, W, 3], N > 0, in batches.
+        """Return the activations for images uint8 [N, H, W, 3], N > 0, computed in batches.
 
         What it has seen in the last two stacks is kept: in a run the same true images are compared
         with those of all methods, and the images of a method are asked for their features too.
@@ -151,22 +154,22 @@ class Lpips:
         # A copy by NumPy: torch refuses negative strides, those of mirrored images.
         x = torch.from_numpy(images.copy()).permute(0, 3, 1, 2).to(self.dtype) / 127.5 - 1.0
         shift, scale = (
-            torch.from_numpy(of).to(self.dtype).reshape(3, 1, 1) for of in (SHIFT, SCALE)
+            torch.from_numpy(values).to(self.dtype).reshape(3, 1, 1) for values in (SHIFT, SCALE)
         )
         x = (x - shift) / scale
-        found = []
+        layers = []
         for conv, convolve in zip(self._trunk.layers, self._convolutions, strict=True):
             x = convolve(functional.max_pool2d(x, *self._trunk.pool) if conv.pooled else x)
             if conv.seen:
-                found.append(x / (torch.linalg.vector_norm(x, dim=1, keepdim=True) + TINY))
-        return [*found, x.mean(dim=(2, 3))]
+                layers.append(x / (torch.linalg.vector_norm(x, dim=1, keepdim=True) + TINY))
+        return [*layers, x.mean(dim=(2, 3))]
 
     @torch.inference_mode()
     def distance(self, a: Seen, b: Seen) -> NDArray[np.float64]:
-        """LPIPS [N] of N pairs, >= 0; 0 for identical images, symmetric."""
+        """Return LPIPS [N] of N pairs, >= 0; 0 for identical images, symmetric."""
         total = torch.zeros(len(a.features), dtype=torch.float64)
-        for head, one, other in zip(self._heads, a.layers, b.layers, strict=True):
-            difference = one - other
+        for head, layer, counterpart in zip(self._heads, a.layers, b.layers, strict=True):
+            difference = layer - counterpart
             total += (difference.square_() * head).sum(dim=1).double().mean(dim=(1, 2))
         return total.numpy()
 
@@ -174,14 +177,31 @@ class Lpips:
 def lpips(
     a: NDArray[np.uint8], b: NDArray[np.uint8], net: Net = "alex", *, single: bool = False
 ) -> NDArray[np.float64]:
-    """LPIPS v0.1 [N] of pairs of images uint8 [N, H, W, 3]; lower is better, 0 is identical.
+    """Return LPIPS v0.1 of pairs of images; lower is better.
 
-    net     "alex" (sides from 31 px) or "vgg" (from 16 px)
-    single  compute in float32, as runs do: some five times as fast, the same to 1e-5
+    Parameters
+    ----------
+    a, b : uint8 array, [N, H, W, 3]
+        Images and their counterparts, with sides from 31 px ("alex") or 16 px ("vgg").
+    net : {"alex", "vgg"}
+        The trunk.
+    single : bool
+        Compute in float32, as runs do: some five times as fast, the same to 1e-5.
 
-    Raises ValueError for another trunk, for arrays that are not uint8 [N, H, W, 3] or differ in
-    shape, and for too small images; WeightsUnavailable where the package with the weights is not
-    installed, BadInput where its file is not the published one.
+    Returns
+    -------
+    float64 array, [N]
+        Distance of each pair, >= 0; 0 for identical images.
+
+    Raises
+    ------
+    ValueError
+        For another trunk, for arrays that are not uint8 [N, H, W, 3] or differ in shape, and for
+        too small images.
+    WeightsUnavailable
+        Where the package with the weights is not installed.
+    BadInput
+        Where its file is not the published one.
     """
     if net not in TRUNKS:
         raise ValueError(f"net must be {' or '.join(TRUNKS)}, got {net!r}")
@@ -199,14 +219,17 @@ def lpips(
 
 
 def _require_images(images: NDArray[np.uint8], least: int) -> None:
-    found = f"{images.dtype} {list(images.shape)}"
+    shape = f"{images.dtype} {list(images.shape)}"
     if images.dtype != np.uint8 or images.ndim != 4 or images.shape[3] != 3:
-        raise ValueError(f"images must be uint8 [N, H, W, 3], got {found}")
+        raise ValueError(f"images must be uint8 [N, H, W, 3], got {shape}")
     if min(images.shape[1:3]) < least:
-        raise ValueError(f"images must be of {least} x {least} pixels or more, got {found}")
+        raise ValueError(f"images must be of {least} x {least} pixels or more, got {shape}")
 
 
 @functools.lru_cache(maxsize=2)
 def load_lpips(path: Path, net: Net = "alex", dtype: torch.dtype = torch.float32) -> Lpips:
-    """As the class; the last two are kept."""
+    """Return an `Lpips`; the last two are kept.
+
+    Raises as the class.
+    """
     return Lpips(path, net, dtype)

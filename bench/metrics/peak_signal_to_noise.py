@@ -1,4 +1,4 @@
-"""Peak signal-to-noise ratio of images, in decibels.
+"""The peak signal-to-noise ratio of images, in decibels.
 
 10 log10(255^2 / MSE), the mean squared error over all pixels and channels (Huynh-Thu and Ghanbari,
 "Scope of validity of PSNR in image/video quality assessment", Electronics Letters 44(13), 2008).
@@ -17,17 +17,30 @@ PEAK = 255.0
 
 
 def psnr(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Ratio [N] in dB of pairs of images, uint8 [N, H, W, C]; higher is better; symmetric.
+    """Return the peak signal-to-noise ratio of pairs of images; higher is better; symmetric.
 
-    From 0 (black against white) to 20 log10(255) + 10 log10(H * W * C), which identical images
-    have. The sum of squares is exact, hence a value does not depend on the other images.
+    The sum of squares is exact, hence a value does not depend on the other images.
 
-    Raises ValueError where an array is not uint8 or not [N, H, W, C], where the shapes differ, and
-    where there is nothing to compare (a dimension of 0).
+    Parameters
+    ----------
+    a, b : uint8 array, [N, H, W, C]
+        Images and their counterparts.
+
+    Returns
+    -------
+    float64 array, [N]
+        Ratio in dB, from 0 (black against white) to 20 log10(255) + 10 log10(H * W * C), which
+        identical images have.
+
+    Raises
+    ------
+    ValueError
+        Where an array is not uint8 or not [N, H, W, C], where the shapes differ, and where there is
+        nothing to compare (a dimension of 0).
     """
     if a.dtype != np.uint8 or b.dtype != np.uint8 or a.ndim != 4 or a.shape != b.shape:
-        found = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
-        raise ValueError(f"images must be uint8 [N, H, W, C] of the same shape, got {found}")
+        shapes = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
+        raise ValueError(f"images must be uint8 [N, H, W, C] of the same shape, got {shapes}")
     if a.size == 0:
         raise ValueError(f"nothing to compare, got {list(a.shape)}")
     squares = np.empty(len(a))

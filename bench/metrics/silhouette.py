@@ -1,4 +1,4 @@
-"""Where an image shows something, and how far the drawn silhouette covers the true one.
+"""The silhouette of an image, and the overlap of the drawn one with the true one.
 
 White is background, by the conventions of all images. A true image shows something wherever it
 is not white; its edges, which cover a pixel in part, count as a whole. Of a drawn image that
@@ -29,7 +29,9 @@ Masks = NDArray[np.bool_]  # [N, H, W]
 
 
 def foreground(images: NDArray[np.uint8]) -> Masks:
-    """The pixels [N, H, W] that are not white, of uint8 [N, H, W, C]; edges count as a whole.
+    """Return the pixels [N, H, W] that are not white, of uint8 [N, H, W, C].
+
+    Edges count as a whole.
 
     Raises ValueError where the images are not uint8.
     """
@@ -41,7 +43,7 @@ def foreground(images: NDArray[np.uint8]) -> Masks:
 
 
 def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Contrast to white [N, H, W], 0..255: 255 minus the mean of the channels.
+    """Return the contrast to white [N, H, W], 0..255: 255 minus the mean of the channels.
 
     Raises ValueError where the images are not uint8.
     """
@@ -53,7 +55,7 @@ def contrast(images: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 class Pairs:
-    """Images and their truths, uint8 [N, H, W, C] each: what they show, by contrast.
+    """Pairs of true images and images, uint8 [N, H, W, C] each, and their silhouettes by contrast.
 
     shown  the pixels [N, H, W] that the true images show
 
@@ -67,7 +69,7 @@ class Pairs:
         self._true, self._found = contrast(truth), contrast(images)
 
     def drawn(self, usual: Masks) -> Masks:
-        """The pixels [N, H, W] where images draw something.
+        """Return the pixels [N, H, W] where images draw something.
 
         usual  [N, H, W], a part of `shown`; its median contrast is asked for where the true images
                are white (the neutral grey's, where the part is empty)
@@ -83,8 +85,8 @@ class Pairs:
 def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
     for some in (truth, images):
         if some.dtype != np.uint8 or some.ndim != 4:
-            found = f"{some.dtype} {list(some.shape)}"
-            raise ValueError(f"images must be uint8 [N, H, W, C], got {found}")
+            shape = f"{some.dtype} {list(some.shape)}"
+            raise ValueError(f"images must be uint8 [N, H, W, C], got {shape}")
     if truth.shape != images.shape:
         raise ValueError(f"pictures {list(images.shape)} of truths {list(truth.shape)}")
     if 0 in truth.shape[1:]:
@@ -92,7 +94,7 @@ def _require_pairs(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> None:
 
 
 def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """The box [N, (top, bottom, left, right)] of the foreground of each true image.
+    """Return the box [N, (top, bottom, left, right)] of the foreground of each true image.
 
     In pixels, bottom and right exclusive; all 0 for a blank image.
 
@@ -110,14 +112,17 @@ def object_boxes(truth: NDArray[np.uint8]) -> NDArray[np.intp]:
 
 
 def _require_uint8(images: NDArray[np.uint8]) -> None:
-    """On the scale 0..1 all is dark, and NaN is not: neither may pass for an image."""
+    """Raise ValueError unless images are uint8.
+
+    On the scale 0..1 all is dark, and NaN is not: neither may pass for an image.
+    """
     if images.dtype != np.uint8:
-        found = f"{images.dtype} {list(images.shape)}"
-        raise ValueError(f"images must be uint8 (range 0..255), got {found}")
+        shape = f"{images.dtype} {list(images.shape)}"
+        raise ValueError(f"images must be uint8 (range 0..255), got {shape}")
 
 
 def silhouette_iou(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Intersection over union of silhouettes [N], 0..1, of images against the true ones.
+    """Return the intersection over union of silhouettes [N], 0..1, of images against true ones.
 
     Both uint8 [N, H, W, 3] on white. 1 for identical images and where neither shows anything: it
     always has a value. 0 where nothing is drawn of a true image that shows something, and the
@@ -128,7 +133,7 @@ def silhouette_iou(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> NDArr
 
 
 def overlap(a: Masks, b: Masks) -> NDArray[np.float64]:
-    """Intersection over union [N] of masks [N, H, W]; 1 where both are empty."""
+    """Return the intersection over union [N] of masks [N, H, W]; 1 where both are empty."""
     both = np.count_nonzero(a & b, axis=(1, 2))
     either = np.count_nonzero(a | b, axis=(1, 2))
     return np.where(either == 0, 1.0, both / np.maximum(either, 1))

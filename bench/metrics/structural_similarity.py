@@ -52,7 +52,7 @@ _CHUNK = 5  # tiles in one go: their five fields (0.7 MB) stay in a second-level
 
 
 class Ssim(NamedTuple):
-    """Means over all images, windows and channels. All are at most 1, and 1 for identical images.
+    """The means over all images, windows and channels, at most 1; 1 for identical images.
 
     ssim       > -1; the mean of luminance * contrast * structure
     luminance  > 0
@@ -76,17 +76,32 @@ class SsimPerImage(NamedTuple):
 
 
 def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> Ssim:
-    """Similarity of two stacks of images, uint8 [N, H, W, C]; symmetric; see the module's protocol.
+    """Return the structural similarity of two stacks of images; symmetric.
 
-    All images weigh the same. Raises ValueError where an array is not uint8 or not [N, H, W, C],
-    where the shapes differ, and where there is nothing to compare (a dimension of 0).
+    The module's docstring states the protocol. All images weigh the same.
+
+    Parameters
+    ----------
+    a, b : uint8 array, [N, H, W, C]
+        Images and their counterparts.
+
+    Returns
+    -------
+    Ssim
+        Means over images, windows and channels: at most 1, and 1 for identical images.
+
+    Raises
+    ------
+    ValueError
+        Where an array is not uint8 or not [N, H, W, C], where the shapes differ, and where there is
+        nothing to compare (a dimension of 0).
     """
     per_image = ssim_per_image(a, b)
     return Ssim(*(float(values.mean()) for values in per_image))
 
 
 def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
-    """`ssim` of every pair of images by itself. An image's value does not depend on the others."""
+    """Return `ssim` of every pair of images, which does not depend on the others."""
     _require_images(a, b)
     per_image, _ = _score(a, b, None)
     return per_image
@@ -95,7 +110,9 @@ def ssim_per_image(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> SsimPerImage:
 def ssim_per_image_and_mask(
     a: NDArray[np.uint8], b: NDArray[np.uint8], masks: NDArray[np.bool_]
 ) -> tuple[SsimPerImage, Floats]:
-    """`ssim_per_image`, and from the same map the mean `ssim` [N] of the windows over a mask.
+    """Return `ssim_per_image`, and the mean `ssim` [N] of the windows over a mask.
+
+    Both are from one map.
 
     masks  bool [N, H, W], one per pair, in pixels
 
@@ -157,7 +174,10 @@ def _score(
 
 
 def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
-    """The windows of side `size` that contain a pixel of masks [N, H, W], by their corner."""
+    """Return the windows of side `size` that contain a pixel of masks [N, H, W].
+
+    They are indexed by their corner.
+    """
     for _ in range(2):  # along rows, then along columns
         reach = 1  # pixels that an entry stands for
         while reach < size:
@@ -169,19 +189,19 @@ def _windows_over(masks: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
 
 
 def _require_images(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:
-    found = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
+    shapes = f"{a.dtype} {list(a.shape)} and {b.dtype} {list(b.shape)}"
     if a.dtype != np.uint8 or b.dtype != np.uint8:
-        raise ValueError(f"images must be uint8 (range 0..255), got {found}")
+        raise ValueError(f"images must be uint8 (range 0..255), got {shapes}")
     if a.ndim != 4 or b.ndim != 4:
-        raise ValueError(f"images must be [N, H, W, C], got {found}")
+        raise ValueError(f"images must be [N, H, W, C], got {shapes}")
     if a.shape != b.shape:
-        raise ValueError(f"stacks of images must have the same shape, got {found}")
+        raise ValueError(f"stacks of images must have the same shape, got {shapes}")
     if a.size == 0:
-        raise ValueError(f"nothing to compare, got {found}")
+        raise ValueError(f"nothing to compare, got {shapes}")
 
 
 def _window(size: int) -> Floats:
-    """The 1-d factor of the Gaussian window, sum 1, smallest value first and last."""
+    """Return the 1-d factor of the Gaussian window, sum 1, smallest value first and last."""
     sigma = size * SIGMA / WINDOW
     x = np.arange(size) - (size - 1) / 2
     weights = np.exp(-(x**2) / (2 * sigma**2))
@@ -189,7 +209,7 @@ def _window(size: int) -> Floats:
 
 
 class _Cut:
-    """How one side of the image falls into tiles of equal length.
+    """The cut of one side of an image into tiles of equal length.
 
     starts   first window (and first pixel) of each tile
     length   windows of a tile
@@ -213,12 +233,12 @@ class _Cut:
 
 
 def _corners(rows: _Cut, columns: _Cut) -> Iterator[tuple[int, int]]:
-    """The first pixel, and the first window, of each tile."""
+    """Return the first pixel, and the first window, of each tile."""
     return ((y, x) for y in rows.starts for x in columns.starts)
 
 
 def _cut_tiles(image: NDArray[np.uint8], rows: _Cut, columns: _Cut, out: NDArray[np.uint8]) -> None:
-    """Image [H, W, C] to tiles [tile, row, C, column]: the blur runs along rows and columns."""
+    """Cut an image [H, W, C] into tiles [tile, row, C, column]: the blur runs along rows."""
     planes = np.ascontiguousarray(image.transpose(0, 2, 1))
     for tile, (y, x) in zip(out, _corners(rows, columns), strict=True):
         tile[...] = planes[y : y + rows.extent, :, x : x + columns.extent]
@@ -229,7 +249,7 @@ def _chunks(indices: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
 
 
 def _band(weights: Floats, length: int) -> Floats:
-    """The matrix [length, length + size - 1] whose product with a column of pixels is the blur."""
+    """Return the matrix [length, length + size - 1] that blurs a column of pixels."""
     matrix = np.zeros((length, length + len(weights) - 1))
     for i in range(length):
         matrix[i, i : i + len(weights)] = weights
@@ -269,7 +289,7 @@ class _TileBlur:
         )
 
     def component_sums(self, tiles: NDArray[np.uint8], weights: Floats) -> Floats:
-        """Weighted sums over windows, [tile, (ssim, luminance, contrast, structure)].
+        """Return weighted sums over windows, [tile, (ssim, luminance, contrast, structure)].
 
         tiles    uint8 [2, tile, row, channel, column]: the tiles of both images
         weights  float64 [tile, window row * channel * window column]
@@ -310,7 +330,7 @@ class _TileBlur:
         return (sums * _FACTORS[:, None]).T
 
     def sums_of_last(self, counted: Floats) -> Floats:
-        """Sums of ssim over other windows of the tiles that `component_sums` had last, [tile].
+        """Return sums of ssim [tile] over other windows of the last tiles of `component_sums`.
 
         counted  float64 [tile, window row, window column]
         """
@@ -318,7 +338,7 @@ class _TileBlur:
         return sums * _FACTORS[0]
 
     def _moments(self, tiles: NDArray[np.uint8]) -> Floats:
-        """Means, variances and covariance [5, tile, window row, channel, window column]."""
+        """Return means, variances and covariance [5, tile, window row, channel, window column]."""
         n, extent, across = (tiles.shape[axis] for axis in (1, 2, 4))
         pixels = self._pixels[:, :n]
         middle = tiles[:, :, extent // 2, None, :, across // 2, None].astype(np.float64)
@@ -344,7 +364,9 @@ class _TileBlur:
 
 
 def _steps(field: Floats, axis: int, cut: _Cut) -> Floats:
-    """The pixels that each band of a tile takes: [5, tile, band, ...], overlapping along `axis`.
+    """Return the pixels that each band of a tile takes: [5, tile, band, ...].
+
+    They overlap along `axis`.
 
     field  [5, tile, pixel row, pixel column]
     """

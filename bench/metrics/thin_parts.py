@@ -35,7 +35,7 @@ _DISC = tuple((y, x) for y in range(4) for x in range(4) if (y - 1.5) ** 2 + (x 
 
 
 class ThinScores(NamedTuple):
-    """Float64 [N] each, 0..1, 1 is best; NaN where there is nothing to take a share of.
+    """The scores, float64 [N] each, 0..1, 1 is best; NaN for a share of nothing.
 
     recall     NaN for a true image without thin parts
     precision  as recall, and where nothing is drawn beside a thin part
@@ -46,7 +46,7 @@ class ThinScores(NamedTuple):
 
 
 def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScores:
-    """Scores of images against the true ones, both uint8 [N, H, W, 3] on white.
+    """Return scores of images against the true ones, both uint8 [N, H, W, 3] on white.
 
     Raises as `bench.metrics.silhouette.Pairs`.
     """
@@ -54,7 +54,7 @@ def thin_scores(truth: NDArray[np.uint8], images: NDArray[np.uint8]) -> ThinScor
 
 
 def thin_scores_of(pairs: Pairs) -> ThinScores:
-    """`thin_scores` of images whose silhouettes are known."""
+    """Return `thin_scores` of images whose silhouettes are known."""
     part = _evaluated(pairs.shown)
     recall = np.full(len(part), np.nan)
     precision = np.full(len(part), np.nan)
@@ -69,7 +69,10 @@ def thin_scores_of(pairs: Pairs) -> ThinScores:
 
 
 def evaluated(truth: NDArray[np.uint8]) -> Masks:
-    """E of true images uint8 [N, H, W, 3]: silhouette within 2 px of a thin pixel, [N, H, W]."""
+    """Return E of true images uint8 [N, H, W, 3]: silhouette within 2 px of a thin pixel.
+
+    The mask is [N, H, W].
+    """
     return _evaluated(foreground(truth))
 
 
@@ -78,7 +81,7 @@ def _evaluated(shown: Masks) -> Masks:
 
 
 def thin(silhouettes: Masks) -> Masks:
-    """The pixels of silhouettes [N, H, W] that belong to parts thinner than 4 px."""
+    """Return the pixels of silhouettes [N, H, W] that belong to parts thinner than 4 px."""
     from scipy.ndimage import label
 
     lost = silhouettes & ~_opened(silhouettes)
@@ -90,7 +93,7 @@ def thin(silhouettes: Masks) -> Masks:
 
 
 def _opened(masks: Masks) -> Masks:
-    """Morphological opening of [N, H, W] by the disc; beyond the frame is background."""
+    """Return the opening of masks [N, H, W] by the disc; beyond the frame is background."""
     flat, inner, width = _flattened(masks, 3)
     offsets = [y * width + x for y, x in _DISC]
     n = max(flat.size - max(offsets), 0)  # 0: there are no masks
@@ -104,7 +107,7 @@ def _opened(masks: Masks) -> Masks:
 
 
 def _near(masks: Masks, radius: int) -> Masks:
-    """The pixels of [N, H, W] whose centres are within `radius` px of one in the mask."""
+    """Return the pixels of [N, H, W] whose centres are within `radius` px of one in the mask."""
     flat, inner, width = _flattened(masks, radius)
     near = np.zeros_like(flat)
     margin = radius * width + radius
@@ -118,7 +121,7 @@ def _near(masks: Masks, radius: int) -> Masks:
 
 
 def _flattened(masks: Masks, margin: int) -> tuple[Masks, Callable[[Masks], Masks], int]:
-    """Masks with a margin of background, as one long row; the way back; the length of its rows.
+    """Return masks with a margin of background as one long row, the way back, and its pitch.
 
     A step of up to `margin` px in any direction is then one along the row, from any pixel: at the
     end of a line it ends in a margin. Long rows are what NumPy is fast at.

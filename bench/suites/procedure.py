@@ -1,4 +1,4 @@
-"""What the suites with a procedure of their own share: the request for a run, and its result."""
+"""The request for a run, and its result, of suites with a procedure of their own."""
 
 from __future__ import annotations
 

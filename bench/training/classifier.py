@@ -1,4 +1,4 @@
-"""What the trainings of the judging networks share: a cosine schedule, and how they are run."""
+"""The base of the judging networks' trainings: a cosine schedule, and how they are run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from learning.training_loop import DEFAULT_CADENCE, Cadence, run
 
 @dataclass(frozen=True)
 class JudgeConfig:
-    """What a resumed training has to have in common with the one before, beside its data."""
+    """The configuration that a resumed training has to share, beside its data."""
 
     steps: int
     seed: int
@@ -41,19 +41,19 @@ class CosineTrainer(NetworkTrainer):
         self.order = torch.empty(0, dtype=torch.long)
 
     def independent_steps(self, steps: int) -> int:
-        """None: the cosine spans all."""
+        """Return 0: the cosine spans all steps."""
         return 0
 
     def learning_rates(self, steps: int) -> str:
-        """The whole schedule."""
+        """Return the whole schedule in words."""
         return f"{self.peak:g} by a cosine to zero over {self.config.steps} steps"
 
     def rate(self, done: int) -> float:
-        """The learning rate of the step after `done` steps."""
+        """Return the learning rate of the step after `done` steps."""
         return self.peak * (1 + math.cos(math.pi * done / self.config.steps)) / 2
 
     def train(self, data_hash: str, folder: Path) -> None:
-        """All steps, those that a training in `folder` has taken included.
+        """Take all steps, of which a training in `folder` may have taken some.
 
         Raises as `learning.training_loop.run`.
         """
@@ -64,7 +64,7 @@ class CosineTrainer(NetworkTrainer):
 def view_answers(
     azimuth_deg: NDArray[np.float64], elevation_deg: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """The right answers [..., 3]: sine and cosine of the azimuth, elevation over 40 degrees."""
+    """Return the right answers [..., 3]: azimuth's sine and cosine, elevation over 40 degrees."""
     azimuth = np.radians(azimuth_deg)
     view = [np.sin(azimuth), np.cos(azimuth), elevation_deg / ELEVATION_UNIT_DEG]
     return np.stack(view, axis=-1).astype(np.float32)

@@ -27,7 +27,7 @@ VALIDATION = (100, 8)  # objects, views
 
 @dataclass(frozen=True)
 class Scores:
-    """Mean SSIM on chairs that the image was not fitted to, and that of white beside it."""
+    """The mean SSIM of the image on chairs that it was not fitted to, and that of white."""
 
     constant: float
     blank: float
@@ -36,7 +36,9 @@ class Scores:
 def train_constant(
     objects: int, views: int, steps: int, seed: int, out: Path = CONSTANT_IMAGE
 ) -> Scores:
-    """Fit to `objects` of the procedural train split, write the image, score on validation.
+    """Fit the image to `objects` of the train split, write it, and return its scores.
+
+    The split is procedural; the scores are those on validation.
 
     Raises BadInput where there is nothing to fit to.
     """
@@ -53,7 +55,7 @@ def train_constant(
 
 
 def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:
-    """The image [H, W, 3] whose mean SSIM with images uint8 [N, H, W, 3] is highest, rounded.
+    """Return the rounded image [H, W, 3] with the highest mean SSIM with [N, H, W, 3], uint8.
 
     Adam on random batches with a cosine schedule, from the mean image. SSIM is not concave: this
     is a local maximum.
@@ -75,12 +77,13 @@ def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:
             image.clamp_(0.0, 255.0)
         if step % 50 == 49 or step == steps - 1:
             print(f"step {step + 1}/{steps}: ssim {float(value.detach()):.4f}", flush=True)
-    found = image.detach().permute(1, 2, 0).numpy()
-    return np.floor(found + np.float32(0.5)).astype(np.uint8)
+    fitted = image.detach().permute(1, 2, 0).numpy()
+    return np.floor(fitted + np.float32(0.5)).astype(np.uint8)
 
 
 def mean_ssim(truth: NDArray[np.uint8], image: NDArray[np.uint8]) -> float:
-    """Mean SSIM of one image [H, W, 3] with each of [N, H, W, 3], by the metric itself."""
+    """Return the mean SSIM of one image [H, W, 3] with each of [N, H, W, 3], by the metric itself.
+    """
     drawn = np.broadcast_to(image, truth.shape)
     return float(ssim_per_image(truth, drawn).ssim.mean())
 

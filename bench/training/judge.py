@@ -51,10 +51,10 @@ CHUNK = 250  # objects rendered at a time: colours are let go before they fill t
 
 @dataclass(frozen=True)
 class Scores:
-    """On objects not trained on: median errors in degrees, and the share of objects found.
+    """The scores on objects not trained on: median errors in degrees, and the share recognised.
 
-    An object is found where, of all validation objects, its mean code over the other true views is
-    the nearest to the image's (Euclidean).
+    An object is recognised where, of all validation objects, its mean code over the other true
+    views is the nearest to the image's (Euclidean).
     """
 
     azimuth_deg: float
@@ -64,7 +64,7 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class JudgeData:
-    """N objects from V views each, without colours.
+    """The images of N objects from V views each, without colours, and their clouds.
 
     painted        uint8 [N, V, 128, 128], luma of the true images
     neutral        uint8 [N, V, 128, 128], the same objects in uniform grey
@@ -89,7 +89,9 @@ def train_judge(
     out: Path = JUDGE_WEIGHTS,
     folder: Path = Path("training/judge"),
 ) -> dict[str, Scores]:
-    """Train on `objects` of the procedural train split; the scores of the weights in `out`.
+    """Train on `objects` of the train split; return the scores of the weights in `out`.
+
+    The split is procedural.
 
     The scores are for validation images as they are ("true"), "blurred" (sigma 1.5 px) and in
     uniform grey ("neutral"). AdamW with a cosine schedule to zero. A training in `folder` is
@@ -122,7 +124,7 @@ def train_judge(
 
 
 class _Trainer(CosineTrainer):
-    """Everything that a step changes, and the weights whose validation was best so far."""
+    """The state that a step changes, and the weights whose validation was best so far."""
 
     kind = "judge"
     peak = LEARNING_RATE
@@ -171,7 +173,7 @@ class _Trainer(CosineTrainer):
         return min(self.peak * ((done + 1) / self._warm_up()), super().rate(done))
 
     def take_step(self) -> dict[str, Tensor]:
-        """One step on two images of each of OBJECTS objects, with a validation now and then."""
+        """Take a step on two images of each of OBJECTS objects, sometimes with a validation."""
         loss = self._loss()
         self.minimise(loss, self.optimizer, self.rate(int(self.steps_done)))
         self.steps_done += 1
@@ -219,7 +221,7 @@ class _Trainer(CosineTrainer):
 
 
 def contrast(codes: Tensor) -> Tensor:
-    """InfoNCE of codes [2 N, d] of length 1; rows i and i + N are the same object.
+    """Return InfoNCE of codes [2 N, d] of length 1; rows i and i + N are the same object.
 
     The mean of -log of the share that the partner has among all others, by exp(cosine / 0.1).
     """
@@ -229,7 +231,9 @@ def contrast(codes: Tensor) -> Tensor:
 
 
 def augment(painted: Tensor, neutral: Tensor, random: torch.Generator) -> Tensor:
-    """Images as a method may draw them: darkness [N, 1, 128, 128] in 0..1, each on its own terms.
+    """Return images as a method may draw them: darkness [N, 1, 128, 128] in 0..1.
+
+    Each image is changed on its own terms.
 
     `painted` and `neutral` are darkness of the same images in their colours and in uniform grey.
     Colours fade towards grey, brightness, contrast and gamma of the object change while white stays
@@ -266,7 +270,7 @@ def augment(painted: Tensor, neutral: Tensor, random: torch.Generator) -> Tensor
 
 
 def blur(images: Tensor, sigma_px: Tensor) -> Tensor:
-    """Gaussian blur of [N, 1, H, W], each by its own sigma [N] in pixels, 0 < sigma <= 2.
+    """Return [N, 1, H, W] with a Gaussian blur of sigma [N] pixels each, 0 < sigma <= 2.
 
     Outside the image the darkness is zero.
     """
@@ -281,7 +285,7 @@ def blur(images: Tensor, sigma_px: Tensor) -> Tensor:
 
 
 def blurred(grey: NDArray[np.uint8], sigma_px: float) -> NDArray[np.uint8]:
-    """Luma uint8 [..., 128, 128], blurred and rounded."""
+    """Return luma uint8 [..., 128, 128], blurred and rounded."""
     flat = torch.from_numpy(grey.reshape(-1, *grey.shape[-2:]))
     parts = [blur(darkness(p), torch.full((len(p),), sigma_px)) for p in flat.split(64)]
     light = 255 * (1 - torch.cat(parts)[:, 0])
@@ -289,7 +293,7 @@ def blurred(grey: NDArray[np.uint8], sigma_px: float) -> NDArray[np.uint8]:
 
 
 def shape_descriptors(clouds: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Rough shapes of clouds [N, P, 3] in the unit sphere: float32 [2, N, SHAPE_NUMBERS].
+    """Return rough shapes of clouds [N, P, 3] in the unit sphere: float32 [2, N, SHAPE_NUMBERS].
 
     Row 0 is for the objects, row 1 for their mirror images (x to -x). The square root of the share
     of points in each cell of a grid, on its first principal components over all, each with variance
@@ -309,15 +313,15 @@ def shape_descriptors(clouds: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def judge_data(split: Split, count: int, views: int) -> JudgeData:
-    """The first `count` chairs of a split of the procedural set, rendered twice."""
+    """Return the first `count` chairs of a split of the procedural set, rendered twice."""
     objects = [ProceduralObject("chair", split, i) for i in range(count)]
     painted, neutral, angles, clouds = [], [], [], []
     for start in range(0, count, CHUNK):
         chunk = objects[start : start + CHUNK]
-        made = training_set(tuple(chunk), views, quiet=not is_first())
-        painted.append(greyscale(made.images))
-        angles.append((made.azimuth_deg, made.elevation_deg))
-        clouds.append(made.clouds)
+        rendered = training_set(tuple(chunk), views, quiet=not is_first())
+        painted.append(greyscale(rendered.images))
+        angles.append((rendered.azimuth_deg, rendered.elevation_deg))
+        clouds.append(rendered.clouds)
         neutral.append(
             greyscale(
                 training_set(tuple(map(Unpainted, chunk)), views, quiet=not is_first()).images
@@ -332,7 +336,8 @@ def judge_data(split: Split, count: int, views: int) -> JudgeData:
 def score(
     network: JudgeNetwork, truth: JudgeData, queries: NDArray[np.uint8] | None = None
 ) -> Scores:
-    """How well the network judges `queries`, luma uint8 [N, V, 128, 128]; default: the true ones.
+    """Return how well the network judges `queries`, luma uint8 [N, V, 128, 128]; by default the
+    true ones.
 
     Codes of objects are always means over true images.
     """
@@ -347,12 +352,15 @@ def score(
 
 
 def _judge_luma(network: JudgeNetwork, grey: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Answers [N V, 3 + CODE] to luma [N, V, 128, 128]."""
+    """Return answers [N V, 3 + CODE] to luma [N, V, 128, 128]."""
     return judge(network, grey.reshape(-1, *grey.shape[2:], 1).repeat(3, axis=-1))
 
 
 def _compact(network: JudgeNetwork) -> dict[str, Tensor]:
-    """The state with kernels in half precision: 3 MB. Statistics keep their range."""
+    """Return the state with kernels in half precision: 3 MB.
+
+    Statistics keep their range.
+    """
     return {
         name: (value.half() if value.ndim > 1 else value).contiguous().clone()
         for name, value in network.state_dict().items()

@@ -39,7 +39,7 @@ NO_LABEL = -100  # of the back, for what is no chair
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """On objects of the validation split: what the network predicts correctly.
+    """The network's scores on objects of the validation split.
 
     confusion    int [C, C]: images by true (rows) and answered class
     family       share of images with the right family, over all classes
@@ -56,7 +56,7 @@ class Scores:
     elevation_deg: NDArray[np.float64]
 
     def to_text(self) -> str:
-        """Shares and errors, then the confusion matrix: a row for each true class."""
+        """Return shares and errors, then the confusion matrix: a row for each true class."""
         counts = self.confusion.sum(axis=1)
         right = self.confusion.diagonal()
         lines = [
@@ -108,7 +108,7 @@ def train_views(
 
 
 class _Trainer(CosineTrainer):
-    """Everything that a step changes: BATCH images [N, H, W, 3], all once in an epoch."""
+    """The state that a step changes: BATCH images [N, H, W, 3], all once in an epoch."""
 
     kind = "views"
     batch = BATCH
@@ -144,13 +144,15 @@ class _Trainer(CosineTrainer):
 
 
 def labels() -> Labels:
-    """What there is to tell apart in the procedural set."""
-    families = (f"{name}/{family}" for name, of in CLASSES.items() for family in of.families)
+    """Return the labels to be distinguished in the procedural set."""
+    families = (f"{name}/{family}" for name, entry in CLASSES.items() for family in entry.families)
     return Labels(tuple(CLASSES), tuple(families), BACKS)
 
 
 def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
-    """Images uint8 [N, H, W, 3] as float32 [N, 3, H, W], some greyed, objects lighter or darker.
+    """Return images uint8 [N, H, W, 3] as float32 [N, 3, H, W], some greyed or relit.
+
+    Objects get lighter or darker.
 
     The white background stays white.
     """
@@ -164,7 +166,7 @@ def _varied(images: Tensor, rng: torch.Generator) -> Tensor:
 def _labelled(
     known: Labels, split: Split, count: int, views: int
 ) -> tuple[TrainingSet, dict[str, Tensor]]:
-    """Images of `count` objects of each class, and the right answers about each image."""
+    """Return images of `count` objects of each class, and the right answers about each image."""
     objects = [ProceduralObject(name, split, i) for name in known.classes for i in range(count)]
     data = training_set(tuple(objects), views, quiet=not is_first())
     view = torch.from_numpy(view_answers(data.azimuth_deg, data.elevation_deg))
@@ -174,7 +176,7 @@ def _labelled(
 
 
 def _answers(known: Labels, obj: ProceduralObject) -> tuple[int, int, int]:
-    """Class, family and back of an object, as numbers of the heads' outputs."""
+    """Return class, family and back of an object, as numbers of the heads' outputs."""
     key = ("procedural", obj.class_name, obj.split, obj.index)
     family = CLASSES[obj.class_name].draw(generator(*key)).family
     chair = obj.class_name == "chair"
@@ -192,7 +194,7 @@ def _loss(network: ViewsNetwork, features: Tensor, targets: dict[str, Tensor]) -
 
 
 def _cross_entropy(answers: Tensor, targets: Tensor) -> Tensor:
-    """Mean over the images that have a label; zero where none has."""
+    """Return the mean over the images that have a label; zero where none has."""
     total = functional.cross_entropy(answers, targets, ignore_index=NO_LABEL, reduction="sum")
     return total / (targets != NO_LABEL).sum().clamp(min=1)
 
@@ -202,13 +204,13 @@ def _score(network: ViewsNetwork, objects: int, views: int) -> Scores:
     images = torch.from_numpy(data.images).flatten(0, 1).permute(0, 3, 1, 2)
     with torch.inference_mode():
         features = torch.cat([network(part) for part in images.split(BATCH)])
-        found = {name: head(features).double().numpy() for name, head in network.heads.items()}
+        answers = {name: head(features).double().numpy() for name, head in network.heads.items()}
     classes = len(network.labels.classes)
-    right = {n: found[n].argmax(axis=1) == true[n].numpy() for n in ("family", "back")}
+    right = {n: answers[n].argmax(axis=1) == true[n].numpy() for n in ("family", "back")}
     confusion = np.zeros((classes, classes), np.int64)
-    np.add.at(confusion, (true["class"].numpy(), found["class"].argmax(axis=1)), 1)
-    azimuth_error = azimuth_error_deg(found["view"], data.azimuth_deg.ravel())
-    elevation_error = elevation_error_deg(found["view"], data.elevation_deg.ravel())
+    np.add.at(confusion, (true["class"].numpy(), answers["class"].argmax(axis=1)), 1)
+    azimuth_error = azimuth_error_deg(answers["view"], data.azimuth_deg.ravel())
+    elevation_error = elevation_error_deg(answers["view"], data.elevation_deg.ravel())
     return Scores(
         network.labels.classes,
         confusion,
@@ -220,7 +222,7 @@ def _score(network: ViewsNetwork, objects: int, views: int) -> Scores:
 
 
 def _medians(errors: NDArray[np.float64], classes: int) -> NDArray[np.float64]:
-    """By class; every class has equally many images, one class after the other."""
+    """Return medians by class; all have equally many images, one class after the other."""
     return np.median(errors.reshape(classes, -1), axis=1)
 
 

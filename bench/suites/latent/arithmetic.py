@@ -40,11 +40,11 @@ SUM_REMARK = (
 
 
 def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[list[Value], Strip]:
-    """A - B + C, measured beside what it is compared with, and as a strip; `train` [N, d]."""
+    """Return the values of A - B + C with its baselines, and its strip; `train` is [N, d]."""
     chairs = (triple.a, triple.b, triple.c, triple.d)
     seen = [look(network, chair, seed) for chair in chairs]
     a, b, c, d = (
-        network.encode(chair.id, one.cloud) for chair, one in zip(chairs, seen, strict=True)
+        network.encode(chair.id, looked.cloud) for chair, looked in zip(chairs, seen, strict=True)
     )
     total = add_difference(a, b, c)
     nearest = train[(train - total).square().sum(dim=1).argmin()][None]
@@ -58,28 +58,28 @@ def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[
     floor = list(codes).index(NOTHING)
     values = []
     for i, what in enumerate(codes):
-        found = {"cloud": to_cloud[i], "ssim": to_image[i], "code": to_code[i]}
+        by_metric = {"cloud": to_cloud[i], "ssim": to_image[i], "code": to_code[i]}
         if i != floor:
-            found["cloud-gain"] = to_cloud[floor] - to_cloud[i]
-            found["ssim-gain"] = to_image[i] - to_image[floor]
+            by_metric["cloud-gain"] = to_cloud[floor] - to_cloud[i]
+            by_metric["ssim-gain"] = to_image[i] - to_image[floor]
         if what == SUM:
-            found["cosine"] = cosine((a - b)[0].cpu().numpy(), (d - c)[0].cpu().numpy())
+            by_metric["cosine"] = cosine((a - b)[0].cpu().numpy(), (d - c)[0].cpu().numpy())
         values += [
             Value(network.method, what, triple.change, triple.id, metric, float(value))
-            for metric, value in found.items()
+            for metric, value in by_metric.items()
         ]
     terms = torch.cat([a, b, c])
     shown = zip(
         ("A", "− B", "+ C"), network.decode(terms), network.draw(terms), seen[:3], strict=True
     )
-    tiles = [Tile(title, cloud, image, one.image) for title, cloud, image, one in shown]
+    tiles = [Tile(title, cloud, image, looked.image) for title, cloud, image, looked in shown]
     tiles.append(Tile("= A − B + C", clouds[0], images[0]))
     tiles.append(Tile("D by its code", clouds[-1], images[-1], answer.image))
     return values, Strip(triple.change, tuple(tiles))
 
 
 def train_codes(network: Network, count: int) -> Tensor:
-    """Codes [count, d] of the first chairs of the train split."""
+    """Return the codes [count, d] of the first chairs of the train split."""
     with progress(f"train chairs, {network.method}", count) as advance:
         codes = []
         for chair in specified_chairs("train", count):

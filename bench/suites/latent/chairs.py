@@ -1,4 +1,4 @@
-"""Which chairs the suite `latent` takes: pairs of different families, and triples with an answer.
+"""The chairs of the suite `latent`: pairs of different families, and triples with an answer.
 
 The descriptions of procedural chairs make both possible: a pair differs in structure because its
 families do, and A - B + C has a right answer D because A is B with one change, and D is C with the
@@ -21,19 +21,19 @@ from data_prep.shapes.chair.spec import ChairSpec, draw_chair_spec
 
 @dataclass(frozen=True)
 class SpecifiedChair:
-    """A procedural chair with its description; the id of a changed one says what was changed."""
+    """A procedural chair with its description; the id of a changed one names the change."""
 
     id: str
     spec: ChairSpec
 
     def load(self) -> Mesh:
-        """The normalised mesh."""
+        """Return the normalised mesh."""
         return build_chair(self.spec)
 
 
 @dataclass(frozen=True)
 class Change:
-    """Something that can be done to a description.
+    """A change that can be made to a description.
 
     fits   whether a chair can be changed so, and has not been so from the start
     apply  the changed description; everything else stays as it is
@@ -74,7 +74,7 @@ CHANGES = (
 
 @dataclass(frozen=True)
 class Triple:
-    """A - B + C and the answer D: `a` is `b` changed, `d` is `c` changed."""
+    """A sum A - B + C and the answer D: `a` is `b` changed, `d` is `c` changed."""
 
     change: str
     a: SpecifiedChair
@@ -84,7 +84,7 @@ class Triple:
 
     @property
     def id(self) -> str:
-        """For example "arms: test-0001, test-0004" (B, C)."""
+        """The name of the triple: change, B and C, as "arms: test-0001, test-0004"."""
         return f"{self.change}: {self.b.id}, {self.c.id}"
 
 
@@ -97,12 +97,12 @@ class Pair:
 
     @property
     def id(self) -> str:
-        """For example "test-0001, test-0004"."""
+        """The names of both ends, as "test-0001, test-0004"."""
         return f"{self.start.id}, {self.end.id}"
 
 
 def specified_chairs(split: Split, count: int) -> tuple[SpecifiedChair, ...]:
-    """The first `count` chairs of a split, of which chairs have descriptions: not a novel one."""
+    """Return the first `count` chairs of a split, all with descriptions: no novel ones."""
     chairs = (ProceduralObject("chair", split, i) for i in range(count))
     return tuple(
         SpecifiedChair(chair.object_id, draw_chair_spec(chair.random_numbers())) for chair in chairs
@@ -110,7 +110,7 @@ def specified_chairs(split: Split, count: int) -> tuple[SpecifiedChair, ...]:
 
 
 def choose_pairs(chairs: Sequence[SpecifiedChair], rng: np.random.Generator) -> tuple[Pair, ...]:
-    """All of an even number of chairs in pairs, none twice.
+    """Return all of an even number of chairs in pairs, none twice.
 
     The families of a pair differ, unless one family has more than half of the chairs. Shuffled and
     then sorted by family, the first half is paired with the second: no family that has at most half
@@ -128,7 +128,7 @@ def choose_pairs(chairs: Sequence[SpecifiedChair], rng: np.random.Generator) -> 
 def choose_triples(
     chairs: Sequence[SpecifiedChair], count: int, rng: np.random.Generator
 ) -> tuple[Triple, ...]:
-    """`count` triples, the changes in turn; no chair is B or C twice.
+    """Return `count` triples, the changes in turn; no chair is B or C twice.
 
     Raises BadInput where there are too few chairs that fit.
     """
@@ -136,13 +136,13 @@ def choose_triples(
     triples = []
     for number in range(count):
         change = CHANGES[number % len(CHANGES)]
-        found = [chair for chair in left if change.fits(chair.spec)][:2]
-        if len(found) < 2:
+        fitting = [chair for chair in left if change.fits(chair.spec)][:2]
+        if len(fitting) < 2:
             raise BadInput(
                 f"{count} triples: no two chairs are left for the change {change.id!r} after "
                 f"{number}; choose fewer, or among more than {len(chairs)} chairs"
             )
-        b, c = found
+        b, c = fitting
         left = [chair for chair in left if chair not in (b, c)]
         a, d = (
             SpecifiedChair(f"{chair.id}+{change.id}", change.apply(chair.spec)) for chair in (b, c)

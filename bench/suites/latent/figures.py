@@ -32,7 +32,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """One path or sum: its tiles from left to right, and what it is."""
+    """The tiles of one path or sum from left to right, with its description."""
 
     label: str
     tiles: tuple[Tile, ...]
@@ -40,7 +40,7 @@ class Strip:
 
 @drawing()
 def strips_figure(strips: Sequence[Strip], view: View) -> Figure:
-    """For each strip rows of clouds and images, and of truths where it has any.
+    """Return rows of clouds, images, and truths where there are any, for each strip.
 
     All strips have the titles of the first.
     """
@@ -71,6 +71,6 @@ def _rows(strip: Strip) -> tuple[str, ...]:
 
 
 def draw_cloud(cloud: Points, view: View) -> NDArray[np.uint8]:
-    """A cloud as discs, grey by depth: uint8 [128, 128, 3]."""
+    """Return a cloud as discs, grey by depth: uint8 [128, 128, 3]."""
     splat = Splat()
     return to_uint8(splat.draw(splat.prepare(PointCloud(cloud)), [view]))[0]

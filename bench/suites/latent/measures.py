@@ -1,4 +1,4 @@
-"""What is measured of paths and sums of codes. Pure functions of images and clouds."""
+"""Measures of paths and sums of codes: pure functions of images and clouds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 def unevenness(steps: Floats) -> float:
-    """The largest of the steps [K - 1] of a path over their mean: 1 where all are equal.
+    """Return the largest of the steps [K - 1] of a path over their mean: 1 where all are equal.
 
     At most K - 1, where all the way is one jump. NaN for a path that does not move at all.
     """
@@ -25,20 +25,21 @@ def unevenness(steps: Floats) -> float:
 
 
 def image_steps(images: UInt8Images) -> Floats:
-    """Root-mean-square difference of neighbours [K - 1], in 0..1, along a path of K images."""
+    """Return the RMS difference of neighbours [K - 1], 0..1, along a path of K images."""
     values = images.astype(np.float64) / 255
     return np.sqrt(np.square(np.diff(values, axis=0)).mean(axis=(1, 2, 3)))
 
 
 def cloud_steps(clouds: Clouds) -> Floats:
-    """Chamfer distance of neighbours [K - 1] along a path of K clouds."""
+    """Return the Chamfer distance of neighbours [K - 1] along a path of K clouds."""
     return chamfer_distances(clouds[:-1], clouds[1:])
 
 
 def chamfer_distances(a: Clouds, b: Clouds) -> Floats:
-    """Chamfer distance [N] of each pair of clouds: that of the training, in squared radii.
+    """Return the Chamfer distance [N] of each pair of clouds, in squared radii.
 
-    The mean squared distance to the nearest neighbour, from a to b plus from b to a.
+    It is that of the training: the mean squared distance to the nearest neighbour, from a to b plus
+    from b to a.
     """
     return np.array(
         [
@@ -49,7 +50,7 @@ def chamfer_distances(a: Clouds, b: Clouds) -> Floats:
 
 
 def distances_to_nearer_end(clouds: Clouds) -> Floats:
-    """Chamfer distance [K - 2] of each cloud between the ends of a path to the nearer end."""
+    """Return the Chamfer distances [K - 2] of a path's inner clouds to the nearer end."""
     between = clouds[1:-1]
     to_ends = [
         chamfer_distances(between, np.broadcast_to(end, between.shape))
@@ -59,25 +60,28 @@ def distances_to_nearer_end(clouds: Clouds) -> Floats:
 
 
 def cross_fade(start: NDArray[np.uint8], end: NDArray[np.uint8], positions: int) -> UInt8Images:
-    """[positions, H, W, 3]: the weighted mean of two images [H, W, 3], rounded; exact ends."""
+    """Return [positions, H, W, 3]: weighted means of two images [H, W, 3]; exact ends.
+
+    They are rounded.
+    """
     share = np.linspace(0, 1, positions)[:, None, None, None]
     return np.floor((1 - share) * start + share * end + 0.5).astype(np.uint8)
 
 
 def family_confidence(network: ViewsNetwork, images: UInt8Images) -> Floats:
-    """How sure the classifier of `fd-views` is of a structural family [N]: largest probability."""
+    """Return the classifier's largest probability of a structural family [N]."""
     features = torch.from_numpy(view_features(network, images))
     with torch.inference_mode():
         return network.heads["family"](features).double().softmax(dim=1).amax(dim=1).numpy()
 
 
 def ssim_values(truth: UInt8Images, images: UInt8Images) -> Floats:
-    """SSIM [N] of each pair of images, by the protocol of the benchmark."""
+    """Return SSIM [N] of each pair of images, by the protocol of the benchmark."""
     return ssim_per_image(truth, images).ssim
 
 
 def cosine(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
-    """Cosine of the angle between two vectors [d]; NaN where one is zero."""
+    """Return the cosine of the angle between two vectors [d]; NaN where one is zero."""
     x, y = a.astype(np.float64), b.astype(np.float64)
     length = np.linalg.norm(x) * np.linalg.norm(y)
     return float(x @ y / length) if length > 0 else float("nan")

@@ -1,4 +1,4 @@
-"""A network as the suite `latent` sees it: clouds to codes, codes to clouds and images."""
+"""The network as the suite `latent` sees it: clouds to codes, codes to clouds and images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BUNDLED = "chair"  # the weights of the method `pc2pix`
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Everything that turns clouds into codes, and codes into clouds and images."""
+    """A network that turns clouds into codes, and codes into clouds and images."""
 
     method: str
     renderer: Pc2pixRenderer
@@ -35,7 +35,7 @@ class Network:
     view: View
 
     def encode(self, name: str, cloud: PointCloud) -> Tensor:
-        """Whitened code [1, d] of a cloud; `name` is for errors.
+        """Return whitened code [1, d] of a cloud; `name` is for errors.
 
         Raises BadInput where the code is not finite.
         """
@@ -47,11 +47,11 @@ class Network:
             ) from error
 
     def decode(self, codes: Tensor) -> NDArray[np.float32]:
-        """Clouds float32 [K, 2048, 3] of whitened codes [K, d]."""
+        """Return clouds float32 [K, 2048, 3] of whitened codes [K, d]."""
         return decode(self.decoder, codes)
 
     def draw(self, codes: Tensor) -> NDArray[np.uint8]:
-        """Images uint8 [K, 128, 128, 3] of whitened codes [K, d], all from the one view.
+        """Return images uint8 [K, 128, 128, 3] of whitened codes [K, d], all from the same view.
 
         One by one, so that an image does not depend on its neighbours. Raises BadInput where one
         is not finite.
@@ -67,14 +67,17 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A chair as the suite knows it: cloud [2048, 3], true image [128, 128, 3]."""
+    """A chair's cloud [2048, 3] and true image [128, 128, 3]."""
 
     cloud: PointCloud
     image: NDArray[np.uint8]
 
 
 def weights_of(method: str) -> str:
-    """Name or path of the weights of a method. Raises BadInput where it has no code."""
+    """Return name or path of the weights of a method.
+
+    Raises BadInput where it has no code.
+    """
     name, _, file = find_method(method).id.partition("@")
     if name != "pc2pix":
         raise BadInput(
@@ -85,7 +88,7 @@ def weights_of(method: str) -> str:
 
 
 def load_network(method: str, device: str, view: View) -> Network:
-    """A method's network with the decoder of its weights.
+    """Return a method's network with the decoder of its weights.
 
     Raises BadInput where the weights cannot be used, or have no decoder of their own.
     """
@@ -103,6 +106,6 @@ def look(network: Network, chair: SpecifiedChair, seed: int) -> Seen:
 
 
 def cloud_of(mesh: Mesh, chair: SpecifiedChair, seed: int) -> PointCloud:
-    """2,048 points, those of the other suites for the same chair and seed."""
+    """Return the 2,048 points that other suites take for the same chair and seed."""
     sampled = sample_surface(mesh, generator(seed, "cloud", "chair", chair.id))
     return PointCloud(sampled.points)  # without its mesh: no method may look at that

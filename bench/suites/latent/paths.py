@@ -1,4 +1,4 @@
-"""Paths between codes (the paper's Figure 5), and what is measured on them."""
+"""Paths between codes (the paper's Figure 5), and their measures."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ PATH_REMARK = (
 def walk(
     network: Network, classifier: ViewsNetwork, pair: Pair, seed: int, positions: int
 ) -> tuple[list[Value], Strip]:
-    """The path between two chairs, measured beside what it is compared with, and as a strip."""
+    """Return the values of a path between two chairs with its baselines, and its strip."""
     chairs = (pair.start, pair.end)
     ends = [look(network, chair, seed) for chair in chairs]
     start, end = (
@@ -74,7 +74,7 @@ def walk(
     true_images = np.stack([seen.image for seen in ends])
     faded = cross_fade(images[0], images[-1], positions)
     random_line = interpolate(*_random_codes(pair, start, seed), positions)
-    found = {
+    measured = {
         CODE: _evenness(classifier, images)
         | _cloud_path(clouds)
         | {
@@ -88,7 +88,7 @@ def walk(
     }
     values = [
         Value(network.method, what, ALL, pair.id, metric, float(value))
-        for what, by_metric in found.items()
+        for what, by_metric in measured.items()
         for metric, value in by_metric.items()
     ]
     between = [
@@ -101,7 +101,10 @@ def walk(
 
 
 def _random_codes(pair: Pair, like: Tensor, seed: int) -> tuple[Tensor, Tensor]:
-    """Two codes [1, d] of independent numbers from N(0, 1): as whitened codes have them, singly."""
+    """Return two codes [1, d] of independent numbers from N(0, 1).
+
+    Single numbers of whitened codes are distributed so.
+    """
     rng = generator(seed, "latent noise", pair.id)
     drawn = rng.standard_normal((2, like.shape[1])).astype(np.float32)
     start, end = torch.from_numpy(drawn).to(like.device).split(1)

@@ -39,7 +39,10 @@ Item = TypeVar("Item")
 
 
 def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
-    """Carry out the suite. Raises BadInput for anything the user has to fix."""
+    """Carry out the suite.
+
+    Raises BadInput for anything the user has to fix.
+    """
     start = time.perf_counter()
     methods = methods_of(
         options,
@@ -86,7 +89,10 @@ def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
 
 
 def _split(options: Options) -> Split:
-    """The split to be measured. Raises BadInput for a dataset without descriptions."""
+    """Return the split to be measured.
+
+    Raises BadInput for a dataset without descriptions.
+    """
     dataset = open_dataset(options.dataset)
     if dataset.finite is not None or dataset.measured == "novel-families":
         raise BadInput(
@@ -140,8 +146,8 @@ def _measure(
         ),
     )
     values = [
-        values_table(f"{table.name}_values", of)
-        for table, of in zip(tables, (on_paths, on_sums), strict=True)
+        values_table(f"{table.name}_values", values_of_table)
+        for table, values_of_table in zip(tables, (on_paths, on_sums), strict=True)
     ]
     write_tables(directory, [*tables, *values])
     return tables
@@ -158,8 +164,8 @@ def _take(
     strips = []
     with progress(name, len(items)) as advance:
         for item in items:
-            found, strip = measure(item)
-            values += found
+            item_values, strip = measure(item)
+            values += item_values
             if len(strips) < shown:
                 strips.append(strip)
             advance(0)

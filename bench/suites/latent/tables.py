@@ -20,7 +20,7 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Value:
-    """One number. NaN where there is none, a path that does not move say.
+    """One measured number; NaN where it is undefined, of a path that does not move say.
 
     what   the path, or what is compared with the expected answer
     kind   the change that a triple is about; ALL for paths
@@ -59,7 +59,7 @@ def latent_table(
     subjects: Mapping[str, str],
     rows: Sequence[Mean],
 ) -> Table[Mean]:
-    """Means with what one has to know to read them.
+    """Return a table of means with the text that readers need.
 
     about     of each metric, by its id, in the order of the table
     subjects  of each `what`, by its id, in the order of the table
@@ -72,16 +72,16 @@ def latent_table(
         pairs = ordered((row.method, row.kind) for row in rows)
         for method, kind in sorted(pairs, key=lambda pair: methods.index(pair[0])):
             chosen = [row for row in rows if (row.method, row.kind) == (method, kind)]
-            of = markdown.cell(method if kind == ALL else f"{method}, {kind} only")
-            yield f"## {of} (n = {max(row.n for row in chosen)})"
-            there = {row.what for row in chosen}
+            subject_cell = markdown.cell(method if kind == ALL else f"{method}, {kind} only")
+            yield f"## {subject_cell} (n = {max(row.n for row in chosen)})"
+            shown = {row.what for row in chosen}
             yield pivot(
                 chosen,
                 "metric",
                 "what",
                 _cell,
                 lines=about,
-                columns=[subject for subject in subjects if subject in there],
+                columns=[subject for subject in subjects if subject in shown],
                 missing=Cell(""),
             )
         yield "\n".join(f"* {metric}: {message}" for metric, message in about.items())
@@ -90,12 +90,12 @@ def latent_table(
 
 
 def values_table(name: str, values: Sequence[Value]) -> Table[Value]:
-    """The single values behind a table, for scripts."""
+    """Return the single values behind a table, for scripts."""
     return Table(name, "", columns_of(Value, ".6g"), tuple(values))
 
 
 def means(suite: str, values: Iterable[Value]) -> tuple[Mean, ...]:
-    """The mean of each method, subject, kind and metric, in the order of their first values.
+    """Return the mean of each method, subject, kind and metric, in the order of first values.
 
     Values of several kinds are also averaged over all of them.
     """
@@ -104,15 +104,15 @@ def means(suite: str, values: Iterable[Value]) -> tuple[Mean, ...]:
         for kind in dict.fromkeys((ALL, value.kind)):
             key = (value.method, value.what, kind, value.metric)
             groups.setdefault(key, []).append(value.value)
-    made = []
-    for (method, what, kind, metric), found in groups.items():
-        finite = np.array([v for v in found if math.isfinite(v)])
+    rows = []
+    for (method, what, kind, metric), numbers in groups.items():
+        finite = np.array([v for v in numbers if math.isfinite(v)])
         mean = float(finite.mean()) if len(finite) else float("nan")
         low, high = mean_interval(finite)
-        made.append(
-            Mean(suite, method, what, kind, metric, mean, low, high, len(finite), len(found))
+        rows.append(
+            Mean(suite, method, what, kind, metric, mean, low, high, len(finite), len(numbers))
         )
-    return tuple(sorted(made, key=lambda row: row.kind != ALL))  # stable: all kinds come first
+    return tuple(sorted(rows, key=lambda row: row.kind != ALL))  # stable: all kinds come first
 
 
 def _cell(row: Mean) -> Cell:

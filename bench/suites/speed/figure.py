@@ -1,4 +1,4 @@
-"""The figure of the suite `speed`: what an image costs against the number of views of a cloud."""
+"""The figure of the suite `speed`: an image's cost against the number of views of a cloud."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ LABELS_AT = 0.785  # of the width
 
 @drawing()
 def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure | None:
-    """A panel for each condition (down) and number of threads (across), log-log.
+    """Return a panel for each condition (down) and number of threads (across), log-log.
 
-    Dots: as measured. Rings: break-even with the first of the suite's rivals. Where no method has
-    a cost there is nothing to draw: None.
+    Dots are as measured, rings are break-evens with the first of the suite's rivals. Where no
+    method has a cost there is nothing to draw: None.
     """
     drawn = [summary for summary in summaries if summary.wall]
     if not drawn:
         return None
-    of = [summary.measurement for summary in drawn]
+    measurements = [summary.measurement for summary in drawn]
     conditions, threads, methods = (
-        list(dict.fromkeys(getattr(m, name) for m in of))
+        list(dict.fromkeys(getattr(m, name) for m in measurements))
         for name in ("condition", "threads", "method")
     )
     figure, axes = panels(
@@ -47,7 +47,7 @@ def amortised_figure(summaries: Sequence[Summary], suite: SpeedSuite) -> Figure 
     for (condition, count), axis in by_cell.items():
         axis.set_title(f"{condition}, {count} thread{'s' if count > 1 else ''}")
         axis.grid(alpha=0.3)
-    for summary, m in zip(drawn, of, strict=True):
+    for summary, m in zip(drawn, measurements, strict=True):
         rival = beside(drawn, summary, suite.rivals[0])
         colour = f"C{methods.index(m.method) % 10}"
         _line(by_cell[m.condition, m.threads], summary, rival, colour, suite.amortised[-1])

@@ -1,4 +1,4 @@
-"""What a worker of the suite `speed` does: time one method, in a process that does nothing else.
+"""The worker of the suite `speed`: it times one method, in a process that does nothing else.
 
 First what a fresh process pays: loading (imports and weights), the first cloud, the first image
 (OpenGL starts here). Then a round that is not counted, in which the images are checked: what
@@ -34,7 +34,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Unit:
-    """One measurement that is to be taken; a plain value that crosses process boundaries.
+    """One measurement to be taken; a plain value that crosses process boundaries.
 
     key           names everything that the times depend on
     perturbation  what `condition` is the name of
@@ -68,7 +68,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Clock:
-    """Where times are read, in seconds.
+    """The sources of times, in seconds.
 
     wall    time that goes by
     core    processor time of this process, all threads
@@ -91,18 +91,18 @@ CLOCK = Clock(time.perf_counter, time.process_time, finish_gpu)
 
 
 def measure(unit: Unit) -> Measurement:
-    """Take a measurement. What the method raises becomes failures with the reason.
+    """Take a measurement; what the method raises becomes failures with the reason.
 
     Raises BadInput for weights that cannot be used, MissingDependency where a library is missing.
     """
-    busy, own, start = _busy_s(), time.process_time(), time.perf_counter()
+    busy, cpu_start, start = _busy_s(), time.process_time(), time.perf_counter()
     subjects, unusable = subjects_of(unit)
     idle_mib = peak_mib()
     method = find_method(unit.method)
     samples, failures = take_samples(
         method, lambda: method.load(unit.device), subjects, unit.suite, CLOCK
     )
-    elsewhere_s = (_busy_s() - busy) - (time.process_time() - own)
+    elsewhere_s = (_busy_s() - busy) - (time.process_time() - cpu_start)
     return replace(
         lost(unit, ""),
         device=_device(),
@@ -115,7 +115,7 @@ def measure(unit: Unit) -> Measurement:
 
 
 def lost(unit: Unit, reason: str) -> Measurement:
-    """The measurement whose process died: no cloud has a time, each failed for this reason."""
+    """Return the measurement of a process that died: no cloud has a time, each failed."""
     failures = (Failure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects)
     return Measurement(
         key=unit.key,
@@ -134,7 +134,7 @@ def lost(unit: Unit, reason: str) -> Measurement:
 
 
 def subjects_of(unit: Unit) -> tuple[list[Subject], list[Failure]]:
-    """The clouds of a unit, as other suites draw them, and those that cannot be had."""
+    """Return the clouds of a unit, as other suites draw them, and those that cannot be had."""
     subjects, failures = [], []
     for obj in unit.objects:
         names = (obj.class_name, obj.object_id)
@@ -158,7 +158,7 @@ def take_samples(
     suite: SpeedSuite,
     clock: Clock,
 ) -> tuple[list[Sample], list[Failure]]:
-    """Times of loading, of the first image, and of `suite`'s rounds; and what failed.
+    """Return times of loading, of the first image, and of `suite`'s rounds; and failures.
 
     A cloud that fails once is left out from then on; the times that it gave are kept. Where the
     method cannot be loaded, all clouds have failed.
@@ -207,7 +207,7 @@ def _left_out_if_failed(
 
 
 def _calls(views: Sequence[View], singles: int) -> list[Sequence[View]]:
-    """Views by call: the first `singles` alone, then all at once (one view: only alone)."""
+    """Return views by call: the first `singles` alone, then all at once (one view: only alone)."""
     return [*([view] for view in views[:singles]), *([views] if len(views) > 1 else [])]
 
 
@@ -244,7 +244,7 @@ def _round(
 
 
 def peak_mib() -> float | None:
-    """The most memory this process has had resident, in MiB; None where Linux does not tell.
+    """Return the peak resident memory of this process in MiB; None where Linux does not tell.
 
     Not `ru_maxrss`: that starts with what the parent had when it made this process.
     """
@@ -252,12 +252,12 @@ def peak_mib() -> float | None:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
         return None
-    found = [line.split()[1] for line in lines if line.startswith("VmHWM:")]
-    return int(found[0]) / 1024 if found else None
+    peaks = [line.split()[1] for line in lines if line.startswith("VmHWM:")]
+    return int(peaks[0]) / 1024 if peaks else None
 
 
 def _busy_s() -> float:
-    """Seconds that the cores which this process may use have been busy, with whatever.
+    """Return seconds that the cores which this process may use have been busy, with anything.
 
     Not the load average: a minute long it holds what the measurement before has left there.
     """

@@ -1,4 +1,4 @@
-"""The suite `speed`: what each method costs, alone on this machine.
+"""The suite `speed`: the cost of each method, alone on this machine.
 
 One measurement after the other, each in a process of its own; one that was taken before is kept as
 long as versions, code and machine are the same. While it runs, nothing else should.
@@ -61,7 +61,7 @@ def speed_units(
     device: str,
     circumstances: Mapping[str, Any],
 ) -> list[Unit]:
-    """One unit per method, condition and number of threads, in the order in which they are taken.
+    """Return one unit per method, condition and number of threads, in measuring order.
 
     `circumstances` is whatever else times depend on: versions, machine, drivers. Raises BadInput
     for an unknown method or condition.
@@ -97,7 +97,10 @@ def speed_units(
 
 
 def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
-    """Carry out the suite, or what is left of it. Raises BadInput for what the user has to fix."""
+    """Carry out the suite, or what is left of it.
+
+    Raises BadInput for what the user has to fix.
+    """
     start = time.perf_counter()
     methods = methods_of(
         options,
@@ -152,9 +155,9 @@ def run(options: Options, suite: SpeedSuite = SPEED) -> SuiteRun:
 
 
 def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measurement], int]:
-    """The measurements of all units, and how many of them were there from before."""
-    found = {unit.key: read_measurement(directory, unit.key) for unit in units}
-    missing = [unit for unit in units if found[unit.key] is None]
+    """Return the measurements of all units, and how many of them were kept from before."""
+    measured = {unit.key: read_measurement(directory, unit.key) for unit in units}
+    missing = [unit for unit in units if measured[unit.key] is None]
     reused = len(units) - len(missing)
     if missing and reused:
         say(f"{units[0].suite.id}: {reused} of {len(units)} are there from before")
@@ -163,14 +166,14 @@ def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measureme
         for unit in missing:
             measurement = _measure_alone(unit)
             write_measurement(directory, measurement)
-            found[unit.key] = measurement
+            measured[unit.key] = measurement
             failures += bool(measurement.failures)
             advance(failures)
-    return [m for unit in units if (m := found[unit.key]) is not None], reused
+    return [m for unit in units if (m := measured[unit.key]) is not None], reused
 
 
 def _measure_alone(unit: Unit) -> Measurement:
-    """The measurement of a unit in a fresh process; what became of one that was lost.
+    """Return the measurement of a unit in a fresh process, or of its failure if lost.
 
     Its memory is not filled as in other suites (`bench.running.isolation`): reconstruction is the
     same twice with it, and encoding a cloud a third slower.
@@ -183,7 +186,7 @@ def _measure_alone(unit: Unit) -> Measurement:
 def _write(
     directory: Path, summaries: Sequence[Summary], suite: SpeedSuite, machine: dict[str, Any]
 ) -> tuple[Table[Any], ...]:
-    """Write all tables and the figure; the tables that are for people."""
+    """Write all tables and the figure, and return the tables that are for people."""
     people = (
         speed_table(summaries, suite, machine, published(suite.id)),
         amortised_table(summaries, suite),

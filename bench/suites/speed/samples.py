@@ -1,4 +1,4 @@
-"""What the suite `speed` writes down: every timed call, one file per measurement.
+"""Files of the suite `speed`: every timed call, one file per measurement.
 
 `measurements/KEY.json` holds the fields of `Measurement` and the version of this form. It is
 written whole or not at all; what cannot be read, or is of another version, is measured again.
@@ -41,7 +41,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Failure:
-    """A cloud that a method could not be measured on, and why."""
+    """A cloud that a method could not be measured on, and the reason."""
 
     cloud: str
     reason: str
@@ -75,27 +75,27 @@ class Measurement:
 
 
 def measurement_path(directory: Path, key: str) -> Path:
-    """Where the measurement of a key has its place."""
+    """Return the path of a key's measurement."""
     return directory / "measurements" / f"{key}.json"
 
 
 def write_measurement(directory: Path, measurement: Measurement) -> None:
-    """Write a measurement down; when this returns, a power cut cannot take it back."""
+    """Write a measurement to disk; when this returns, a power cut cannot take it back."""
     text = json.dumps({"form": FORM} | asdict(measurement), ensure_ascii=False)
     write_whole(measurement_path(directory, measurement.key), text.encode())
 
 
 def read_measurement(directory: Path, key: str) -> Measurement | None:
-    """The measurement of a key; None where there is none that can be used."""
+    """Return the measurement of a key; None where no usable one exists."""
     path = measurement_path(directory, key)
     if not path.is_file():
         return None
     try:
-        found: dict[str, Any] = json.loads(read_file(path, MOST_BYTES))
-        if found.pop("form") != FORM or found["key"] != key:
+        fields: dict[str, Any] = json.loads(read_file(path, MOST_BYTES))
+        if fields.pop("form") != FORM or fields["key"] != key:
             return None
-        found["samples"] = tuple(Sample(**sample) for sample in found["samples"])
-        found["failures"] = tuple(Failure(**failure) for failure in found["failures"])
-        return Measurement(**found)
+        fields["samples"] = tuple(Sample(**sample) for sample in fields["samples"])
+        fields["failures"] = tuple(Failure(**failure) for failure in fields["failures"])
+        return Measurement(**fields)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

@@ -1,4 +1,4 @@
-"""Medians of samples, and what V images of one cloud cost.
+"""Medians of samples, and the cost of V images of one cloud.
 
 A cloud is prepared once and drawn as often as one likes. Drawing was timed in calls of one view and
 of a batch of views; in between the cost of a call is taken to grow evenly, and more views than a
@@ -26,7 +26,7 @@ Verdict = Literal["always", "never", "up to", "from", "between", "outside"]
 
 @dataclass(frozen=True)
 class Cost:
-    """What a method costs, in any one unit.
+    """The cost of a method, in any one unit.
 
     prepare     of a cloud
     draw_one    of a call with one view
@@ -40,20 +40,20 @@ class Cost:
     batch: int
 
     def total(self, views: float) -> float:
-        """Of preparing a cloud and drawing `views` >= 1 images of it."""
+        """Return the cost of preparing a cloud and drawing `views` >= 1 images of it."""
         if views >= self.batch:
             return self.prepare + views * self.draw_batch / self.batch
         more = (self.draw_batch - self.draw_one) / (self.batch - 1)
         return self.prepare + self.draw_one + (views - 1) * more
 
     def per_image(self, views: float) -> float:
-        """The same, shared by the images."""
+        """Return the total cost for each of the images."""
         return self.total(views) / views
 
 
 @dataclass(frozen=True)
 class BreakEven:
-    """For how many views of a cloud a method is cheaper than its rival.
+    """The numbers of views of a cloud for which a method is cheaper than its rival.
 
     cheaper    "always" and "never" for any number; "up to" or "from" the one in `views`;
                "between" or "outside" the two there
@@ -65,7 +65,7 @@ class BreakEven:
 
 
 def break_even(cost: Cost, rival: Cost) -> BreakEven:
-    """Where the totals of two costs with the same batch cross, for 1 view and more.
+    """Return where the totals of two costs with the same batch cross, for 1 view and more.
 
     Where they are equal throughout, neither is cheaper: "never". Raises ValueError where the
     batches differ.
@@ -76,17 +76,17 @@ def break_even(cost: Cost, rival: Cost) -> BreakEven:
     at_one = cost.total(1) - rival.total(1)
     at_batch = cost.total(batch) - rival.total(batch)
     growth = (cost.draw_batch - rival.draw_batch) / batch  # a view, beyond the batch
-    found = []
+    crossings = []
     if at_one * at_batch < 0:
-        found.append(1 + (batch - 1) * at_one / (at_one - at_batch))
+        crossings.append(1 + (batch - 1) * at_one / (at_one - at_batch))
     if at_batch * growth < 0:
-        found.append((rival.prepare - cost.prepare) / growth)
+        crossings.append((rival.prepare - cost.prepare) / growth)
     # The first difference that is none decides: a tie at the start says nothing of what follows.
     cheaper_first = next((d < 0 for d in (at_one, at_batch, growth) if d), False)
     kinds: tuple[Verdict, ...] = (
         ("always", "up to", "outside") if cheaper_first else ("never", "from", "between")
     )
-    return BreakEven(kinds[len(found)], tuple(found))
+    return BreakEven(kinds[len(crossings)], tuple(crossings))
 
 
 MS = 1000.0
@@ -102,7 +102,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a measurement comes to.
+    """The medians and costs of a measurement.
 
     values  by metric, see `summarise`
     wall    seconds that go by, medians; None where there is no image to speak of
@@ -116,17 +116,17 @@ class Summary:
 
     @property
     def reason(self) -> str:
-        """Why some clouds failed, each reason once; empty where none did."""
+        """The reasons why some clouds failed, each once; empty where none did."""
         return "; ".join(dict.fromkeys(f.reason for f in self.measurement.failures))
 
     @property
     def n_ok(self) -> int:
-        """Clouds that were measured to the end."""
+        """The number of clouds that were measured to the end."""
         return self.measurement.clouds - len({f.cloud for f in self.measurement.failures})
 
 
 def summarise(measurement: Measurement) -> Summary:
-    """Medians over clouds and rounds, in milliseconds and MiB.
+    """Return medians over clouds and rounds, in milliseconds and MiB.
 
     cold-load, cold-prepare, cold-draw   the first call in its process; cold-image is their sum
     prepare, draw-1, draw-V              warm: median, 95th percentile (p95) and median of the
@@ -164,27 +164,31 @@ def summarise(measurement: Measurement) -> Summary:
 
 
 def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
-    """How many times cheaper an image is than with the rival under the same circumstances.
+    """Return how many times cheaper an image is than with the rival.
 
     Empty where one of the two has no cost.
     """
     if rival is None or summary.wall is None or rival.wall is None:
         return {}
-    made = {}
+    values = {}
     for views in dict.fromkeys((1, summary.wall.batch)):
         ratio = rival.wall.per_image(views) / summary.wall.per_image(views)
-        made[f"picture-of-{views}-speedup"] = Value(
+        values[f"picture-of-{views}-speedup"] = Value(
             ratio, summary.values[f"picture-of-{views}-ms"].n
         )
-    return made
+    return values
 
 
 def beside(summaries: Iterable[Summary], summary: Summary, method: str) -> Summary | None:
-    """Another method under the same condition, with as many threads."""
-    of = summary.measurement
+    """Return another method's summary under the same condition, with as many threads."""
+    measurement = summary.measurement
     for other in summaries:
-        found = other.measurement
-        if (found.method, found.condition, found.threads) == (method, of.condition, of.threads):
+        candidate = other.measurement
+        if (candidate.method, candidate.condition, candidate.threads) == (
+            method,
+            measurement.condition,
+            measurement.threads,
+        ):
             return other
     return None
 
@@ -200,20 +204,20 @@ def _warm(measurement: Measurement, stage: Stage, views: int) -> list[Sample]:
 def _value(
     samples: Sequence[Sample],
     over: Callable[[Any], Any],
-    of: Callable[[Sample], float],
+    field: Callable[[Sample], float],
 ) -> Value:
-    return Value(float(over([of(s) for s in samples])) if samples else math.nan, len(samples))
+    return Value(float(over([field(s) for s in samples])) if samples else math.nan, len(samples))
 
 
 def _p95(values: Sequence[float]) -> float:
     return float(np.percentile(values, 95))
 
 
-def _cost(measurement: Measurement, of: Callable[[Sample], float]) -> Cost | None:
+def _cost(measurement: Measurement, field: Callable[[Sample], float]) -> Cost | None:
     batch = measurement.views
     parts: tuple[tuple[Stage, int], ...] = (("prepare", 0), ("draw", 1), ("draw", batch))
-    found = [_value(_warm(measurement, *part), np.median, of).value for part in parts]
-    if not all(map(math.isfinite, found)):
+    values = [_value(_warm(measurement, *part), np.median, field).value for part in parts]
+    if not all(map(math.isfinite, values)):
         return None
-    prepare, one, all_at_once = found
-    return Cost(prepare, one, all_at_once, batch)
+    prepare, draw_one, all_at_once = values
+    return Cost(prepare, draw_one, all_at_once, batch)

@@ -1,4 +1,4 @@
-"""The tables of the suite `speed`. Pure."""
+"""The tables of the suite `speed`, as pure functions."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ METHOD = "summary.measurement.method"
 
 @dataclass(frozen=True)
 class SpeedRow:
-    """A number of a measurement, and the same as published, on an NVIDIA GTX 1060."""
+    """A number of a measurement, and its published counterpart on an NVIDIA GTX 1060."""
 
     summary: Summary
     metric: str
@@ -63,7 +63,7 @@ class AmortisedRow:
 
 @dataclass(frozen=True)
 class BreakEvenRow:
-    """For how many views of a cloud a method is cheaper than a rival."""
+    """The break-even of a method with a rival, in views of a cloud."""
 
     summary: Summary
     rival: str
@@ -83,27 +83,27 @@ class TimedSample(NamedTuple):
     sample: Sample
 
 
-def _columns(suite: SpeedSuite, *own: Column) -> tuple[Column, ...]:
-    """Of rows that have a summary: the suite, what was measured, and their own."""
+def _columns(suite: SpeedSuite, *further: Column) -> tuple[Column, ...]:
+    """Return the columns of rows that have a summary: suite, measurement, and further ones."""
     where = columns(*((name, f"summary.measurement.{name}") for name in WHERE))
-    return (constant("suite", suite.id), *where, *own)
+    return (constant("suite", suite.id), *where, *further)
 
 
 def speed_rows(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> list[SpeedRow]:
-    """All numbers, a row each; the paper's stand beside those of an image among V of a cloud."""
+    """Return all numbers, a row each, with the paper's beside those of an image among V."""
     rows = []
     for summary in summaries:
-        of = summary.measurement
+        measurement = summary.measurement
         rival = beside(summaries, summary, suite.rivals[0])
-        for metric, found in (dict(summary.values) | speedups(summary, rival)).items():
-            published = metric.replace(f"picture-of-{of.views}-", "picture-")
-            key = (PAPER_CLASS, published, of.condition, of.method)
-            rows.append(SpeedRow(summary, metric, found, paper.get(key, math.nan)))
+        for metric, value in (dict(summary.values) | speedups(summary, rival)).items():
+            published = metric.replace(f"picture-of-{measurement.views}-", "picture-")
+            key = (PAPER_CLASS, published, measurement.condition, measurement.method)
+            rows.append(SpeedRow(summary, metric, value, paper.get(key, math.nan)))
     return rows
 
 
 def amortised_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[AmortisedRow]:
-    """The cost of an image against the number of views; methods without a cost have no rows."""
+    """Return an image's cost against the number of views; none for methods without a cost."""
     return [
         AmortisedRow(
             summary,
@@ -118,7 +118,7 @@ def amortised_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Amor
 
 
 def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[BreakEvenRow]:
-    """Each method against each of the suite's rivals, by the clock, where both have a cost."""
+    """Return each method against each of the suite's rivals, by the clock, if both have a cost."""
     rows = []
     for summary in summaries:
         for name in suite.rivals:
@@ -130,20 +130,27 @@ def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Bre
 
 
 def samples_table(measurements: Iterable[Measurement]) -> Table[TimedSample]:
-    """Every timed call behind the tables, a row each, for scripts."""
-    made = (
+    """Return every timed call behind the tables, a row each, for scripts."""
+    layout = (
         *columns(*((name, f"measurement.{name}") for name in WHERE)),
-        *columns(*((one.name, f"sample.{one.name}") for one in fields(Sample)), digits=".6g"),
+        *columns(
+            *(
+                (sample_field.name, f"sample.{sample_field.name}")
+                for sample_field in fields(Sample)
+            ),
+            digits=".6g",
+        ),
     )
     rows = tuple(TimedSample(m, sample) for m in measurements for sample in m.samples)
-    return Table("speed_samples", "", made, rows)
+    return Table("speed_samples", "", layout, rows)
 
 
 def speed_table(
     summaries: Sequence[Summary], suite: SpeedSuite, machine: Mapping[str, Any], paper: Paper
 ) -> Table[SpeedRow]:
-    """All numbers; for people the claim of the paper, then all times: a pair of grids for each
-    condition and number of threads.
+    """Return all numbers; for people the claim of the paper, then all times.
+
+    The times are a pair of grids for each condition and number of threads.
 
     machine  model of the processor (`cpu`), and `cores` that were available
     """
@@ -162,20 +169,22 @@ def speed_table(
             )
         yield "\n".join(_failures(summaries))
 
-    of = "summary.measurement"
-    made = _columns(
+    measurement = "summary.measurement"
+    table_columns = _columns(
         suite,
         *columns("metric", ("value", "found.value"), ("n", "found.n"), digits=".6g"),
         *columns(
-            ("n_ok", "summary.n_ok"), ("clouds", f"{of}.clouds"), ("reason", "summary.reason")
+            ("n_ok", "summary.n_ok"),
+            ("clouds", f"{measurement}.clouds"),
+            ("reason", "summary.reason"),
         ),
-        *columns("paper", ("elsewhere_cores", f"{of}.elsewhere_cores"), digits=".6g"),
-        *columns(("device", f"{of}.device")),
+        *columns("paper", ("elsewhere_cores", f"{measurement}.elsewhere_cores"), digits=".6g"),
+        *columns(("device", f"{measurement}.device")),
         constant("cpu", machine["cpu"]),
         constant("cores", machine["cores"]),
     )
     rows = tuple(speed_rows(summaries, suite, paper))
-    return Table("speed", "Speed: what a picture costs", made, rows, layout)
+    return Table("speed", "Speed: what a picture costs", table_columns, rows, layout)
 
 
 def _circumstances_in_words(
@@ -193,7 +202,7 @@ def _circumstances_in_words(
 
 
 def _claim(summaries: Sequence[Summary], suite: SpeedSuite, paper: Paper) -> Iterator[Block]:
-    """A grid for each condition: methods down, images of a cloud by number of threads across."""
+    """Yield a grid for each condition: methods down, images of a cloud by threads across."""
     yield "## The claim"
     if paper:
         yield (
@@ -241,16 +250,16 @@ def _image(
         return "failed" if summary else "-"
     rival = beside(summaries, summary, suite.rivals[0])
     faster = speedups(summary, rival).get(f"picture-of-{views}-speedup")
-    own = summary is rival
+    is_rival = summary is rival
     return (
         _number(MS * summary.wall.per_image(views))
-        + _times(None if own or faster is None else faster.value)
+        + _times(None if is_rival or faster is None else faster.value)
         + _mark(summary, suite)
     )
 
 
 def _times_of(chosen: Sequence[Summary], suite: SpeedSuite) -> Iterator[Block]:
-    """Of one condition and number of threads: warm times, then cold ones and memory."""
+    """Yield warm times, then cold ones and memory, of one condition and number of threads."""
     batch = chosen[0].measurement.views
     yield (
         f"Warm, ms: a cloud prepared; a view drawn alone, and one of {batch} drawn in a call; "
@@ -268,14 +277,18 @@ def _times_of(chosen: Sequence[Summary], suite: SpeedSuite) -> Iterator[Block]:
 
 
 def _warm(summary: Summary, suite: SpeedSuite) -> list[str]:
-    values, of = summary.values, summary.measurement
+    values, measurement = summary.values, summary.measurement
     cells = [
         f"{_number(values[f'{name}-ms'].value)} ({_number(values[f'{name}-p95-ms'].value)})"
-        for name in ("prepare", "draw-1", f"draw-{of.views}")
+        for name in ("prepare", "draw-1", f"draw-{measurement.views}")
     ]
-    cells += [_number(values[f"picture-of-{views}-core-ms"].value) for views in (1, of.views)]
-    count = f"{summary.n_ok}/{of.clouds} clouds" if summary.n_ok < of.clouds else ""
-    return [of.method + _mark(summary, suite), *cells, count]
+    cells += [
+        _number(values[f"picture-of-{views}-core-ms"].value) for views in (1, measurement.views)
+    ]
+    count = (
+        f"{summary.n_ok}/{measurement.clouds} clouds" if summary.n_ok < measurement.clouds else ""
+    )
+    return [measurement.method + _mark(summary, suite), *cells, count]
 
 
 def _cold(summary: Summary) -> list[str]:
@@ -289,15 +302,16 @@ def _cold(summary: Summary) -> list[str]:
 
 def _failures(summaries: Sequence[Summary]) -> list[str]:
     return [
-        f"* {markdown.cell(of.method)}, {markdown.cell(of.condition)}, {_threads(of.threads)}, "
-        f"{markdown.cell(failure.cloud)}: failed, {markdown.cell(failure.reason)}"
-        for of in (summary.measurement for summary in summaries)
-        for failure in of.failures
+        f"* {markdown.cell(timed.method)}, {markdown.cell(timed.condition)}, "
+        f"{_threads(timed.threads)}, {markdown.cell(failure.cloud)}: failed, "
+        f"{markdown.cell(failure.reason)}"
+        for timed in (summary.measurement for summary in summaries)
+        for failure in timed.failures
     ]
 
 
 def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[AmortisedRow]:
-    """Cost per image by number of views; for people also the break-even counts."""
+    """Return cost per image by number of views; for people also the break-even counts."""
     batch, pairs = summaries[0].measurement.views, break_even_rows(summaries, suite)
 
     def layout(rows: Sequence[AmortisedRow]) -> Iterator[Block]:
@@ -315,20 +329,20 @@ def amortised_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[Am
                 yield _break_even(equal, suite)
 
     title = "What a picture costs, by the number of views of a cloud"
-    made = _columns(suite, *columns("views", "wall_ms", "core_ms", digits=".6g"))
-    return Table("amortised", title, made, tuple(amortised_rows(summaries, suite)), layout)
+    table_columns = _columns(suite, *columns("views", "wall_ms", "core_ms", digits=".6g"))
+    return Table("amortised", title, table_columns, tuple(amortised_rows(summaries, suite)), layout)
 
 
 def break_even_table(summaries: Sequence[Summary], suite: SpeedSuite) -> Table[BreakEvenRow]:
-    """Each method against each rival, for scripts."""
-    made = (
+    """Return each method against each rival, for scripts."""
+    table_columns = (
         constant("suite", suite.id),
         *columns(("method", METHOD), "rival", ("condition", "summary.measurement.condition")),
         *columns(("threads", "summary.measurement.threads"), ("cheaper", "found.cheaper")),
         Column("views", lambda row: row.ends[0], ".6g"),
         Column("views_2", lambda row: row.ends[1], ".6g"),
     )
-    return Table("break_even", "", made, tuple(break_even_rows(summaries, suite)))
+    return Table("break_even", "", table_columns, tuple(break_even_rows(summaries, suite)))
 
 
 def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
@@ -345,14 +359,14 @@ def _per_image(rows: Sequence[AmortisedRow], suite: SpeedSuite) -> Grid:
 
 
 def _rival(row: AmortisedRow) -> bool:
-    """Whether its method looks at the cloud alone."""
+    """Return whether its method looks at the cloud alone."""
     method = row.summary.measurement.method
     return method not in FLOORS and not find_method(method).sees_mesh
 
 
 def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
-    there = {row.rival for row in rows}
-    rivals = [name for name in suite.rivals if name in there]
+    compared = {row.rival for row in rows}
+    rivals = [name for name in suite.rivals if name in compared]
 
     def cell(row: BreakEvenRow) -> Cell:
         return Cell(verdict(row.found))
@@ -361,7 +375,7 @@ def _break_even(rows: Sequence[BreakEvenRow], suite: SpeedSuite) -> Grid:
 
 
 def verdict(found: BreakEven) -> str:
-    """The break-even in whole views: "any", "none", "1 to 12", "13 and more"."""
+    """Return the break-even in whole views: "any", "none", "1 to 12", "13 and more"."""
     below = [math.ceil(views) - 1 for views in found.views]
     above = [math.floor(views) + 1 for views in found.views]
     match found.cheaper:
@@ -406,7 +420,7 @@ def _times(faster: float | None) -> str:
 
 
 def _number(value: float) -> str:
-    """Three digits, more where they stand before the point; a dash for NaN."""
+    """Return three digits, more where they stand before the point; a dash for NaN."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"

@@ -36,7 +36,7 @@ TURN_DEG = 75.0
 
 @dataclass(frozen=True)
 class Case:
-    """One extreme.
+    """One extreme input.
 
     id     kebab-case
     group  what kind of extreme; cases of a group stand together
@@ -60,7 +60,7 @@ def _turned(views: tuple[View, ...], degrees: float) -> tuple[View, ...]:
 
 
 def _at(**angle_deg: float) -> tuple[View, ...]:
-    """`VIEWS` with one angle at an end of its range, each once."""
+    """Return `VIEWS` with one angle at an end of its range, each once."""
     return tuple(dict.fromkeys(replace(view, **angle_deg) for view in VIEWS))
 
 

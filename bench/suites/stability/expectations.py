@@ -1,4 +1,4 @@
-"""What each method is expected to make of each case of the suite `stability`, and the verdict.
+"""Expected outcomes of each method on each case of the suite `stability`, and the verdict.
 
 An expectation is an image, the image of the case's `like` to within a tolerance, a change of
 stated size against that, or a failure of a stated name. For methods that nobody has stated anything
@@ -27,7 +27,7 @@ from bench.suites.stability.cases import CASES, Case
 
 @dataclass(frozen=True)
 class Observation:
-    """One method on one case.
+    """The outcome of one method on one case, as measured.
 
     reason         why there are no images; empty where there are
     notes          what the method repaired on its way
@@ -50,7 +50,7 @@ class Observation:
 
 
 def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observation]:
-    """An observation for each job, in their order; `result` gives that of a key."""
+    """Return an observation for each job, in their order; `result` gives that of a key."""
     first = {job.key: result(job.key).records[0] for job in jobs}
     drawn = {(job.method, job.condition): job for job in jobs if first[job.key].outcome == "ok"}
     likes = {case.id: case.like for case in CASES}
@@ -81,7 +81,7 @@ def observe(jobs: Sequence[Job], result: Callable[[str], Result]) -> list[Observ
 
 
 def _change(images: NDArray[np.uint8], like: NDArray[np.uint8]) -> tuple[float, int]:
-    """Mean and largest absolute difference; `like` is gone through again where it is shorter."""
+    """Return the mean and largest absolute difference; a shorter `like` is repeated."""
     counterpart = like[np.arange(len(images)) % len(like)]
     difference = np.abs(images.astype(np.int16) - counterpart)
     return float(difference.mean()), int(difference.max())
@@ -99,7 +99,7 @@ KINDS: dict[Kind, str] = {  # and what they mean, for people
 
 @dataclass(frozen=True)
 class Outcome:
-    """One case on one subject.
+    """The verdict on one case of one subject.
 
     case      kebab-case id, unique within a matrix
     group     what kind of case it is, "outlier" say; cases of a group stand together
@@ -128,12 +128,12 @@ ROUNDED = ("float16", "millimetres")
 
 @dataclass(frozen=True)
 class Draws:
-    """Images of the right shape, finite, none of one colour throughout."""
+    """The expectation of images of the right shape, finite, none of one colour throughout."""
 
 
 @dataclass(frozen=True)
 class Agrees:
-    """The images of the case's `like`, to within grey levels 0..255."""
+    """The expectation of the images of the case's `like`, to within grey levels 0..255."""
 
     mean: float
     most: int | None = None
@@ -141,7 +141,9 @@ class Agrees:
 
 @dataclass(frozen=True)
 class Changes:
-    """Not the images of the case's `like`, though one might think so."""
+    """The expectation of images that differ from the case's `like`, though one might think
+    otherwise.
+    """
 
     mean: float
     why: str
@@ -149,7 +151,7 @@ class Changes:
 
 @dataclass(frozen=True)
 class Fails:
-    """No images, for a reason that begins as stated (a regular expression)."""
+    """The expectation of no images, for a reason that matches a regular expression."""
 
     reason: str
     kind: Kind = "refused"
@@ -157,7 +159,7 @@ class Fails:
 
 @dataclass(frozen=True)
 class Either:
-    """One of several: which, is decided by rounding or by the speed of the machine."""
+    """The expectation of one of several, decided by rounding or the machine's speed."""
 
     options: tuple[Expectation, ...]
     why: str
@@ -165,7 +167,7 @@ class Either:
 
 @dataclass(frozen=True)
 class Unstated:
-    """Whatever has a name."""
+    """The expectation of any image, or any failure with a name."""
 
 
 Expectation = Draws | Agrees | Changes | Fails | Either | Unstated
@@ -357,7 +359,7 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
 
 
 def expectation(method: str, case: Case) -> Expectation:
-    """What is stated about a method and a case."""
+    """Return the stated expectation for a method and a case."""
     stated = STATED.get(method)
     if stated is None:
         return Unstated()
@@ -369,7 +371,7 @@ def expectation(method: str, case: Case) -> Expectation:
 
 
 def in_words(expected: Expectation, like: str | None) -> str:
-    """An expectation for people; `like` is that of its case."""
+    """Return an expectation for people; `like` is that of its case."""
     match expected:
         case Draws():
             return "pictures"
@@ -387,7 +389,7 @@ def in_words(expected: Expectation, like: str | None) -> str:
 
 
 def outcome(observation: Observation) -> Outcome:
-    """The verdict on one observation."""
+    """Return the verdict on one observation."""
     case = next(case for case in CASES if case.id == observation.case)
     expected = expectation(observation.method, case)
     return Outcome(

@@ -49,19 +49,19 @@ def _normal(seed: int, n: int, d: int) -> Floats:
 
 
 def _pair(scale: float = 1.0, shift: float = 0.0) -> tuple[Floats, Floats]:
-    """Two ordinary sets of 40 rows and 8 features, multiplied and moved."""
+    """Return two ordinary sets of 40 rows and 8 features, multiplied and moved."""
     return _normal(1, 40, 8) * scale + shift, (1.4 * _normal(2, 40, 8) + 0.2) * scale + shift
 
 
 def _whole(shift: float = 0.0) -> tuple[Floats, Floats]:
-    """Whole numbers, 32 rows: sums and means of them are exact, also far from 0."""
+    """Return whole numbers, 32 rows: sums and means of them are exact, also far from 0."""
     rng = np.random.default_rng(3)
     x, y = rng.integers(-50, 50, (2, 32, 8)).astype(np.float64)
     return x + shift, y + shift
 
 
 def _diagonal(deviations: Array, mean: float) -> Floats:
-    """Rows +-a e_j [2 d, d] about `mean`, with the covariance diag(deviations^2) exactly."""
+    """Return rows +-a e_j [2 d, d] about `mean`, with the covariance diag(deviations^2) exactly."""
     d = len(deviations)
     rows = np.diag(deviations * math.sqrt((2 * d - 1) / 2))
     return np.concatenate([rows, -rows]) + mean
@@ -72,20 +72,23 @@ def _rotation(d: int) -> Floats:
 
 
 def _on_a_line(x: Array, y: Array) -> float:
-    """(m1 - m2)^2 + (s1 - s2)^2 of one feature; in longdouble, where every square has room."""
+    """Return (m1 - m2)^2 + (s1 - s2)^2 of one feature.
+
+    In longdouble every square has room.
+    """
     x, y = x.astype(np.longdouble), y.astype(np.longdouble)
     deviations = [np.sqrt(((z - z.mean()) ** 2).sum() / (len(z) - 1)) for z in (x, y)]
     return float((x.mean() - y.mean()) ** 2 + (deviations[0] - deviations[1]) ** 2)
 
 
 def _shift_and_traces(x: Floats, y: Floats) -> float:
-    """Where the covariances have no direction in common, the root of their product is 0."""
+    """Return the distance where the covariances share no direction: the root's trace is 0."""
     shift = x.mean(axis=0) - y.mean(axis=0)
     return float(shift @ shift + trace(x) + trace(y))
 
 
 def _by_eigenvalues(x: Floats, y: Floats) -> float:
-    """The textbook's way, sound where the covariances have full rank."""
+    """Return the distance by the textbook, sound where the covariances have full rank."""
     values, vectors = np.linalg.eigh(np.cov(x, rowvar=False))
     root = (vectors * np.sqrt(values)) @ vectors.T
     inner = np.linalg.eigvalsh(root @ np.cov(y, rowvar=False) @ root)
@@ -93,7 +96,10 @@ def _by_eigenvalues(x: Floats, y: Floats) -> float:
 
 
 def _of_two_rows(x: Floats, y: Floats) -> float:
-    """Covariances a a' and b b' with a = (x1 - x2) / sqrt(2): the root's trace is |a'b|."""
+    """Return the distance of covariances a a' and b b', a = (x1 - x2) / sqrt(2).
+
+    The trace of the root is |a'b|.
+    """
     a, b = ((z[0] - z[1]) / math.sqrt(2) for z in (x, y))
     return _shift_and_traces(x, y) - 2 * abs(float(a @ b))
 
@@ -104,7 +110,10 @@ def _in_3_by_eigenvalues(x: Array, y: Array) -> float:
 
 
 def _repeated(x: Floats, y: Floats) -> float:
-    """y has every row of x twice: S2 = c S1, c = 2 (n - 1) / (2 n - 1), tr S1 (1 - sqrt(c))^2."""
+    """Return the distance of x to y, which has every row of x twice.
+
+    S2 = c S1, c = 2 (n - 1) / (2 n - 1), tr S1 (1 - sqrt(c))^2.
+    """
     del y
     n = len(x)
     return float(trace(x) * (1 - math.sqrt(2 * (n - 1) / (2 * n - 1))) ** 2)
@@ -117,7 +126,7 @@ def _with(x: Array, value: float) -> Array:
 
 
 def _plain(x: Array, y: Array) -> float:
-    """The distance of the plain features, whatever was made of them."""
+    """Return the distance of the plain features, whatever was made of them."""
     del x, y
     return frechet_distance(*_pair())
 
@@ -140,7 +149,7 @@ def _not_finite(count: int) -> Refused:
 
 
 def _scaled(scale: float) -> Near:
-    """Multiplying all features by a number multiplies the distance by its square."""
+    """Return the distance times the square of the factor of all features."""
     return Near(
         f"{scale:g}^2 times that of the plain features",
         lambda x, y: _plain(x, y) * scale * scale,
@@ -257,13 +266,13 @@ FRECHET_CASES = (
 
 @functools.cache
 def extractor(name: str) -> Extractor:
-    """A network of ours by its id, loaded once."""
+    """Return a network of ours by its id, loaded once."""
     source = find_extractor(name)
     return source.load(str(source.weights(None)))
 
 
 def _of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
-    """Squared distance of the features of two images."""
+    """Return the squared distance of the features of two images."""
     features = extractor(name)
     return float(((features(a[:1])[0].astype(float) - features(b[:1])[0].astype(float)) ** 2).sum())
 
@@ -281,10 +290,10 @@ OfNetwork = float | Callable[[str, Any, Any], float]  # or from its name and bot
 
 
 def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, Stated]:
-    """What both networks' distances are; and the judge answers with codes."""
+    """Return statements for both networks' distances; the judge answers with codes."""
 
-    def number(of: OfNetwork, name: str) -> Number:
-        return functools.partial(of, name) if callable(of) else of
+    def number(source: OfNetwork, name: str) -> Number:
+        return functools.partial(source, name) if callable(source) else source
 
     stated: dict[str, Stated] = {
         name: Near(words, number(value, name), number(within, name)) for name in FD_VIEWS
@@ -342,7 +351,7 @@ ALEXNET_CASES = (
 
 
 def _answers(azimuth_deg: list[float], elevation_deg: float = 0.0) -> NDArray[np.float32]:
-    """What a judge that is never wrong would say, float32 [n, 3]."""
+    """Return the answers of a judge that is never wrong, float32 [n, 3]."""
     radians = np.radians(np.array(azimuth_deg, np.float64))
     elevation = np.full(len(radians), elevation_deg / 40)
     return np.stack([np.sin(radians), np.cos(radians), elevation], axis=1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Figures of the suite `stability`: coloured matrices, and what the extremes look like."""
+"""Figures of the suite `stability`: coloured matrices, and images of the extremes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MISSING = 225  # grey
 
 @drawing()
 def matrix_figure(matrix: Table[Outcome]) -> Figure:
-    """Cases down, subjects across, coloured by kind; white where a case is none of a subject's."""
+    """Return cases down and subjects across, coloured by kind; white for no case."""
     from matplotlib import patches
 
     kinds: dict[tuple[str, str, str], Kind] = {
@@ -80,7 +80,7 @@ def extremes_figure(
     methods: Sequence[str],
     images: Mapping[tuple[str, str], NDArray[np.uint8]],
 ) -> Figure:
-    """The first view of every case (across) and method (down); grey where there is no image.
+    """Return the first view of every case (across) and method (down); grey for no image.
 
     images  uint8 [IMAGE_SIZE, IMAGE_SIZE, 3] by case and method
     """
@@ -99,12 +99,14 @@ def extremes_figure(
 
 
 def sheet(rows: Sequence[Sequence[NDArray[np.uint8] | None]]) -> NDArray[np.uint8]:
-    """Images side by side, uint8 [rows * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3], white to the right.
+    """Return images side by side, uint8 [rows * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3].
+
+    It is white to the right.
 
     None becomes a grey square.
     """
-    made = np.full((len(rows), IMAGE_SIZE, ACROSS, IMAGE_SIZE, 3), 255, np.uint8)
+    pixels = np.full((len(rows), IMAGE_SIZE, ACROSS, IMAGE_SIZE, 3), 255, np.uint8)
     for y, row in enumerate(rows):
         for x, image in enumerate(row):
-            made[y, :, x] = MISSING if image is None else image
-    return made.reshape(len(rows) * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3)
+            pixels[y, :, x] = MISSING if image is None else image
+    return pixels.reshape(len(rows) * IMAGE_SIZE, ACROSS * IMAGE_SIZE, 3)

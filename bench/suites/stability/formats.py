@@ -51,7 +51,7 @@ GREY_ROUNDOFFS_SATURATED = 1500.0
 
 @dataclass(frozen=True)
 class FormatRow:
-    """One cloud in one format.
+    """The measurements of one cloud in one format.
 
     weights     bundled name
     case        one of CASES
@@ -103,7 +103,7 @@ OVERFLOWS: dict[tuple[str, str, Format], tuple[str, str]] = {
 
 
 def measure_formats() -> list[FormatRow]:
-    """The whole matrix, in a fixed order: about 20 s on one thread."""
+    """Return the whole matrix, in a fixed order: about 20 s on one thread."""
     from data_prep.scene import View
     from pc2pix.number_formats import FORMATS, GREY_LEVELS, deviation, infer
     from pc2pix.weights import load_weights
@@ -116,10 +116,10 @@ def measure_formats() -> list[FormatRow]:
             points = case_points(case)
             exact = infer(weights, points, views, REFERENCE)
             for fmt in FORMATS:
-                found = exact if fmt == REFERENCE else infer(weights, points, views, fmt)
-                code = deviation(found.code, exact.code)
-                image = deviation(found.images, exact.images)
-                largest = max(found.layers, key=lambda layer: layer.largest)
+                result = exact if fmt == REFERENCE else infer(weights, points, views, fmt)
+                code = deviation(result.code, exact.code)
+                image = deviation(result.images, exact.images)
+                largest = max(result.layers, key=lambda layer: layer.largest)
                 rows.append(
                     FormatRow(
                         weights=name,
@@ -132,15 +132,18 @@ def measure_formats() -> list[FormatRow]:
                         grey_error_mean=GREY_LEVELS * image.mean if image else None,
                         largest=largest.largest,
                         largest_in=largest.name,
-                        overflowed=found.overflowed or "",
-                        refused=found.refused or "",
+                        overflowed=result.overflowed or "",
+                        refused=result.refused or "",
                     )
                 )
     return rows
 
 
 def case_points(case: str) -> Points:
-    """The cloud of a case, float32 [2048, 3]. Raises KeyError for an unknown one."""
+    """Return the cloud of a case, float32 [2048, 3].
+
+    Raises KeyError for an unknown case.
+    """
     import numpy as np
 
     from data_prep.clouds.sampling import sample_surface
@@ -156,12 +159,15 @@ def case_points(case: str) -> Points:
 
 
 def format_outcomes(rows: Iterable[FormatRow]) -> list[Outcome]:
-    """One verdict for each row: the subject is the format with the weights."""
+    """Return one verdict for each row: the subject is the format with the weights."""
     return [_outcome(row) for row in rows]
 
 
 def allowed(row: FormatRow) -> tuple[float, float]:
-    """What the code's largest error and the image's mean error may be, in the units of a row."""
+    """Return the largest allowed errors of code and image, in the units of a row.
+
+    That is the code's largest error and the image's mean error.
+    """
     if row.format == REFERENCE:
         return 0.0, 0.0
     u = ROUNDOFF[row.format]
@@ -215,7 +221,7 @@ def _observed(row: FormatRow) -> str:
 
 
 def formats_table(rows: Sequence[FormatRow]) -> Table[FormatRow]:
-    """The numbers behind the matrix; for people "not finite" where there is no error to report."""
+    """Return the numbers behind the matrix; for people "not finite" where no error exists."""
     title = "pc2pix in number formats"
     return Table("number_formats", title, columns_of(FormatRow, ".6g"), tuple(rows), _layout)
 

@@ -54,7 +54,7 @@ _NO_VALUES = Near("of no images none", lambda a, b: np.empty(0))
 
 
 def gaussian_window(size: int) -> Floats:
-    """The Gaussian window [size, size], from its definition."""
+    """Return the Gaussian window [size, size], from its definition."""
     offsets = np.arange(size) - (size - 1) / 2
     sigma = SIGMA * size / WINDOW
     weights = np.exp(-(offsets[:, None] ** 2 + offsets**2) / (2 * sigma**2))
@@ -62,7 +62,7 @@ def gaussian_window(size: int) -> Floats:
 
 
 def _flat_pair(case_id: str, p: int, q: int, words: str) -> Row:
-    """Two flat images: nothing varies, hence contrast C2 / C2 and structure C3 / C3."""
+    """Return two flat images: nothing varies, hence contrast C2 / C2 and structure C3 / C3."""
     luminance = luminance_of_flat(p, q)
     stated = {
         **near(words, luminance, "ssim", "luminance", "ssim-object", within=SUMS),
@@ -74,7 +74,7 @@ def _flat_pair(case_id: str, p: int, q: int, words: str) -> Row:
 
 
 def _speck_components(p: int, q: int, weights: Floats) -> dict[str, Floats]:
-    """A flat image of p against windows that hold one pixel q, with these weights.
+    """Return components of a flat image of p against windows with one pixel q of these weights.
 
     Mean p + (q - p) w, variance (q - p)^2 w (1 - w); against a flat window the structure is C3/C3.
     """
@@ -90,7 +90,10 @@ def _speck_components(p: int, q: int, weights: Floats) -> dict[str, Floats]:
 
 
 def _weights_of_speck(at: int) -> Floats:
-    """Its weight in the windows that hold it: all 11 x 11 of the middle, one of the corner."""
+    """Return a speck's weight in the windows that hold it.
+
+    These are all 11 x 11 for the middle, one for the corner.
+    """
     weights = gaussian_window(WINDOW)
     return weights[:1, :1] if at == 0 else weights
 
@@ -101,7 +104,7 @@ def _of_speck(ssim: Floats) -> dict[str, Stated]:
 
 
 def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
-    """`speck`, in the second image only: all other windows score 1.
+    """Return a pair with `speck` in the second image only: all other windows score 1.
 
     On white, where nothing is asked for, only the windows with a pixel that is drawn count as the
     object's; any other ground is an object that fills the frame.
@@ -125,7 +128,7 @@ def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
 
 
 def _one_window(name: str, a: UInt8Images, b: UInt8Images) -> float:
-    """A component of images [1, s, s, C] with a single window: two passes in longdouble."""
+    """Return a component of images [1, s, s, C] with a single window: two passes in longdouble."""
     size = a.shape[1]
     weights = gaussian_window(size).astype(np.longdouble)[..., None]
     x, y = a[0].astype(np.longdouble), b[0].astype(np.longdouble)
@@ -137,13 +140,13 @@ def _one_window(name: str, a: UInt8Images, b: UInt8Images) -> float:
     luminance = (2 * mean_x * mean_y + C1) / (mean_x**2 + mean_y**2 + C1)
     contrast = (2 * root + C2) / (var_x + var_y + C2)
     structure = (cov + C3) / (root + C3)
-    found = {
+    components = {
         "ssim": luminance * contrast * structure,
         "luminance": luminance,
         "contrast": contrast,
         "structure": structure,
     }
-    return float(found[name].mean())
+    return float(components[name].mean())
 
 
 def _of_one_window(name: str) -> Near:
@@ -161,7 +164,7 @@ def _small(side: int) -> Row:
 
 
 def _strip(a: UInt8Images, b: UInt8Images) -> float:
-    """Mean luminance of single pixels."""
+    """Return the mean luminance of single pixels."""
     p, q = a.astype(np.float64), b.astype(np.float64)
     return float(((2 * p * q + C1) / (p * p + q * q + C1)).mean())
 
@@ -176,7 +179,10 @@ _STRIP: dict[str, Stated] = {
 
 
 def _true_speck(case_id: str, at: int) -> Row:
-    """`speck` in the true image only, on white: the windows with the pixel are the object's."""
+    """Return a pair with `speck` in the true image only, on white.
+
+    The windows with the pixel are the object's.
+    """
     ssim = _speck_components(255, 0, _weights_of_speck(at))["ssim"]
     return case_id, lambda: (speck(255, 0, at), flat(255)), _of_speck(ssim) | NOTHING_THIN
 

@@ -1,4 +1,4 @@
-"""What a case on metrics is made of, the images that cases use, and how far values may be off.
+"""The parts of a case on metrics, the images that cases use, and how far values may be off.
 
 A metric is a function of two arrays: true images and images, two sets of features, the judge's
 answers and the angles asked for. What a case states is a closed form, an independent computation,
@@ -51,19 +51,22 @@ ANGLE_DEG = math.degrees(2.0**-23)  # sine and cosine in float32
 
 
 def trace(x: Floats) -> Any:
-    """Of the covariance; two passes."""
+    """Return the trace of the covariance, in two passes."""
     return ((x - x.mean(axis=0)) ** 2).sum() / (len(x) - 1)
 
 
 def rounding(x: Array, y: Array) -> float:
-    """ROUNDING of the traces and of the squared shift of two sets of features."""
+    """Return ROUNDING of the traces and of the squared shift of two sets of features."""
     x, y = x.astype(np.float64), y.astype(np.float64)
     shift = x.mean(axis=0) - y.mean(axis=0)
     return ROUNDING * float(trace(x) + trace(y) + shift @ shift)
 
 
 def largest_move(root: Any, features: int, rows: int, by: float) -> float:
-    """How far a distance may move where both sets of features are off by `by`; see the head."""
+    """Return how far a distance may move where both sets of features are off by `by`.
+
+    The derivation is in the module's docstring.
+    """
     move = 2 * by * math.sqrt(features * rows / (rows - 1))
     return float(2 * root * move + move**2)
 
@@ -103,7 +106,7 @@ Stated = Near | Refused
 
 @dataclass(frozen=True)
 class Case:
-    """Two arrays, and what each metric makes of them."""
+    """The two arrays of a case, and what each metric makes of them."""
 
     id: str
     group: str
@@ -115,42 +118,45 @@ Given = Callable[[], Pair]
 
 
 def cases(group: str, *rows: tuple[str, Given, Mapping[str, Stated]]) -> tuple[Case, ...]:
-    """Cases of a group, a row each: id, arrays, and by metric what it makes of them."""
+    """Return the cases of a group, a row each: id, arrays, and by metric what it makes of them."""
     return tuple(Case(case_id, group, given, stated) for case_id, given, stated in rows)
 
 
 def cases_of(metric: str, group: str, *rows: tuple[str, Given, Stated]) -> tuple[Case, ...]:
-    """Cases of a group about one metric, a row each: id, arrays, and what it makes of them."""
+    """Return cases of a group about one metric, a row each: id, arrays, and its outcome."""
     return cases(group, *((case_id, given, {metric: stated}) for case_id, given, stated in rows))
 
 
 def near(words: str, value: Number, *metrics: str, within: Number = 0.0) -> dict[str, Stated]:
-    """The same value of several metrics."""
+    """Return the same value for several metrics."""
     return {metric: Near(words, value, within) for metric in metrics}
 
 
 def refused(says: str, *metrics: str, error: type[Exception] = ValueError) -> dict[str, Stated]:
-    """The same failure of several metrics."""
+    """Return the same failure for several metrics."""
     return {metric: Refused(error, says) for metric in metrics}
 
 
 def undefined(*metrics: str) -> dict[str, Stated]:
-    """No value, for the reason that the metric's row gives."""
+    """Return no value, for the reason that the metric's row gives."""
     return {metric: Near(UNDEFINED[metric], math.nan) for metric in metrics}
 
 
 def luminance_of_flat(p: int, q: int) -> float:
-    """Luminance of two flat images."""
+    """Return the luminance of two flat images."""
     return (2 * p * q + C1) / (p * p + q * q + C1)
 
 
 def decibels(squares: float, side: int = IMAGE_SIZE) -> float:
-    """PSNR of square images with this sum of squared differences; of identical ones as of 1."""
+    """Return PSNR of square images with this sum of squared differences.
+
+    The sum of identical images counts as 1.
+    """
     return 20 * math.log10(255) - 10 * math.log10(max(squares, 1) / (side * side * 3))
 
 
 def twice(values: Array) -> Pair:
-    """The same array two times."""
+    """Return the same array two times."""
     return values, values.copy()
 
 
@@ -158,30 +164,30 @@ UNIT_CODES = Near("a code of length 1, and finite angles", 1.0, CODE_LENGTH)
 
 
 def flat(level: int, count: int = 1, side: int = IMAGE_SIZE) -> UInt8Images:
-    """Every pixel of one level."""
+    """Return images with every pixel of one level."""
     return np.full((count, side, side, 3), level, np.uint8)
 
 
 def noise(seed: int, side: int = IMAGE_SIZE, count: int = 1) -> UInt8Images:
-    """Independent levels, all 256 as likely."""
+    """Return independent levels, all 256 as likely."""
     rng = np.random.default_rng(seed)
     return rng.integers(0, 256, (count, side, side, 3), dtype=np.uint8)
 
 
 def speck(background: int, level: int, at: int) -> UInt8Images:
-    """One pixel of another level: (64, 64) is in 121 windows, the corner (0, 0) in one."""
+    """Return one pixel of another level: (64, 64) is in 121 windows, the corner (0, 0) in one."""
     return _painted(flat(background), slice(at, at + 1), slice(at, at + 1), level)
 
 
 def leg(
     level: int = 80, rows: slice = slice(40, 80), columns: slice = slice(60, 63)
 ) -> UInt8Images:
-    """A bar of 40 x 3 px on white, all of it thin."""
+    """Return a bar of 40 x 3 px on white, all of it thin."""
     return _painted(flat(255), rows, columns, level)
 
 
 def boxes(count: int = 6) -> UInt8Images:
-    """Coloured boxes of different sizes on white: something for the networks to look at."""
+    """Return coloured boxes of different sizes on white, as input of the networks."""
     rng = np.random.default_rng(0)
     images = flat(255, count)
     for image in images:
@@ -191,7 +197,7 @@ def boxes(count: int = 6) -> UInt8Images:
 
 
 def grey(images: UInt8Images) -> UInt8Images:
-    """Luma (Rec. 601), rounded half up, in three channels."""
+    """Return luma (Rec. 601), rounded half up, in three channels."""
     luma = np.floor((images @ np.array([299.0, 587.0, 114.0]) + 500) / 1000)
     return np.repeat(luma.astype(np.uint8)[..., None], 3, axis=-1)
 

@@ -61,7 +61,10 @@ DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet")
 
 
 def metric_outcomes() -> list[Outcome]:
-    """All cases on the metrics that they state something about. Never raises; some seconds."""
+    """Return the outcomes of all cases on the metrics that they state something about.
+
+    It never raises and takes some seconds.
+    """
     with one_thread():
         return [
             _outcome(case, metric, stated)
@@ -93,24 +96,24 @@ def _outcome(case: Case, metric: str, stated: Stated) -> Outcome:
 
 def _refusal(metric: str, given: Pair, stated: Refused) -> tuple[str, Kind]:
     try:
-        found = METRICS[metric](*given)
+        returned = METRICS[metric](*given)
     except Exception as error:
         as_stated = type(error) is stated.error and stated.says in str(error)
         return f"{type(error).__name__}: {error}", "refused" if as_stated else "unexpected"
-    return _shown(np.asarray(found)), "unexpected"
+    return _shown(np.asarray(returned)), "unexpected"
 
 
 def _value(metric: str, given: Pair, value: Floats, within: float) -> tuple[str, Kind]:
-    found = METRICS[metric](*given)
-    if metric in DISTANCES and not (isinstance(found, float) and 0.0 <= found < math.inf):
-        return f"{found!r}, which is no distance", "unexpected"
-    found = np.asarray(found)
-    if found.shape != value.shape and (value.ndim or not found.size):
-        return f"{_shown(found)} of shape {list(found.shape)}", "unexpected"
-    if not np.array_equal(np.isnan(found), np.isnan(np.broadcast_to(value, found.shape))):
-        return _shown(found), "unexpected"
-    off = float(np.nanmax(np.abs(found - value), initial=0.0))
-    text = _shown(found) + (f", off by {off:.1g}" if off else "")
+    returned = METRICS[metric](*given)
+    if metric in DISTANCES and not (isinstance(returned, float) and 0.0 <= returned < math.inf):
+        return f"{returned!r}, which is no distance", "unexpected"
+    returned = np.asarray(returned)
+    if returned.shape != value.shape and (value.ndim or not returned.size):
+        return f"{_shown(returned)} of shape {list(returned.shape)}", "unexpected"
+    if not np.array_equal(np.isnan(returned), np.isnan(np.broadcast_to(value, returned.shape))):
+        return _shown(returned), "unexpected"
+    off = float(np.nanmax(np.abs(returned - value), initial=0.0))
+    text = _shown(returned) + (f", off by {off:.1g}" if off else "")
     return text, "holds" if off <= within else "unexpected"
 
 
@@ -142,7 +145,7 @@ def _between(name: str, truth: UInt8Images, images: UInt8Images) -> float:
 
 
 def _code_lengths(truth: UInt8Images, images: UInt8Images) -> Floats:
-    """Length of the judge's shape code of each image; NaN where an answer is not finite."""
+    """Return the length of the judge's shape code of each image; NaN if not finite."""
     del truth
     answers = extractor(JUDGE)(images).astype(np.float64)
     return np.linalg.norm(answers[:, 3:], axis=1) + 0.0 * answers[:, :3].sum(axis=1)

@@ -54,7 +54,7 @@ def stability_jobs(
     environment: Mapping[str, str],
     directory: Path,
 ) -> list[Job]:
-    """One job per method and case, without ground truth: nothing is scored.
+    """Return one job per method and case, without ground truth: nothing is scored.
 
     Raises BadInput for an unknown method.
     """
@@ -90,7 +90,10 @@ def stability_jobs(
 
 
 def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
-    """Carry out the suite, or what is left of it. Raises BadInput for what the user has to fix."""
+    """Carry out the suite, or what is left of it.
+
+    Raises BadInput for what the user has to fix.
+    """
     start = time.perf_counter()
     methods = methods_of(
         options,
@@ -136,9 +139,9 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
         write_tables(directory, [*matrices, *behind])
         _draw(directory, matrices, jobs, outcomes, methods)
     printed = [markdown.table(counts(matrices))] + [
-        f"UNEXPECTED {one.subject}, {one.case}: {one.observed}; stated was: {one.expected}"
-        for made in matrices
-        for one in unexpected(made)
+        f"UNEXPECTED {cell.subject}, {cell.case}: {cell.observed}; stated was: {cell.expected}"
+        for table in matrices
+        for cell in unexpected(table)
     ]
     return SuiteRun(directory, matrices, printed, f"{time.perf_counter() - start:.0f} s")
 
@@ -191,8 +194,8 @@ def _draw(
     methods: Sequence[str],
 ) -> None:
     folder = directory / FIGURES
-    for made in matrices:
-        save(matrix_figure(made), folder / f"{made.name}.png")
+    for table in matrices:
+        save(matrix_figure(table), folder / f"{table.name}.png")
     first = {
         (job.condition, job.method): job.made.images()[0]
         for job in jobs

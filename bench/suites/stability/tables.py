@@ -17,7 +17,7 @@ from data_prep.failures import BadInput
 
 
 def matrix(name: str, title: str, remark: str, outcomes: Iterable[Outcome]) -> Table[Outcome]:
-    """Outcomes, a row each; for people counts by kind, then what was expected and what came.
+    """Return outcomes, a row each; for people counts by kind, then expected and observed.
 
     `remark` is what people have to know to read it.
     """
@@ -26,19 +26,21 @@ def matrix(name: str, title: str, remark: str, outcomes: Iterable[Outcome]) -> T
 
 
 def subjects(made: Table[Outcome]) -> list[str]:
-    """In the order of their first appearance."""
+    """Return the subjects in the order of their first appearance."""
     return ordered(outcome.subject for outcome in made.rows)
 
 
 def unexpected(made: Table[Outcome]) -> list[Outcome]:
-    """What nobody has stated."""
+    """Return the outcomes that nobody has stated."""
     return [outcome for outcome in made.rows if outcome.kind == "unexpected"]
 
 
 def counts(matrices: Iterable[Table[Outcome]]) -> Grid:
-    """How many outcomes of each kind every matrix has."""
-    kinds = [(made.title, Counter(outcome.kind for outcome in made.rows)) for made in matrices]
-    return grid(["matrix", *KINDS], ([t, *(str(of[kind]) for kind in KINDS)] for t, of in kinds))
+    """Return how many outcomes of each kind every matrix has."""
+    kinds = [(table.title, Counter(outcome.kind for outcome in table.rows)) for table in matrices]
+    return grid(
+        ["matrix", *KINDS], ([t, *(str(counter[kind]) for kind in KINDS)] for t, counter in kinds)
+    )
 
 
 def _layout(remark: str, outcomes: Sequence[Outcome]) -> Iterator[Block]:
@@ -64,7 +66,7 @@ def _kind(outcome: Outcome) -> Cell:
 
 
 def read_outcomes(folder: Path) -> list[Outcome]:
-    """The outcomes of all matrices that a run has left in its folder of tables.
+    """Return the outcomes of all matrices that a run has left in its folder of tables.
 
     Raises BadInput where there are none, or where a file is none of ours.
     """
@@ -74,10 +76,10 @@ def read_outcomes(folder: Path) -> list[Outcome]:
         try:
             with path.open(encoding="utf-8", newline="") as file:
                 reader = csv.DictReader(file)
-                found, rows = reader.fieldnames, [dict[str, Any](row) for row in reader]
+                names, rows = reader.fieldnames, [dict[str, Any](row) for row in reader]
         except (UnicodeDecodeError, csv.Error):
-            found, rows = None, []
-        if found != header or any(row["kind"] not in KINDS for row in rows):
+            names, rows = None, []
+        if names != header or any(row["kind"] not in KINDS for row in rows):
             raise BadInput(f"{path}: not a table of this suite; run it again with --fresh")
         outcomes += [Outcome(**row) for row in rows]
     if not outcomes:
@@ -86,5 +88,5 @@ def read_outcomes(folder: Path) -> list[Outcome]:
 
 
 def observations_table(observations: Sequence[Observation]) -> Table[Observation]:
-    """The numbers behind the matrix of methods, a row for each method and case, for scripts."""
+    """Return the numbers behind the matrix of methods, a row for each method and case."""
     return Table("observations", "", columns_of(Observation, ".6g"), tuple(observations))
