@@ -1,4 +1,4 @@
-"""How much the cells of Table 5 change on another machine.
+"""The change of the cells of Table 5 from one machine to another.
 
     python -m studies.class_noise [--objects 10] [--views 10]
 
@@ -58,26 +58,26 @@ class Sample:
 
 
 class Measure:
-    """Samples to what Table 5 is made of."""
+    """The metrics of Table 5, applied to samples."""
 
     def __init__(self) -> None:
         self.network = load_views_network(VIEWS_WEIGHTS)
         self.head = read_class_head(VIEWS_WEIGHTS)
 
     def objects(self, sample: Sample) -> dict[str, NDArray[np.float64]]:
-        """The metrics that are means, for each object [N]."""
-        found = [scores(t, d) for t, d in zip(sample.truth, sample.drawn, strict=True)]
+        """Return the metrics that are means, for each object [N]."""
+        per_object = [scores(t, d) for t, d in zip(sample.truth, sample.drawn, strict=True)]
         confidence = self.head.confidence(self._features(sample.drawn), sample.class_name)
         by_object = confidence.reshape(sample.drawn.shape[:2]).mean(axis=1)
         return {
             metric: by_object
             if metric == "class-confidence"
-            else np.array([one[column(metric)].mean() for one in found])
+            else np.array([scored[column(metric)].mean() for scored in per_object])
             for metric in MEANS
         }
 
     def distances(self, sample: Sample) -> dict[str, float]:
-        """The distances of the set."""
+        """Return the distances of the set."""
         x, y = self._features(sample.truth), self._features(sample.drawn)
         return {"fd-views": frechet_distance(x, y), "kd-views": kernel_distance(x, y)}
 
@@ -86,7 +86,7 @@ class Measure:
 
 
 def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-    """The cloud with one point in `ONE_IN` moved by one rounding error in each coordinate."""
+    """Return the cloud with one point in `ONE_IN` moved by one rounding error an axis."""
     points = cloud.points.copy()
     chosen = rng.random(len(points)) < 1 / ONE_IN
     points[chosen] = np.nextafter(points[chosen], np.float32(np.inf))
@@ -94,7 +94,7 @@ def nudged(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
 
 
 def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], list[Sample]]:
-    """By change and method: the sample as it is, and changed."""
+    """Return by change and method the sample as it is, and changed."""
     seen = [random_views(views, generator("class noise", class_name, i)) for i in range(objects)]
     meshes = [ProceduralObject(class_name, "validation", i).load() for i in range(objects)]
     clouds = [
@@ -103,23 +103,23 @@ def pairs(class_name: str, objects: int, views: int) -> dict[tuple[str, str], li
     ]
     farther = [turned(of_object) for of_object in seen]
     truth, truth_turned = render_all(meshes, seen), render_all(meshes, farther)
-    made: dict[tuple[str, str], list[Sample]] = {}
+    samples: dict[tuple[str, str], list[Sample]] = {}
     for method in TURNED + ROUNDED:
         renderer = find_method(method).load("cpu")
         plain = Sample(class_name, truth, draw_all(renderer, clouds, seen))
         if method in TURNED:
             again = Sample(class_name, truth_turned, draw_all(renderer, clouds, farther))
-            made["turn", method] = [plain, again]
+            samples["turn", method] = [plain, again]
         else:
             rng = generator("class noise", "nudge", class_name)
             others = [nudged(cloud, rng) for cloud in clouds]
             again = Sample(class_name, truth, draw_all(renderer, others, seen))
-            made["rounding", method] = [plain, again]
-    return made
+            samples["rounding", method] = [plain, again]
+    return samples
 
 
 def moves(class_name: str, objects: int, views: int, measure: Measure) -> list[dict[str, object]]:
-    """A row for each method and metric: value, how far the cell moved, deviation of an object."""
+    """Return a row for each method and metric: value, move of the cell, deviation of an object."""
     rows: list[dict[str, object]] = []
     for (change, method), (plain, changed) in pairs(class_name, objects, views).items():
         where: dict[str, object] = {"change": change, "method": method, "class": class_name}
@@ -135,10 +135,10 @@ def moves(class_name: str, objects: int, views: int, measure: Measure) -> list[d
 
 
 def summary(rows: pd.DataFrame) -> str:
-    """The largest move of a class, of the mean over classes, and relative to the cell."""
+    """Return the largest move of a class, of the mean over classes, and relative to the cell."""
     table = rows.assign(size=rows["by"].abs(), share=(rows["by"] / rows["value"]).abs())
     by = table.groupby(CELL, sort=False)
-    found = pd.DataFrame(
+    largest = pd.DataFrame(
         {
             "largest class": by["size"].max(),
             "of itself": by["share"].max(),
@@ -148,9 +148,9 @@ def summary(rows: pd.DataFrame) -> str:
     )
     rows_of_table = [
         [*names, *("-" if np.isnan(value) else f"{value:.2g}" for value in values)]
-        for names, values in zip(found.index, found.to_numpy(), strict=True)
+        for names, values in zip(largest.index, largest.to_numpy(), strict=True)
     ]
-    return markdown([*CELL, *found.columns], rows_of_table, left=len(CELL))
+    return markdown([*CELL, *largest.columns], rows_of_table, left=len(CELL))
 
 
 def main() -> None:

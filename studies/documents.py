@@ -54,12 +54,12 @@ Axis = Sequence[tuple[str, Sequence[str]]]
 
 
 class Unfilled(ValueError):
-    """A marked place that cannot be filled: names page and line."""
+    """The error for a marked place that cannot be filled; it names page and line."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """What a mark asks for.
+    """The request of a mark in a page.
 
     rows, columns  a field and its values; of several fields all combinations
     chosen         values of further fields
@@ -75,7 +75,10 @@ class Place:
 
 
 def parsed(asked: str) -> Place:
-    """Raises ValueError for a mark without a file, rows or columns."""
+    """Return the request of a mark.
+
+    Raises ValueError for a mark without a file, rows or columns.
+    """
     files, *words = asked.split()
     options = dict(word.split("=", 1) for word in words)
     intervals, shown = options.pop("intervals", "yes") == "yes", options.pop("show", "")
@@ -89,23 +92,23 @@ def _axis(text: str) -> Axis:
 
 
 def filled(text: str, page: str, numbers: Path = NUMBERS) -> str:
-    """The text of a page with the table of every marked place written anew.
+    """Return the text of a page with the table of every marked place written anew.
 
     Raises Unfilled for a mark that is not understood, has no end or no source, or whose source has
     not exactly one line for a cell.
     """
 
-    def table(found: re.Match[str]) -> str:
+    def table(mark: re.Match[str]) -> str:
         try:
-            made = _table(parsed(found["asked"]), numbers)
+            written = _table(parsed(mark["asked"]), numbers)
         except (ValueError, KeyError, OSError) as reason:
-            raise Unfilled(f"{page}:{_line(text, found.start())}: {reason}") from reason
-        return f"{BEGIN}{found['asked']}-->\n{made}{END}"
+            raise Unfilled(f"{page}:{_line(text, mark.start())}: {reason}") from reason
+        return f"{BEGIN}{mark['asked']}-->\n{written}{END}"
 
-    whole = {found.start() for found in PLACE.finditer(text)}
-    for found in re.finditer(re.escape(BEGIN), text):
-        if found.start() not in whole:
-            raise Unfilled(f"{page}:{_line(text, found.start())}: a mark without '{END}'")
+    whole = {mark.start() for mark in PLACE.finditer(text)}
+    for mark in re.finditer(re.escape(BEGIN), text):
+        if mark.start() not in whole:
+            raise Unfilled(f"{page}:{_line(text, mark.start())}: a mark without '{END}'")
     return PLACE.sub(table, text)
 
 
@@ -130,19 +133,22 @@ def _table(place: Place, numbers: Path) -> str:
 
 def _combinations(axis: Axis) -> list[dict[str, str]]:
     names = [field for field, _ in axis]
-    return [dict(zip(names, of, strict=True)) for of in product(*(values for _, values in axis))]
+    return [
+        dict(zip(names, values_of_fields, strict=True))
+        for values_of_fields in product(*(values for _, values in axis))
+    ]
 
 
-def _name(of: Mapping[str, str]) -> list[str]:
-    return list(of.values())
+def _name(fields: Mapping[str, str]) -> list[str]:
+    return list(fields.values())
 
 
 def _only(lines: Sequence[Line], wanted: Mapping[str, str]) -> Line:
-    found = [line for line in lines if _has(line, wanted)]
-    if len(found) != 1:
+    matching = [line for line in lines if _has(line, wanted)]
+    if len(matching) != 1:
         asked = ", ".join(f"{field} {value}" for field, value in wanted.items())
-        raise ValueError(f"{len(found)} lines with {asked}; there has to be one")
-    return found[0]
+        raise ValueError(f"{len(matching)} lines with {asked}; there has to be one")
+    return matching[0]
 
 
 def _has(line: Line, wanted: Mapping[str, str]) -> bool:
@@ -176,7 +182,7 @@ def _stands_out(line: Line) -> bool:
 
 
 def _short(number: str, digits: int, sign: bool) -> str:
-    """Rounded, without the 0 before the point of fractions."""
+    """Return a number, rounded, without the 0 before the point of fractions."""
     text = f"{float(number):{'+' if sign else ''}.{digits}f}"
     return re.sub(r"^([+-]?)0\.", r"\1.", text).replace("-", "−")
 
@@ -194,8 +200,8 @@ def main() -> None:
             new = filled(text, name)
         except Unfilled as reason:
             sys.exit(str(reason))
-        found, lines = origins(new)
-        counts.update(found)
+        counted, lines = origins(new)
+        counts.update(counted)
         unknown += [f"{name}:{line}: numbers without an origin" for line in lines]
         if new != text:
             stale.append(name)

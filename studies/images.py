@@ -20,7 +20,7 @@ TURN_DEG = 0.1  # 0.1 px at the rim of the unit sphere: what another driver may 
 def draw_all(
     renderer: Renderer, clouds: Sequence[PointCloud], views: Sequence[Sequence[View]]
 ) -> UInt8Images:
-    """Images of clouds, each from its views, by a method that draws no random numbers."""
+    """Return images of clouds, each from its views, by a method that draws no random numbers."""
     unused = np.random.default_rng(0)
     return np.stack(
         [
@@ -31,15 +31,15 @@ def draw_all(
 
 
 def render_all(meshes: Sequence[Mesh], views: Sequence[Sequence[View]]) -> UInt8Images:
-    """The true images of meshes, each from its views."""
+    """Return the true images of meshes, each from its views."""
     return np.stack([render(*pair) for pair in zip(meshes, views, strict=True)])
 
 
 def all_scores(truth: UInt8Images, drawn: UInt8Images) -> dict[str, NDArray[np.float64]]:
-    """Every image metric [V] of images [V, H, W, 3], named as the columns of a record."""
+    """Return every image metric [V] of images [V, H, W, 3], named as the columns of a record."""
     return scores(truth, drawn) | {"lpips": lpips(truth, drawn, single=True)}
 
 
 def turned(views: Sequence[View]) -> tuple[View, ...]:
-    """The views with TURN_DEG more of azimuth."""
+    """Return the views with TURN_DEG more of azimuth."""
     return tuple(replace(view, azimuth_deg=view.azimuth_deg + TURN_DEG) for view in views)

@@ -85,7 +85,7 @@ def main() -> None:
 def report_speed(
     name: str, network: Generator, batch: int, rounds: int, rates: Mapping[Any, float]
 ) -> None:
-    """Plain and folded, at one width and batch."""
+    """Measure and print the speed of plain and folded, at one width and batch."""
     config = network.config
     code = torch.randn(1, config.latent_dim)
     elevation01, azimuth01 = torch.rand(2, batch, 1)
@@ -116,7 +116,7 @@ def report_speed(
 def plain_draw(
     network: Generator, code: torch.Tensor, elevation01: torch.Tensor, azimuth01: torch.Tensor
 ) -> Callable[[], torch.Tensor]:
-    """Images [V, 128, 128, 3] in [0, 1] by the plain network with the same weights."""
+    """Return images [V, 128, 128, 3] in [0, 1] by the plain network with the same weights."""
     config = network.config
     # the plain network takes one number for the azimuth; a second one passes as part of the code
     plain = PlainGenerator(config.width, config.latent_dim + config.azimuth_numbers - 1).eval()
@@ -133,7 +133,7 @@ def plain_draw(
 
 
 def measure_rates(rounds: int) -> list[float]:
-    """Operations a second of a well-shaped convolution, by the formats in DTYPES."""
+    """Return the operations a second of a well-shaped convolution, by the formats in DTYPES."""
     batch, channels, height, width = RATE_SHAPE
     kernel = torch.randn(channels, channels, 3, 3, dtype=torch.float64) / 100
     draws: list[Work] = []
@@ -146,7 +146,7 @@ def measure_rates(rounds: int) -> list[float]:
 
 
 def products_an_image(channels: list[int]) -> int:
-    """Products in the blocks and the last convolution, up-sampling done by phases."""
+    """Return the products of blocks and last convolution, up-sampling done by phases."""
     total, pixels = 0, 16
     for cin, cout in pairwise(channels):
         total += pixels * cout * (9 * cin + 16 * cout + cin)
@@ -155,9 +155,9 @@ def products_an_image(channels: list[int]) -> int:
 
 
 def report_exactness(name: str, weights: Weights, chairs: int, views: int) -> None:
-    """Largest differences and |dSSIM| of the folded networks, on validation chairs."""
+    """Print largest differences and |dSSIM| of the folded networks, on validation chairs."""
     exact: list[NDArray[np.float32]] = []
-    found: dict[str, list[NDArray[np.float32]]] = {precision: [] for precision in DTYPES}
+    drawn_images: dict[str, list[NDArray[np.float32]]] = {precision: [] for precision in DTYPES}
     true: list[NDArray[np.uint8]] = []
     renderers = {precision: Pc2pixRenderer(weights, precision=precision) for precision in DTYPES}
     for i in range(chairs):
@@ -174,12 +174,12 @@ def report_exactness(name: str, weights: Weights, chairs: int, views: int) -> No
                 plain_draw(weights.generator, state, *torch.tensor(turned).split(1, 1))().numpy()
             )
         for precision, renderer in renderers.items():
-            found[precision].append(renderer.draw(state, shown))
+            drawn_images[precision].append(renderer.draw(state, shown))
         true.append(render(mesh, shown))
     expected, truth = np.concatenate(exact), np.concatenate(true)
     scores = ssim_per_image(to_uint8(expected), truth).ssim
     print(f"\n{name}, {chairs} chairs x {views} views; SSIM of the plain one {scores.mean():.4f}")
-    for precision, images in found.items():
+    for precision, images in drawn_images.items():
         drawn = np.concatenate(images)
         apart = np.abs(drawn - expected)
         levels = np.abs(to_uint8(drawn).astype(int) - to_uint8(expected))

@@ -1,4 +1,4 @@
-"""How often 95 % intervals leave out a true difference of 0, by the number of objects.
+"""The rate at which 95 % intervals leave out a true difference of 0, by number of objects.
 
     python -m studies.interval_coverage [DIR] [--samples 400] [--counts 3,5,8,12,24,50,100]
 
@@ -49,52 +49,57 @@ CLOSED: Mapping[str, Population] = {
 
 
 def smooth(values: Floats, rng: np.random.Generator, n: int) -> Floats:
-    """Draws n of these values less their mean, each moved by the kernel."""
+    """Draw n of these values less their mean, each moved by the kernel."""
     centred = values - values.mean()
     return rng.choice(centred, n) + rng.normal(0, KERNEL * centred.std(), n)
 
 
 def measured(directory: Path) -> dict[str, Population]:
-    """Differences of each two methods of a run, by metric and condition."""
-    made: dict[str, Population] = {}
-    for of in read_scored(directory).compared(METRICS):
-        if of.condition not in CONDITIONS:
+    """Return the differences of each two methods of a run, by metric and condition."""
+    populations: dict[str, Population] = {}
+    for comparison in read_scored(directory).compared(METRICS):
+        if comparison.condition not in CONDITIONS:
             continue
         for metric in METRICS:
-            qualities = of.qualities[metric]
+            qualities = comparison.qualities[metric]
             for a, b in combinations(candidates(qualities), 2):
                 difference = paired(qualities[a], qualities[b])
                 if np.ptp(difference) > 0:
-                    made[f"{a}, {b}, {metric}, {of.condition}"] = partial(smooth, difference)
-    return made
+                    populations[f"{a}, {b}, {metric}, {comparison.condition}"] = partial(
+                        smooth, difference
+                    )
+    return populations
 
 
 def percentile_interval(values: Floats, rng: np.random.Generator) -> tuple[float, float]:
-    """What the tables had before."""
+    """Return the percentile bootstrap interval, which the tables had before."""
     drawn = rng.choice(values, (intervals.RESAMPLES, len(values))).mean(axis=1)
     low, high = np.percentile(drawn, [2.5, 97.5])
     return float(low), float(high)
 
 
 def missed(interval: tuple[float, float]) -> bool:
-    """Whether 0 is outside; an interval of one value that is 0 but for rounding holds it."""
+    """Return whether 0 is outside; a single value that is 0 but for rounding holds it."""
     low, high = interval
     return low > 1e-12 or high < -1e-12
 
 
 def rates(number: int, draw: Population, n: int, samples: int) -> tuple[float, float]:
-    """Shares of samples whose percentile interval and whose interval of the tables miss 0."""
+    """Return the shares of samples whose percentile and whose table interval miss 0."""
     rng = np.random.default_rng((n, number))
-    found = np.empty((samples, 2), bool)
+    misses = np.empty((samples, 2), bool)
     for i in range(samples):
         values = draw(rng, n)
-        found[i] = missed(percentile_interval(values, rng)), missed(intervals.mean_interval(values))
-    before, now = found.mean(axis=0)
+        misses[i] = (
+            missed(percentile_interval(values, rng)),
+            missed(intervals.mean_interval(values)),
+        )
+    before, now = misses.mean(axis=0)
     return float(before), float(now)
 
 
 def distance_rate(n: int, samples: int) -> float:
-    """Share of samples in which two equal Fréchet distances are told apart."""
+    """Return the share of samples in which two equal Fréchet distances are told apart."""
     rng = np.random.default_rng((1, n))
     objects = np.repeat(np.arange(n), VIEWS)
     away = np.zeros(FEATURES)
@@ -102,14 +107,14 @@ def distance_rate(n: int, samples: int) -> float:
     count = 0
     for _ in range(samples):
         shown = np.repeat(rng.normal(size=(n, FEATURES)), VIEWS, axis=0)
-        truth, one, other = (
-            LeftOut(shown + of + SPREAD * rng.normal(size=shown.shape), objects)
-            for of in (0.0, away, -away)
+        truth, first, second = (
+            LeftOut(shown + offset + SPREAD * rng.normal(size=shown.shape), objects)
+            for offset in (0.0, away, -away)
         )
-        value = centred_to_frechet(one.whole, truth.whole) - centred_to_frechet(
-            other.whole, truth.whole
+        value = centred_to_frechet(first.whole, truth.whole) - centred_to_frechet(
+            second.whole, truth.whole
         )
-        without = left_out_distances(one, truth) - left_out_distances(other, truth)
+        without = left_out_distances(first, truth) - left_out_distances(second, truth)
         count += missed(intervals.jackknife_interval(value, [without]))
     return count / samples
 
@@ -125,11 +130,14 @@ def main() -> None:
     populations = dict(CLOSED) | (measured(options.directory) if options.directory else {})
     rows = []
     for n in options.counts:
-        found = np.array(
+        rates_found = np.array(
             [rates(i, draw, n, options.samples) for i, draw in enumerate(populations.values())]
         )
         of_distances = distance_rate(n, options.samples)
-        shown = [f"{100 * of.mean():.1f} ({100 * np.percentile(of, 95):.1f})" for of in found.T]
+        shown = [
+            f"{100 * column.mean():.1f} ({100 * np.percentile(column, 95):.1f})"
+            for column in rates_found.T
+        ]
         rows.append([str(n), *shown, f"{100 * of_distances:.1f}"])
         print(", ".join(rows[-1]), flush=True)
     head = ["objects", "percentile bootstrap", "intervals of the tables", "Fréchet distances"]

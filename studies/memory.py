@@ -1,4 +1,4 @@
-"""Peak memory of the main process of a run, by how many images there are: it should not grow.
+"""Peak memory of a run's main process against the number of images: it should not grow.
 
     python -m studies.memory --out DIR [--objects 25,500] [--rows 1000000]
 
@@ -80,7 +80,10 @@ class Merging:
 
 
 def own_peak() -> float:
-    """The most memory that this process has had, in MiB. Raises ValueError where Linux is not."""
+    """Return the most memory that this process has had, in MiB.
+
+    Raises ValueError where Linux is not.
+    """
     peak = peak_mib()
     if peak is None:
         raise ValueError("no peak in /proc/self/status: this needs Linux")
@@ -113,7 +116,7 @@ def measure_run(out: Path, objects: int, methods: Sequence[str], workers: int | 
 
 
 def blocks(seed: int, rows: int, factor: float) -> Iterator[NDArray[np.float32]]:
-    """Rows of correlated features, BLOCK at a time."""
+    """Yield rows of correlated features, BLOCK at a time."""
     mix = np.random.default_rng(99).standard_normal((WIDTH, WIDTH)) / np.arange(1, WIDTH + 1)
     for block in range(-(-rows // BLOCK)):
         drawn = np.random.default_rng((seed, block)).standard_normal((BLOCK, WIDTH))
@@ -121,14 +124,14 @@ def blocks(seed: int, rows: int, factor: float) -> Iterator[NDArray[np.float32]]
 
 
 def measure_merging(rows: int) -> Merging:
-    """Both ways one after the other: the first needs less, so that the second shows."""
+    """Measure both ways in turn: the first needs less, so that the second shows."""
     merged_to_centred(moments(block) for block in blocks(0, BLOCK, 1.0))  # what BLAS sets up
     before = own_peak()
-    one, other = (
+    first, second = (
         merged_to_centred(moments(block) for block in blocks(seed, rows, factor))
         for seed, factor in ((1, 1.0), (2, 1.2))
     )
-    distance, after = centred_to_frechet(one, other), own_peak()
+    distance, after = centred_to_frechet(first, second), own_peak()
     sets = [np.concatenate(list(blocks(seed, rows, f))) for seed, f in ((1, 1.0), (2, 1.2))]
     whole = centred_to_frechet(*(centred(features) for features in sets))
     apart = abs(distance - whole) / whole
@@ -136,13 +139,13 @@ def measure_merging(rows: int) -> Merging:
 
 
 def growth(peaks: Sequence[Peak]) -> float:
-    """Of the peak, from the run with the fewest images to the one with the most; 0.1 is 10 %."""
+    """Return the growth of the peak from the fewest to the most images; 0.1 is 10 %."""
     ordered = sorted(peaks, key=lambda peak: peak.images)
     return ordered[-1].end / ordered[0].end - 1
 
 
 def to_markdown(peaks: Sequence[Peak]) -> str:
-    """A line for each run, and the growth of drawn and of resumed ones."""
+    """Return a line for each run, and the growth of drawn and of resumed ones."""
     rows = [[peak.what, *(f"{value:.0f}" for value in astuple(peak)[1:])] for peak in peaks]
     lines = []
     for what in dict.fromkeys(peak.what for peak in peaks):
@@ -153,13 +156,13 @@ def to_markdown(peaks: Sequence[Peak]) -> str:
 
 
 def write_csv(path: Path, peaks: Sequence[Peak]) -> None:
-    """All runs, a line each."""
+    """Write all runs, a line each."""
     text = csv_text([field.name for field in fields(Peak)], map(astuple, peaks))
     path.write_text(text, encoding="utf-8")
 
 
 def read_csv(path: Path) -> list[Peak]:
-    """What `write_csv` has written; nothing where there is no file."""
+    """Return what `write_csv` has written; nothing where there is no file."""
     if not path.is_file():
         return []
     with path.open(encoding="utf-8") as file:
@@ -171,7 +174,7 @@ def read_csv(path: Path) -> list[Peak]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Carry out the runs, each in a process of its own; 1 if memory grows with the images."""
+    """Carry out the runs, each in its own process; return 1 if memory grows with the images."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--objects", type=numbers, default=OBJECTS)
@@ -188,11 +191,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     chosen.out.mkdir(parents=True, exist_ok=True)
     if chosen.rows:
-        found = measure_merging(chosen.rows)
+        merging = measure_merging(chosen.rows)
         print(
-            f"{found.rows} rows of {WIDTH}: distance {found.distance:.6f}, relative difference "
-            f"{found.difference:.1e}; merged +{found.merged_mib:.0f} MiB, "
-            f"at once +{found.whole_mib:.0f} MiB",
+            f"{merging.rows} rows of {WIDTH}: distance {merging.distance:.6f}, relative difference "
+            f"{merging.difference:.1e}; merged +{merging.merged_mib:.0f} MiB, "
+            f"at once +{merging.whole_mib:.0f} MiB",
             flush=True,
         )
     common = ["--out", str(chosen.out), "--methods", ",".join(chosen.methods)]

@@ -93,7 +93,7 @@ def main() -> None:
 
 
 def image_pairs() -> dict[str, tuple[UInt8Images, UInt8Images]]:
-    """PAIRS pairs of images by name: noise, and true images of chairs with drawn ones."""
+    """Return PAIRS pairs of images by name: noise, and true images of chairs with drawn ones."""
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 256, (2, PAIRS, 128, 128, 3), np.uint8)
     pairs = {"noise, other noise": (noise[0], noise[1])}
@@ -111,7 +111,7 @@ def image_pairs() -> dict[str, tuple[UInt8Images, UInt8Images]]:
 
 
 def by_scikit_image(a: UInt8Images, b: UInt8Images) -> Floats:
-    """SSIM [N] by the same protocol."""
+    """Return SSIM [N] by the same protocol."""
     return np.array(
         [
             structural_similarity(
@@ -130,7 +130,7 @@ def by_scikit_image(a: UInt8Images, b: UInt8Images) -> Floats:
 def report_ssim(
     watch: Watch, pairs: dict[str, tuple[UInt8Images, UInt8Images]], rounds: int
 ) -> None:
-    """Milliseconds a pair of both, and their ratio."""
+    """Print milliseconds a pair of both, and their ratio."""
     print(
         f"\n{'ssim, ms a pair':<26}{'scikit-image':>13}{'ours':>8}{'ratio':>8}  of a round", end=""
     )
@@ -149,7 +149,7 @@ def report_ssim(
 
 
 def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: int) -> None:
-    """What an image costs, by score and network."""
+    """Print the cost of an image, by score and network."""
     truth, drawn = pair
     masks = foreground(truth)
     works: dict[str, Work] = {
@@ -176,7 +176,7 @@ def report_scores(watch: Watch, pair: tuple[UInt8Images, UInt8Images], rounds: i
 
 
 def features(seed: int, n: int, d: int) -> NDArray[np.float32]:
-    """Features [n, d] like those of a network: of rank and noise, half of them 0."""
+    """Return features [n, d] like those of a network: of rank and noise, half of them 0."""
     rng = np.random.default_rng(seed)
     mix = np.random.default_rng(0).standard_normal((64, d)) / 10
     values = 0.4 * rng.standard_normal((n, d)) + rng.standard_normal((n, 64)) @ mix
@@ -184,7 +184,10 @@ def features(seed: int, n: int, d: int) -> NDArray[np.float32]:
 
 
 def by_matrix_root(x: NDArray[Any], y: NDArray[Any]) -> float:
-    """The usual route (mseitzer/pytorch-fid, fid_score.py), covariances included."""
+    """Return the distance by the usual route (mseitzer/pytorch-fid, fid_score.py).
+
+    The time includes the covariances.
+    """
     x, y = x.astype(np.float64), y.astype(np.float64)
     s1, s2 = np.cov(x, rowvar=False), np.cov(y, rowvar=False)
     root = scipy.linalg.sqrtm(s1 @ s2)
@@ -196,7 +199,7 @@ def by_matrix_root(x: NDArray[Any], y: NDArray[Any]) -> float:
 
 
 def report_frechet(watch: Watch, sizes: Sequence[int], rounds: int) -> None:
-    """Seconds of both routes by the number of samples, and how far the results are apart."""
+    """Print seconds of both routes by number of samples, and how far results are apart."""
     frechet_distance(features(1, 100, FEATURES), features(2, 100, FEATURES))  # BLAS starts up
     print(
         f"\n{f'frechet, d = {FEATURES}, s':<26}{'matrix root':>13}{'ours':>8}{'ratio':>8}", end=""
@@ -204,42 +207,42 @@ def report_frechet(watch: Watch, sizes: Sequence[int], rounds: int) -> None:
     print("  of a round     ours, and the difference")
     for n in sizes:
         x, y = features(1, n, FEATURES), np.float32(1.1) * features(2, n, FEATURES)
-        found: dict[str, float] = {}
+        distances: dict[str, float] = {}
 
-        def ours(x=x, y=y, found=found) -> None:
-            found["ours"] = frechet_distance(x, y)
+        def ours(x=x, y=y, distances=distances) -> None:
+            distances["ours"] = frechet_distance(x, y)
 
-        def usual(x=x, y=y, found=found) -> None:
-            found["usual"] = by_matrix_root(x, y)
+        def usual(x=x, y=y, distances=distances) -> None:
+            distances["usual"] = by_matrix_root(x, y)
 
         taken, theirs = watch([ours, usual], rounds, idle=0)
         print(
             f"{f'n = {n}':<26}{median(theirs):13.2f}{median(taken):8.3f}{ratio(theirs, taken)}"
-            f"  {found['ours']:.6f} {found['usual'] - found['ours']:+.1e}",
+            f"  {distances['ours']:.6f} {distances['usual'] - distances['ours']:+.1e}",
             flush=True,
         )
 
 
 def one_by_one(x: NDArray[Any], y: NDArray[Any], groups: NDArray[np.intp]) -> Floats:
-    """`left_out_distances` as they are defined: a distance anew for every object."""
+    """Return `left_out_distances` as defined: a distance anew for every object."""
     kept = [groups != group for group in np.unique(groups)]
     return np.array([frechet_distance(x[rows], y[rows]) for rows in kept])
 
 
 def shared(x: NDArray[Any], y: NDArray[Any], groups: NDArray[np.intp]) -> Floats:
-    """What the tables take."""
+    """Return the distances by the shared computation of the tables."""
     return left_out_distances(LeftOut(x, groups), LeftOut(y, groups))
 
 
 def report_intervals(watch: Watch) -> None:
-    """Seconds of the distances that an interval is made from: one by one, and shared."""
+    """Print seconds of an interval's distances: one by one, and shared."""
     print(f"\n{'interval, s':<26}{'one by one':>13}{'shared':>8}  largest difference")
     for n, d, objects in INTERVALS:
         x, y = features(1, n, d), np.float32(1.1) * features(2, n, d)
         groups = np.repeat(np.arange(objects), n // objects)
         works = [partial(work, x, y, groups) for work in (one_by_one, shared)]
-        expected, found = (work() for work in works)
-        apart = float(np.abs(found - expected).max())
+        expected, actual = (work() for work in works)
+        apart = float(np.abs(actual - expected).max())
         taken = watch(works, 3, idle=0)
         times = "".join(
             f"{median(seconds):{width}.3f}" for seconds, width in zip(taken, (13, 8), strict=True)

@@ -1,4 +1,4 @@
-"""How much every metric changes by what should not matter: the noise floor of the benchmark.
+"""The noise floor of the benchmark: the change of every metric by what should not matter.
 
     python -m studies.noise_floor [--chairs 24] [--views 10] [--seeds 6] [--condition 2048]
                                      [--out results/noise-floor.md]
@@ -15,10 +15,10 @@ precision  the feature networks in float64 instead of float32, with images as th
            in float64 and in bfloat16, with float32 features.
 turn       every view by 0.1 degree more of azimuth, true and drawn images alike: 0.1 px at the
            rim of the unit sphere.
-renderer   the true images by rays with the same camera and shading (`data_prep.rendering.raycast`), not by
-           OpenGL: with the same 4 samples a pixel, with 4 elsewhere, and with 16. The images of
-           methods stay as they are; for `true-mesh`, which draws by the renderer, they are those of
-           the ray-caster and the truth is OpenGL's.
+renderer   the true images by rays with the same camera and shading
+           (`data_prep.rendering.raycast`), not by OpenGL: with the same 4 samples a pixel, with 4
+           elsewhere, and with 16. The images of methods stay as they are; for `true-mesh`, which
+           draws by the renderer, they are those of the ray-caster and the truth is OpenGL's.
 
 About six minutes on one thread; not the place to measure time.
 """
@@ -69,7 +69,7 @@ BATCH = 20
 
 
 def grid(side: int) -> tuple[tuple[float, float], ...]:
-    """The centres (column, row) of side x side equal squares in a pixel."""
+    """Return the centres (column, row) of side x side equal squares in a pixel."""
     places = [(i + 0.5) / side for i in range(side)]
     return tuple((column, row) for row in places for column in places)
 
@@ -100,7 +100,7 @@ Cells = dict[str, float]  # the value of each metric, for one method
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a seed makes of the chairs: one cloud and the same number of views each."""
+    """The chairs, clouds and views of a seed; each chair has the same number of views."""
 
     meshes: tuple[Mesh, ...]
     clouds: tuple[PointCloud, ...]
@@ -108,7 +108,7 @@ class Scene:
 
 
 class Taken(NamedTuple):
-    """What the feature networks make of images: [chairs, views, d] each."""
+    """The outputs of the feature networks for images: [chairs, views, d] each."""
 
     colour: NDArray[np.floating]
     grey: NDArray[np.floating]
@@ -117,7 +117,7 @@ class Taken(NamedTuple):
 
 
 class Floor(NamedTuple):
-    """How far a cell moved; `value` is the cell before anything was changed."""
+    """The move of a cell; `value` is the cell before anything was changed."""
 
     source: str
     method: str
@@ -143,18 +143,18 @@ class Study:
         }
 
     def measure(self, drawn: UInt8Images, taken: Taken) -> Cells:
-        """The cells of images against the first scene's truth."""
+        """Return the cells of images against the first scene's truth."""
         return cells(self.truth, self.truth_taken, drawn, taken, self.scene.views)
 
     def draw(self, method: str, scene: Scene) -> UInt8Images:
-        """The images of a method, all views of a chair in one batch."""
+        """Return the images of a method, all views of a chair in one batch."""
         renderer = self.network if method == NETWORK else find_method(method).load("cpu")
         return draw_all(renderer, scene.clouds, scene.views)
 
     def moved(
         self, source: str, changed: Mapping[str, Cells], since: Mapping[str, Cells] | None = None
     ) -> list[Floor]:
-        """How far the cells of some methods moved from the first ones, or from those given."""
+        """Return how far cells moved from the first ones, or from those given."""
         before = since or self.cells
         return [
             Floor(
@@ -165,8 +165,8 @@ class Study:
         ]
 
     def by_seed(self, seeds: int) -> list[Floor]:
-        """Other views and points; the first seed is the scene that is there."""
-        found = {method: [self.cells[method]] for method in METHODS}
+        """Measure other views and points; the first seed is the present scene's."""
+        cells_by_method = {method: [self.cells[method]] for method in METHODS}
         for seed in range(1, seeds):
             scene = make_scene(self.chairs, self.views, seed, self.condition)
             truth = render_all(scene.meshes, scene.views)
@@ -174,15 +174,15 @@ class Study:
             for method in METHODS:
                 drawn = self.draw(method, scene)
                 again = cells(truth, truth_taken, drawn, self.take(drawn), scene.views)
-                found[method].append(again)
+                cells_by_method[method].append(again)
         return [
             Floor(SEED, method, metric, self.cells[method][metric], _deviation(runs, metric))
-            for method, runs in found.items()
+            for method, runs in cells_by_method.items()
             for metric in METRICS
         ]
 
     def by_batch(self) -> list[Floor]:
-        """pc2pix one view at a time against 20 at a time, the scene's views among them."""
+        """Measure pc2pix one view at a time against 20 at a time, including the scene's views."""
         alone, together = [], []
         for chair, (cloud, views) in enumerate(
             zip(self.scene.clouds, self.scene.views, strict=True)
@@ -191,13 +191,13 @@ class Study:
             more = random_views(BATCH - len(views), generator("noise floor", "more views", chair))
             together.append(to_uint8(self.network.draw(state, [*views, *more])[: len(views)]))
             alone.append(to_uint8(np.concatenate([self.network.draw(state, [v]) for v in views])))
-        one, many = (
+        singly, grouped = (
             {NETWORK: self.measure(p, self.take(p))} for p in map(np.stack, (alone, together))
         )
-        return self.moved(BATCHES, one, since=many)
+        return self.moved(BATCHES, singly, since=grouped)
 
     def by_threads(self) -> list[Floor]:
-        """The networks on two threads."""
+        """Measure the networks on two threads."""
         torch.set_num_threads(2)
         try:
             images = self.images | {NETWORK: self.draw(NETWORK, self.scene)}
@@ -212,14 +212,14 @@ class Study:
         return self.moved(THREADS, again)
 
     def by_precision(self) -> list[Floor]:
-        """The feature networks in float64; pc2pix in float64 and in bfloat16."""
+        """Measure the feature networks in float64; pc2pix in float64 and in bfloat16."""
         exact = Features(torch.float64)
         truth = exact(self.truth)
         again = {
             method: cells(self.truth, truth, drawn, exact(drawn), self.scene.views)
             for method, drawn in self.images.items()
         }
-        found = self.moved(IN_FEATURES, again)
+        floors = self.moved(IN_FEATURES, again)
         formats: tuple[Format, ...] = ("float64", "bfloat16")
         for fmt in formats:
             drawn = np.stack(
@@ -233,11 +233,11 @@ class Study:
                 ]
             )
             again = {NETWORK: self.measure(drawn, self.take(drawn))}
-            found += self.moved(f"{IN_DRAWING}, {fmt}", again)
-        return found
+            floors += self.moved(f"{IN_DRAWING}, {fmt}", again)
+        return floors
 
     def by_turn(self) -> list[Floor]:
-        """Every view a little farther round."""
+        """Measure every view a little farther round."""
         views = tuple(turned(of_chair) for of_chair in self.scene.views)
         scene = replace(self.scene, views=views)
         truth = render_all(scene.meshes, scene.views)
@@ -251,8 +251,8 @@ class Study:
         return self.moved(TURN, again, since=self.cells | ceiling)
 
     def by_renderer(self) -> list[Floor]:
-        """True images by rays; the ceiling's images by rays against OpenGL's."""
-        found = []
+        """Measure true images by rays, and the ceiling's by rays against OpenGL's."""
+        floors = []
         ceiling = {CEILING: self.measure(self.truth, self.truth_taken)}
         for source, samples in SAMPLES.items():
             truth = np.stack(
@@ -266,13 +266,13 @@ class Study:
                 method: cells(truth, taken, drawn, self.taken[method], self.scene.views)
                 for method, drawn in self.images.items()
             }
-            found += self.moved(source, again)
-            found += self.moved(source, {CEILING: self.measure(truth, taken)}, since=ceiling)
-        return found
+            floors += self.moved(source, again)
+            floors += self.moved(source, {CEILING: self.measure(truth, taken)}, since=ceiling)
+        return floors
 
 
 class Features:
-    """Images to what the bundled networks make of them, in float32 as in a run, or in float64."""
+    """The bundled networks, which turn images into features in float32 (as in a run) or float64."""
 
     def __init__(self, dtype: torch.dtype) -> None:
         self.dtype = dtype
@@ -281,7 +281,7 @@ class Features:
         self.alexnet = Lpips(find_lpips_weights(), dtype=dtype)
 
     def __call__(self, images: UInt8Images) -> Taken:
-        """Features of [chairs, views, H, W, 3]."""
+        """Return features of images [chairs, views, H, W, 3]."""
         flat = images.reshape(-1, *images.shape[2:])
         grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
         alexnet = self.alexnet.see(flat).features.numpy()
@@ -299,8 +299,10 @@ class Features:
     @torch.inference_mode()
     def _views(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
         parts = torch.from_numpy(images).permute(0, 3, 1, 2).split(BATCH)
-        found = [self.views.body(1 - part.to(self.dtype) / 255).mean(dim=(2, 3)) for part in parts]
-        return torch.cat(found).numpy()
+        features = [
+            self.views.body(1 - part.to(self.dtype) / 255).mean(dim=(2, 3)) for part in parts
+        ]
+        return torch.cat(features).numpy()
 
     @torch.inference_mode()
     def _judge(self, images: NDArray[np.uint8]) -> NDArray[np.floating]:
@@ -309,7 +311,7 @@ class Features:
 
 
 def make_scene(chairs: int, views: int, seed: int, condition: str) -> Scene:
-    """The first validation chairs; `seed` chooses views, points and what a condition does to them.
+    """Return the first validation chairs; `seed` chooses views, points and degradation.
 
     Raises BadInput for an unknown condition.
     """
@@ -337,11 +339,14 @@ def cells(
     taken: Taken,
     views: Sequence[Sequence[View]],
 ) -> Cells:
-    """Every metric over all images, as the tables of a run take it: means (of the images that
-    have a value), distances, medians of the judge's errors, the share of objects found."""
-    found = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
+    """Return every metric over all images, as the tables of a run take it.
+
+    Means are over the images that have a value; there are distances, medians of the judge's errors,
+    and the share of objects found.
+    """
+    scored = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
     values = {
-        metric: _mean(np.concatenate([one[column(metric)] for one in found]))
+        metric: _mean(np.concatenate([per_image[column(metric)] for per_image in scored]))
         for metric in IMAGE_METRICS
     }
     for metric, x, y in zip(DISTANCES, truth_taken, taken, strict=False):
@@ -362,8 +367,8 @@ def cells(
 
 
 def _mean(per_image: NDArray[np.float64]) -> float:
-    there = per_image[np.isfinite(per_image)]
-    return float(there.mean()) if len(there) else float("nan")
+    finite = per_image[np.isfinite(per_image)]
+    return float(finite.mean()) if len(finite) else float("nan")
 
 
 def _flat(features: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -401,7 +406,7 @@ def main() -> None:
 def to_markdown(
     floors: Sequence[Floor], chairs: int, views: int, seeds: int, condition: str
 ) -> str:
-    """The whole page."""
+    """Return the whole page."""
     lines = [PAGE.format(chairs=chairs, views=views, seeds=seeds, condition=condition)]
     lines += ["## The cells", "", _table([f._replace(moved=f.value) for f in floors], 4)]
     for source, heading in HEADINGS.items():
@@ -411,7 +416,7 @@ def to_markdown(
 
 
 def _table(floors: Sequence[Floor], digits: int = 2) -> str:
-    """A line for each method, a column for each metric."""
+    """Return a line for each method, a column for each metric."""
     by_method: dict[str, dict[str, float]] = {}
     for floor in floors:
         by_method.setdefault(floor.method, {})[floor.metric] = floor.moved
@@ -425,8 +430,10 @@ def _table(floors: Sequence[Floor], digits: int = 2) -> str:
 
 
 def _budget(floors: Sequence[Floor]) -> str:
-    """A line for each cell that has a golden tolerance and could move: by how much, and how much
-    is allowed."""
+    """Return a line for each cell with a golden tolerance that could move.
+
+    It says by how much it moved, and how much is allowed.
+    """
     moved = {(f.source, f.method, f.metric): f for f in floors}
     rows = []
     for (source, method, metric), floor in moved.items():

@@ -1,4 +1,4 @@
-"""How far the values of a single object move on another machine.
+"""The move of a single object's values from one machine to another.
 
     python -m studies.object_noise [--chairs 24] [--views 20] [--conditions 2048,noise-0.10]
 
@@ -39,26 +39,29 @@ Moves = dict[tuple[str, str, str], NDArray[np.float64]]  # by change, method and
 
 
 def means(truth: UInt8Images, drawn: UInt8Images) -> dict[str, NDArray[np.float64]]:
-    """The image metrics of [chairs, views, H, W, 3], as means over the views of a chair that have
-    a value: [chairs], NaN where none has one."""
-    found = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
+    """Return image metrics of [chairs, views, H, W, 3] as means over a chair's views, [chairs].
+
+    The means are over views that have a value; NaN where none has one.
+    """
+    scored = [all_scores(t, d) for t, d in zip(truth, drawn, strict=True)]
     return {
-        metric: np.array([_mean(one[column(metric)]) for one in found]) for metric in IMAGE_METRICS
+        metric: np.array([_mean(scores_of_chair[column(metric)]) for scores_of_chair in scored])
+        for metric in IMAGE_METRICS
     }
 
 
 def _mean(per_view: NDArray[np.float64]) -> float:
-    there = per_view[np.isfinite(per_view)]
-    return float(there.mean()) if len(there) else float("nan")
+    finite = per_view[np.isfinite(per_view)]
+    return float(finite.mean()) if len(finite) else float("nan")
 
 
 def moves(scene: Scene, condition: str) -> Moves:
-    """By how much the values of each chair move."""
+    """Return how far the values of each chair move."""
     farther = tuple(turned(of_chair) for of_chair in scene.views)
     truth, truth_turned = (render_all(scene.meshes, views) for views in (scene.views, farther))
     rng = generator("object noise", "nudge", condition)
     others = tuple(nudged(cloud, rng) for cloud in scene.clouds)
-    made: Moves = {}
+    differences: Moves = {}
     for change, methods in METHODS.items():
         for method in methods:
             renderer = find_method(method).load("cpu")
@@ -68,12 +71,15 @@ def moves(scene: Scene, condition: str) -> Moves:
             else:
                 after = means(truth, draw_all(renderer, others, scene.views))
             for metric in IMAGE_METRICS:
-                made[change, method, metric] = after[metric] - before[metric]
-    return made
+                differences[change, method, metric] = after[metric] - before[metric]
+    return differences
 
 
 def summary(made: Moves) -> str:
-    """A line for each method, a column for each metric: deviation, largest and second largest."""
+    """Return a line for each method, a column for each metric.
+
+    A cell has the deviation, the largest and the second largest move.
+    """
     rows = []
     for change, methods in METHODS.items():
         for method in methods:
@@ -105,7 +111,7 @@ def main() -> None:
         for condition in options.conditions.split(",")
     ]
     together = {
-        key: np.concatenate([made[key] for made in by_condition]) for key in by_condition[0]
+        key: np.concatenate([moved[key] for moved in by_condition]) for key in by_condition[0]
     }
     print(summary(together), end="")
 

@@ -31,7 +31,7 @@ NOISE = 128
 
 
 class Target(NamedTuple):
-    """What images [B, 3, 128, 128] show: code [B, d], elevation and azimuth [B, 1] in 0..1."""
+    """The content of images [B, 3, 128, 128]: code [B, d], elevation and azimuth [B, 1] in 0..1."""
 
     code: Tensor
     elevation: Tensor
@@ -39,7 +39,7 @@ class Target(NamedTuple):
 
 
 class Block(nn.Module):
-    """BN-ReLU-conv-up-BN-ReLU-conv beside conv-up, as drawn in the paper."""
+    """The up-sampling block: BN-ReLU-conv-up-BN-ReLU-conv beside conv-up, as in the paper."""
 
     def __init__(self, cin: int, cout: int) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class Block(nn.Module):
         self.shortcut = nn.Conv2d(cin, cout, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, 2H, 2W]."""
+        """Map [B, cin, H, W] to [B, cout, 2H, 2W]."""
         y = self.conv1(relu(self.bn1(x)))
         y = interpolate(y, scale_factor=2.0, mode="nearest")
         y = self.conv2(relu(self.bn2(y)))
@@ -58,7 +58,7 @@ class Block(nn.Module):
 
 
 class PlainGenerator(nn.Module):
-    """Table 1."""
+    """The generator of Table 1."""
 
     def __init__(self, width: float, code: int) -> None:
         super().__init__()
@@ -69,7 +69,7 @@ class PlainGenerator(nn.Module):
         self.conv = nn.Conv2d(c[-1], 3, 3, padding=1)
 
     def forward(self, noise: Tensor, wanted: Target) -> Tensor:
-        """Images [B, 3, 128, 128]."""
+        """Return images [B, 3, 128, 128]."""
         x = self.dense(torch.cat([noise, *wanted], dim=1))
         x = x.reshape(len(x), 4, 4, -1).permute(0, 3, 1, 2).contiguous()
         return torch.tanh(self.conv(relu(self.bn(self.blocks(x)))))
@@ -87,7 +87,7 @@ class SpectralNorm(nn.Module):
         self.register_buffer("u", torch.randn(shape[0]))
 
     def normalised(self) -> Tensor:
-        """The kernel to use in this pass."""
+        """Return the kernel to use in this pass."""
         matrix = self.weight.reshape(len(self.weight), -1)
         with torch.no_grad():
             v = normalize(matrix.t() @ self.u, dim=0)
@@ -103,7 +103,7 @@ class Conv(SpectralNorm):
         super().__init__(cout, cin, size, size)
 
     def forward(self, x: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, H, W]."""
+        """Map [B, cin, H, W] to [B, cout, H, W]."""
         return conv2d(x, self.normalised(), self.bias, padding="same")
 
 
@@ -114,12 +114,12 @@ class Dense(SpectralNorm):
         super().__init__(cout, cin)
 
     def forward(self, x: Tensor) -> Tensor:
-        """[B, cin] -> [B, cout]."""
+        """Map [B, cin] to [B, cout]."""
         return linear(x, self.normalised(), self.bias)
 
 
 class DownBlock(nn.Module):
-    """ReLU-conv-ReLU-conv-pool beside conv-pool; the last one does not pool."""
+    """The down-sampling block: ReLU-conv-ReLU-conv-pool beside conv-pool; the last has no pool."""
 
     def __init__(self, cin: int, cout: int, pool: bool) -> None:
         super().__init__()
@@ -129,14 +129,14 @@ class DownBlock(nn.Module):
         self.pool = pool
 
     def forward(self, x: Tensor) -> Tensor:
-        """[B, cin, H, W] -> [B, cout, H/2, W/2], or H and W."""
+        """Map [B, cin, H, W] to [B, cout, H/2, W/2], or to H and W without pooling."""
         y = self.conv2(relu(self.conv1(relu(x))))
         shortcut = self.shortcut(x)
         return avg_pool2d(y, 2) + avg_pool2d(shortcut, 2) if self.pool else y + shortcut
 
 
 class PlainDiscriminator(nn.Module):
-    """Table 2."""
+    """The discriminator of Table 2."""
 
     def __init__(self, width: float, code: int) -> None:
         super().__init__()
@@ -149,7 +149,7 @@ class PlainDiscriminator(nn.Module):
         self.real, self.elevation, self.azimuth = (Dense(c[5], 1) for _ in range(3))
 
     def forward(self, x: Tensor) -> tuple[Tensor, Target]:
-        """Logit of being real [B, 1], and what is recognised."""
+        """Return the logit of being real [B, 1], and what is recognised."""
         for block in self.blocks[:4]:
             x = block(x)
         code = x.permute(0, 2, 3, 1).reshape(len(x), -1)
@@ -161,19 +161,19 @@ class PlainDiscriminator(nn.Module):
 
 
 def angle_loss(found: Tensor, wanted: Tensor, range_rad: float) -> Tensor:
-    """The paper's L_theta, in radians."""
+    """Return the paper's L_theta, in radians."""
     delta = range_rad * (wanted - found)
     return torch.atan2(torch.sin(delta), torch.cos(delta)).abs().mean()
 
 
 def loss(judged: tuple[Tensor, Target], wanted: Target, label: float) -> Tensor:
-    """Cross entropy and ten times each error, as in the original code."""
-    logit, found = judged
+    """Return cross entropy and ten times each error, as in the original code."""
+    logit, recognised = judged
     return (
         binary_cross_entropy_with_logits(logit, torch.full_like(logit, label))
-        + 10 * l1_loss(found.code, wanted.code)
-        + 10 * angle_loss(found.elevation, wanted.elevation, 0.4444 * math.pi)
-        + 10 * angle_loss(found.azimuth, wanted.azimuth, 2 * math.pi)
+        + 10 * l1_loss(recognised.code, wanted.code)
+        + 10 * angle_loss(recognised.elevation, wanted.elevation, 0.4444 * math.pi)
+        + 10 * angle_loss(recognised.azimuth, wanted.azimuth, 2 * math.pi)
     )
 
 
@@ -197,7 +197,10 @@ class PlainLoop:
         noises: tuple[Tensor, Tensor],
         wanted: tuple[Target, Target],
     ) -> tuple[float, float]:
-        """The losses of discriminator and generator; `noises` and `wanted` are for one each."""
+        """Return the losses of discriminator and generator.
+
+        `noises` and `wanted` have one entry for each.
+        """
         with torch.no_grad():
             drawn = self.generator(noises[0], wanted[0])
         d_loss = loss(self.discriminator(images), shown, 1.0)

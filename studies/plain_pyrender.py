@@ -1,8 +1,8 @@
 """Images of meshes by pyrender's own renderer, as `data_prep.rendering.opengl` drew them at first.
 
-The same bytes, for checks and for comparing speed. A scene is made for each mesh and rendered from
-one view after another; pyrender looks up program and uniforms, resolves and reads back colour and
-depth for each.
+The bytes are the same, for checks and for comparing speed. A scene is made for each mesh and
+rendered from one view after another; pyrender looks up program and uniforms, resolves and reads
+back colour and depth for each.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SHADERS = Path(__file__).parent / "plain_pyrender_shaders"  # mesh.vert and mesh
 
 
 def render_plainly(mesh: Mesh, views: Sequence[View]) -> NDArray[np.uint8]:
-    """Images of `mesh` (with at least one face): uint8 [V, IMAGE_SIZE, IMAGE_SIZE, 3]."""
+    """Return images of `mesh` (with at least one face): uint8 [V, IMAGE_SIZE, IMAGE_SIZE, 3]."""
     pyrender, renderer = _renderer()
     scene = pyrender.Scene(bg_color=[1.0, 1.0, 1.0, 1.0])
     scene.add(pyrender.Mesh([_primitive(pyrender, mesh)]))

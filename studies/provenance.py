@@ -1,4 +1,4 @@
-"""Where each number of the documentation comes from: a command, a dated measurement, a setting.
+"""Origins of the numbers of the documentation: a command, a dated measurement, a setting.
 
 A number is one with a decimal point, outside code. Between the marks of `studies.documents` it is
 generated. Elsewhere its section says
@@ -27,15 +27,15 @@ HEADING = re.compile(r"^(?=#+ )", re.M)
 
 
 def origins(text: str) -> tuple[Counter[Origin], list[int]]:
-    """How many numbers of a page have each origin, and the lines of those whose origin is unknown.
+    """Count the numbers of a page by origin, and list the lines of those of unknown origin.
 
     A line is that of the heading of the section.
     """
-    found: Counter[Origin] = Counter()
+    counts: Counter[Origin] = Counter()
     unknown = []
     line = 1
     for section in HEADING.split(_without_code(text)):
-        generated = sum(len(NUMBER.findall(of)) for of in GENERATED.findall(section))
+        generated = sum(len(NUMBER.findall(table)) for table in GENERATED.findall(section))
         others = len(NUMBER.findall(GENERATED.sub("", section)))
         origin: Origin = "unknown"
         if SETTINGS in section:
@@ -44,12 +44,12 @@ def origins(text: str) -> tuple[Counter[Origin], list[int]]:
             origin = "measured"
         elif others:
             unknown.append(line)
-        found["generated"] += generated
-        found[origin] += others
+        counts["generated"] += generated
+        counts[origin] += others
         line += section.count("\n")
-    return found, unknown
+    return counts, unknown
 
 
 def _without_code(text: str) -> str:
-    """With as many lines, so that places stay."""
-    return CODE.sub(lambda of: "\n" * of[0].count("\n"), text)
+    """Return the text without code, with as many lines, so that places stay."""
+    return CODE.sub(lambda match: "\n" * match[0].count("\n"), text)

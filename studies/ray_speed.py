@@ -64,7 +64,7 @@ class Compared(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """How many times faster the rays are."""
+        """The factor by which the rays are faster."""
         return self.opengl_s / self.rays_s
 
 
@@ -82,7 +82,7 @@ def main() -> None:
 
 
 def measure(chairs: int, views: int, rounds: int, small: int) -> None:
-    """Both parts, printed as they come."""
+    """Measure and print both parts."""
     print(f"{gl_renderer()}; {load()}\n")
     jobs = jobs_of(max(chairs, small), views)
     whole = [compare(job, RESOLUTION, rounds) for job in first(jobs, chairs)]
@@ -93,8 +93,8 @@ def measure(chairs: int, views: int, rounds: int, small: int) -> None:
     curve = []
     for resolution in RESOLUTIONS if several else ():
         compared = [compare(job, resolution, rounds) for job in several]
-        ratios = [one.ratio for one in compared]
-        curve.append((median(one.faces for one in compared), median(ratios)))
+        ratios = [mesh.ratio for mesh in compared]
+        curve.append((median(mesh.faces for mesh in compared), median(ratios)))
         line = f"{resolution:10}{curve[-1][0]:10,.0f}{curve[-1][1]:8.2f}"
         print(f"{line}  {min(ratios):.2f}-{max(ratios):.2f}", flush=True)
     for faces in crossings(curve):
@@ -102,14 +102,14 @@ def measure(chairs: int, views: int, rounds: int, small: int) -> None:
 
 
 def jobs_of(chairs: int, views: int) -> tuple[Job, ...]:
-    """What a run would do with the method, object by object."""
+    """Return a run's jobs with the method, object by object."""
     options = Options(SUITE, methods=(METHOD,), limit=chairs, views=views)
     protocol, _ = protocol_of(find(SUITE, SUITES, "suite"), options)
     return tuple(job for job in plan(protocol, Path()).items if job.method == METHOD)
 
 
 def first(jobs: tuple[Job, ...], chairs: int) -> Iterator[Job]:
-    """The jobs of the first chairs."""
+    """Yield the jobs of the first chairs."""
     names = list(dict.fromkeys(job.object.object_id for job in jobs))[:chairs]
     return (job for job in jobs if job.object.object_id in names)
 
@@ -131,7 +131,7 @@ def compare(job: Job, resolution: int, rounds: int) -> Compared:
 
 
 def times(mesh: Mesh, views: tuple[View, ...], rounds: int) -> tuple[float, float]:
-    """Median seconds of processor time, by OpenGL and by rays."""
+    """Return median seconds of processor time, by OpenGL and by rays."""
     # A mesh of its own for each round: the tree of the last mesh is kept.
     copies = iter([replace(mesh) for _ in range(rounds + 1)])
     works = (lambda: render(mesh, views), lambda: cast(next(copies), views))
@@ -140,38 +140,38 @@ def times(mesh: Mesh, views: tuple[View, ...], rounds: int) -> tuple[float, floa
 
 
 def differing(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Of images [V, H, W, 3], the shares [V] of pixels that differ by more than LEVELS."""
+    """Return the shares [V] of pixels of images [V, H, W, 3] that differ by more than LEVELS."""
     apart = np.abs(a.astype(np.int16) - b).max(axis=-1)
     return (apart > LEVELS).mean(axis=(1, 2))
 
 
 def summary(whole: list[Compared]) -> str:
-    """A line for each condition, and one for all."""
+    """Return a line for each condition, and one for all."""
     head = f"{'':<12}{'faces':>9}{'OpenGL':>8}{'rays':>7}{'ratio':>7}  {'':<12}"
     lines = [f"{head}{'dSSIM, mean':>12}{'mean |.|':>10}{'worst':>9}{f'> {LEVELS} levels':>12}"]
-    for name in (*dict.fromkeys(one.condition for one in whole), "all"):
-        chosen = [one for one in whole if name in (one.condition, "all")]
-        ratios = [one.ratio for one in chosen]
-        change = np.concatenate([one.change for one in chosen])
+    for name in (*dict.fromkeys(mesh.condition for mesh in whole), "all"):
+        chosen = [mesh for mesh in whole if name in (mesh.condition, "all")]
+        ratios = [mesh.ratio for mesh in chosen]
+        change = np.concatenate([mesh.change for mesh in chosen])
         lines.append(
-            f"{name:<12}{median(one.faces for one in chosen):9,.0f}"
-            f"{median(one.opengl_s for one in chosen):7.2f}s"
-            f"{median(one.rays_s for one in chosen):6.2f}s{median(ratios):7.2f}  "
+            f"{name:<12}{median(mesh.faces for mesh in chosen):9,.0f}"
+            f"{median(mesh.opengl_s for mesh in chosen):7.2f}s"
+            f"{median(mesh.rays_s for mesh in chosen):6.2f}s{median(ratios):7.2f}  "
             f"{f'{min(ratios):.2f}-{max(ratios):.2f}':<12}{change.mean():12.1e}"
             f"{np.abs(change).mean():10.1e}{np.abs(change).max():9.1e}"
-            f"{np.concatenate([one.differing for one in chosen]).mean():12.3%}"
+            f"{np.concatenate([mesh.differing for mesh in chosen]).mean():12.3%}"
         )
     return "\n".join(lines)
 
 
 def crossings(curve: list[tuple[float, float]]) -> list[float]:
-    """Where the ratio of points (faces, ratio) passes 1, log-linear between neighbours."""
-    found = []
+    """Return where the ratio of points (faces, ratio) passes 1, log-linear between neighbours."""
+    faces_at_one = []
     for (faces, ratio), (more, larger) in pairwise(curve):
         if (ratio < 1) != (larger < 1):
             share = np.log(1 / ratio) / np.log(larger / ratio)
-            found.append(float(faces * (more / faces) ** share))
-    return found
+            faces_at_one.append(float(faces * (more / faces) ** share))
+    return faces_at_one
 
 
 if __name__ == "__main__":

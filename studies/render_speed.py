@@ -1,15 +1,15 @@
-"""Speed of the mesh renderer, and of what it could be replaced by.
+"""The speed of the mesh renderer, and of its possible replacements.
 
     python -m studies.render_speed [--views 20] [--rounds 7] [--faces 400000] [--processes 2]
 
 For procedural chairs (validation split) and for spheres of more and more faces, in ms of processor
-time: what a call of `data_prep.rendering.opengl.render` costs once (set-up: vertices, upload), and for each
-view (drawing, which ends with the resolved image; and reading it back); whole calls, as views/s;
-and how many times their time the same images take by pyrender itself
-(`studies.plain_pyrender`), and by rays (`data_prep.rendering.raycast`, building the tree included). Each of the
-three has a process of its own (two GL contexts in one process slow each other down); they take
-turns (A, B, C, A, B, C ...), and numbers are medians over the rounds, with the smallest and largest
-ratio of a round.
+time: the costs of `data_prep.rendering.opengl.render`, once a call (set-up: vertices, upload) and
+for each view (drawing, which ends with the resolved image; and reading it back); whole calls, as
+views/s; and how many times their time the same images take by pyrender itself
+(`studies.plain_pyrender`), and by rays (`data_prep.rendering.raycast`, building the tree included).
+Each of the three has a process of its own (two GL contexts in one process slow each other down);
+they take turns (A, B, C, A, B, C ...), and numbers are medians over the rounds, with the smallest
+and largest ratio of a round.
 
 Then whole calls in one process and in as many as asked for at once, each with one thread: all
 views/s on the clock. Leave the machine alone meanwhile.
@@ -53,7 +53,7 @@ Draw = Callable[[Mesh, Sequence[View]], object]
 
 
 class Parts(NamedTuple):
-    """Seconds of one call of `render`."""
+    """The seconds of each part of one call of `render`."""
 
     set_up: float
     drawing: float
@@ -86,34 +86,37 @@ def main() -> None:
 
 
 def renderers() -> list[Draw]:
-    """Ours, pyrender's, and rays; a mesh of its own for each call, for the last tree is kept."""
+    """Return our renderer, pyrender's, and rays.
+
+    Each call has a mesh of its own, for the last tree is kept.
+    """
     return [render, render_plainly, lambda mesh, views: cast(replace(mesh), views)]
 
 
 @functools.cache
 def meshes_of(what: int) -> list[Mesh]:
-    """The chairs for 0, else the sphere of so many subdivisions."""
+    """Return the chairs for 0, else the sphere of so many subdivisions."""
     return [sphere(what)] if what else procedural_chairs()
 
 
 def name_of(what: int) -> str:
-    """For a line of the table."""
+    """Return the name of a line of the table."""
     return f"sphere, {20 * 4**what:,} faces" if what else "chairs"
 
 
 def procedural_chairs() -> list[Mesh]:
-    """The first chairs of the validation split."""
+    """Return the first chairs of the validation split."""
     return [ProceduralObject("chair", "validation", i).load() for i in range(CHAIRS)]
 
 
 def sphere(subdivisions: int) -> Mesh:
-    """20 x 4^subdivisions faces of one colour on the unit sphere."""
+    """Return 20 x 4^subdivisions faces of one colour on the unit sphere."""
     ball = trimesh.creation.icosphere(subdivisions=subdivisions)
     return Mesh(ball.vertices, ball.faces, np.full((len(ball.faces), 3), 150, np.uint8))
 
 
 def describe(meshes: Sequence[Mesh]) -> str:
-    """How many faces there are."""
+    """Return how many faces there are."""
     counts = sorted(len(mesh.faces) for mesh in meshes)
     return f"{counts[0]:,} to {counts[-1]:,} faces, median {median(counts):,.0f}"
 
@@ -126,21 +129,24 @@ HEADER = (
 
 
 def line(what: int, pools: Sequence[Pool], views: int, rounds: int) -> str:
-    """One line of the table; the first pool is ours."""
-    own, *others = in_turns(pools, what, views, rounds)
+    """Return one line of the table; the first pool is ours."""
+    first_times, *others = in_turns(pools, what, views, rounds)
     parts = pools[0].apply(_parts, (what, views, rounds))
     set_up, drawing, reading = (1e3 * median(taken) for taken in zip(*parts, strict=True))
     count = min(views, renderer.SHEET_VIEWS)
     text = f"{name_of(what):<24}{set_up:8.2f}{drawing / count:9.3f}{reading / count:9.3f}"
-    text += f"{len(meshes_of(what)) * views / median(own):9.0f}"
+    text += f"{len(meshes_of(what)) * views / median(first_times):9.0f}"
     for other in others:
-        ratios = [b / a for a, b in zip(own, other, strict=True)]
+        ratios = [b / a for a, b in zip(first_times, other, strict=True)]
         text += f"{median(ratios):11.2f}  {f'{min(ratios):.2f}-{max(ratios):.2f}':<13}"
     return text.rstrip()
 
 
 def in_turns(pools: Sequence[Pool], what: int, views: int, rounds: int) -> list[list[float]]:
-    """Seconds of processor time by renderer and round, for all meshes; one more round is first."""
+    """Return seconds of processor time by renderer and round, for all meshes.
+
+    One more round comes first and is not counted.
+    """
     taken = [
         [pool.apply(_seconds, (i, what, views)) for i, pool in enumerate(pools)]
         for _ in range(rounds + 1)
@@ -166,7 +172,7 @@ def _views(count: int) -> tuple[View, ...]:
 
 
 def parts_of(mesh: Mesh, views: Sequence[View]) -> Parts:
-    """What `render` does, step by step, each waited for; at most a sheet of views."""
+    """Time the steps of `render` one by one, each waited for; at most a sheet of views."""
     context = renderer._context()
     context.make_current()
     gl, buffers = context.gl, context.buffers(IMAGE_SIZE)
@@ -183,7 +189,7 @@ def parts_of(mesh: Mesh, views: Sequence[View]) -> Parts:
 
 
 def at_once(processes: int, what: int, views: int) -> float:
-    """Views a second that so many processes draw together."""
+    """Return the views a second that so many processes draw together."""
     context = multiprocessing.get_context("spawn")
     start = context.Barrier(processes)
     with context.Pool(processes, _share_barrier, (start,)) as pool:
@@ -199,7 +205,7 @@ def _share_barrier(barrier: Any) -> None:
 
 
 def _draw_for_a_while(what: int, count: int) -> float:
-    """Views a second on the clock, of one process beside the others."""
+    """Return views a second on the clock, of one process beside the others."""
     meshes, views = meshes_of(what), _views(count)
     render(meshes[0], views)
     drawn = 0

@@ -36,7 +36,7 @@ Workers = tuple[int, str | None]  # how many, and where: None for processes of t
 
 @dataclass(frozen=True)
 class Measured:
-    """One round: seconds from the first item to the last, and those that jobs took in workers."""
+    """One round: seconds from the first item to the last, and those of jobs in workers."""
 
     workers: int
     items: int
@@ -50,34 +50,34 @@ class Measured:
 
     @property
     def overhead(self) -> float:
-        """Part of the workers' time that went into no job."""
+        """The part of the workers' time that went into no job."""
         return 1 - self.jobs_s / (self.workers * self.wall_s)
 
 
 def measure(of: Workers, options: Options) -> Measured:
-    """Do all items in a folder of their own."""
+    """Carry out all items in a folder of their own and return the times."""
     workers, ray = of
     options = replace(options, workers=workers, ray=ray)
     suite = find(SUITE, SUITES, "suite")
     protocol, _ = protocol_of(suite, options)
     with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder, "run")) as journal:
-        todo = plan(protocol, journal.directory)
+        planned = plan(protocol, journal.directory)
         truths = partial(JobPool, workers=workers, limits=suite.limits)
-        do_jobs(todo.references, journal, "ground truth", truths)
+        do_jobs(planned.references, journal, "ground truth", truths)
         with executor_factory(options, protocol) as executor:
             start = time.perf_counter()
-            done = do_jobs(todo.items, journal, f"{workers} workers", executor.start)
+            done = do_jobs(planned.items, journal, f"{workers} workers", executor.start)
             wall_s = time.perf_counter() - start
     jobs_s = sum(sum(astuple(job.timing)) for job in done.values())
     return Measured(workers, len(done), wall_s, jobs_s)
 
 
 def report(kinds: Sequence[Workers], rounds: Sequence[Sequence[Measured]]) -> str:
-    """A Markdown table; medians over rounds."""
+    """Return a Markdown table; medians over rounds."""
     first = [taken[0].rate for taken in rounds]
     rows = []
     for i, (workers, ray) in enumerate(kinds):
-        taken = [of[i] for of in rounds]
+        taken = [round_[i] for round_ in rounds]
         faster = median(m.rate / base for m, base in zip(taken, first, strict=True))
         rows.append(
             [
@@ -94,7 +94,7 @@ def report(kinds: Sequence[Workers], rounds: Sequence[Sequence[Measured]]) -> st
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The command line."""
+    """Run the study from the command line."""
     parser = argparse.ArgumentParser(prog="studies.scaling", description=__doc__)
     parser.add_argument("--workers", type=numbers, default=(1, 2), help="comma-separated")
     parser.add_argument("--ray", action="store_true", help="also on a Ray cluster of this machine")
@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         limit=args.limit,
         views=args.views,
     )
-    rounds = [[measure(of, options) for of in kinds] for _ in range(args.rounds)]
+    rounds = [[measure(workers, options) for workers in kinds] for _ in range(args.rounds)]
     print(report(kinds, rounds), end="")
 
 

@@ -1,4 +1,4 @@
-"""How far trainings of one network that differ in their seeds lie apart.
+"""The spread of trainings of one network that differ in their seeds alone.
 
     bench run --suite chair-robustness --methods pc2pix,pc2pix@1.safetensors,pc2pix@2.safetensors
     bench table DIR --format csv > results/docs/seeds.csv
@@ -31,24 +31,26 @@ METRICS = (
 
 
 def spreads(values: pd.DataFrame, trainings: Mapping[str, Sequence[str]]) -> pd.DataFrame:
-    """The rows of the output, without checksums.
+    """Return the rows of the output, without checksums.
 
     values     method, condition, metric, value, as `bench table --format csv` prints them
     trainings  by network, the methods that are the same but for the seed, itself among them
 
     Raises ValueError where a training lacks a value that another one has.
     """
-    made = []
+    rows = []
     for network, methods in trainings.items():
-        own = values[values["method"].isin(methods) & values["metric"].isin(METRICS)]
-        for (metric, condition), of in own.groupby(["metric", "condition"], sort=False):
-            if sorted(of["method"]) != sorted(methods):
-                raise ValueError(f"{metric} at {condition}: values of {list(of['method'])} alone")
-            low, high = of["value"].min(), of["value"].max()
+        chosen = values[values["method"].isin(methods) & values["metric"].isin(METRICS)]
+        for (metric, condition), group in chosen.groupby(["metric", "condition"], sort=False):
+            if sorted(group["method"]) != sorted(methods):
+                raise ValueError(
+                    f"{metric} at {condition}: values of {list(group['method'])} alone"
+                )
+            low, high = group["value"].min(), group["value"].max()
             spread = round(high - low, decimals(str(metric)))
-            made.append((network, metric, condition, len(of), low, high, spread))
+            rows.append((network, metric, condition, len(group), low, high, spread))
     names = ["network", "metric", "condition", "trainings", "lowest", "highest", "spread"]
-    return pd.DataFrame(made, columns=names)
+    return pd.DataFrame(rows, columns=names)
 
 
 def main() -> None:
@@ -62,14 +64,14 @@ def main() -> None:
         network, _, others = text.partition("=")
         asked[network] = (network, *others.split(","))
     values = pd.read_csv(options.values, dtype={"condition": str})
-    found = spreads(values, asked)
+    spread_table = spreads(values, asked)
     weights = {}
     for network in asked:
         file = find_method(network).weights_file
         assert file is not None, f"{network} has no weights"
         weights[network] = file_sha256(file())
-    found["weights_sha256"] = found["network"].map(weights)
-    found.to_csv(sys.stdout, index=False, float_format="%.6g", lineterminator="\n")
+    spread_table["weights_sha256"] = spread_table["network"].map(weights)
+    spread_table.to_csv(sys.stdout, index=False, float_format="%.6g", lineterminator="\n")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ COLUMNS = 12
 
 
 def sheet(objects: list[SceneObject]) -> np.ndarray:
-    """Images of objects in rows, uint8; white where there are no more."""
+    """Return images of objects in rows, uint8; white where there are no more."""
     images = [o.truth(o.views(1, generator("sheet", o.object_id)))[0] for o in objects]
     images += [np.full_like(images[0], 255)] * (-len(images) % COLUMNS)
     rows = np.array(images).reshape(-1, COLUMNS, *images[0].shape)
@@ -34,7 +34,7 @@ def sheet(objects: list[SceneObject]) -> np.ndarray:
 
 
 def rejected(objects: list[SceneObject]) -> int:
-    """How many draws were rejected before these; 0 of shapes that are not widened."""
+    """Return how many draws were rejected before these; 0 for shapes that are not widened."""
     widened = [obj for obj in objects if isinstance(obj, WidenedObject)]
     return sum(draw_widened(CLASSES[o.class_name], o.random_numbers())[1] for o in widened)
 

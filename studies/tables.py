@@ -8,7 +8,7 @@ from bench.tables.markdown import row
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """A table whose first `left` columns are names and the others numbers.
+    """Return a table whose first `left` columns are names and the others numbers.
 
     Cells are Markdown already.
     """

@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def measure(model: ModelConfig, batch: int, rounds: int) -> None:
-    """All comparisons, at PyTorch's present number of threads."""
+    """Measure and print all comparisons, at PyTorch's present number of threads."""
     print(f"{'images/s':<42}{'plain fp32':>12}{'ours':>10}{'ratio':>8}  of a round")
     data = make_data()
     for precision in ("bfloat16", "float32"):
@@ -75,7 +75,7 @@ def measure(model: ModelConfig, batch: int, rounds: int) -> None:
 
 
 def make_data() -> GanData:
-    """Noise in the shape of a training set."""
+    """Return noise in the shape of a training set."""
     rng = np.random.default_rng(0)
     return GanData(
         images=rng.integers(0, 256, (OBJECTS, VIEWS, 128, 128, 3), dtype=np.uint8),
@@ -93,7 +93,7 @@ def our_step(
     precision: Precision,
     warm_up: int = 0,
 ) -> Work:
-    """The step of `bench train gan`, batches included."""
+    """Return the step of `bench train gan`, batches included."""
     config = GanConfig(
         model=model, objective=objective, batch=batch, precision=precision, warm_up=warm_up
     )
@@ -107,7 +107,7 @@ def our_step(
 
 
 def plain_step(data: GanData, model: ModelConfig, batch: int) -> Work:
-    """The plain step, batches included, from the weights that ours starts with."""
+    """Return the plain step, batches included, from the weights that ours starts with."""
     start = _GanTrainer(
         data, seeded(0, lambda: build_encoder(model)), GanConfig(model=model, batch=batch), CPU
     )
@@ -135,7 +135,7 @@ def plain_step(data: GanData, model: ModelConfig, batch: int) -> Work:
 
 
 def chamfer_step(batch: int) -> Work:
-    """The autoencoder's loss and its gradient."""
+    """Return the step of the autoencoder's loss and its gradient."""
     drawn = torch.rand(batch, POINTS, 3) * 2 - 1
     true = torch.rand(batch, POINTS, 3) * 2 - 1
     drawn.requires_grad_(True)

@@ -17,7 +17,7 @@ def in_turns(
     idle: int = 1,
     now: Callable[[], float] = time.perf_counter,
 ) -> list[list[float]]:
-    """Seconds of each piece of work by round; `idle` rounds before them are not counted."""
+    """Return seconds of each piece of work by round; `idle` rounds before them are not counted."""
     seconds: list[list[float]] = [[] for _ in works]
     for _ in range(idle + rounds):
         for work, kept in zip(works, seconds, strict=True):
@@ -28,12 +28,12 @@ def in_turns(
 
 
 def ratio(slow: Sequence[float], fast: Sequence[float]) -> str:
-    """The ratio of the medians, and the smallest and largest of a round, as two columns."""
+    """Return the ratio of the medians, and the smallest and largest of a round, as two columns."""
     of_rounds = [a / b for a, b in zip(slow, fast, strict=True)]
     span = f"{min(of_rounds):.2f}-{max(of_rounds):.2f}"
     return f"{median(slow) / median(fast):8.2f}  {span:<13}"
 
 
 def load() -> str:
-    """How busy the machine is: the load averages over 1, 5 and 15 minutes."""
+    """Return the load averages of the machine over 1, 5 and 15 minutes, as text."""
     return "load of the machine " + ", ".join(f"{average:.2f}" for average in os.getloadavg())

@@ -1,4 +1,4 @@
-"""Whether a drawn silhouette moves as the true one does when the camera turns around the object.
+"""The motion of drawn silhouettes against true ones when the camera turns around the object.
 
     python -m studies.view_consistency --out DIR [--methods a,b] [--chairs 100] [--threads 1]
 
@@ -97,7 +97,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """What boundary pixels of one object came to: values [D], rising, and how often each [D].
+    """The values [D] of one object's boundary pixels, rising, and how often each occurs [D].
 
     Values are kept to a thousandth of a pixel: they are few then, whatever the number of views.
     """
@@ -107,7 +107,7 @@ class Tally:
 
     @staticmethod
     def of(values: NDArray[np.float64]) -> Tally:
-        """The tally of values in any order."""
+        """Return the tally of values in any order."""
         return Tally(*np.unique(np.round(values, 3), return_counts=True))
 
 
@@ -140,9 +140,9 @@ def main() -> None:
     try:
         for method in given.methods:
             find_method(method)
-        found = measure_all(given.methods, given.chairs, given.threads)
-        rows = [r for cell_, results in found.items() for r in rows_of(*cell_, results)]
-        text = to_markdown(rows) + failures(found)
+        measured = measure_all(given.methods, given.chairs, given.threads)
+        rows = [r for cell_, results in measured.items() for r in rows_of(*cell_, results)]
+        text = to_markdown(rows) + failures(measured)
         print(text, end="")
         given.out.mkdir(parents=True, exist_ok=True)
         write_whole(given.out / "view-consistency.csv", to_csv(rows).encode())
@@ -156,7 +156,7 @@ def main() -> None:
 
 
 def draw(task: Task) -> UInt8Images | Failed:
-    """The method's images of all views."""
+    """Return the method's images of all views."""
     chair = ProceduralObject(CLASS, SPLIT, task.chair)
     identity = (CLASS, chair.object_id)
     perturbation = find(task.condition, CONDITIONS, "condition").perturbation
@@ -169,7 +169,7 @@ def draw(task: Task) -> UInt8Images | Failed:
 
 
 def measure(task: Task) -> Measured | Failed:
-    """Both measures of a method on one chair."""
+    """Return both measures of a method on one chair."""
     images = draw(task)
     if isinstance(images, Failed):
         return images
@@ -182,7 +182,7 @@ def measure(task: Task) -> Measured | Failed:
 
 
 def silhouettes(truth: UInt8Images, images: UInt8Images) -> tuple[Masks, Masks]:
-    """What true images show and what images draw of it, [N, H, W] each."""
+    """Return the silhouettes of true images and of images of the same objects, [N, H, W] each."""
     pairs = Pairs(truth, images)
     return pairs.shown, pairs.drawn(pairs.shown)
 
@@ -191,7 +191,9 @@ def silhouettes(truth: UInt8Images, images: UInt8Images) -> tuple[Masks, Masks]:
 
 
 def open_sides(masks: Masks) -> NDArray[np.bool_]:
-    """Pixels of masks [N, H, W] with a neighbour outside above, below, left, right: [4, N, H, W].
+    """Return the pixels of masks with a neighbour outside above, below, left, right.
+
+    Masks are [N, H, W], the result is [4, N, H, W].
 
     Beyond the frame is outside.
     """
@@ -207,12 +209,12 @@ def open_sides(masks: Masks) -> NDArray[np.bool_]:
 
 
 def boundary(masks: Masks) -> Masks:
-    """Pixels of masks [N, H, W] with an open side."""
+    """Return the pixels of masks [N, H, W] with an open side."""
     return np.logical_or.reduce(open_sides(masks))
 
 
 def offsets(masks: Masks) -> NDArray[np.float64]:
-    """Signed distance of every pixel from the boundary of its mask, [N, H, W], positive inside.
+    """Return every pixel's signed distance from its mask's boundary, [N, H, W], positive inside.
 
     The boundary's own pixels have 0, those beside them outside -1. -inf for an empty mask.
     """
@@ -226,27 +228,31 @@ def offsets(masks: Masks) -> NDArray[np.float64]:
 
 
 def distances(true: Masks, seen: Masks) -> NDArray[np.float64]:
-    """Distance of each boundary pixel to the other silhouette's boundary, views [N, H, W] pooled.
+    """Return each boundary pixel's distance to the other silhouette's boundary, views pooled.
+
+    The views are [N, H, W].
 
     From drawn to true and from true to drawn. Infinite where the other silhouette is empty; no
     values where both are.
     """
     there_and_back = ((true, seen), (seen, true))
-    return np.concatenate([np.abs(offsets(other)[boundary(own)]) for own, other in there_and_back])
+    return np.concatenate(
+        [np.abs(offsets(other)[boundary(subject)]) for subject, other in there_and_back]
+    )
 
 
 def flicker(true: Masks, seen: Masks) -> NDArray[np.float64]:
-    """Change of the offset at each boundary pixel from a view to the next, [N, H, W] pooled.
+    """Return the change of the offset at each boundary pixel from a view to the next, pooled.
 
     The views are a full turn: the first follows on the last. Infinite where one of the four
     silhouettes compared is empty; see the head of this file.
     """
     changes = [np.empty(0)]
-    for own, other in ((true, seen), (seen, true)):
+    for subject, other in ((true, seen), (seen, true)):
         offset = offsets(other)
-        for side in open_sides(own):
-            for i in range(len(own)):
-                after = (i + 1) % len(own)
+        for side in open_sides(subject):
+            for i in range(len(subject)):
+                after = (i + 1) % len(subject)
                 changes.append(change(side[i], side[after], offset[i], offset[after]))
     return np.concatenate(changes)
 
@@ -257,7 +263,9 @@ def change(
     before: NDArray[np.float64],
     after: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """How much `before` [H, W] at each pixel of `here` differs from `after` at the nearest `there`.
+    """Return how much `before` [H, W] differs from `after` at the nearest pixel of `there`.
+
+    It has one value for each pixel of `here`.
 
     Infinite where there is no pixel, and where one of the two is not finite.
     """
@@ -283,17 +291,23 @@ Found = Mapping[Cell, Sequence[Measured | Failed]]  # chairs in their order
 def run_all(
     title: str, tasks: Sequence[Task], work: Callable[[Task], Result | Failed], workers: int
 ) -> dict[Task, Result | Failed]:
-    """The results of all tasks, with progress. Raises BadInput for bad weights."""
+    """Return the results of all tasks, with progress.
+
+    Raises BadInput for bad weights.
+    """
     done: dict[Task, Result | Failed] = {}
     with progress(title, len(tasks)) as advance:
         for task, result in run_tasks(tasks, work, workers, LIMITS):
             done[task] = Failed(result.reason) if isinstance(result, Lost) else result
-            advance(sum(isinstance(one, Failed) for one in done.values()))
+            advance(sum(isinstance(outcome, Failed) for outcome in done.values()))
     return done
 
 
 def measure_all(methods: Sequence[str], chairs: int, workers: int) -> Found:
-    """Every method under every condition on the first chairs. Raises BadInput for bad weights."""
+    """Return every method under every condition on the first chairs.
+
+    Raises BadInput for bad weights.
+    """
     cells = list(product(methods, SHOWN_CONDITIONS))
     # Chair by chair, so that the progress shows how long all of it takes.
     tasks = [Task(*cell_, chair) for chair in range(chairs) for cell_ in cells]
@@ -302,12 +316,15 @@ def measure_all(methods: Sequence[str], chairs: int, workers: int) -> Found:
 
 
 def rows_of(method: str, condition: str, results: Sequence[Measured | Failed]) -> list[Row]:
-    """All statistics of one method under one condition; none where it failed on all objects."""
+    """Return all statistics of one method under one condition.
+
+    The list is empty where it failed on all objects.
+    """
     ok = [result for result in results if not isinstance(result, Failed)]
     rows = []
     for measure_ in MEASURES if ok else ():
-        found = estimates([of_object[measure_] for of_object in ok]).T.tolist()
-        for statistic, (value, low, high) in zip(STATISTICS, found, strict=True):
+        estimated = estimates([of_object[measure_] for of_object in ok]).T.tolist()
+        for statistic, (value, low, high) in zip(STATISTICS, estimated, strict=True):
             rows.append(
                 Row(method, condition, measure_, statistic, value, low, high, len(ok), len(results))
             )
@@ -315,7 +332,7 @@ def rows_of(method: str, condition: str, results: Sequence[Measured | Failed]) -
 
 
 def estimates(tallies: Sequence[Tally]) -> NDArray[np.float64]:
-    """Value, low and high end of the interval [3] of each of STATISTICS: [3, S].
+    """Return value, low and high end of the interval [3] of each of STATISTICS: [3, S].
 
     The ends are NaN for fewer than 2 objects. Resamples depend on the number of objects alone.
     """
@@ -325,20 +342,20 @@ def estimates(tallies: Sequence[Tally]) -> NDArray[np.float64]:
     counts = np.zeros((len(tallies), len(values)), np.int64)
     which = np.repeat(np.arange(len(tallies)), [len(tally.values) for tally in tallies])
     counts[which, member] = np.concatenate([tally.counts for tally in tallies])
-    found = statistics(values, counts.sum(axis=0))
+    point = statistics(values, counts.sum(axis=0))
     if len(tallies) < 2:
-        return np.stack([found, np.full_like(found, np.nan), np.full_like(found, np.nan)])
+        return np.stack([point, np.full_like(point, np.nan), np.full_like(point, np.nan)])
     rng = np.random.default_rng(SEED)
     # How often each object is drawn in a resample.
     times = rng.multinomial(len(tallies), np.full(len(tallies), 1 / len(tallies)), RESAMPLES)
-    resampled = np.stack([statistics(values, one @ counts) for one in times])
+    resampled = np.stack([statistics(values, sample_counts @ counts) for sample_counts in times])
     # A value that was attained, not one between two: they may be infinite.
     ends = np.percentile(resampled, [2.5, 97.5], axis=0, method="inverted_cdf")
-    return np.concatenate([found[None], ends])
+    return np.concatenate([point[None], ends])
 
 
 def statistics(values: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """STATISTICS of values [D], rising, that are there so often [D]. NaN where none is there."""
+    """Return STATISTICS of values [D], rising, that occur so often [D]; NaN of none."""
     until = counts.cumsum()
     if not until[-1:].any():
         return np.full(len(STATISTICS), np.nan)
@@ -350,7 +367,7 @@ def statistics(values: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArra
 
 
 def to_csv(rows: Iterable[Row]) -> str:
-    """All rows, tidy; six digits; nothing where there is no interval."""
+    """Return all rows, tidy; six digits; nothing where there is no interval."""
     return csv_text(
         [field.name for field in fields(Row)],
         ([_number(v) if isinstance(v, float) else v for v in astuple(r)] for r in rows),
@@ -362,7 +379,7 @@ def _number(value: float) -> str:
 
 
 def to_markdown(rows: Sequence[Row]) -> str:
-    """A table for each measure: a line for each method and condition."""
+    """Return a table for each measure: a line for each method and condition."""
     heads = ["median", "95th percentile", "99th percentile", f"within {ASKED_PX:g} px"]
     parts = []
     for measure_ in MEASURES:
@@ -380,14 +397,14 @@ def to_markdown(rows: Sequence[Row]) -> str:
     return "\n".join(parts)
 
 
-def _with_interval(one: Row) -> str:
-    form = "{:.1%}" if one.statistic == WITHIN else "{:.2f}"
-    value, low, high = (form.format(v) for v in (one.value, one.ci_low, one.ci_high))
-    return value if math.isnan(one.ci_low) else f"{value} [{low}, {high}]"
+def _with_interval(row: Row) -> str:
+    form = "{:.1%}" if row.statistic == WITHIN else "{:.2f}"
+    value, low, high = (form.format(v) for v in (row.value, row.ci_low, row.ci_high))
+    return value if math.isnan(row.ci_low) else f"{value} [{low}, {high}]"
 
 
 def failures(found: Found) -> str:
-    """A line for each failure; nothing where there is none."""
+    """Return a line for each failure; nothing where there is none."""
     return "".join(
         f"- {cell(method)}, {cell(condition)}, {SPLIT}-{chair:04d}: {cell(result.reason)}\n"
         for (method, condition), results in found.items()
@@ -397,29 +414,38 @@ def failures(found: Found) -> str:
 
 
 def show(folder: Path, methods: Sequence[str], workers: int) -> None:
-    """A strip and a turntable of a chair with slats, for each condition."""
+    """Draw a strip and a turntable of a chair with slats, for each condition."""
     chair = slatted_chair()
     tasks = [Task(*cell_, chair) for cell_ in product(methods, SHOWN_CONDITIONS)]
-    made = run_all("drawing", tasks, draw, workers)
+    drawn = run_all("drawing", tasks, draw, workers)
     truth = ProceduralObject(CLASS, SPLIT, chair).truth(VIEWS)
     for condition in SHOWN_CONDITIONS:
-        images = {method: made[Task(method, condition, chair)] for method in methods}
+        images = {method: drawn[Task(method, condition, chair)] for method in methods}
         strip = [
             *strip_row("truth", truth, truth),
-            *(t for method, of in images.items() for t in strip_row(method, truth, of)),
+            *(
+                t
+                for method, method_images in images.items()
+                for t in strip_row(method, truth, method_images)
+            ),
         ]
         columns = len(VIEWS[STRIP])
         write_images(draw_sheet(strip, columns, SCALE), folder / f"strip-{condition}.png")
         tiles = [
-            Tile(visible(label), visible(of.reason) if isinstance(of, Failed) else of)
-            for label, of in {"truth": truth, **images}.items()
+            Tile(
+                visible(label),
+                visible(method_images.reason)
+                if isinstance(method_images, Failed)
+                else method_images,
+            )
+            for label, method_images in {"truth": truth, **images}.items()
         ]
         film = draw_sheet(tiles, len(tiles), SCALE)
         write_images(film, folder / f"turntable-{condition}.gif")
 
 
 def slatted_chair() -> int:
-    """The number of the first chair of the test split with a slatted back."""
+    """Return the number of the first chair of the test split with a slatted back."""
     chairs = (ProceduralObject(CLASS, SPLIT, i) for i in count())
     return next(
         chair.index
@@ -429,7 +455,7 @@ def slatted_chair() -> int:
 
 
 def strip_row(label: str, truth: UInt8Images, images: UInt8Images | Failed) -> list[Tile]:
-    """Neighbouring views: the first tile has the label, the others their azimuth."""
+    """Return neighbouring views: the first tile has the label, the others their azimuth."""
     labels = [visible(label), *(f"{view.azimuth_deg:g}°" for view in VIEWS[STRIP][1:])]
     if isinstance(images, Failed):
         return [Tile(text, visible(images.reason)) for text in labels]
@@ -438,7 +464,7 @@ def strip_row(label: str, truth: UInt8Images, images: UInt8Images | Failed) -> l
 
 
 def tint(truth: UInt8Images, images: UInt8Images) -> UInt8Images:
-    """The images, red where more is drawn than the true silhouette, blue where less."""
+    """Return the images, red where more is drawn than the true silhouette, blue where less."""
     true, seen = silhouettes(truth, images)
     tinted = images.copy()
     tinted[seen & ~true] = TOO_MUCH
