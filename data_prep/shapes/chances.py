@@ -1,4 +1,4 @@
-"""How the procedural shapes use randomness: weighted choices and ranges."""
+"""Random choices of the procedural shapes: weighted choices and ranges."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ T = TypeVar("T")
 
 
 def pick(rng: np.random.Generator, weights: Mapping[T, float]) -> T:
-    """A key, as often as its weight says. Weights need not add up to 1."""
+    """Return a key, as often as its weight says; weights need not add up to 1."""
     values, chances = list(weights), np.cumsum(list(weights.values()))
     place = int(np.searchsorted(chances, rng.random() * chances[-1], side="right"))
     return values[min(place, len(values) - 1)]
 
 
 def chance(rng: np.random.Generator, probability: float) -> bool:
-    """True with this probability."""
+    """Return True with this probability."""
     return bool(rng.random() < probability)
 
 
 def uniform(rng: np.random.Generator, low_high: tuple[float, float]) -> float:
-    """A number between the two."""
+    """Return a number between the two."""
     return float(rng.uniform(*low_high))

@@ -22,7 +22,7 @@ STEP = 1e-4  # of the differences that a Jacobian is made of
 
 @dataclass(frozen=True, eq=False)
 class Deformation:
-    """Scale, then taper, twist and bend about the vertical, then a free form.
+    """A smooth deformation: scale, taper, twist and bend about the vertical, then a free form.
 
     scale     [3], of the axes
     taper     how much wider the top is than the middle, as a share; the bottom is as much narrower
@@ -40,7 +40,7 @@ class Deformation:
     offsets: Vectors
 
     def __call__(self, points: Vectors) -> Vectors:
-        """Where points [n, 3] go."""
+        """Return the places to which points [n, 3] move."""
         x, y, z = (points * self.scale).T
         wider = 1 + self.taper * y
         x, z = wider * x, wider * z
@@ -65,7 +65,7 @@ class Deformation:
         return np.einsum("ni,nj,nk,ijkc->nc", *weights, self.offsets)
 
     def smallest_stretch(self, points: Vectors) -> float:
-        """The smallest determinant of the Jacobian at points [n, 3], over the mean one.
+        """Return the smallest determinant of the Jacobian at points [n, 3], over the mean one.
 
         Not above 0 where space is folded over or turned inside out.
         """
@@ -78,7 +78,7 @@ class Deformation:
 
 
 def draw_deformation(rng: np.random.Generator) -> Deformation:
-    """A deformation at random; each kind takes part half of the time."""
+    """Return a deformation at random; each kind takes part half of the time."""
 
     def maybe(low_high: tuple[float, float], share: float = 0.5) -> float:
         return uniform(rng, low_high) if chance(rng, share) else 0.0

@@ -1,4 +1,4 @@
-"""What looks towards the front: plates, frames and turned parts that stand upright, facing -Z."""
+"""Parts that look towards the front: plates, frames and turned parts, upright, facing -Z."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def panel(
     bevel: float = 0.0,
     steps: int = 2,
 ) -> Part:
-    """Upright plate: width, height and thickness [3] around a centre [3].
+    """Return an upright plate: width, height and thickness [3] around a centre [3].
 
     `corner` rounds its four corners as seen from the front, in `steps`; it has to be less than half
     of width and height. `bevel` takes that length off the edges of front and back at 45 degrees; it
@@ -44,7 +44,7 @@ def panel(
 def frame(
     centre: ArrayLike, size: ArrayLike, border: float, color: Color, *, corner: float = 0.0
 ) -> Part:
-    """Upright frame around an opening: outer width, outer height and thickness [3].
+    """Return an upright frame around an opening: outer width, outer height and thickness [3].
 
     `border` is the width of its bars, less than half of width and height; `corner` as for a panel.
     """
@@ -55,7 +55,7 @@ def frame(
 
 
 def dial(centre: ArrayLike, profile: ArrayLike, color: Color, *, sides: int = 12) -> Part:
-    """Solid turned about an axis that points to the front.
+    """Return a solid turned about an axis that points to the front.
 
     profile  [k, 2] of (radius > 0, distance in front of the centre), from one end on
     """

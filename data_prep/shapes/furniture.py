@@ -1,4 +1,7 @@
-"""Solids that tables, sofas and benches have in common: bars, legs and cushions. Metres."""
+"""Solids that tables, sofas and benches have in common: bars, legs and cushions.
+
+Lengths are in metres.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ def run(
     axis: int = 0,
     bevel: float = 0.0,
 ) -> Part:
-    """Bar of one convex section, along x (axis 0) or z (axis 2).
+    """Return a bar of one convex section, along x (axis 0) or z (axis 2).
 
     profile   [n, 2]: (z, y) of a bar along x, (x, y) of one along z
     at        added to the profile
@@ -65,7 +68,7 @@ def legs(
     out: float = 0.0,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> list[Part]:
-    """Four legs from the floor to `height`, whose heads are at `centre` +- (x, z).
+    """Return four legs from the floor to `height`, whose heads are at `centre` +- (x, z).
 
     foot, head  [n, 2], sections in (x, z)
     out         how far the feet stand outside the heads, in x and in z
@@ -85,7 +88,7 @@ def legs(
 
 
 def beam(start: ArrayLike, end: ArrayLike, width: float, height: float, color: Color) -> Part:
-    """Straight bar of rectangular section between two points [3] at different x or z.
+    """Return a straight bar of rectangular section between two points [3] at different x or z.
 
     The section stands upright: `width` is level and across the bar, `height` is vertical.
     """
@@ -101,7 +104,7 @@ def beam(start: ArrayLike, end: ArrayLike, width: float, height: float, color: C
 def cushion(
     centre: ArrayLike, size: ArrayLike, color: Color, *, soft: float, corner: float = 0.12
 ) -> Part:
-    """Level cushion of size (x, y, z) with rounded edges.
+    """Return a level cushion of size (x, y, z) with rounded edges.
 
     soft    radius of the edges; less than half of every extent
     corner  where the corners of the outline begin, as a share of its sides, less than 0.5
@@ -125,7 +128,9 @@ def trough(
     *,
     slope: float = 0.0,
 ) -> Part:
-    """Base and arms of a seat as one solid: boxes would hide a part of their sides in each other.
+    """Return the base and arms of a seat as one solid.
+
+    Boxes would hide a part of their sides in each other.
 
     half     half of the width over all
     arm      thickness of the arms
@@ -147,7 +152,9 @@ def trough(
 def back_cushion(
     foot: ArrayLike, size: ArrayLike, color: Color, *, soft: float, tilt_rad: float
 ) -> Part:
-    """Cushion of (width, height, thickness) that stands on `foot` [3], leaning to the rear (+z).
+    """Return a cushion of (width, height, thickness) that stands on `foot` [3].
+
+    It leans to the rear (+z).
 
     `foot` is the middle of its lower side; see `cushion` for `soft`.
     """

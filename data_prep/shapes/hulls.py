@@ -15,7 +15,7 @@ AEROFOIL = np.array([(0, 0), (0.25, 0.5), (0.7, 0.34), (1, 0), (0.7, -0.34), (0.
 
 
 def spindle(stations: ArrayLike, color: Color, *, x: float = 0.0, sides: int = 12) -> Part:
-    """Fuselage, nacelle or tank along z, of elliptical sections.
+    """Return a fuselage, nacelle or tank along z, of elliptical sections.
 
     stations  [k, 4]: z, y of the centre, half width > 0, half height > 0
     x         where it runs
@@ -26,7 +26,7 @@ def spindle(stations: ArrayLike, color: Color, *, x: float = 0.0, sides: int = 1
 
 
 def blade(stations: ArrayLike, color: Color, *, upright: bool = False) -> Part:
-    """Wing, fin or keel: aerofoils along z, joined one to the next.
+    """Return a wing, fin or keel: aerofoils along z, joined one to the next.
 
     stations  [k, 5]: x, y, z of the leading edge, chord, thickness
     upright   the thickness is measured along x (a fin), otherwise along y (a wing)
@@ -47,7 +47,7 @@ def disc(
     bevel: float = 0.0,
     sides: int = 16,
 ) -> Part:
-    """Wheel: a cylinder whose axle runs along x; `bevel` is taken off both rims at 45 degrees."""
+    """Return a wheel: a cylinder along x; `bevel` is taken off both rims at 45 degrees."""
     stations = [(-width / 2, radius), (width / 2, radius)]
     if bevel > 0.0:
         inner, low = width / 2 - bevel, radius - bevel
@@ -59,10 +59,10 @@ def disc(
 
 
 def mirrored(part: Part) -> Part:
-    """The part on the other side of the plane x = 0."""
+    """Return the part on the other side of the plane x = 0."""
     return Part(part.vertices * (-1.0, 1.0, 1.0), part.faces[:, ::-1], part.color)
 
 
 def pair(*parts: Part) -> list[Part]:
-    """Each part and its mirror image."""
+    """Return each part and its mirror image."""
     return [image for part in parts for image in (part, mirrored(part))]

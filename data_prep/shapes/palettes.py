@@ -1,4 +1,4 @@
-"""Colours of real objects: by material, and what one class alone has.
+"""Colours of real objects, by material and of single classes.
 
 The background is white, so nothing is lighter than LIGHTEST.
 """
@@ -213,7 +213,9 @@ VESSEL: Palette = {
 
 
 def shade(rng: np.random.Generator, material: str | Sequence[Color]) -> Color:
-    """One of the colours of a material (a key of MATERIALS, or the colours themselves), varied.
+    """Return one of the colours of a material, varied.
+
+    The material is a key of MATERIALS, or the colours themselves.
 
     Up to 10 % lighter or darker, each channel by up to 6 more; within 12..LIGHTEST.
     """
@@ -225,12 +227,12 @@ def shade(rng: np.random.Generator, material: str | Sequence[Color]) -> Color:
 
 
 def shades(rng: np.random.Generator, palette: Palette, *names: str) -> list[Color]:
-    """A colour of each of these entries of a palette, varied."""
+    """Return a colour of each of these entries of a palette, varied."""
     return [shade(rng, palette[name]) for name in names]
 
 
 def shade_of(
     rng: np.random.Generator, weights: Mapping[str, float], palette: Palette = MATERIALS
 ) -> Color:
-    """A colour of one of the entries of a palette, as often as its weight says, varied."""
+    """Return a colour of one of the entries of a palette, as often as its weight says, varied."""
     return shade(rng, palette[pick(rng, weights)])

@@ -1,4 +1,4 @@
-"""What a procedural class is, and one that draws its family first."""
+"""The procedural class of shapes, and one that draws its family first."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Drawn:
     parts: tuple[Part, ...]
 
     def mesh(self) -> Mesh:
-        """The object as a mesh, normalised to the unit sphere."""
+        """Return the object as a mesh, normalised to the unit sphere."""
         return normalise(join(self.parts))
 
 
@@ -44,7 +44,7 @@ class ShapeClass:
 
 
 def shape_class(name: str, families: Mapping[str, tuple[float, Builder]]) -> ShapeClass:
-    """A class that draws a family by its weight and then calls the builder of that family."""
+    """Return a class that draws a family by its weight and then calls its builder."""
     weights = {family: weight for family, (weight, _) in families.items()}
 
     def draw(rng: np.random.Generator) -> Drawn:

@@ -37,13 +37,15 @@ class Part:
 
 
 def signed_volume(vertices: Vectors, faces: NDArray[np.int32]) -> float:
-    """Volume enclosed by a closed surface; negative where its faces look inwards."""
+    """Return the volume enclosed by a closed surface; negative where its faces look inwards."""
     a, b, c = (vertices[faces[:, i]] - vertices[0] for i in range(3))
     return float((a * np.cross(b, c)).sum() / 6.0)
 
 
 def loft(rings: ArrayLike, color: Color, *, closed: bool = False) -> Part:
-    """Solid through rings [S, n, 3]: the sides join each ring to the next, and fans cap the ends.
+    """Return the solid through rings [S, n, 3].
+
+    The sides join each ring to the next, and fans cap the ends.
 
     The first and the last ring have to be convex. With `closed`, the last ring is joined to the
     first and there are no caps (a torus). The rings may run either way round: the faces are turned
@@ -71,7 +73,7 @@ def loft(rings: ArrayLike, color: Color, *, closed: bool = False) -> Part:
 
 
 def rings_across(axis: int, outlines: ArrayLike, places: ArrayLike) -> Vectors:
-    """Rings [S, n, 3] of outlines that lie across an axis.
+    """Return rings [S, n, 3] of outlines that lie across an axis.
 
     outlines  [n, 2] or [S, n, 2], in (z, y) across x (axis 0), (x, z) across y, (x, y) across z
     places    [S], or [S, n], or [1, n]: where their points are along the axis
@@ -88,7 +90,7 @@ def rings_across(axis: int, outlines: ArrayLike, places: ArrayLike) -> Vectors:
 def prism(
     axis: int, outlines: ArrayLike, places: ArrayLike, color: Color, *, closed: bool = False
 ) -> Part:
-    """Solid through outlines at places along an axis; see `rings_across` and `loft`."""
+    """Return the solid through outlines at places along an axis; see `rings_across` and `loft`."""
     return loft(rings_across(axis, outlines, places), color, closed=closed)
 
 
@@ -100,37 +102,40 @@ def sheet(
     *,
     closed: bool = False,
 ) -> Part:
-    """Sheet between two lines across an axis, from one place along it to another.
+    """Return a sheet between two lines across an axis, from one place along it to another.
 
     sides   both lines [n, 2], point by point opposite each other; see `rings_across` for the axes
     ends    two places along the axis, or two of each point [n]
     closed  the last points are joined to the first
     """
-    one, other = (np.asarray(line, dtype=np.float64) for line in sides)
-    low, high = (np.broadcast_to(end, len(one)) for end in ends)
-    rings = rings_across(axis, [one, one, other, other], np.stack([low, high, high, low]))
+    first, second = (np.asarray(line, dtype=np.float64) for line in sides)
+    low, high = (np.broadcast_to(end, len(first)) for end in ends)
+    rings = rings_across(axis, [first, first, second, second], np.stack([low, high, high, low]))
     return loft(rings.swapaxes(0, 1), color, closed=closed)
 
 
 def sections(outline: Vectors, centres: ArrayLike, scales: ArrayLike) -> Vectors:
-    """Outlines [S, n, 2]: one [n, 2] times `scales` about `centres`, which are [S or 1, 2 or 1]."""
+    """Return outlines [S, n, 2]: one [n, 2] times `scales` about `centres`.
+
+    These are [S or 1, 2 or 1].
+    """
     middle, scale = np.asarray(centres, dtype=np.float64), np.asarray(scales, dtype=np.float64)
     return middle[:, None] + scale[:, None] * outline
 
 
 def polygon(sides: int, radius: float) -> Vectors:
-    """Regular polygon [sides, 2], anticlockwise; the first edge is parallel to y."""
+    """Return a regular polygon [sides, 2], anticlockwise; the first edge is parallel to y."""
     angle = (np.arange(sides) - 0.5) * (2 * math.pi / sides)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def rectangle(width: float, height: float) -> Vectors:
-    """Rectangle [4, 2] around the origin, anticlockwise."""
+    """Return a rectangle [4, 2] around the origin, anticlockwise."""
     return np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * (width / 2, height / 2)
 
 
 def rounded(corners: ArrayLike, radius: float, steps: int = 3) -> Vectors:
-    """Polygon [n, 2] with each corner replaced by a curve of `steps` + 1 points.
+    """Return a polygon [n, 2] with each corner replaced by a curve of `steps` + 1 points.
 
     `radius` is the distance from the corner at which the curve begins, along both edges; it has to
     be less than half of the shortest edge. Convex in, convex out.
@@ -146,7 +151,7 @@ def rounded(corners: ArrayLike, radius: float, steps: int = 3) -> Vectors:
 
 
 def fillet(path: ArrayLike, radius: float, steps: int = 4) -> Vectors:
-    """Polyline [n, 3] whose inner corners are curves that begin at `radius` from the corner."""
+    """Return a polyline [n, 3] whose inner corners are curves that begin at `radius` from them."""
     points = np.asarray(path, dtype=np.float64)
     if len(points) < 3:
         return points
@@ -155,14 +160,16 @@ def fillet(path: ArrayLike, radius: float, steps: int = 4) -> Vectors:
 
 
 def box(centre: ArrayLike, size: ArrayLike, color: Color) -> Part:
-    """Upright cuboid with the given centre [3] and edge lengths [3]."""
+    """Return an upright cuboid with the given centre [3] and edge lengths [3]."""
     return slab(rectangle(1.0, 1.0), centre, size, color)
 
 
 def slab(
     outline: Vectors, centre: ArrayLike, size: ArrayLike, color: Color, *, bevel: float = 0.0
 ) -> Part:
-    """Upright plate: a convex outline [n, 2] in (x, z), scaled by size x and z, and size y thick.
+    """Return an upright plate: a convex outline [n, 2] in (x, z), scaled by `size`.
+
+    The size is that of x and z, and y the thickness.
 
     `bevel` takes that length off all edges of the top and the bottom at 45 degrees; it has to be
     less than half of every edge length.
@@ -177,7 +184,7 @@ def slab(
 def layered(
     outline: Vectors, centre: ArrayLike, size: ArrayLike, levels: ArrayLike, color: Color
 ) -> Part:
-    """Upright solid of one outline [n, 2] in (x, z), scaled by size x and z, and drawn in.
+    """Return an upright solid of one outline [n, 2] in (x, z), scaled by size x and z, drawn in.
 
     levels  [k, 2], from below: height above the centre, length by which the edge is drawn in there
     """
@@ -190,7 +197,7 @@ def layered(
 def post(
     foot: ArrayLike, head: ArrayLike, outline_foot: Vectors, outline_head: Vectors, color: Color
 ) -> Part:
-    """Leg, column or rod between two points [3], with level ends.
+    """Return a leg, column or rod between two points [3], with level ends.
 
     The outlines [n, 2] are its (x, z) sections at foot and head: equal ones make a (sheared) prism,
     similar ones a frustum.
@@ -200,13 +207,13 @@ def post(
 
 
 def lathe(profile: ArrayLike, color: Color, *, sides: int = 16) -> Part:
-    """Solid turned about the y axis; profile [k, 2] holds (radius > 0, y) from one end on."""
+    """Return a solid turned about the y axis; profile [k, 2]: (radius > 0, y) from one end on."""
     radii, heights = np.asarray(profile, dtype=np.float64).T
     return prism(1, radii[:, None, None] * polygon(sides, 1.0), heights, color)
 
 
 def sweep(path: ArrayLike, profile: Vectors, color: Color, *, up: ArrayLike = (0, 1, 0)) -> Part:
-    """Bar of constant section along a polyline [n, 3], with mitred joints.
+    """Return a bar of constant section along a polyline [n, 3], with mitred joints.
 
     profile  [m, 2], convex, in (sideways, upwards) of the first segment; centred profiles make bars
              whose volume is exactly section area x path length
@@ -239,7 +246,7 @@ def sweep(path: ArrayLike, profile: Vectors, color: Color, *, up: ArrayLike = (0
 
 
 def tube(path: ArrayLike, radius: float, color: Color, *, sides: int = 8) -> Part:
-    """Round bar (`sides` faces) along a polyline [n, 3]; see `sweep`."""
+    """Return a round bar (`sides` faces) along a polyline [n, 3]; see `sweep`."""
     points = np.asarray(path, dtype=np.float64)
     along = points[1] - points[0]
     up = (0.0, 0.0, 1.0) if abs(along[1]) > 0.9 * np.linalg.norm(along) else (0.0, 1.0, 0.0)
@@ -249,7 +256,7 @@ def tube(path: ArrayLike, radius: float, color: Color, *, sides: int = 8) -> Par
 def hoop(
     centre: ArrayLike, radius: float, tube_radius: float, color: Color, *, steps: int = 16
 ) -> Part:
-    """Level torus of round section (6 faces around the tube)."""
+    """Return a level torus of round section (6 faces around the tube)."""
     section = polygon(6, tube_radius)
     angle = np.arange(steps) * (2 * math.pi / steps)
     x, y, z = np.asarray(centre, dtype=np.float64)
@@ -259,7 +266,7 @@ def hoop(
 
 
 def rim(outline: Vectors, y_low: float, y_high: float, thickness: float, color: Color) -> Part:
-    """Upright wall of a convex outline [n, 2] in (x, z), open inside (a seat frame).
+    """Return an upright wall of a convex outline [n, 2] in (x, z), open inside (a seat frame).
 
     `thickness` is measured inwards along x and z; it has to be less than half of either extent.
     """
@@ -279,7 +286,9 @@ def curved_panel(
     *,
     steps: int = 10,
 ) -> Part:
-    """Upright panel bent about a vertical axis in front of it (towards -z), like a chair's back.
+    """Return an upright panel bent about a vertical axis in front of it, like a chair's back.
+
+    The front is towards -z.
 
     half_width       half of its extent in x, measured in the middle of the thickness
     half_angle_rad   half of the arc, in (0, pi)
@@ -295,14 +304,17 @@ def curved_panel(
 
 
 def moved(part: Part, offset: ArrayLike, *, tilt_rad: float = 0.0) -> Part:
-    """The part leaned by `tilt_rad` about the x axis (its +y towards +z), then shifted by [3]."""
+    """Return the part leaned by `tilt_rad` about the x axis, then shifted by [3].
+
+    Leaning moves its +y towards +z.
+    """
     cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
     return Part(part.vertices @ turn + np.asarray(offset, dtype=np.float64), part.faces, part.color)
 
 
 def join(parts: Sequence[Part]) -> Mesh:
-    """One mesh of all parts (at least one), in order; nothing is merged."""
+    """Return one mesh of all parts (at least one), in order; nothing is merged."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
     counts = [len(part.faces) for part in parts]
     return Mesh(
@@ -313,7 +325,7 @@ def join(parts: Sequence[Part]) -> Mesh:
 
 
 def turned(part: Part, yaw_rad: float) -> Part:
-    """The part turned about the y axis by `yaw_rad` (its +z towards +x)."""
+    """Return the part turned about the y axis by `yaw_rad` (its +z towards +x)."""
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     turn = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
     return Part(part.vertices @ turn, part.faces, part.color)

@@ -42,7 +42,7 @@ class Degenerate(Exception):
 
 
 def draw_widened(shapes: ShapeClass, rng: np.random.Generator) -> tuple[Mesh, int]:
-    """A normalised mesh of a class, and how many draws were rejected before it.
+    """Return a normalised mesh of a class, and how many draws were rejected before it.
 
     A draw is rejected where it is flat (smallest extent below FLATTEST of the largest, and below
     half of what it was), where a part has no positive volume, and where the deformation stretches
@@ -73,7 +73,7 @@ def _draw(shapes: ShapeClass, rng: np.random.Generator) -> Mesh:
 
 
 def exchanged_chair(rng: np.random.Generator) -> list[Part]:
-    """A chair whose base, and whose seat and back, are of different families."""
+    """Return a chair whose base, and whose seat and back, are of different families."""
     bases: dict[Family, float] = {k: w for k, w in FAMILY_WEIGHTS.items() if k != "armchair"}
     backs: dict[Family, float] = {k: w for k, w in bases.items() if k != "stool"}
     above, below = draw_spec_of(rng, pick(rng, backs)), draw_spec_of(rng, pick(rng, bases))
@@ -96,7 +96,10 @@ def exchanged_chair(rng: np.random.Generator) -> list[Part]:
 
 
 def without_some(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
-    """Without one to three parts of less than LARGEST_PART of the surface; never without all."""
+    """Return the parts without one to three small ones, but never without all.
+
+    Small are parts of less than LARGEST_PART of the surface.
+    """
     areas = np.array([_area(part) for part in parts])
     small = np.flatnonzero(areas < LARGEST_PART * areas.sum())
     count = min(int(rng.integers(1, 4)), len(small), len(parts) - 1)
@@ -105,22 +108,22 @@ def without_some(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
 
 
 def thickened(parts: Sequence[Part], factor: float) -> list[Part]:
-    """With long parts thicker by a factor, about their middle line; the others as they are."""
-    made = []
+    """Return the parts with long ones thicker by a factor, about their middle line."""
+    changed = []
     for part in parts:
         centre = part.vertices.mean(axis=0)
         _, extents, axes = np.linalg.svd(part.vertices - centre, full_matrices=False)
         if extents[0] < LONG * extents[1]:
-            made.append(part)
+            changed.append(part)
             continue
         along = np.outer(axes[0], axes[0])
         grown = (part.vertices - centre) @ (along + factor * (np.eye(3) - along))
-        made.append(replace(part, vertices=centre + grown))
-    return made
+        changed.append(replace(part, vertices=centre + grown))
+    return changed
 
 
 def recoloured(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
-    """Each colour as it is, of another material, or any; parts of one colour stay of one."""
+    """Return each colour as it is, of another material, or any; equal colours stay equal."""
     new = {color: _recolour(color, rng) for color in dict.fromkeys(part.color for part in parts)}
     return [replace(part, color=new[part.color]) for part in parts]
 
@@ -140,7 +143,10 @@ def _any(rng: np.random.Generator) -> Color:
 
 
 def painted(mesh: Mesh, rng: np.random.Generator) -> Mesh:
-    """The mesh as it is, in one colour of any, or in neutral grey as files without colours are."""
+    """Return the mesh as it is, in one colour of any, or in neutral grey.
+
+    Grey is the colour of files without colours.
+    """
     match pick(rng, PAINTS):
         case "one colour":
             return in_one_colour(mesh, _any(rng))
@@ -150,7 +156,7 @@ def painted(mesh: Mesh, rng: np.random.Generator) -> Mesh:
 
 
 def deformed(parts: Sequence[Part], deformation: Deformation) -> list[Part]:
-    """With all parts deformed together, in faces small enough to bend.
+    """Return all parts deformed together, in faces small enough to bend.
 
     Raises Degenerate as `draw_widened` says.
     """
@@ -158,21 +164,24 @@ def deformed(parts: Sequence[Part], deformation: Deformation) -> list[Part]:
     low, high = every.min(axis=0), every.max(axis=0)
     centre, half = (low + high) / 2, (high - low).max() / 2
     fine = [subdivide_to_size((p.vertices - centre) / half, p.faces, EDGE) for p in parts]
-    if deformation.smallest_stretch(np.concatenate([of[0] for of in fine])) < LEAST_STRETCH:
+    if (
+        deformation.smallest_stretch(np.concatenate([triangles[0] for triangles in fine]))
+        < LEAST_STRETCH
+    ):
         raise Degenerate("folded")
-    made = [
-        Part(deformation(of[0]), of[1].astype(np.int32), part.color)
-        for part, of in zip(parts, fine, strict=True)
+    bent = [
+        Part(deformation(triangles[0]), triangles[1].astype(np.int32), part.color)
+        for part, triangles in zip(parts, fine, strict=True)
     ]
-    if not all(signed_volume(part.vertices, part.faces) > 0 for part in made):
+    if not all(signed_volume(part.vertices, part.faces) > 0 for part in bent):
         raise Degenerate("inside out")
-    if _flatness(made) < min(FLATTEST, _flatness(parts) / 2):
+    if _flatness(bent) < min(FLATTEST, _flatness(parts) / 2):
         raise Degenerate("flat")
-    return made
+    return bent
 
 
 def _flatness(parts: Sequence[Part]) -> float:
-    """Smallest over largest extent."""
+    """Return the smallest over the largest extent."""
     extents = np.ptp(np.concatenate([part.vertices for part in parts]), axis=0)
     return float(extents.min() / extents.max())
 

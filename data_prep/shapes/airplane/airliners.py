@@ -14,7 +14,7 @@ from data_prep.shapes.solids import Color, Part, Vectors, box
 
 
 def _tube_fuselage(r: float, taper: float) -> Vectors:
-    """Stations of an airliner's body of radius r, whose tail begins at z = taper."""
+    """Return the stations of an airliner's body of radius r, whose tail begins at z = taper."""
     return np.array(
         [
             (-0.5, -0.28 * r, 0.12 * r, 0.12 * r),
@@ -31,7 +31,7 @@ def _tube_fuselage(r: float, taper: float) -> Vectors:
 
 
 def _windows(r: float, taper: float, glass: Color) -> list[Part]:
-    """The cockpit's windows and one dark strip for all others, standing out of the body."""
+    """Return the cockpit's windows and one dark strip for all others, standing out of the body."""
     y, height = 0.28 * r, 0.22 * r
     half_width = math.sqrt(r**2 - (y - height / 2) ** 2) + 0.004
     strip = box((0, y, (taper - 0.36) / 2), (2 * half_width, height, 0.34 + taper), glass)
@@ -44,7 +44,7 @@ def _windows(r: float, taper: float, glass: Color) -> list[Part]:
 
 
 def airliner(rng: np.random.Generator) -> list[Part]:
-    """Two or four engines under a low, swept wing."""
+    """Return an airliner with two or four engines under a low, swept wing."""
     body, wings, accent, glass, dark = shades(
         rng, AIRPLANE, "white", "grey", "livery", "glass", "dark"
     )
@@ -102,7 +102,7 @@ def airliner(rng: np.random.Generator) -> list[Part]:
 
 
 def rear_engine_jet(rng: np.random.Generator) -> list[Part]:
-    """Engines on both sides of the tail (sometimes one more in the fin), a T-tail."""
+    """Return a jet with engines on both sides of the tail (sometimes one in the fin), a T-tail."""
     body, accent = shades(rng, AIRPLANE, "white", "livery")
     wings = body if chance(rng, 0.5) else shade(rng, AIRPLANE["grey"])
     glass, dark = shades(rng, AIRPLANE, "glass", "dark")
@@ -155,7 +155,7 @@ def rear_engine_jet(rng: np.random.Generator) -> list[Part]:
 
 
 def supersonic(rng: np.random.Generator) -> list[Part]:
-    """A needle of a body on an ogee wing, without a tailplane."""
+    """Return an airliner with a needle of a body on an ogee wing, without a tailplane."""
     body, accent, glass, dark = shades(rng, AIRPLANE, "white", "livery", "glass", "dark")
     r = uniform(rng, (0.026, 0.036))
     fuselage = spindle(

@@ -12,7 +12,7 @@ from data_prep.shapes.solids import Color, Part, box, rectangle, sweep
 
 
 def fighter(rng: np.random.Generator) -> list[Part]:
-    """A pointed body between intakes: trapezoid, delta or swept wing, one fin or two."""
+    """Return a pointed body between intakes: trapezoid, delta or swept wing, one fin or two."""
     body, glass, dark = shades(rng, AIRPLANE, "military", "glass", "dark")
     wings = body if chance(rng, 0.7) else shade(rng, (body,))
     shape = pick(rng, {"trapezoid": 0.45, "delta": 0.3, "swept": 0.25})
@@ -96,7 +96,7 @@ def fighter(rng: np.random.Generator) -> list[Part]:
 
 
 def _missiles(rng: np.random.Generator, wing: Wing, pylons: Color) -> list[Part]:
-    """Missiles on the tips of the wing, or hung from it."""
+    """Return missiles on the tips of the wing, or hung from it."""
     parts = []
     store = shade(rng, AIRPLANE["white"]) if chance(rng, 0.5) else shade(rng, AIRPLANE["dark"])
     places = [1.0] if chance(rng, 0.4) else [0.5, 0.75][: 1 + int(rng.integers(2))]
@@ -112,7 +112,7 @@ def _missiles(rng: np.random.Generator, wing: Wing, pylons: Color) -> list[Part]
 
 
 def flying_wing(rng: np.random.Generator) -> list[Part]:
-    """A swept wing and nothing else, but for humps over its engines."""
+    """Return a swept wing and nothing else, but for humps over its engines."""
     body, glass, dark = shades(rng, AIRPLANE, "stealth", "glass", "dark")
     half_span, sweep_back = uniform(rng, (0.75, 1.0)), uniform(rng, (0.55, 0.75))
     root, tip = uniform(rng, (0.42, 0.52)), uniform(rng, (0.08, 0.12))

@@ -36,18 +36,18 @@ class Wing:
     thickness: float = 0.11
 
     def chord(self, x: float) -> float:
-        """Chord at the distance x from the middle."""
+        """Return the chord at the distance x from the middle."""
         knee = self.kink * self.half_span
         inner = max(self.root - knee * self.sweep, self.tip) if self.kink else self.root
         return float(np.interp(abs(x), (0.0, knee, self.half_span), (self.root, inner, self.tip)))
 
     def at(self, x: float, along: float = 0.0) -> tuple[float, float, float]:
-        """The middle of the wing's thickness at `along` chords behind the leading edge."""
+        """Return the middle of the wing's thickness at `along` chords behind the leading edge."""
         height = self.y + abs(x) * self.dihedral
         return (x, height, self.z + abs(x) * self.sweep + along * self.chord(x))
 
     def part(self, color: Color) -> Part:
-        """The wing from tip to tip, in one piece."""
+        """Return the wing from tip to tip, in one piece."""
         half = sorted({0.0, self.kink * self.half_span, self.half_span})
         stations = [
             (*self.at(x), self.chord(x), self.thickness * self.chord(x))
@@ -64,7 +64,7 @@ def upright_fin(
     color: Color,
     lean: float = 0.0,
 ) -> Part:
-    """Upright fin; `lean` is how far its tip stands out in x."""
+    """Return an upright fin; `lean` is how far its tip stands out in x."""
     x, y, z = foot
     root, tip = chords
     stations = [
@@ -75,7 +75,7 @@ def upright_fin(
 
 
 def winglets_on(wing: Wing, height: float, color: Color) -> list[Part]:
-    """Winglets on both tips of a wing."""
+    """Return winglets on both tips of a wing."""
     x, y, z = wing.at(0.99 * wing.half_span)
     chord = wing.chord(x)
     return pair(upright_fin((x, y, z), height, (chord, 0.5 * chord), 0.7, color, lean=0.006))
@@ -84,7 +84,10 @@ def winglets_on(wing: Wing, height: float, color: Color) -> list[Part]:
 def turbofan(
     x: float, y: float, z: float, radius: float, length: float, shell: Color, dark: Color
 ) -> list[Part]:
-    """A turbofan with its intake at z, and the dark of intake and exhaust standing out of it."""
+    """Return a turbofan with its intake at z.
+
+    The dark of intake and exhaust stands out of it.
+    """
     nacelle = [
         (z, y, 0.86 * radius, 0.86 * radius),
         (z + 0.15 * length, y, radius, radius),
@@ -107,7 +110,7 @@ def propeller_parts(
     dark: Color,
     spinner: Color,
 ) -> list[Part]:
-    """A propeller in the plane of z, on a spinner that reaches back into its engine."""
+    """Return a propeller in the plane of z, on a spinner that reaches back into its engine."""
     x, y, z = centre
     hub = 0.14 * radius
     parts = [
@@ -132,7 +135,7 @@ def propeller_parts(
 def undercarriage(
     places: list[tuple[float, float, float]], top: float, radius: float, leg: Color, tyre: Color
 ) -> list[Part]:
-    """Legs from y = `top` down to wheels at the places, which are given on one side."""
+    """Return legs from y = `top` down to wheels at the places, which are given on one side."""
     parts = []
     for x, y, z in places:
         strut = tube([(0.2 * x, top, z), (x, y, z)], 0.007, leg, sides=6)

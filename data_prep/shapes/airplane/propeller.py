@@ -14,7 +14,7 @@ from data_prep.shapes.solids import Part, box, rectangle, slab, tube
 
 
 def propeller_plane(rng: np.random.Generator) -> list[Part]:
-    """A straight wing, high or low, with one propeller in the nose or one on each side."""
+    """Return a straight wing, high or low, with one propeller in the nose or one on each side."""
     warbird = chance(rng, 0.35)
     body = shade(rng, AIRPLANE["warbird"] if warbird else AIRPLANE["white"])
     accent = shade(rng, AIRPLANE["livery"])
@@ -93,7 +93,7 @@ def propeller_plane(rng: np.random.Generator) -> list[Part]:
 
 
 def biplane(rng: np.random.Generator) -> list[Part]:
-    """Two wings joined by struts, an open cockpit, wheels."""
+    """Return a biplane: two wings joined by struts, an open cockpit, wheels."""
     body, dark = shades(rng, AIRPLANE, "stunt", "dark")
     wings = shade(rng, AIRPLANE["stunt"]) if chance(rng, 0.5) else body
     wood = shade(rng, "wood")

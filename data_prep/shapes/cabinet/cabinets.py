@@ -45,14 +45,14 @@ def _body_color(rng: np.random.Generator, family: str) -> Color:
 def _top(
     width: float, height: float, depth: float, over: float, thick: float, color: Color
 ) -> Part:
-    """A plate on a body of this width, height and depth, standing out by `over`, not behind."""
+    """Return a plate on a body of this size, standing out by `over`, but not behind."""
     centre = (0.0, height + thick / 2 - 0.004, -over / 2)
     size = (width + 2 * over, thick, depth + over - 0.012)
     return slab(rectangle(1, 1), centre, size, color, bevel=0.2 * thick)
 
 
 def chest(rng: np.random.Generator) -> list[Part]:
-    """Drawers from the floor up: a dresser, a tallboy, a bedside chest or a filing cabinet."""
+    """Return drawers from the floor up: a dresser, tallboy, bedside chest or filing cabinet."""
     kind = pick(rng, CHEST_WEIGHTS)
     widths, heights, depths, row_range, column_range = CHESTS[kind]
     width, height, depth = uniform(rng, widths), uniform(rng, heights), uniform(rng, depths)
@@ -80,7 +80,7 @@ def chest(rng: np.random.Generator) -> list[Part]:
 
 
 def sideboard(rng: np.random.Generator) -> list[Part]:
-    """A low, wide row of bays: doors, drawers or open."""
+    """Return a low, wide row of bays: doors, drawers or open."""
     width, height, depth = (uniform(rng, r) for r in ((1.10, 2.10), (0.45, 0.90), (0.36, 0.50)))
     body = _body_color(rng, "sideboard")
     finish = draw_finish(rng, body, (width, height, depth))
@@ -119,7 +119,10 @@ def sideboard(rng: np.random.Generator) -> list[Part]:
 
 
 def wardrobe(rng: np.random.Generator) -> list[Part]:
-    """As tall as a person: one to four doors, perhaps drawers below and a cornice."""
+    """Return a cabinet as tall as a person, with one to four doors.
+
+    It may have drawers below and a cornice.
+    """
     height, depth = uniform(rng, (1.65, 2.30)), uniform(rng, (0.48, 0.66))
     count = pick(rng, {1: 0.12, 2: 0.50, 3: 0.22, 4: 0.16})
     width = count * uniform(rng, (0.42, 0.56))
@@ -145,7 +148,7 @@ def wardrobe(rng: np.random.Generator) -> list[Part]:
 
 
 def shelving(rng: np.random.Generator) -> list[Part]:
-    """Open shelves, perhaps with doors in front of the lowest; or boards between posts."""
+    """Return open shelves, perhaps with doors in front of the lowest; or boards between posts."""
     width, height, depth = (uniform(rng, r) for r in ((0.45, 1.70), (0.75, 2.20), (0.24, 0.42)))
     color = _body_color(rng, "shelves")
     rows = max(2, round(height / uniform(rng, (0.28, 0.48))))
@@ -171,7 +174,7 @@ def shelving(rng: np.random.Generator) -> list[Part]:
 def _etagere(
     rng: np.random.Generator, size: tuple[float, float, float], rows: int, color: Color
 ) -> list[Part]:
-    """Boards between four posts, without sides."""
+    """Return boards between four posts, without sides."""
     width, height, depth = size
     thick = uniform(rng, (0.018, 0.034))
     metal = shade_of(rng, {"dark-metal": 0.6, "chrome": 0.25, "wood": 0.15})
@@ -192,7 +195,7 @@ def _etagere(
 
 
 def hutch(rng: np.random.Generator) -> list[Part]:
-    """A cabinet with a shallower one on it, of glass doors or shelves."""
+    """Return a cabinet with a shallower one on it, of glass doors or shelves."""
     width, waist, height = (uniform(rng, r) for r in ((0.80, 1.60), (0.72, 0.95), (1.70, 2.20)))
     depth = uniform(rng, (0.40, 0.56))
     body = _body_color(rng, "hutch")

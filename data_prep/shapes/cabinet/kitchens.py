@@ -15,7 +15,10 @@ KICK = 0.10  # height of the recessed plinth
 
 
 def kitchen(rng: np.random.Generator) -> list[Part]:
-    """A run along the wall; perhaps a second one round the corner, wall units, or a tall unit."""
+    """Return a run of units along the wall.
+
+    There may be a second one round the corner, wall units, or a tall unit.
+    """
     kind = pick(rng, {"straight": 0.30, "corner": 0.30, "wall-units": 0.25, "tall": 0.15})
     units = int(rng.integers(3, 6)) if kind != "straight" else int(rng.integers(2, 5))
     unit, depth, height = (uniform(rng, r) for r in ((0.42, 0.62), (0.55, 0.64), (0.82, 0.92)))
@@ -67,7 +70,7 @@ def _run(
     units: int,
     hidden: float,
 ) -> list[Part]:
-    """Base units of this length, height and depth, without a worktop.
+    """Return base units of this length, height and depth, without a worktop.
 
     `hidden` metres of the front stay closed: at the +X end, or at the other where it is negative.
     """
@@ -95,7 +98,7 @@ def _worktop(length: float, depth: float, height: float, color: tuple[int, int, 
 
 
 def _sink(finish: Finish, place: tuple[float, float, float]) -> list[Part]:
-    """A basin's rim and its tap, on a worktop."""
+    """Return a basin's rim and its tap, on a worktop."""
     x, y, z = place
     top = y + 0.034
     basin = slab(rectangle(1, 1), (x, top, z - 0.02), (0.50, 0.024, 0.36), finish.trim, bevel=0.006)

@@ -1,4 +1,4 @@
-"""What cabinets of all families are put together from: doors, drawers, handles, boards and feet.
+"""Parts of cabinets of all families: doors, drawers, handles, boards and feet.
 
 Lengths are in metres. What stands out does so in steps of a `layer`, a hundredth of the cabinet's
 radius: seams and panels are then as visible on a wardrobe as on a nightstand.
@@ -28,7 +28,7 @@ Stand = Literal["plinth", "legs", "blocks", "sled"]
 
 @dataclass(frozen=True)
 class Finish:
-    """How a cabinet's surfaces look.
+    """The look of a cabinet's surfaces.
 
     seam    what is seen between two doors
     handle  of doors and drawers; "none" opens by a push
@@ -46,7 +46,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class Field:
-    """Upright rectangle in a front, at depth z (smaller is nearer to the viewer)."""
+    """An upright rectangle in a front, at depth z (smaller is nearer to the viewer)."""
 
     x_low: float
     x_high: float
@@ -55,7 +55,7 @@ class Field:
     z: float
 
     def split(self, columns: Sequence[float], rows: Sequence[float]) -> list[Field]:
-        """The fields of a grid, of relative sizes, by columns and upwards."""
+        """Return the fields of a grid, of relative sizes, by columns and upwards."""
         xs = self.x_low + (self.x_high - self.x_low) * _steps(columns)
         ys = self.y_low + (self.y_high - self.y_low) * _steps(rows)
         return [
@@ -70,7 +70,7 @@ def _steps(sizes: Sequence[float]) -> np.ndarray:
 
 
 def draw_finish(rng: np.random.Generator, body: Color, size: tuple[float, float, float]) -> Finish:
-    """What suits a body of this colour and size (width, height, depth in metres)."""
+    """Draw a finish that suits a body of this colour and size (width, height, depth in metres)."""
     front = pick(rng, {"same": 0.60, "tone": 0.28, "lacquer": 0.12})
     tone = uniform(rng, (0.72, 0.90))
     colors = {"same": body, "tone": darker(body, tone), "lacquer": shade(rng, "lacquer")}
@@ -86,18 +86,18 @@ def draw_finish(rng: np.random.Generator, body: Color, size: tuple[float, float,
 
 
 def carcass(centre: ArrayLike, size: tuple[float, float, float], color: Color) -> Part:
-    """A closed box with its edges broken, as boards have them."""
+    """Return a closed box with its edges broken, as boards have them."""
     return slab(rectangle(1, 1), centre, size, color, bevel=0.006)
 
 
 def darker(color: Color, factor: float) -> Color:
-    """The colour times a factor, not below what a material may have (12)."""
+    """Return the colour times a factor, not below what a material may have (12)."""
     red, green, blue = (max(12, round(factor * value)) for value in color)
     return red, green, blue
 
 
 def doors(finish: Finish, field: Field, count: int) -> list[Part]:
-    """Doors side by side; of two neighbours the handles are next to each other."""
+    """Return doors side by side; of two neighbours the handles are next to each other."""
     parts = [_seam(finish, field)]
     for k, place in enumerate(field.split([1] * count, [1])):
         hinge_left = k % 2 == 0 and count > 1
@@ -111,7 +111,7 @@ def doors(finish: Finish, field: Field, count: int) -> list[Part]:
 
 
 def drawers(finish: Finish, field: Field, rows: Sequence[float], columns: int = 1) -> list[Part]:
-    """Drawers in rows of relative heights, the lowest first."""
+    """Return drawers in rows of relative heights, the lowest first."""
     parts = [_seam(finish, field)]
     for place in field.split([1] * columns, rows):
         parts += _leaf(finish, place)
@@ -125,7 +125,7 @@ def drawers(finish: Finish, field: Field, rows: Sequence[float], columns: int = 
 
 
 def glass_doors(finish: Finish, field: Field, count: int, glass: Color) -> list[Part]:
-    """Framed panes side by side."""
+    """Return framed panes side by side."""
     bars = replace(finish, front=glass, leaf="framed")
     parts = [_seam(finish, field)]
     for place in field.split([1] * count, [1]):
@@ -140,7 +140,7 @@ def _seam(finish: Finish, field: Field) -> Part:
 
 
 def _leaf(finish: Finish, field: Field, frame_color: Color | None = None) -> list[Part]:
-    """A door or a drawer's front, two layers in front of the field."""
+    """Return a door or a drawer's front, two layers in front of the field."""
     step = finish.layer
     width = field.x_high - field.x_low - 1.4 * step
     height = field.y_high - field.y_low - 1.4 * step
@@ -164,7 +164,7 @@ def _leaf(finish: Finish, field: Field, frame_color: Color | None = None) -> lis
 def _handle(
     finish: Finish, place: tuple[float, float, float], *, upright: bool, room: float
 ) -> list[Part]:
-    """A handle at a place of the field that the leaf covers; `room` is the leaf's length there."""
+    """Return a handle at a place of the covered field; `room` is the leaf's length there."""
     step, (x, y, z) = finish.layer, place
     if finish.handle == "none":
         return []
@@ -193,7 +193,9 @@ def rack(
     color: Color,
     back: Color | None,
 ) -> list[Part]:
-    """Boards around open bays: sides, top, bottom, uprights, shelves, and a back unless None.
+    """Return boards around open bays: sides, top, bottom, uprights, shelves, and a back.
+
+    There is no back where `back` is None.
 
     field    the front, outside measures
     board    thickness
@@ -232,7 +234,7 @@ def rack(
 def stand(
     rng: np.random.Generator, kind: Stand, size: tuple[float, float, float], color: Color
 ) -> list[Part]:
-    """What carries a body above a floor at y = 0.
+    """Return the parts that carry a body above a floor at y = 0.
 
     size  width and depth of the body and how high its underside is
     """

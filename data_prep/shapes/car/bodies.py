@@ -12,7 +12,9 @@ from data_prep.shapes.solids import Part, box, prism
 
 
 def body_shell(car: Car, top: list[tuple[float, float]]) -> Part:
-    """The body up to the belt: sections along z, with the wheel arches cut out of their lower edge.
+    """Return the body up to the belt: sections along z.
+
+    The wheel arches are cut out of their lower edge.
 
     top  (z, height of the upper side), from the nose to the tail
     """
@@ -36,7 +38,7 @@ def body_shell(car: Car, top: list[tuple[float, float]]) -> Part:
 
 
 def hood_line(car: Car, cabin: Cabin, nose: float) -> list[tuple[float, float]]:
-    """The upper side from the nose to the windscreen; `nose` is its height there, in belts."""
+    """Return the upper side from nose to windscreen; `nose` is its height there, in belts."""
     front = -car.length / 2
     return [
         (front, (nose - 0.10) * car.belt),
@@ -47,13 +49,13 @@ def hood_line(car: Car, cabin: Cabin, nose: float) -> list[tuple[float, float]]:
 
 
 def deck_line(car: Car, drop: float) -> list[tuple[float, float]]:
-    """The upper side at the tail, `drop` lower than the belt."""
+    """Return the upper side at the tail, `drop` lower than the belt."""
     rear = car.length / 2
     return [(rear - 0.10, car.belt - drop), (rear, car.belt - drop - 0.10)]
 
 
 def running_gear(car: Car) -> list[Part]:
-    """Four wheels, and the dark floor that shows in the wheel arches and holds the wheels."""
+    """Return four wheels, and the dark floor that holds them and shows in the wheel arches."""
     front, rear = car.axles
     start, end = front - car.arch - 0.06, rear + car.arch + 0.06
     low, high = car.clearance + 0.03, car.arch_top + 0.02
@@ -69,7 +71,7 @@ def running_gear(car: Car) -> list[Part]:
 def light_parts(
     rng: np.random.Generator, car: Car, nose: float, tail: float, wide: float
 ) -> list[Part]:
-    """Head lights and grille below the hood, `nose` belts high; tail lights at `tail`."""
+    """Return head lights and grille below the hood, `nose` belts high; tail lights at `tail`."""
     red = shade(rng, CAR["taillight"])
     depth, out, nose = 0.2, 0.03, (nose - 0.17) * car.belt
     front, rear = -car.length / 2 - out + depth / 2, car.length / 2 + out - depth / 2
@@ -81,6 +83,6 @@ def light_parts(
 
 
 def mirror_parts(car: Car, cabin: Cabin) -> list[Part]:
-    """Both mirrors, at the foot of the windscreen."""
+    """Return both mirrors, at the foot of the windscreen."""
     y, x = car.belt + 0.06, cabin.half_widths[0]
     return pair(box((x + 0.05, y, cabin.foot[0] + 0.42), (0.34, 0.12, 0.09), car.paint))

@@ -28,13 +28,13 @@ class Cabin:
     nose: float = 0.10
 
     def at(self, share: float) -> tuple[float, float, float, float]:
-        """Height, z of the front, z of the rear, and half width at a share of the height."""
+        """Return height, z of the front, z of the rear, and half width at a share of the height."""
         ends = ((self.low, self.high), *zip(self.foot, self.roof, strict=True), self.half_widths)
         y, front, rear, half = (a + share * (b - a) for a, b in ends)
         return y, front, rear, half
 
     def ring(self, share: float, swell: float = 0.0) -> Vectors:
-        """The convex section [9, 3] at a share of the height, `swell` wider on all sides."""
+        """Return the convex section [9, 3] at a share of the height, `swell` wider on all sides."""
         y, front, rear, half = self.at(share)
         front, rear, half = front - swell, rear + swell, half + swell
         right = [(0.0, front), (0.74 * half, front + self.nose), (half, front + self.nose + 0.16)]
@@ -43,17 +43,20 @@ class Cabin:
         return np.insert(outline, 1, y, axis=1)
 
     def shell(self, color: Color, swell: float, shares: tuple[float, float]) -> Part:
-        """The solid between two shares of the height."""
+        """Return the solid between two shares of the height."""
         return loft([self.ring(share, swell) for share in shares], color)
 
     def top(self, color: Color, start: float = 0.88) -> Part:
-        """The roof, from the share `start` on: wider than the glass, with its edge taken off."""
+        """Return the roof, from the share `start` on, with its edge taken off.
+
+        It is wider than the glass.
+        """
         crown = self.ring(1.0, -0.10)
         crown[:, 1] += 0.03
         return loft([self.ring(start, 0.02), self.ring(0.98, 0.02), crown], color)
 
     def pillars(self, color: Color, middles: tuple[float, ...], rear_width: float) -> list[Part]:
-        """Pillars at the four corners, and on the sides at shares of the length."""
+        """Return pillars at the four corners, and on the sides at shares of the length."""
         low, high = self.ring(0.03), self.ring(0.96)
         parts = []
         slim, wide = rectangle(0.085, 0.13), rectangle(0.085, rear_width)

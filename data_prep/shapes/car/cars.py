@@ -21,7 +21,7 @@ from data_prep.shapes.solids import Part, box, loft, post, rectangle, rim, tube
 
 
 def closed(rng: np.random.Generator, family: str) -> list[Part]:
-    """Sedan, coupe, SUV and hatchback: a cabin of glass between pillars, under a roof."""
+    """Return a sedan, coupe, SUV or hatchback: a cabin of glass between pillars, under a roof."""
     car, cabin = draw_car(rng, family)
     nose = uniform(rng, (0.76, 0.88)) if family == "suv" else uniform(rng, (0.66, 0.82))
     top = [*hood_line(car, cabin, nose), *deck_line(car, uniform(rng, (0.0, 0.04)))]
@@ -59,7 +59,7 @@ def closed(rng: np.random.Generator, family: str) -> list[Part]:
 
 
 def van(rng: np.random.Generator) -> list[Part]:
-    """A tall box with a short nose; a panel van has no windows behind the front doors."""
+    """Return a tall box with a short nose; a panel van has no windows behind the front doors."""
     car, drawn = draw_car(rng, "van")
     cabin = Cabin(
         drawn.foot,
@@ -89,7 +89,7 @@ def van(rng: np.random.Generator) -> list[Part]:
 
 
 def pickup(rng: np.random.Generator) -> list[Part]:
-    """A cabin and an open bed."""
+    """Return a cabin and an open bed."""
     car, cabin = draw_car(rng, "pickup")
     nose = uniform(rng, (0.80, 0.90))
     start, rear = cabin.foot[1] + 0.08, car.length / 2
@@ -122,7 +122,7 @@ def pickup(rng: np.random.Generator) -> list[Part]:
 
 
 def convertible(rng: np.random.Generator) -> list[Part]:
-    """Seats behind a windscreen, and no roof."""
+    """Return seats behind a windscreen, and no roof."""
     car, cabin = draw_car(rng, "convertible")
     leather = shade(rng, CAR["leather"])
     nose = uniform(rng, (0.66, 0.80))

@@ -19,7 +19,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Proportions:
-    """Ranges of a family; each value is uniform within its range.
+    """The ranges of a family; each value is uniform within its range.
 
     length, width, height  metres
     belt                   lower edge of the windows, in heights
@@ -116,16 +116,16 @@ class Car:
 
     @property
     def arch_top(self) -> float:
-        """How high the wheel arches are cut."""
+        """The height to which the wheel arches are cut."""
         return self.wheel + ARCH[2][1] * self.arch
 
     def z(self, share: float) -> float:
-        """The place at this share of the length, from the nose."""
+        """Return the place at this share of the length, from the nose."""
         return (share - 0.5) * self.length
 
 
 def draw_car(rng: np.random.Generator, family: str) -> tuple[Car, Cabin]:
-    """The measures and colours of a car of this family, and its cabin."""
+    """Return the measures and colours of a car of this family, and its cabin."""
     given = PROPORTIONS[family]
     length, width, height = (uniform(rng, r) for r in (given.length, given.width, given.height))
     belt, wheel = uniform(rng, given.belt) * height, uniform(rng, given.wheel)

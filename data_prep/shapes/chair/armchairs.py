@@ -13,7 +13,7 @@ from data_prep.shapes.solids import Part, curved_panel, moved, polygon, rectangl
 
 
 def armchair_parts(spec: ChairSpec) -> list[Part]:
-    """All parts of an armchair; a curved back makes it a tub."""
+    """Return all parts of an armchair; a curved back makes it a tub."""
     return _tub(spec) if spec.back == "curved" else _boxy(spec)
 
 

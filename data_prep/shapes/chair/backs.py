@@ -26,7 +26,7 @@ RIB = 0.06  # m, height of top rails and rungs
 
 
 def back_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
-    """The back with its posts, in the chair's frame; nothing where the chair has none."""
+    """Return the back with its posts, in the chair's frame; nothing where the chair has none."""
     if spec.back == "none":
         return []
     build = {
@@ -52,12 +52,15 @@ def back_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 
 def has_posts(spec: ChairSpec) -> bool:
-    """Whether the back hangs between two posts (which the frame of a sled or cantilever lends)."""
+    """Return whether the back hangs between two posts.
+
+    The frame of a sled or cantilever lends them.
+    """
     return spec.posts or spec.family in ("sled", "cantilever")
 
 
 def _half_width(spec: ChairSpec, layout: Layout) -> float:
-    """Half of the width that a back without posts has at its foot."""
+    """Return half of the width that a back without posts has at its foot."""
     return layout.post[0] + spec.leg_m / 2 if spec.family != "pedestal" else layout.post[0]
 
 
@@ -136,7 +139,7 @@ def _ladder(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 
 def curve(spec: ChairSpec, layout: Layout) -> tuple[float, float]:
-    """Half width and half angle of a curved back that grows out of the seat."""
+    """Return half width and half angle of a curved back that grows out of the seat."""
     angle = min(spec.bend_rad, 0.42 / spec.back_height_m)  # a tall one bends less: no half pipes
     if spec.seat == "round":  # it follows the seat's edge
         angle = max(angle, 0.75)
@@ -163,7 +166,7 @@ def _curved(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 
 def _spine(spec: ChairSpec, layout: Layout) -> Part:
-    """The bar that carries a pedestal chair's back: from under the seat up behind the back."""
+    """Return the bar that carries a pedestal chair's back, from under the seat upwards."""
     thick = min(spec.back_thickness_m, 0.03) if spec.back == "curved" else spec.back_thickness_m
     behind = thick / 2 + 0.004
     top = spec.gap_m + 0.4 * (spec.back_height_m - spec.gap_m)
@@ -174,7 +177,7 @@ def _spine(spec: ChairSpec, layout: Layout) -> Part:
 
 
 def arm_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
-    """Both arms, joined to the back and propped on the seat; a pedestal chair's stand free."""
+    """Return both arms, joined to the back and propped on the seat; a pedestal's stand free."""
     if not spec.arms:
         return []
     if spec.family == "pedestal":
@@ -211,6 +214,6 @@ def _side_arm(spec: ChairSpec, layout: Layout, side: float) -> list[Part]:
 
 
 def post_path(spec: ChairSpec, layout: Layout, side: float) -> Vectors:
-    """The course [2, 3] of one post of a tubular frame: from the seat's height to its top."""
+    """Return the course [2, 3] of one post of a tubular frame, from the seat's height up."""
     x = side * layout.post[0]
     return layout.from_back([(x, 0.0, 0.0), (x, spec.back_height_m, 0.0)])

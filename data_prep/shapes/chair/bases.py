@@ -1,4 +1,4 @@
-"""What chairs stand on: legs, rockers, tubular frames, columns."""
+"""Bases of chairs: legs, rockers, tubular frames, columns."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from data_prep.shapes.solids import (
 
 
 def base_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
-    """The base of any family but the armchair."""
+    """Return the base of any family but the armchair."""
     if spec.family == "sled":
         return _sled(spec, layout)
     if spec.family == "cantilever":
@@ -38,7 +38,7 @@ def base_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 
 def _leg_heads(spec: ChairSpec, layout: Layout) -> Vectors:
-    """Where the legs meet the seat, [legs, 3], in order round the seat."""
+    """Return the places where the legs meet the seat, [legs, 3], in order round the seat."""
     if spec.legs == 3:
         angle = np.radians([-90.0, 30.0, 150.0])
         reach = 0.62 * spec.seat_width_m / 2
@@ -53,7 +53,7 @@ def _leg_heads(spec: ChairSpec, layout: Layout) -> Vectors:
 
 
 def _leg_feet(spec: ChairSpec, heads: Vectors) -> Vectors:
-    """The legs' feet [legs, 3] on the floor: splayed outwards, away from the seat's middle."""
+    """Return the legs' feet [legs, 3] on the floor, splayed away from the seat's middle."""
     outwards = heads[:, ::2] / np.linalg.norm(heads[:, ::2], axis=1, keepdims=True)
     feet = heads.copy()
     feet[:, ::2] += outwards * heads[:, 1:2] * math.tan(math.radians(spec.splay_deg))
@@ -76,7 +76,7 @@ def _legs(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 
 def _stretchers(spec: ChairSpec, feet: Vectors, heads: Vectors) -> list[Part]:
-    """Thin bars between neighbouring legs, a third of the way up."""
+    """Return thin bars between neighbouring legs, a third of the way up."""
     if spec.stretchers == "none":
         return []
     radius = 0.26 * spec.leg_m
@@ -159,7 +159,7 @@ def _cantilever(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 
 def _column(spec: ChairSpec, layout: Layout) -> list[Part]:
-    """A column on a star or a disc, with the plate that carries the seat."""
+    """Return a column on a star or a disc, with the plate that carries the seat."""
     radius, high, color = spec.leg_m / 2, layout.bottom, spec.frame_color
     plate = box((0, high - 0.01, 0), (0.20, 0.024, 0.20), color)
     if spec.base == "disc":

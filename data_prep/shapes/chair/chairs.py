@@ -20,17 +20,17 @@ from data_prep.shapes.solids import Part, join
 
 
 def chair(rng: np.random.Generator) -> Mesh:
-    """A random chair, normalised: +Y up, the front (away from the back) towards -Z."""
+    """Return a random chair, normalised: +Y up, the front (away from the back) towards -Z."""
     return build_chair(draw_chair_spec(rng))
 
 
 def build_chair(spec: ChairSpec) -> Mesh:
-    """The chair of a description, normalised. Equal descriptions give equal meshes."""
+    """Return the chair of a description, normalised; equal descriptions give equal meshes."""
     return normalise(join(chair_parts(spec)))
 
 
 def chair_parts(spec: ChairSpec) -> list[Part]:
-    """The watertight solids that a chair is made of, in metres above the floor."""
+    """Return the watertight solids that a chair is made of, in metres above the floor."""
     if spec.family == "armchair":
         return armchair_parts(spec)
     layout = lay_out(spec)
@@ -43,5 +43,5 @@ def chair_parts(spec: ChairSpec) -> list[Part]:
 
 
 def chair_of(rng: np.random.Generator, family: Family) -> list[Part]:
-    """The solids of a random chair of this family."""
+    """Return the solids of a random chair of this family."""
     return chair_parts(draw_spec_of(rng, family))

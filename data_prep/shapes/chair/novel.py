@@ -1,4 +1,4 @@
-"""Chairs of families that no other split draws, to measure on structures that no network has seen.
+"""Chairs of families that no other split draws, to measure on unseen structures.
 
 None has the structure of a family of `spec`: a seat on four legs, a column, a sled or rockers, or
 an upholstered box with arms. Lengths in metres; +Y is up, the front towards -Z.
@@ -37,7 +37,10 @@ SIDES = (-1.0, 1.0)
 
 
 def folding(rng: np.random.Generator) -> list[Part]:
-    """At each side a long leg, up to the back, crosses a short one, up to the seat's front."""
+    """Return a chair of crossing legs: at each side a long one, up to the back, and a short one.
+
+    The short one leads up to the seat's front.
+    """
     frame = shade_of(rng, FRAME)
     plate = frame if chance(rng, 0.4) else shade_of(rng, CLOTH)
     half, leg = uniform(rng, (0.20, 0.24)), uniform(rng, (0.022, 0.032))
@@ -48,7 +51,7 @@ def folding(rng: np.random.Generator) -> list[Part]:
     behind = uniform(rng, (0.02, 0.10))
 
     def course(y: float) -> float:
-        """Where the long legs are at this height."""
+        """Return the place of the long legs at this height."""
         return front + lean * y / top
 
     inner, rear = half - 1.1 * leg, course(seat)
@@ -73,7 +76,7 @@ def folding(rng: np.random.Generator) -> list[Part]:
 
 
 def director(rng: np.random.Generator) -> list[Part]:
-    """Legs crossed in front and behind, a sagging seat and a strip of cloth as the back."""
+    """Return legs crossed in front and behind, a sagging seat and a strip of cloth as the back."""
     frame, cloth = shade_of(rng, FRAME), shade_of(rng, CLOTH)
     half, bar = uniform(rng, (0.25, 0.30)), uniform(rng, (0.022, 0.034))
     deep, seat = uniform(rng, (0.19, 0.23)), uniform(rng, (0.42, 0.52))
@@ -101,7 +104,7 @@ def director(rng: np.random.Generator) -> list[Part]:
 
 
 def zigzag(rng: np.random.Generator) -> list[Part]:
-    """Four boards: on the floor, up to the front, the seat, the back."""
+    """Return four boards: on the floor, up to the front, the seat, the back."""
     color = shade_of(rng, BOARD)
     width, board = uniform(rng, (0.36, 0.46)), uniform(rng, (0.022, 0.040))
     seat, depth = uniform(rng, (0.40, 0.47)), uniform(rng, (0.36, 0.46))
@@ -117,7 +120,7 @@ def zigzag(rng: np.random.Generator) -> list[Part]:
 
 
 def boards(rng: np.random.Generator) -> list[Part]:
-    """Two boards from the floor to the arms, with the seat and the back between them."""
+    """Return two boards from the floor to the arms, with the seat and the back between them."""
     outside = shade_of(rng, BOARD)
     inside = outside if chance(rng, 0.5) else shade_of(rng, CLOTH)
     half, board = uniform(rng, (0.22, 0.30)), uniform(rng, (0.020, 0.045))
@@ -140,7 +143,7 @@ def boards(rng: np.random.Generator) -> list[Part]:
 
 
 def deck(rng: np.random.Generator) -> list[Part]:
-    """Two crossed frames of rods, with a cloth that hangs between them as seat and back."""
+    """Return two crossed frames of rods, with a cloth that hangs between them as seat and back."""
     frame, cloth = shade_of(rng, FRAME), shade_of(rng, CLOTH)
     half, rod = uniform(rng, (0.24, 0.31)), uniform(rng, (0.012, 0.019))
     reach, top = uniform(rng, (0.34, 0.44)), uniform(rng, (0.78, 0.98))
@@ -176,7 +179,7 @@ def deck(rng: np.random.Generator) -> list[Part]:
 
 
 def bowl(rng: np.random.Generator) -> list[Part]:
-    """A tilted bowl in a round frame of rods."""
+    """Return a tilted bowl in a round frame of rods."""
     frame, cloth = shade_of(rng, FRAME), shade_of(rng, CLOTH)
     radius, deep = uniform(rng, (0.38, 0.48)), uniform(rng, (0.16, 0.26))
     wall, tilt = uniform(rng, (0.03, 0.08)), math.radians(uniform(rng, (18, 38)))
@@ -201,7 +204,7 @@ def bowl(rng: np.random.Generator) -> list[Part]:
 
 
 def block(rng: np.random.Generator) -> list[Part]:
-    """Upholstered blocks down to the floor: a plinth with a cushion, a back, and up to two arms."""
+    """Return upholstered blocks down to the floor: plinth, cushion, back, and up to two arms."""
     body = shade_of(rng, CLOTH)
     seat_color = body if chance(rng, 0.5) else shade_of(rng, CLOTH)
     half, depth = uniform(rng, (0.28, 0.40)), uniform(rng, (0.56, 0.76))
@@ -236,17 +239,17 @@ FAMILIES: dict[str, tuple[float, Builder]] = {
 
 
 def _rod(half: float, y: float, z: float, radius: float, color: Color) -> Part:
-    """A level round bar from side to side."""
+    """Return a level round bar from side to side."""
     return tube([(-half, y, z), (half, y, z)], radius, color, sides=6)
 
 
 def _plate(centre: ArrayLike, size: ArrayLike, color: Color) -> Part:
-    """A level board with bevelled edges."""
+    """Return a level board with bevelled edges."""
     return slab(rectangle(1.0, 1.0), centre, size, color, bevel=0.004)
 
 
 def _leaning(size: ArrayLike, foot: ArrayLike, rake_rad: float, color: Color) -> Part:
-    """An upright board of (width, height, thickness) that leans to the rear.
+    """Return an upright board of (width, height, thickness) that leans to the rear.
 
     `foot` [3] is the middle of its lower side.
     """

@@ -19,7 +19,7 @@ CLEAR_M = 0.006
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where things are: x to the side, y up from the floor, z to the rear; metres.
+    """The places of a chair's parts: x to the side, y up from the floor, z to the rear; metres.
 
     outline   [n, 2], the seat's edge in (x, z), anticlockwise
     top       the seat's upper side, without a cushion let into a frame
@@ -37,11 +37,11 @@ class Layout:
 
     @property
     def middle(self) -> float:
-        """Half-way up the seat's thickness, where posts and legs end inside it."""
+        """The height half-way up the seat's thickness, where posts and legs end inside it."""
         return (self.top + self.bottom) / 2
 
     def from_back(self, points: ArrayLike) -> Vectors:
-        """Points [..., 3] of the leaning back's own frame in the chair's.
+        """Return points [..., 3] of the leaning back's own frame in the chair's.
 
         The frame's origin is on the seat between the posts; x is to the side, y up along the back,
         z to the rear, across it.
@@ -54,7 +54,7 @@ class Layout:
 
 
 def lay_out(spec: ChairSpec) -> Layout:
-    """The layout that a description implies."""
+    """Return the layout that a description implies."""
     width, depth, leg = spec.seat_width_m, spec.seat_depth_m, spec.leg_m
     rear = width * (spec.rear if spec.seat == "trapezoid" else 1.0)
     margin = leg / 2 + CLEAR_M
@@ -85,7 +85,7 @@ def lay_out(spec: ChairSpec) -> Layout:
 
 
 def seat_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
-    """The seat: a plate, an upholstered plate, or a frame with a cushion in it."""
+    """Return the seat: a plate, an upholstered plate, or a frame with a cushion in it."""
     outline, top, bottom = layout.outline, layout.top, layout.bottom
     size = np.ptp(outline, axis=0)
     unit = outline / size
@@ -120,5 +120,5 @@ def seat_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
 
 
 def bar_section(spec: ChairSpec, thickness: float) -> Vectors:
-    """Section of a leg or post: round or square, as the chair has it."""
+    """Return the section of a leg or post: round or square, as the chair has it."""
     return polygon(8, thickness / 2) if spec.round_legs else rectangle(thickness, thickness)

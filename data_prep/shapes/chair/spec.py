@@ -1,4 +1,4 @@
-"""What a procedural chair is: its description, and the tables it is drawn from.
+"""The description of a procedural chair, and the tables it is drawn from.
 
 Lengths are in metres, as furniture is measured; the finished shape is normalised.
 """
@@ -27,10 +27,10 @@ BACKS: tuple[Back, ...] = get_args(Back)
 
 @dataclass(frozen=True)
 class ChairSpec:
-    """Everything that decides a chair's geometry and colours. Lengths in metres.
+    """The values that decide a chair's geometry and colours.
 
-    What a family has no use for is drawn all the same, so that every chair takes its values from
-    the same places of the random stream.
+    Lengths are in metres. What a family has no use for is drawn all the same, so that every chair
+    takes its values from the same places of the random stream.
 
     posts           the back is held clear of the seat by posts (a pedestal's: by a spine), instead
                     of growing out of it; an armchair's is as wide as its arms
@@ -146,7 +146,7 @@ POST_CHANCE: dict[Back, float] = {
 
 @dataclass(frozen=True)
 class Proportions:
-    """Ranges of a family, metres and degrees; each value is uniform within its range."""
+    """The ranges of a family, in metres and degrees; each value is uniform within its range."""
 
     seat_height_m: tuple[float, float]
     seat_width_m: tuple[float, float]
@@ -220,12 +220,12 @@ BACK_LIKE_SEAT: dict[Back, float] = {
 
 
 def draw_chair_spec(rng: np.random.Generator) -> ChairSpec:
-    """A chair at random: the family first, then what suits it."""
+    """Return a chair at random: the family first, then what suits it."""
     return draw_spec_of(rng, pick(rng, FAMILY_WEIGHTS))
 
 
 def draw_spec_of(rng: np.random.Generator, family: Family) -> ChairSpec:
-    """A chair of this family at random."""
+    """Return a chair of this family at random."""
     back = pick(rng, BACK_WEIGHTS[family])
     seat = pick(rng, SEAT_WEIGHTS[family])
     base: Base = pick(rng, BASE_WEIGHTS[family]) if family in BASE_WEIGHTS else "legs"

@@ -55,12 +55,12 @@ def _monitor_head(rng: np.random.Generator) -> Head:
 
 
 def _stood(head_parts: list[Part], y: float, tilt_rad: float, under: list[Part]) -> list[Part]:
-    """A head leaned back and raised to y, with what it stands on."""
+    """Return a head leaned back and raised to y, with what it stands on."""
     return [moved(part, (0, y, 0), tilt_rad=tilt_rad) for part in head_parts] + under
 
 
 def monitor(rng: np.random.Generator) -> list[Part]:
-    """A flat or curved head on a column and a foot."""
+    """Return a flat or curved head on a column and a foot."""
     head = _monitor_head(rng)
     look = draw_look(rng, OFFICE, SCREEN_ON)
     portrait = chance(rng, 0.06)
@@ -89,7 +89,7 @@ def monitor(rng: np.random.Generator) -> list[Part]:
 
 
 def television(rng: np.random.Generator) -> list[Part]:
-    """A wide head on a pedestal, on two feet or on a wall."""
+    """Return a wide head on a pedestal, on two feet or on a wall."""
     width = uniform(rng, (0.75, 1.50))
     height = width * uniform(rng, (0.56, 0.62))
     look = draw_look(rng, LIVING, SCREEN_ON)
@@ -129,7 +129,7 @@ def television(rng: np.random.Generator) -> list[Part]:
 
 
 def _blades(rng: np.random.Generator, head: Head, y: float, look: Look) -> list[Part]:
-    """Two feet like an inverted V, seen from the side, below the case."""
+    """Return two feet like an inverted V, seen from the side, below the case."""
     x, reach = uniform(rng, (0.28, 0.44)) * head.width, uniform(rng, (0.09, 0.15))
     bar, under = 0.014 * head.width + 0.006, y - head.height / 2 + 0.02
     spread = uniform(rng, (0.0, 0.05))
@@ -142,7 +142,7 @@ def _blades(rng: np.random.Generator, head: Head, y: float, look: Look) -> list[
 
 
 def all_in_one(rng: np.random.Generator) -> list[Part]:
-    """A computer behind its screen: a thin case with a chin, on a bent sheet of metal."""
+    """Return a computer behind its screen: a thin case with a chin, on a bent sheet of metal."""
     width = uniform(rng, (0.46, 0.66))
     height = width * uniform(rng, (0.60, 0.66))
     look = draw_look(rng, {"silver": 0.62, "white": 0.26, "black": 0.12}, SCREEN_ON)
@@ -179,7 +179,7 @@ def all_in_one(rng: np.random.Generator) -> list[Part]:
 
 
 def monitor_pair(rng: np.random.Generator) -> list[Part]:
-    """Two equal monitors on one column, turned towards each other."""
+    """Return two equal monitors on one column, turned towards each other."""
     head = replace(_monitor_head(rng), bulge_share=0.45)
     if head.width > 1.8 * head.height:
         head = replace(head, width=1.7 * head.height)
@@ -192,8 +192,8 @@ def monitor_pair(rng: np.random.Generator) -> list[Part]:
     nearer = 0.5 * head.width * math.sin(yaw)
     parts = []
     for side in (-1, 1):
-        one = [turned(part, side * yaw) for part in flat_head(head, look)]
-        parts += [moved(part, (side * reach, y, -nearer)) for part in one]
+        head_parts = [turned(part, side * yaw) for part in flat_head(head, look)]
+        parts += [moved(part, (side * reach, y, -nearer)) for part in head_parts]
     arm_z = rear + 0.05
     size = (uniform(rng, (0.28, 0.45)), top, uniform(rng, (0.20, 0.28)))
     outline = rounded(rectangle(1, 1), 0.1, steps=2)
@@ -208,7 +208,7 @@ def monitor_pair(rng: np.random.Generator) -> list[Part]:
 
 
 def sign(rng: np.random.Generator) -> list[Part]:
-    """A display as tall as a person: an upright slab, or a wide head on a trolley."""
+    """Return a display as tall as a person: an upright slab, or a wide head on a trolley."""
     cases = {"black": 0.55, "silver": 0.25, "white": 0.20}
     look = draw_look(rng, cases, {"off": 0.3, "glare": 0.2, "lit": 0.5})
     if chance(rng, 0.55):

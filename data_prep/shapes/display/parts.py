@@ -1,4 +1,7 @@
-"""What displays have in common: colours, flat heads with a screen, feet. Metres."""
+"""Parts that displays have in common: colours, flat heads with a screen, feet.
+
+Lengths are in metres.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ from data_prep.shapes.solids import (
 
 @dataclass(frozen=True)
 class Look:
-    """Colours of a display: its case, the border of its screen, the screen, what it stands on."""
+    """The colours of a display: its case, the border of its screen, the screen, the stand."""
 
     case: Color
     border: Color
@@ -36,7 +39,7 @@ class Look:
 
 
 def draw_look(rng: np.random.Generator, cases: dict[str, float], screens: dict[str, float]) -> Look:
-    """Colours by the chances of the materials; the border is the case's colour, or black."""
+    """Return colours by the chances of the materials; the border is the case's colour, or black."""
     case = shade_of(rng, cases, DISPLAY_CASES)
     black = shade(rng, DISPLAY_CASES["black"])
     return Look(
@@ -67,12 +70,12 @@ class Head:
 
     @property
     def step(self) -> float:
-        """In which parts stand out one above the other: a hundredth of the head's radius."""
+        """The step in which parts stand out above each other: a hundredth of the head's radius."""
         return 0.005 * math.hypot(self.width, self.height)
 
 
 def flat_head(head: Head, look: Look) -> list[Part]:
-    """A case with a frame in front of it, and the screen let in."""
+    """Return a case with a frame in front of it, and the screen let in."""
     width, height, step = head.width, head.height, head.step
     front = -head.thickness / 2
     bevel = min(0.3 * head.thickness, 0.4 * head.corner)
@@ -104,14 +107,14 @@ def flat_head(head: Head, look: Look) -> list[Part]:
 
 
 def _bulge(head: Head, width: float, height: float, color: Color) -> Part:
-    """The electronics: from the middle of the case to `head.bulge` behind it."""
+    """Return the electronics: from the middle of the case to `head.bulge` behind it."""
     depth = head.thickness / 2 + head.bulge
     centre = (0, 0, depth / 2)
     return panel(centre, (width, height, depth), color, bevel=0.45 * min(head.bulge, depth))
 
 
 def curved_head(head: Head, look: Look, half_angle_rad: float) -> list[Part]:
-    """A head bent around the viewer, without a frame."""
+    """Return a head bent around the viewer, without a frame."""
     half, step = head.width / 2, head.step
     low, high = -head.height / 2, head.height / 2
     case = curved_panel(half, half_angle_rad, head.thickness, low, high, look.case)
@@ -132,7 +135,7 @@ def curved_head(head: Head, look: Look, half_angle_rad: float) -> list[Part]:
 def foot(
     rng: np.random.Generator, width: float, depth: float, color: Color
 ) -> tuple[list[Part], float]:
-    """What lies on the desk, and the height of its upper side."""
+    """Return the part that lies on the desk, and the height of its upper side."""
     kind = pick(rng, {"plate": 0.45, "round": 0.30, "vee": 0.25})
     if kind == "vee":
         thick = 0.08 * width
@@ -159,7 +162,10 @@ def column(
     *,
     is_round: bool = False,
 ) -> Part:
-    """The neck between the heights of foot and head, at depth z; size is its section's (x, z)."""
+    """Return the neck between the heights of foot and head, at depth z.
+
+    `size` is that of its section (x, z).
+    """
     outline = polygon(10, 0.5) if is_round else rectangle(1.0, 1.0)
     low, high = foot_head
     return slab(outline, (0, (low + high) / 2, z), (size[0], high - low, size[1]), color)

@@ -29,7 +29,7 @@ TUBE_LIT = {"tube": 0.60, "off": 0.15, "lit": 0.25}
 
 
 def tube_monitor(rng: np.random.Generator) -> list[Part]:
-    """A computer's tube on a swivel foot, or a television's without one."""
+    """Return a computer's tube on a swivel foot, or a television's without one."""
     look = draw_look(rng, {"beige": 0.52, "grey": 0.16, "black": 0.22, "white": 0.10}, TUBE_LIT)
     width = uniform(rng, (0.34, 0.46))
     height = width * uniform(rng, (0.80, 0.94))
@@ -58,7 +58,7 @@ def _funnel(
     rear: float,
     color: Color,
 ) -> Part:
-    """A case of full section for `face` metres, then narrowing to `rear` of it."""
+    """Return a case of full section for `face` metres, then narrowing to `rear` of it."""
     width, height, depth = size
     outline = rounded(rectangle(width, height), corner, steps=2)
     front = -depth / 2
@@ -74,7 +74,7 @@ def _funnel(
 def _tube_screen(
     size: tuple[float, float], centre: tuple[float, float, float], look: Look, chin: float
 ) -> list[Part]:
-    """A frame around a bulging screen, a strip of knobs or buttons below it."""
+    """Return a frame around a bulging screen, a strip of knobs or buttons below it."""
     width, height = size
     x, y, z = centre
     step = 0.005 * math.hypot(width, height) * 1.2
@@ -99,7 +99,7 @@ def _tube_screen(
 
 
 def old_television(rng: np.random.Generator) -> list[Part]:
-    """A box, often of wood, with dials beside the screen; on legs, or with an aerial."""
+    """Return a box, often of wood, with dials beside the screen; on legs, or with an aerial."""
     wood = chance(rng, 0.65)
     look = draw_look(rng, {"black": 0.45, "grey": 0.25, "beige": 0.30}, {"tube": 0.85, "lit": 0.15})
     case = shade(rng, "wood" if wood else DISPLAY_CASES["enamel"])
@@ -147,7 +147,7 @@ def old_television(rng: np.random.Generator) -> list[Part]:
 def _aerial(
     rng: np.random.Generator, y: float, length: float, rod: Color, base: Color
 ) -> list[Part]:
-    """Two rods that spread from a small block."""
+    """Return two rods that spread from a small block."""
     block = 0.10 * length
     parts = [box((0, y + 0.2 * block, 0), (1.8 * block, block, block), base)]
     for side in (-1.0, 1.0):

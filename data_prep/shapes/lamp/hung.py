@@ -12,7 +12,7 @@ from data_prep.shapes.solids import Color, Part, box, fillet, hoop, lathe, moved
 
 
 def pendant(rng: np.random.Generator) -> list[Part]:
-    """One light on a cord, or three in a row."""
+    """Return one light on a cord, or three in a row."""
     form = pick(rng, {"dome": 0.28, "cone": 0.20, "globe": 0.22, "fabric": 0.30})
     count = pick(rng, {1: 0.70, 3: 0.30})
     metal = tint(rng, METAL)
@@ -23,7 +23,7 @@ def pendant(rng: np.random.Generator) -> list[Part]:
     depth = radius * uniform(rng, (0.6, 1.2))
 
     def hung(x: float, y: float) -> list[Part]:
-        """The light on the end of its cord, whose upper end is at the height 0."""
+        """Return the light on the end of its cord, whose upper end is at the height 0."""
         if form == "fabric":
             lit, held_y = fabric_shade(rng, radius, 0.0)
             lit = [moved(part, (x, y - held_y, 0)) for part in lit]
@@ -49,7 +49,7 @@ def pendant(rng: np.random.Generator) -> list[Part]:
 
 
 def chandelier(rng: np.random.Generator) -> list[Part]:
-    """Four to seven lights on arms about a turned column, or on a wheel."""
+    """Return four to seven lights on arms about a turned column, or on a wheel."""
     metal = tint(rng, {"brass": 0.50, "dark-metal": 0.35, "chrome": 0.15})
     light = pick(rng, {"candles": 0.45, "cups": 0.30, "shades": 0.25})
     glass = tint(rng, {"milk-glass": 0.6, "amber": 0.2, "linen": 0.2})
@@ -79,7 +79,7 @@ def chandelier(rng: np.random.Generator) -> list[Part]:
 
 
 def _wheel(rng: np.random.Generator, arms: int, reach: float, metal: Color) -> list[Part]:
-    """A hoop hung from the rod by as many stays as it has lights."""
+    """Return a hoop hung from the rod by as many stays as it has lights."""
     top = uniform(rng, (0.12, 0.22))
     ring = hoop((0, 0, 0), reach, 0.026, metal, steps=4 * arms)
     stays = [
@@ -95,7 +95,7 @@ def _wheel(rng: np.random.Generator, arms: int, reach: float, metal: Color) -> l
 
 
 def _candle(light: str, size: float, metal: Color, glass: Color) -> list[Part]:
-    """One light of a chandelier, standing on the origin or hanging from it."""
+    """Return one light of a chandelier, standing on the origin or hanging from it."""
     if light == "cups":  # bowls that open upwards
         cup = bowl(size, 1.1 * size, glass, apex=0.35, curve=0.7, sides=8)
         return [moved(cup, (0, -0.004, 0), tilt_rad=math.pi)]
@@ -111,7 +111,7 @@ def _candle(light: str, size: float, metal: Color, glass: Color) -> list[Part]:
 
 
 def sconce(rng: np.random.Generator) -> list[Part]:
-    """One or two lights on a plate, whose wall is behind it, at +Z."""
+    """Return one or two lights on a plate, whose wall is behind it, at +Z."""
     light = pick(rng, {"fabric": 0.34, "cup": 0.28, "tube": 0.20, "globe": 0.18})
     metal = tint(rng, METAL)
     reach = uniform(rng, (0.12, 0.24))

@@ -1,4 +1,4 @@
-"""What lamps are put together from: shades, bowls, globes, stems; and their colours."""
+"""Parts of lamps: shades, bowls, globes, stems; and their colours."""
 
 from __future__ import annotations
 
@@ -19,14 +19,17 @@ tint = partial(shade_of, palette=LAMP)
 
 
 def ball(centre: ArrayLike, radius: float, color: Color, *, sides: int = 10) -> Part:
-    """Globe whose poles are cut off at a sixth of its radius: a rod thicker than that holds it."""
+    """Return a globe whose poles are cut off at a sixth of its radius.
+
+    A rod thicker than that holds it.
+    """
     latitude = np.radians([-80, -50, -18, 18, 50, 80])
     profile = radius * np.stack([np.cos(latitude), np.sin(latitude)], axis=1)
     return moved(lathe(profile, color, sides=sides), centre)
 
 
 def rod(foot_y: float, head_y: float, radius: float, color: Color) -> Part:
-    """Round upright bar on the axis."""
+    """Return a round upright bar on the axis."""
     return lathe([(radius, foot_y), (radius, head_y)], color, sides=8)
 
 
@@ -39,7 +42,9 @@ def bowl(
     curve: float = 1.0,
     sides: int = 14,
 ) -> Part:
-    """Reflector that opens downwards: its outer top is at the origin, its rim `depth` below.
+    """Return a reflector that opens downwards: top at the origin, rim `depth` below.
+
+    The top is the outer one.
 
     apex   radius of the top over that of the rim
     curve  1 a cone, below 1 a dome (it widens soon)
@@ -55,7 +60,9 @@ def bowl(
 def open_shade(
     low_high: tuple[float, float], y: tuple[float, float], color: Color, *, sides: int, waist: float
 ) -> list[Part]:
-    """Shade open above and below, and the bar across it that a stem or cord on the axis holds.
+    """Return a shade open above and below, and the bar across it.
+
+    A stem or cord on the axis holds the bar.
 
     low_high  radius at its lower and its upper edge
     y         height of these
@@ -81,12 +88,12 @@ def open_shade(
 
 
 def bar_height(y: tuple[float, float]) -> float:
-    """Height of the bar that holds an open shade between these heights."""
+    """Return the height of the bar that holds an open shade between these heights."""
     return y[1] - 0.12 * (y[1] - y[0])
 
 
 def fabric_shade(rng: np.random.Generator, radius: float, y_low: float) -> tuple[list[Part], float]:
-    """An open shade of any usual form, lower radius `radius`; and the height that holds it."""
+    """Return an open shade of any usual form, lower radius `radius`, and the height of its bar."""
     form = pick(rng, {"drum": 0.34, "cone": 0.34, "bell": 0.14, "square": 0.12, "hexagon": 0.06})
     top, waist, sides = {
         "drum": (uniform(rng, (0.88, 1.0)), 1.0, 16),
@@ -105,7 +112,7 @@ def fabric_shade(rng: np.random.Generator, radius: float, y_low: float) -> tuple
 def shaded_stem(
     rng: np.random.Generator, foot_y: float, y_low: float, radius: float, color: Color
 ) -> list[Part]:
-    """Stem from `foot_y` up into a fabric shade with a bulb; the shade begins at `y_low`."""
+    """Return a stem from `foot_y` up into a fabric shade with a bulb, from `y_low` on."""
     parts, held_y = fabric_shade(rng, radius, y_low)
     stem = 0.05 * radius + 0.002
     bulb = ball((0, y_low + 0.5 * (held_y - y_low), 0), 5 * stem, LAMP["milk-glass"][1])
@@ -114,6 +121,6 @@ def shaded_stem(
 
 
 def to_a_side(rng: np.random.Generator, parts: list[Part]) -> list[Part]:
-    """Turned about the axis by none to three right angles."""
+    """Return the parts turned about the axis by none to three right angles."""
     yaw_rad = int(rng.integers(4)) * math.pi / 2
     return [turned(part, yaw_rad) for part in parts]

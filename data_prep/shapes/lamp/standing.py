@@ -35,19 +35,19 @@ FLOOR_KINDS = {"shaded": 0.32, "tripod": 0.16, "torchiere": 0.20, "arc": 0.20, "
 
 
 def _disc(radius: float, height: float, color: Color) -> Part:
-    """Foot on the floor (y = 0), slightly conical."""
+    """Return a foot on the floor (y = 0), slightly conical."""
     return lathe([(radius, 0.0), (radius, 0.6 * height), (0.7 * radius, height)], color)
 
 
 def _foot(rng: np.random.Generator, radius: float, height: float, color: Color) -> Part:
-    """A round or a square one."""
+    """Return a round or a square foot."""
     if chance(rng, 0.7):
         return _disc(radius, height, color)
     return box((0, height / 2, 0), (1.8 * radius, height, 1.8 * radius), color)
 
 
 def bedside(rng: np.random.Generator) -> list[Part]:
-    """A body and a fabric shade on it."""
+    """Return a body and a fabric shade on it."""
     body = pick(rng, {"vase": 0.34, "column": 0.30, "balls": 0.20, "block": 0.16})
     height, wide = uniform(rng, (0.16, 0.34)), uniform(rng, (0.05, 0.10))
     shade_radius = uniform(rng, (0.12, 0.21))
@@ -88,7 +88,7 @@ def bedside(rng: np.random.Generator) -> list[Part]:
 
 
 def floor(rng: np.random.Generator) -> list[Part]:
-    """As tall as a person: a shade on a pole or a tripod, a bowl, a bow, a paper lantern."""
+    """Return a lamp as tall as a person: shade on pole or tripod, bowl, bow, or paper lantern."""
     kind = pick(rng, FLOOR_KINDS)
     height = uniform(rng, (1.05, 1.55))
     metal, pole = tint(rng, METAL), uniform(rng, (0.010, 0.020))
@@ -122,7 +122,7 @@ def floor(rng: np.random.Generator) -> list[Part]:
 
 
 def _arc(rng: np.random.Generator, height: float, pole: float, metal: Color) -> list[Part]:
-    """A dome that hangs from a bow, far out from its foot, towards -z."""
+    """Return a dome that hangs from a bow, far out from its foot, towards -z."""
     # A quarter of an ellipse after the upright part, and a little more, so that the end hangs.
     straight, reach = uniform(rng, (0.5, 0.8)) * height, uniform(rng, (0.35, 0.6))
     angle = np.linspace(0.0, uniform(rng, (2.0, 2.5)), 10)
@@ -138,7 +138,7 @@ def _arc(rng: np.random.Generator, height: float, pole: float, metal: Color) -> 
 
 
 def desk(rng: np.random.Generator) -> list[Part]:
-    """A reflector on a jointed arm or a gooseneck, or a trough across a column."""
+    """Return a reflector on a jointed arm or a gooseneck, or a trough across a column."""
     kind = pick(rng, {"arm": 0.52, "gooseneck": 0.26, "banker": 0.22})
     if kind == "banker":
         return to_a_side(rng, _banker(rng))
@@ -175,7 +175,7 @@ def desk(rng: np.random.Generator) -> list[Part]:
 
 
 def _banker(rng: np.random.Generator) -> list[Part]:
-    """A trough of glass across a column."""
+    """Return a trough of glass across a column."""
     metal = tint(rng, {"brass": 0.7, "dark-metal": 0.3})
     glass = tint(rng, {"dyed": 0.7, "milk-glass": 0.3})
     height, length = uniform(rng, (0.26, 0.36)), uniform(rng, (0.12, 0.19))

@@ -25,7 +25,7 @@ IRON = {"cast-iron": 0.85, "galvanised": 0.15}
 
 
 def lamp_post(rng: np.random.Generator) -> list[Part]:
-    """A pole with a lantern, with globes, or with flat heads on long arms."""
+    """Return a pole with a lantern, with globes, or with flat heads on long arms."""
     head = pick(rng, {"cobra": 0.36, "lantern": 0.34, "globes": 0.30})
     height = uniform(rng, (3.0, 4.6)) + (1.6 if head == "cobra" else 0.0)
     metal = tint(rng, {"galvanised": 0.8, "cast-iron": 0.2} if head == "cobra" else IRON)
@@ -51,7 +51,7 @@ def lamp_post(rng: np.random.Generator) -> list[Part]:
 
 
 def _arm(head: str, height: float, reach: float, metal: Color, glass: Color) -> list[Part]:
-    """One arm of a lamp post, towards -z, with its light."""
+    """Return one arm of a lamp post, towards -z, with its light."""
     if head == "cobra":
         path: Vectors = np.array(
             [(0, height - 0.5, 0), (0, height, -0.12), (0, height + 0.25, -reach)]
@@ -76,7 +76,7 @@ def _arm(head: str, height: float, reach: float, metal: Color, glass: Color) -> 
 def _lantern(
     foot: tuple[float, float, float], half: float, metal: Color, glass: Color
 ) -> list[Part]:
-    """Tapered panes between a cup and a roof, standing on `foot`."""
+    """Return tapered panes between a cup and a roof, standing on `foot`."""
     x, y, z = foot
 
     def at(rise: float) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""What a loudspeaker sounds with: woofers, domes, horns and ports, looking towards -Z.
+"""Drivers of loudspeakers: woofers, domes, horns and ports, looking towards -Z.
 
 Each stands on the surface at its centre's z and is sunk into it. `step` is the height in which its
 parts stand out one above the other; a woofer is 3 steps high.
@@ -22,7 +22,7 @@ CONE_WEIGHTS = {"paper": 0.50, "metal": 0.22, "kevlar": 0.12, "white": 0.08, "co
 
 @dataclass(frozen=True)
 class Drivers:
-    """How the drivers of one loudspeaker look.
+    """The look of the drivers of one loudspeaker.
 
     woofers  number of equal ones
     woofer   radius as a share of the largest that fits the baffle's width
@@ -43,7 +43,7 @@ class Drivers:
 
 
 def draw_drivers(rng: np.random.Generator, cabinet: Color, woofers: int) -> Drivers:
-    """Drivers for a cabinet of this colour: its baffle is black, or of the same colour."""
+    """Return drivers for a cabinet of this colour; its baffle is black, or of the same colour."""
     cone = shade_of(rng, CONE_WEIGHTS, LOUDSPEAKER_CONES)
     ring = shade(rng, LOUDSPEAKER["rubber"])
     baffle = (
@@ -64,7 +64,7 @@ def draw_drivers(rng: np.random.Generator, cabinet: Color, woofers: int) -> Driv
 
 
 def woofer(drivers: Drivers, centre: Place, radius: float, step: float) -> list[Part]:
-    """A ring, a cone that deepens inwards, and a cap in its middle."""
+    """Return a ring, a cone that deepens inwards, and a cap in its middle."""
     profile = [(1.0, -1.0), (1.0, 1.8), (0.94, 3.0), (0.84, 3.0), (0.78, 1.0)]
     ring = _round(centre, radius, step, profile, drivers.ring)
     profile = [(0.80, -0.8), (0.80, 2.6), (0.30, 1.8)]
@@ -74,21 +74,21 @@ def woofer(drivers: Drivers, centre: Place, radius: float, step: float) -> list[
 
 
 def dome(drivers: Drivers, centre: Place, radius: float, step: float) -> list[Part]:
-    """A tweeter: a round plate with a small dome."""
+    """Return a tweeter: a round plate with a small dome."""
     plate = _round(centre, radius, step, [(1.0, -1.0), (1.0, 1.0), (0.9, 1.6)], drivers.ring)
     cap = _round(centre, radius, step, [(0.5, -0.7), (0.5, 2.0), (0.22, 3.4)], drivers.cone)
     return [plate, cap]
 
 
 def port(drivers: Drivers, centre: Place, radius: float, step: float) -> list[Part]:
-    """The mouth of a bass-reflex tube: a dark disc within a ring."""
+    """Return the mouth of a bass-reflex tube: a dark disc within a ring."""
     ring = _round(centre, radius, step, [(1.0, -1.0), (1.0, 1.6), (0.8, 2.4)], drivers.ring)
     dark: Color = (14, 14, 15)
     return [ring, _round(centre, radius, step, [(0.72, -0.7), (0.72, 3.0)], dark)]
 
 
 def horn(drivers: Drivers, centre: Place, size: tuple[float, float], step: float) -> list[Part]:
-    """A rectangular horn: a frame, its flare as a plate that is let in, and a dark throat."""
+    """Return a rectangular horn: a frame, its flare as a plate let in, and a dark throat."""
     width, height = size
     x, y, z = centre
     border = 0.12 * height
@@ -105,5 +105,5 @@ def horn(drivers: Drivers, centre: Place, size: tuple[float, float], step: float
 def _round(
     centre: Place, radius: float, step: float, profile: list[tuple[float, float]], color: Color
 ) -> Part:
-    """A profile of (share of the radius, steps in front of the centre)."""
+    """Return a solid with a profile of (share of the radius, steps in front of the centre)."""
     return dial(centre, np.array(profile) * (radius, step), color)

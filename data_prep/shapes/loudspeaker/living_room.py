@@ -35,19 +35,19 @@ CABINET_WEIGHTS = {
 
 
 def cabinet_color(rng: np.random.Generator, family: str) -> Color:
-    """Veneer, black or painted, as often as in the family."""
+    """Return veneer, black or painted, as often as in the family."""
     return shade_of(rng, CABINET_WEIGHTS[family], LOUDSPEAKER)
 
 
 def cabinet(plan: Vectors, size: tuple[float, float, float], low: float, color: Color) -> Part:
-    """Box of a plan [n, 2] (x, z) of unit size, with its underside at `low`."""
+    """Return a box of a plan [n, 2] (x, z) of unit size, with its underside at `low`."""
     width, height, depth = size
     bevel = 0.012 * min(size)
     return slab(plan, (0, low + height / 2, 0), (width, height, depth), color, bevel=bevel)
 
 
 def plan_of(kind: str) -> Vectors:
-    """Plan of a cabinet, x and z within +-0.5, the baffle at z = -0.5."""
+    """Return the plan of a cabinet, x and z within +-0.5, the baffle at z = -0.5."""
     if kind == "box":
         return rectangle(1, 1)
     if kind == "tapered":  # trapezium, narrower behind
@@ -61,7 +61,9 @@ def plan_of(kind: str) -> Vectors:
 def baffle(
     drivers: Drivers, size: tuple[float, float, float], low: float, *, grille: bool
 ) -> list[Part]:
-    """The front of a cabinet (width, height, depth): a plate with drivers, or a cloth before it.
+    """Return the front of a cabinet: a plate with drivers, or a cloth before it.
+
+    The size is (width, height, depth).
 
     Drivers sit one above the other, the tweeter near the top.
     """
@@ -102,13 +104,13 @@ def baffle(
 
 
 def _feet(x: float, z: float, height: float, color: Color) -> list[Part]:
-    """Four cones under a cabinet."""
+    """Return four cones under a cabinet."""
     head, foot = polygon(8, 0.5 * height), polygon(8, 0.2 * height)
     return legs(x, z, 1.25 * height, foot, head, color)
 
 
 def bookshelf(rng: np.random.Generator) -> list[Part]:
-    """A small box, or a subwoofer on feet."""
+    """Return a small box, or a subwoofer on feet."""
     width = uniform(rng, (0.15, 0.28))
     size = (width, width * uniform(rng, (1.1, 2.0)), width * uniform(rng, (0.85, 1.45)))
     plan = plan_of(pick(rng, {"box": 0.72, "tapered": 0.12, "lute": 0.16}))
@@ -128,7 +130,7 @@ def bookshelf(rng: np.random.Generator) -> list[Part]:
 
 
 def tower(rng: np.random.Generator) -> list[Part]:
-    """A tall box on a plinth or on cones, perhaps leaning back."""
+    """Return a tall box on a plinth or on cones, perhaps leaning back."""
     width = uniform(rng, (0.17, 0.30))
     size = (width, uniform(rng, (0.80, 1.35)), width * uniform(rng, (1.0, 1.7)))
     plan = plan_of(pick(rng, {"box": 0.58, "tapered": 0.14, "lute": 0.28}))
@@ -149,7 +151,7 @@ def tower(rng: np.random.Generator) -> list[Part]:
 
 
 def stand(rng: np.random.Generator) -> list[Part]:
-    """A small cabinet on a column."""
+    """Return a small cabinet on a column."""
     width = uniform(rng, (0.17, 0.26))
     size = (width, width * uniform(rng, (1.3, 1.9)), width * uniform(rng, (0.9, 1.4)))
     low = uniform(rng, (0.50, 0.80))

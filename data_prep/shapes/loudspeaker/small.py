@@ -27,7 +27,7 @@ from data_prep.shapes.solids import (
 
 
 def desktop(rng: np.random.Generator) -> list[Part]:
-    """A satellite of a computer: an egg or a leaning wedge on a foot."""
+    """Return a satellite of a computer: an egg or a leaning wedge on a foot."""
     color = cabinet_color(rng, "desktop")
     drivers = draw_drivers(rng, color, 1)
     width = uniform(rng, (0.075, 0.115))
@@ -67,7 +67,7 @@ def _egg(
     color: Color,
     step: float,
 ) -> list[Part]:
-    """A shell of round section, with a driver in its flattened front."""
+    """Return a shell of round section, with a driver in its flattened front."""
     width, height, _ = size
     bulge, steps = uniform(rng, (0.75, 1.25)), 9
     turn = np.linspace(-0.48, 0.48, steps)
@@ -90,7 +90,7 @@ def _egg(
 
 
 def cylinder(rng: np.random.Generator) -> list[Part]:
-    """A wireless speaker that plays all round: a drum in cloth between a foot and a cap."""
+    """Return a wireless speaker that plays all round: a drum in cloth between a foot and a cap."""
     radius = uniform(rng, (0.045, 0.085))
     height = radius * uniform(rng, (0.9, 5.0))
     cloth = shade(rng, LOUDSPEAKER["fabric"] if chance(rng, 0.8) else LOUDSPEAKER["black"])
@@ -120,7 +120,7 @@ def cylinder(rng: np.random.Generator) -> list[Part]:
 
 
 def soundbar(rng: np.random.Generator) -> list[Part]:
-    """A long low bar: cloth between two ends, or a row of drivers."""
+    """Return a long low bar: cloth between two ends, or a row of drivers."""
     length = uniform(rng, (0.60, 1.15))
     height, depth = uniform(rng, (0.060, 0.120)), uniform(rng, (0.070, 0.130))
     color = cabinet_color(rng, "soundbar")

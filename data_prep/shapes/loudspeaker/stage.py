@@ -14,7 +14,10 @@ from data_prep.shapes.solids import Color, Part, box, moved, prism, tube
 
 
 def stage(rng: np.random.Generator) -> list[Part]:
-    """Public address: a trapezium with a horn above a woofer; on a tripod, or a monitor wedge."""
+    """Return a public-address box: a trapezium with a horn above a woofer.
+
+    It stands on a tripod, or lies as a monitor wedge.
+    """
     kind = pick(rng, {"top": 0.45, "tripod": 0.30, "wedge": 0.25})
     width = uniform(rng, (0.34, 0.50))
     size = (width, width * uniform(rng, (1.25, 1.8)), width * uniform(rng, (0.75, 1.0)))
@@ -50,7 +53,7 @@ def stage(rng: np.random.Generator) -> list[Part]:
 
 
 def _wedge(size: tuple[float, float, float], tilt_rad: float, color: Color) -> Part:
-    """A monitor's cabinet with its baffle upright: leaned by `tilt_rad` it lies level."""
+    """Return a monitor's cabinet with its baffle upright: leaned by `tilt_rad` it lies level."""
     width, height, depth = size
     cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)
     top = 0.35 * depth

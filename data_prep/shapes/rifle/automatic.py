@@ -1,4 +1,7 @@
-"""Rifles of separate receiver, grip and magazine. Lengths are in metres; see `parts`."""
+"""Rifles of separate receiver, grip and magazine.
+
+Lengths are in metres; see `parts`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from data_prep.shapes.solids import Color, Part, box
 
 
 def assault(rng: np.random.Generator) -> list[Part]:
-    """Receiver, fore-end, pistol grip, magazine and stock of different solids."""
+    """Return a rifle of receiver, fore-end, pistol grip, magazine and stock, all separate."""
     metal = tint(rng, {"gunmetal": 1.0})
     wood = chance(rng, 0.35)
     grip = tint(rng, {"walnut": 1.0} if wood else {"polymer": 0.65, "olive": 0.15, "tan": 0.20})
@@ -70,7 +73,7 @@ def assault(rng: np.random.Generator) -> list[Part]:
 def _shoulder(
     rng: np.random.Generator, back: float, top: float, metal: Color, grip: Color
 ) -> list[Part]:
-    """The stock behind a receiver that ends at z = `back`."""
+    """Return the stock behind a receiver that ends at z = `back`."""
     kind = pick(rng, {"fixed": 0.55, "collapsible": 0.27, "wire": 0.18})
     length, drop = uniform(rng, (0.21, 0.29)), uniform(rng, (0.09, 0.13))
     if kind == "wire":
@@ -98,7 +101,7 @@ def _shoulder(
 
 
 def submachine(rng: np.random.Generator) -> list[Part]:
-    """Short, its magazine long beside it."""
+    """Return a short gun with a long magazine."""
     metal = tint(rng, {"gunmetal": 1.0})
     grip = tint(rng, {"polymer": 0.85, "olive": 0.15})
     back, front = uniform(rng, (0.07, 0.11)), -uniform(rng, (0.13, 0.20))
@@ -145,7 +148,7 @@ def submachine(rng: np.random.Generator) -> list[Part]:
 
 
 def machine_gun(rng: np.random.Generator) -> list[Part]:
-    """Bipod, jacketed barrel, a box or a drum of cartridges."""
+    """Return a gun with a bipod, a jacketed barrel, and a box or drum of cartridges."""
     metal = tint(rng, {"gunmetal": 1.0})
     grip = tint(rng, {"walnut": 0.45, "polymer": 0.55})
     front, muzzle = -uniform(rng, (0.20, 0.28)), -uniform(rng, (0.68, 0.90))
@@ -193,7 +196,7 @@ def machine_gun(rng: np.random.Generator) -> list[Part]:
 
 
 def bullpup(rng: np.random.Generator) -> list[Part]:
-    """The magazine behind the grip, in a large stock."""
+    """Return a rifle with the magazine behind the grip, in a large stock."""
     body = tint(rng, {"olive": 0.35, "polymer": 0.45, "tan": 0.20})
     metal = tint(rng, {"gunmetal": 1.0})
     length, front = uniform(rng, (0.27, 0.33)), -uniform(rng, (0.22, 0.30))

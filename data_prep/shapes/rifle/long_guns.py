@@ -20,7 +20,7 @@ from data_prep.shapes.solids import Part, box, moved, tube
 
 
 def bolt_action(rng: np.random.Generator) -> list[Part]:
-    """Hunting rifle or carbine: one stock from the butt to the fore-end, a bolt."""
+    """Return a hunting rifle or carbine: one stock from the butt to the fore-end, a bolt."""
     wood = tint(rng, {"walnut": 0.88, "polymer": 0.12})
     metal = tint(rng, {"gunmetal": 0.75, "steel": 0.25})
     length, drop = uniform(rng, (0.30, 0.36)), uniform(rng, (0.10, 0.14))
@@ -69,7 +69,7 @@ def bolt_action(rng: np.random.Generator) -> list[Part]:
 
 
 def sniper(rng: np.random.Generator) -> list[Part]:
-    """Long barrel, telescopic sight, mostly a bipod."""
+    """Return a rifle with a long barrel, a telescopic sight and mostly a bipod."""
     chassis = tint(rng, {"olive": 0.35, "polymer": 0.40, "tan": 0.25})
     metal = tint(rng, {"gunmetal": 1.0})
     muzzle = -uniform(rng, (0.75, 0.98))
@@ -125,7 +125,7 @@ def sniper(rng: np.random.Generator) -> list[Part]:
 
 
 def shotgun(rng: np.random.Generator) -> list[Part]:
-    """Pump-action, double-barrelled or lever-action."""
+    """Return a pump-action, double-barrelled or lever-action shotgun."""
     kind = pick(rng, {"pump": 0.55, "double": 0.27, "lever": 0.18})
     wood = tint(rng, {"walnut": 0.45, "polymer": 0.55} if kind == "pump" else {"walnut": 1.0})
     metal = tint(rng, {"gunmetal": 0.85, "steel": 0.15})

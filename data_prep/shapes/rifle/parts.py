@@ -1,4 +1,4 @@
-"""What rifles are put together from. Lengths are in metres.
+"""Parts of rifles, with lengths in metres.
 
 A rifle lies along z with its muzzle towards -z; the bore is at y = 0, the trigger near z = 0.
 """
@@ -37,7 +37,7 @@ tint = partial(shade_of, palette=RIFLE)
 
 
 def stock(stations: ArrayLike, color: Color) -> Part:
-    """Bar along z whose height and width change; its edges are taken off.
+    """Return a bar along z whose height and width change; its edges are taken off.
 
     stations  [k, 4]: z, lower y, upper y, width
     """
@@ -49,14 +49,14 @@ def stock(stations: ArrayLike, color: Color) -> Part:
 def pipe(
     profile: ArrayLike, color: Color, *, x: float = 0.0, y: float = 0.0, sides: int = 10
 ) -> Part:
-    """Round solid turned about the line x, y along z; profile [k, 2] holds (radius > 0, z)."""
+    """Return a solid turned about the line x, y along z; profile [k, 2]: (radius > 0, z)."""
     return moved(lathe(profile, color, sides=sides), (x, y, 0), tilt_rad=math.pi / 2)
 
 
 def handle(
     head: Sequence[float], drop: float, back: float, depth: float, width: float, color: Color
 ) -> Part:
-    """Pistol grip that hangs `drop` below head (y, z), its end `back` behind it."""
+    """Return a pistol grip that hangs `drop` below head (y, z), its end `back` behind it."""
     section = rounded(rectangle(width, depth), 0.2 * width, steps=1)
     y, z = head
     return post((0, y - drop, z + back), (0, y, z), section, 0.85 * section, color)
@@ -65,7 +65,10 @@ def handle(
 def magazine(
     head: Sequence[float], drop: float, ahead: float, depth: float, width: float, color: Color
 ) -> Part:
-    """Box magazine that hangs `drop` below head (y, z), bent forwards by `ahead` at its end."""
+    """Return a box magazine that hangs `drop` below head (y, z), bent by `ahead` at its end.
+
+    It is bent forwards.
+    """
     y, z = head
     t = np.linspace(0.0, 1.0, 5 if ahead else 2)
     bend = np.stack([np.zeros_like(t), ahead * (t**2)], axis=1)
@@ -76,7 +79,7 @@ def magazine(
 
 
 def trigger(y: float, front_z: float, rear_z: float, color: Color) -> list[Part]:
-    """Guard hung from the height y, and the trigger in it."""
+    """Return a guard hung from the height y, and the trigger in it."""
     low = y - 0.036
     path = [(0, y + 0.006, front_z), (0, low, front_z + 0.008), (0, low, rear_z - 0.008)]
     path = fillet([*path, (0, y + 0.006, rear_z)], 0.012, 2)
@@ -86,7 +89,7 @@ def trigger(y: float, front_z: float, rear_z: float, color: Color) -> list[Part]
 
 
 def scope(y: float, floor_y: float, rear_z: float, length: float, color: Color) -> list[Part]:
-    """Telescopic sight whose axis is at y, on two feet that reach down to `floor_y`."""
+    """Return a telescopic sight whose axis is at y, on two feet that reach down to `floor_y`."""
     front = rear_z - length
     thin, eye, lens = 0.013, 0.019, 0.024 if length > 0.2 else 0.018
     profile = [
@@ -107,20 +110,20 @@ def scope(y: float, floor_y: float, rear_z: float, length: float, color: Color) 
 
 
 def bipod(y: float, z: float, drop: float, lean: float, color: Color) -> list[Part]:
-    """Two legs from a clamp on the barrel; their feet are `lean` ahead of it."""
+    """Return two legs from a clamp on the barrel; their feet are `lean` ahead of it."""
     clamp = box((0, y, z), (0.034, 0.028, 0.026), color)
     feet = [(side * 0.42 * drop, y - drop, z - lean) for side in (-1.0, 1.0)]
     return [clamp, *(tube([(0, y, z), foot], 0.0065, color, sides=5) for foot in feet)]
 
 
 def front_sight(z: float, height: float, color: Color) -> Part:
-    """Wedge on the barrel."""
+    """Return a wedge on the barrel."""
     foot, tip = rectangle(0.012, 0.035), rectangle(0.005, 0.012)
     return post((0, 0, z), (0, height, z), foot, tip, color)
 
 
 def wire_stock(rear_z: float, length: float, top_y: float, drop: float, color: Color) -> list[Part]:
-    """Folding stock: a rod, a strut below it and a plate for the shoulder."""
+    """Return a folding stock: a rod, a strut below it and a plate for the shoulder."""
     butt = rear_z + length
     upper = tube([(0, top_y, rear_z - 0.03), (0, top_y, butt)], 0.0085, color, sides=6)
     path = [(0, top_y - 0.02, rear_z - 0.02), (0, top_y - drop + 0.01, butt)]
@@ -135,7 +138,7 @@ def wire_stock(rear_z: float, length: float, top_y: float, drop: float, color: C
 
 
 def carry_handle(y: float, rear_z: float, length: float, color: Color) -> Part:
-    """Arched bar over the receiver, whose ends are sunk below the height y."""
+    """Return an arched bar over the receiver, whose ends are sunk below the height y."""
     front, top = rear_z - length, y + 0.045
     path = [(0, y - 0.012, rear_z), (0, top, rear_z - 0.02), (0, top, front + 0.05)]
     return sweep([*path, (0, y - 0.012, front)], rectangle(0.018, 0.015), color, up=(0, 0, 1))

@@ -25,7 +25,7 @@ from data_prep.shapes.solids import (
 
 
 def settle(rng: np.random.Generator) -> list[Part]:
-    """A wide wooden chair: four or six legs, a back of bars or boards."""
+    """Return a wide wooden chair: four or six legs, a back of bars or boards."""
     length, depth = uniform(rng, (0.85, 1.7)), uniform(rng, (0.38, 0.50))
     height = uniform(rng, (0.40, 0.48))
     frame = shade_of(rng, {"wood": 0.78, "paint": 0.22})
@@ -97,7 +97,10 @@ def settle(rng: np.random.Generator) -> list[Part]:
 
 
 def pew(rng: np.random.Generator) -> list[Part]:
-    """Two ends of board, and between them a seat and a closed back; maybe closed below, too."""
+    """Return two ends of board, a seat between them and a closed back.
+
+    It may be closed below, too.
+    """
     length, depth = uniform(rng, (0.9, 2.3)), uniform(rng, (0.40, 0.54))
     height, top = uniform(rng, (0.41, 0.47)), uniform(rng, (0.82, 1.05))
     wood = shade_of(rng, {"wood": 0.85, "paint": 0.15})
@@ -132,7 +135,7 @@ def pew(rng: np.random.Generator) -> list[Part]:
 
 
 def row(rng: np.random.Generator) -> list[Part]:
-    """Shells side by side on a beam, as in waiting rooms."""
+    """Return shells side by side on a beam, as in waiting rooms."""
     seats = int(rng.integers(2, 6))
     pitch = uniform(rng, (0.50, 0.60))
     height, depth = uniform(rng, (0.41, 0.46)), uniform(rng, (0.42, 0.50))
@@ -172,7 +175,7 @@ def _shell(
     thick: float,
     color: Color,
 ) -> Part:
-    """A bent sheet, seat and back in one, of that width about `x`; open towards -z.
+    """Return a bent sheet, seat and back in one, of that width about `x`; open towards -z.
 
     The seat's upper side lies at `seat_y`; the back rises by `back` and leans by `lean` (m).
     """

@@ -25,7 +25,7 @@ from data_prep.shapes.solids import (
 
 
 def park(rng: np.random.Generator) -> list[Part]:
-    """Slats of wood on ends of iron, wood or stone."""
+    """Return slats of wood on ends of iron, wood or stone."""
     length, depth = uniform(rng, (1.2, 2.1)), uniform(rng, (0.40, 0.52))
     height = uniform(rng, (0.40, 0.47))
     frame = shade_of(rng, {"dark-metal": 0.62, "paint": 0.16, "wood": 0.22})
@@ -80,7 +80,7 @@ def park(rng: np.random.Generator) -> list[Part]:
 
 
 def plank(rng: np.random.Generator) -> list[Part]:
-    """Without a back: a plank, a slab of stone, a cushion, slats or an arc."""
+    """Return a bench without a back: a plank, a slab of stone, a cushion, slats or an arc."""
     length, depth = uniform(rng, (1.0, 1.9)), uniform(rng, (0.32, 0.50))
     height = uniform(rng, (0.40, 0.48))
     kind = pick(rng, {"stone": 0.24, "wood": 0.32, "padded": 0.22, "slats": 0.12, "arc": 0.10})
@@ -143,7 +143,7 @@ def plank(rng: np.random.Generator) -> list[Part]:
 
 
 def _arc(rng: np.random.Generator, height: float) -> list[Part]:
-    """A bent bench without a back, on posts."""
+    """Return a bent bench without a back, on posts."""
     angle, half_width = uniform(rng, (0.5, 1.3)), uniform(rng, (0.7, 1.1))
     thick, depth = uniform(rng, (0.05, 0.10)), uniform(rng, (0.36, 0.44))
     seat = shade(rng, "wood" if chance(rng, 0.6) else BENCH["stone"])
@@ -159,7 +159,7 @@ def _arc(rng: np.random.Generator, height: float) -> list[Part]:
 
 
 def picnic(rng: np.random.Generator) -> list[Part]:
-    """A table with a bench on either side, all on the same crossed or splayed legs."""
+    """Return a table with a bench on either side, all on the same crossed or splayed legs."""
     length = uniform(rng, (1.3, 2.1))
     wood = shade_of(rng, {"wood": 0.82, "paint": 0.18})
     frame = wood if chance(rng, 0.7) else shade(rng, "dark-metal")
@@ -196,7 +196,7 @@ def picnic(rng: np.random.Generator) -> list[Part]:
 
 
 def _across(low: float, high: float, count: int, gap: float) -> list[tuple[float, float]]:
-    """(middle, width) of `count` bars between two places, with gaps of that share of a bar."""
+    """Return (middle, width) of `count` bars between two places; gaps are that share of a bar."""
     pitch = (high - low) / (count - gap)
     return [(low + (k + 0.5 * (1 - gap)) * pitch, (1 - gap) * pitch) for k in range(count)]
 
@@ -209,7 +209,7 @@ def _slats(
     count: int,
     color: Color,
 ) -> list[Part]:
-    """Level bars along x, `count` of them between two z, up to a height.
+    """Return level bars along x, `count` of them between two z, up to a height.
 
     `stations` are their ends in x and the places between them where something carries them.
     """
@@ -223,7 +223,7 @@ def _slats(
 def _upright_slats(
     stations: Sequence[float], y: tuple[float, float], thick: float, count: int, color: Color
 ) -> list[Part]:
-    """Upright bars along x in the plane z = 0, `count` of them between two heights."""
+    """Return upright bars along x in the plane z = 0, `count` of them between two heights."""
     parts = []
     for middle, width in _across(*y, count, 0.22):
         section = rounded(rectangle(thick, width), 0.2 * thick, steps=1)

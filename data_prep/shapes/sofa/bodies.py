@@ -21,7 +21,7 @@ from data_prep.shapes.solids import Part, box, polygon, prism, rounded
 
 
 def box_arm(rng: np.random.Generator) -> list[Part]:
-    """Arms like boxes, lower than the back or as high."""
+    """Return arms like boxes, lower than the back or as high."""
     spec = draw_sofa_spec(rng, "box-arm")
     if chance(rng, 0.16):  # arms as high as the back
         spec = replace(spec, arm_top=spec.back_top - 0.012)
@@ -38,7 +38,7 @@ def box_arm(rng: np.random.Generator) -> list[Part]:
 
 
 def rolled_arm(rng: np.random.Generator) -> list[Part]:
-    """Arms that end in rolls; the back is a roll as high, a higher one, or a camel's hump."""
+    """Return arms that end in rolls; the back is a roll, a higher one, or a camel's hump."""
     spec = draw_sofa_spec(rng, "rolled-arm")
     kind = pick(rng, {"level": 0.34, "camel": 0.33, "roll": 0.33})
     roll = uniform(rng, (0.075, 0.115))
@@ -76,7 +76,10 @@ def rolled_arm(rng: np.random.Generator) -> list[Part]:
 
 
 def sectional(rng: np.random.Generator) -> list[Part]:
-    """A sofa with a chaise, or a corner sofa with a second back; `side` is where it turns."""
+    """Return a sofa with a chaise, or a corner sofa with a second back.
+
+    `side` is where it turns.
+    """
     spec = draw_sofa_spec(rng, "sectional")
     side = int(rng.choice([-1, 1]))
     corner = chance(rng, 0.4)
@@ -140,7 +143,7 @@ def _base(spec: SofaSpec, arm_top: float, edge: float, slope: float) -> Part:
 
 
 def _upholstery(rng: np.random.Generator, spec: SofaSpec, cushioned: float) -> list[Part]:
-    """Cushions of the seat, and of the back as often as `cushioned` says."""
+    """Return cushions of the seat, and of the back as often as `cushioned` says."""
     inside = spec.inside / 2 - 0.006
     merged = 1 if chance(rng, 0.14) else spec.seats
     front, rear = -spec.depth / 2 - 0.014, spec.back_front(spec.sitting) + 0.04

@@ -34,7 +34,7 @@ from data_prep.shapes.solids import (
 
 
 def open_frame(rng: np.random.Generator) -> list[Part]:
-    """Cushions on a frame of wood, or within a cage of tubes."""
+    """Return cushions on a frame of wood, or within a cage of tubes."""
     spec = draw_sofa_spec(rng, "open-frame")
     metal = chance(rng, 0.4)
     frame = shade_of(rng, {"chrome": 0.7, "dark-metal": 0.3} if metal else {"wood": 1.0})
@@ -80,7 +80,10 @@ def open_frame(rng: np.random.Generator) -> list[Part]:
 
 
 def _caged(rng: np.random.Generator, spec: SofaSpec) -> list[Part]:
-    """Thick cushions, also as arms, held by tubes (Le Corbusier, Jeanneret, Perriand: LC2)."""
+    """Return thick cushions, also as arms, held by tubes.
+
+    The model is Le Corbusier, Jeanneret, Perriand: LC2.
+    """
     radius = uniform(rng, (0.013, 0.020))
     arm = max(spec.arm, 0.12)
     half = spec.inside / 2 + arm
@@ -112,7 +115,7 @@ def _caged(rng: np.random.Generator, spec: SofaSpec) -> list[Part]:
 
 
 def armless(rng: np.random.Generator) -> list[Part]:
-    """A futon, a daybed with one raised end, or a chaise longue with half a back."""
+    """Return a futon, a daybed with one raised end, or a chaise longue with half a back."""
     spec = draw_sofa_spec(rng, "armless")
     spec = replace(spec, seats=max(spec.seats, 2), low=max(spec.low, 0.10))
     kind = pick(rng, {"futon": 0.42, "longue": 0.33, "daybed": 0.25})
@@ -163,7 +166,7 @@ def armless(rng: np.random.Generator) -> list[Part]:
 
 
 def curved(rng: np.random.Generator) -> list[Part]:
-    """A tub with a rounded back, or an arc of seats around a table that is not there."""
+    """Return a tub with a rounded back, or an arc of seats around a table that is not there."""
     spec = draw_sofa_spec(rng, "curved")
     low = max(spec.low, 0.04)
     wall = uniform(rng, (0.10, 0.16))

@@ -1,6 +1,7 @@
-"""What most sofas have in common: their measures, colours, cushions and feet. Metres.
+"""Parts that most sofas have in common: measures, colours, cushions and feet.
 
-x is to the side, y up from the floor, z to the rear; the middle of the main seat is at x = z = 0.
+Lengths are in metres: x is to the side, y up from the floor, z to the rear; the middle of the main
+seat is at x = z = 0.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ COVERS: dict[str, dict[str, float]] = {
 
 @dataclass(frozen=True)
 class SofaSpec:
-    """Measures and colours. Lengths in metres.
+    """The measures and colours of a sofa, with lengths in metres.
 
     seats    cushions side by side, 1 to 4; `seat` is the width of one
     depth    front to rear, over all
@@ -58,7 +59,7 @@ class SofaSpec:
 
     @property
     def inside(self) -> float:
-        """Width between the arms."""
+        """The width between the arms."""
         return self.seats * self.seat
 
     @property
@@ -68,16 +69,16 @@ class SofaSpec:
 
     @property
     def sitting(self) -> float:
-        """Height of the seat."""
+        """The height of the seat."""
         return self.deck + self.thick - SUNK
 
     def back_front(self, y: float) -> float:
-        """z of the back's front at a height."""
+        """Return z of the back's front at a height."""
         return self.depth / 2 - self.wall + (y - self.deck) * math.tan(self.rake_rad)
 
 
 def draw_sofa_spec(rng: np.random.Generator, family: str) -> SofaSpec:
-    """Measures and colours at random, as they suit a family."""
+    """Draw measures and colours at random, as they suit a family."""
     seats = pick(rng, {1: 0.14, 2: 0.34, 3: 0.42, 4: 0.10})
     if family == "sectional":
         seats = pick(rng, {2: 0.55, 3: 0.45})
@@ -107,7 +108,7 @@ def draw_sofa_spec(rng: np.random.Generator, family: str) -> SofaSpec:
 
 
 def back_profile(spec: SofaSpec, top: float) -> Vectors:
-    """Section (z, y) of a back whose rear stands upright and whose front leans."""
+    """Return the section (z, y) of a back whose rear stands upright and whose front leans."""
     rear = spec.depth / 2 + 0.012
     foot = spec.low + 0.03
     front_foot = spec.back_front(foot)
@@ -119,7 +120,7 @@ def back_profile(spec: SofaSpec, top: float) -> Vectors:
 def seat_cushions(
     spec: SofaSpec, x: tuple[float, float], z: tuple[float, float], count: int
 ) -> list[Part]:
-    """`count` cushions side by side on the deck."""
+    """Return `count` cushions side by side on the deck."""
     width = (x[1] - x[0]) / count
     soft = 0.32 * spec.thick
     size = (width - 0.008, spec.thick, z[1] - z[0])
@@ -131,7 +132,7 @@ def seat_cushions(
 def back_cushions(
     spec: SofaSpec, x: tuple[float, float], count: int, height: float, thickness: float
 ) -> list[Part]:
-    """`count` cushions side by side that stand on the seat and lean on the back."""
+    """Return `count` cushions side by side that stand on the seat and lean on the back."""
     width = (x[1] - x[0]) / count
     z = spec.back_front(spec.sitting) - 0.42 * thickness
     size = (width - 0.01, height, thickness)
@@ -148,7 +149,10 @@ def back_cushions(
 
 
 def throw_pillows(rng: np.random.Generator, spec: SofaSpec, half_x: float, z: float) -> list[Part]:
-    """Often none, else one or two of another colour, near the ends of the seat, leaning back."""
+    """Return often none, else one or two pillows of another colour.
+
+    They lean back near the ends of the seat.
+    """
     if not chance(rng, 0.35):
         return []
     edge = uniform(rng, (0.30, 0.42))
@@ -168,7 +172,10 @@ def throw_pillows(rng: np.random.Generator, spec: SofaSpec, half_x: float, z: fl
 def feet(
     spec: SofaSpec, x: float, z: float, centre: tuple[float, float] = (0.0, 0.0)
 ) -> list[Part]:
-    """Four feet under a body, `x` and `z` from its middle; none where it stands on the floor."""
+    """Return four feet under a body, `x` and `z` from its middle.
+
+    There are none where it stands on the floor.
+    """
     if spec.low == 0.0:
         return []
     wide = 0.045 + 0.2 * spec.low

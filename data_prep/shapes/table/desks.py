@@ -17,7 +17,7 @@ PROUD = 0.014  # m, by which fronts and handles stand out of what carries them
 def _plate(
     centre: tuple[float, float, float], size: tuple[float, float, float], color: Color
 ) -> Part:
-    """A board with its edges taken off."""
+    """Return a board with its edges taken off."""
     outline = rounded(rectangle(size[0], size[2]), 0.012) / (size[0], size[2])
     return slab(outline, centre, size, color, bevel=0.004)
 
@@ -25,7 +25,7 @@ def _plate(
 def _drawers(
     x: tuple[float, float], y: tuple[float, float], z: float, rows: int, color: Color, handle: Color
 ) -> list[Part]:
-    """Fronts of drawers, with handles, before a face at `z` that looks towards -z."""
+    """Return fronts of drawers, with handles, before a face at `z` that looks towards -z."""
     parts = []
     gap = 0.016
     height = (y[1] - y[0] - gap) / rows
@@ -39,7 +39,10 @@ def _drawers(
 
 
 def desk(rng: np.random.Generator) -> list[Part]:
-    """A desk: one or two blocks of drawers, or panels with a screen for the knees; maybe a wing."""
+    """Return a desk: one or two blocks of drawers, or panels with a screen for the knees.
+
+    It may have a wing.
+    """
     width, depth = uniform(rng, (1.05, 1.80)), uniform(rng, (0.55, 0.82))
     height = uniform(rng, (0.71, 0.78))
     wooden = shade_of(rng, {"wood": 0.84, "paint": 0.16})
@@ -101,7 +104,7 @@ def _wing(
     board: float,
     colors: tuple[Color, Color],
 ) -> list[Part]:
-    """A second top at right angles, towards the sitter: an L from above."""
+    """Return a second top at right angles, towards the sitter: an L from above."""
     side = float(rng.choice([-1, 1]))
     length, breadth = uniform(rng, (0.5, 0.9)), uniform(rng, (0.42, 0.55))
     head, height = y
@@ -116,7 +119,7 @@ def _wing(
 
 
 def panel_table(rng: np.random.Generator) -> list[Part]:
-    """A low table of boards: a bent sheet, a box with shelves, or a closed block."""
+    """Return a low table of boards: a bent sheet, a box with shelves, or a closed block."""
     kind = pick(rng, {"sheet": 0.30, "shelves": 0.40, "block": 0.30})
     length = uniform(rng, (0.75, 1.40))
     width = uniform(rng, (0.45, 0.80)) * length

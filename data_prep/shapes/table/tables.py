@@ -33,7 +33,7 @@ from data_prep.shapes.solids import (
 
 
 def _top(shape: str, size: tuple[float, float], y: tuple[float, float], color: Color) -> Part:
-    """The plate from y[0] to y[1]: `size` is its extent in x and z."""
+    """Return the plate from y[0] to y[1]: `size` is its extent in x and z."""
     length, width = size
     if shape == "round":
         outline = polygon(24, 0.5)
@@ -45,14 +45,14 @@ def _top(shape: str, size: tuple[float, float], y: tuple[float, float], color: C
 
 
 def _turned(height: float, radius: float) -> Vectors:
-    """Profile (radius, y) of a turned leg or column, from the floor to the top."""
+    """Return the profile (radius, y) of a turned leg or column, from the floor to the top."""
     stations = [(0.55, 0.0), (0.7, 0.06), (0.5, 0.12), (0.62, 0.3), (1.0, 0.62), (0.7, 0.74)]
     stations += [(1.0, 0.80), (1.0, 1.0)]
     return np.array(stations) * (radius, height)
 
 
 def four_leg(rng: np.random.Generator) -> list[Part]:
-    """A dining, coffee or side table on four legs."""
+    """Return a dining, coffee or side table on four legs."""
     kind = pick(rng, {"dining": 0.52, "coffee": 0.30, "side": 0.18})
     shape = pick(rng, {"square": 0.62, "rounded": 0.20, "round": 0.18})
     height = uniform(
@@ -114,7 +114,7 @@ def four_leg(rng: np.random.Generator) -> list[Part]:
 
 
 def pedestal(rng: np.random.Generator) -> list[Part]:
-    """A top on one column; a long one on two."""
+    """Return a top on one column; a long one on two."""
     shape = pick(rng, {"round": 0.66, "square": 0.16, "rounded": 0.18})
     height = uniform(rng, pick(rng, {(0.70, 0.77): 0.62, (0.42, 0.58): 0.22, (0.98, 1.10): 0.16}))
     length = min(uniform(rng, (0.60, 1.35)), 1.5 * height)
@@ -162,7 +162,7 @@ def pedestal(rng: np.random.Generator) -> list[Part]:
 def _claws(
     x: float, reach: float, radius: float, foot_y: float, count: int, color: Color
 ) -> list[Part]:
-    """Feet around a column, falling from it to the floor; two of them lie across the table."""
+    """Return feet around a column, falling to the floor; two of them lie across the table."""
     parts = []
     for k in range(count):
         angle = 2 * math.pi * k / count + (math.pi / 2 if count == 2 else math.pi / 4)
@@ -180,7 +180,7 @@ def _claws(
 
 
 def trestle(rng: np.random.Generator) -> list[Part]:
-    """A top on two trestles that a beam ties: A-shaped, crossed or T-shaped."""
+    """Return a top on two trestles that a beam ties: A-shaped, crossed or T-shaped."""
     height, length = uniform(rng, (0.70, 0.78)), uniform(rng, (1.2, 2.3))
     width = uniform(rng, (0.65, 0.95))
     thickness = uniform(rng, (0.025, 0.06))
@@ -219,7 +219,7 @@ def trestle(rng: np.random.Generator) -> list[Part]:
 
 
 def metal_frame(rng: np.random.Generator) -> list[Part]:
-    """A top on a frame of thin metal bars: loops, hairpins or the edges of a box."""
+    """Return a top on a frame of thin metal bars: loops, hairpins or the edges of a box."""
     dining = chance(rng, 0.45)
     height = uniform(rng, (0.70, 0.76) if dining else (0.34, 0.50))
     length = uniform(rng, (1.1, 1.9) if dining else (0.7, 1.3))

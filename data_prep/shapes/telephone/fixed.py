@@ -24,7 +24,7 @@ from data_prep.shapes.telephone.parts import (
 
 
 def cordless(rng: np.random.Generator) -> list[Part]:
-    """A handset that leans back in its charger."""
+    """Return a handset that leans back in its charger."""
     height, thick = uniform(rng, (15.0, 18.5)), uniform(rng, (2.2, 3.2))
     width = uniform(rng, (4.6, 5.6))
     body = tint(rng, {"black": 0.45, "silver": 0.25, "white": 0.20, "beige": 0.10})
@@ -55,7 +55,7 @@ def cordless(rng: np.random.Generator) -> list[Part]:
 
 
 def desk(rng: np.random.Generator) -> list[Part]:
-    """A wedge with keys and a screen, and a handset beside them."""
+    """Return a wedge with keys and a screen, and a handset beside them."""
     wide, deep = uniform(rng, (15.0, 21.0)), uniform(rng, (17.0, 22.0))
     low, high = uniform(rng, (2.2, 3.4)), uniform(rng, (5.0, 9.0))
     body = tint(
@@ -65,7 +65,7 @@ def desk(rng: np.random.Generator) -> list[Part]:
     slope = math.atan2(high - low, deep)
 
     def on_top(parts: list[Part]) -> list[Part]:
-        """Parts that are built upright, at z = 0 in front, laid down on the sloping top."""
+        """Return parts that are built upright, at z = 0 in front, laid down on the sloping top."""
         tilt_rad = math.pi / 2 - slope
         return [moved(part, (0, (low + high) / 2, 0), tilt_rad=tilt_rad) for part in parts]
 
@@ -92,7 +92,7 @@ def desk(rng: np.random.Generator) -> list[Part]:
 
 
 def classic(rng: np.random.Generator) -> list[Part]:
-    """A narrowing body with a dial, more rarely with keys, and a handset across its top."""
+    """Return a narrowing body with a dial, more rarely with keys, and a handset across its top."""
     wide, deep = uniform(rng, (14.0, 18.0)), uniform(rng, (14.0, 19.0))
     high = uniform(rng, (9.0, 12.5))
     color = tint(rng, {"bakelite": 0.85, "wood": 0.15})

@@ -10,7 +10,7 @@ from data_prep.shapes.telephone.parts import antenna, key_color, keypad, leaned,
 
 
 def smartphone(rng: np.random.Generator) -> list[Part]:
-    """A thin slab that is almost all screen; one in seven is a tablet."""
+    """Return a thin slab that is almost all screen; one in seven is a tablet."""
     height = uniform(rng, (11.0, 16.5))
     tablet = chance(rng, 0.15)
     width = height * uniform(rng, (0.64, 0.76) if tablet else (0.46, 0.58))
@@ -38,7 +38,7 @@ def smartphone(rng: np.random.Generator) -> list[Part]:
 
 
 def keypad_phone(rng: np.random.Generator) -> list[Part]:
-    """A screen above keys, or above a keyboard."""
+    """Return a screen above keys, or above a keyboard."""
     height, thick = uniform(rng, (10.0, 13.0)), uniform(rng, (1.4, 2.4))
     width = height * uniform(rng, (0.38, 0.48))
     body = tint(rng, {"black": 0.40, "silver": 0.30, "coloured": 0.22, "white": 0.08})
@@ -82,7 +82,7 @@ def keypad_phone(rng: np.random.Generator) -> list[Part]:
 
 
 def flip(rng: np.random.Generator) -> list[Part]:
-    """Two halves, half open, on a hinge."""
+    """Return two halves, half open, on a hinge."""
     height, thick = uniform(rng, (7.8, 9.6)), uniform(rng, (0.9, 1.4))
     width = height * uniform(rng, (0.50, 0.60))
     body = tint(rng, {"silver": 0.34, "black": 0.30, "coloured": 0.28, "white": 0.08})

@@ -1,4 +1,7 @@
-"""What telephones are put together from: plates, keys, dials, handsets. Centimetres."""
+"""Parts of telephones: plates, keys, dials, handsets.
+
+Lengths are in centimetres.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ tint = partial(shade_of, palette=TELEPHONE)
 
 
 def key_color(rng: np.random.Generator, body: Color) -> Color:
-    """Light keys on a dark body, and the other way round."""
+    """Return the colour of keys: light on a dark body, and the other way round."""
     return tint(rng, {"silver": 0.8, "white": 0.2} if sum(body) < 330 else {"black": 1.0})
 
 
@@ -43,7 +46,10 @@ def plate(
     *,
     bevel: float = 0.0,
 ) -> Part:
-    """Upright plate of size (x, y, z) with round corners, its broad sides towards -z and +z."""
+    """Return an upright plate of size (x, y, z) with round corners.
+
+    Its broad sides face -z and +z.
+    """
     corner = min(corner, 0.48 * size[0], 0.48 * size[1])
     return panel(centre, size, color, corner=corner, bevel=bevel, steps=3)
 
@@ -57,7 +63,7 @@ def keypad(
     *,
     rise: float = 0.22,
 ) -> list[Part]:
-    """Keys in a grid that fills x and y, standing out by `rise` from a face at z = `front`."""
+    """Return keys in a grid that fills x and y, `rise` in front of a face at z = `front`."""
     columns, rows = columns_rows
     across, up = (x[1] - x[0]) / columns, (y[1] - y[0]) / rows
     size = 0.74 * across, 0.62 * up, rise + 0.4
@@ -69,13 +75,13 @@ def keypad(
 
 
 def antenna(foot: tuple[float, float, float], length: float, radius: float, color: Color) -> Part:
-    """Round stub that stands on `foot`."""
+    """Return a round stub that stands on `foot`."""
     profile = [(radius, 0), (radius, 0.9 * length), (0.6 * radius, length)]
     return moved(lathe(profile, color, sides=10), foot)
 
 
 def dial(radius: float, face: Color, ring: Color) -> list[Part]:
-    """Disc with ten finger holes around a hub, its face towards -z.
+    """Return a disc with ten finger holes around a hub, its face towards -z.
 
     Holes and hub have the colour `ring`, and stand out: nothing is let in.
     """
@@ -90,7 +96,7 @@ def dial(radius: float, face: Color, ring: Color) -> list[Part]:
 
 
 def handset(length: float, width: float, thick: float, color: Color) -> list[Part]:
-    """Receiver along y whose ear and mouth pieces reach 0.72 `thick` towards +z.
+    """Return a receiver along y whose ear and mouth pieces reach 0.72 `thick` towards +z.
 
     These are at CUP_PLACE of the length from its middle.
     """
@@ -120,7 +126,7 @@ def handset(length: float, width: float, thick: float, color: Color) -> list[Par
 
 
 def wedge(width: float, z: tuple[float, float], heights: tuple[float, float], color: Color) -> Part:
-    """Body on the floor from z[0] to z[1] whose top rises from the first height to the second."""
+    """Return a body on the floor from z[0] to z[1] whose top rises between two heights."""
     (front, rear), (low, high) = z, heights
     section = np.array([(front, 0.0), (rear, 0.0), (rear, high), (front, low)])
     section = rounded(section, 0.4 * min(low, high, 3.0))
@@ -133,7 +139,9 @@ def wedge(width: float, z: tuple[float, float], heights: tuple[float, float], co
 def hood(
     foot: tuple[float, float, float], head: tuple[float, float, float], y: ArrayLike, color: Color
 ) -> Part:
-    """Body that narrows upwards; foot and head are (width, front z, rear z), y is three heights.
+    """Return a body that narrows upwards from (width, front z, rear z) to (width, ...).
+
+    `foot` and `head` are such triples, y is three heights.
 
     It is upright between the first two heights and narrows to the third.
     """
@@ -145,7 +153,7 @@ def hood(
 
 
 def leaned(part: Part, offset: ArrayLike) -> Part:
-    """The part laid down, its +y towards +x, then shifted by [3]."""
+    """Return the part laid down, its +y towards +x, then shifted by [3]."""
     x, y, z = part.vertices.T
     return Part(
         np.stack([y, -x, z], axis=1) + np.asarray(offset, dtype=np.float64), part.faces, part.color
@@ -153,7 +161,7 @@ def leaned(part: Part, offset: ArrayLike) -> Part:
 
 
 def cord(x: float, front: float, y: float, side: float, color: Color) -> Part:
-    """The cord from a handset's end round the body's left side, lying on the floor."""
+    """Return the cord from a handset's end round the body's left side, lying on the floor."""
     path = [(x, 0.6 * y, front + 1.0), (x, 0.6 * y, front - 1.6), (side + 2.0, 0.5, front - 1.6)]
     path = [*path, (side + 2.0, 0.5, front + 6.0), (side - 1.0, 0.5, front + 7.5)]
     return tube(fillet(path, 1.2, 3), 0.35, color, sides=6)

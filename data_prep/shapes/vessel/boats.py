@@ -13,7 +13,7 @@ from data_prep.shapes.vessel.rigs import house, mast
 
 
 def motor_yacht(rng: np.random.Generator) -> list[Part]:
-    """A planing hull with one or two glazed decks; or a speedboat."""
+    """Return a planing hull with one or two glazed decks; or a speedboat."""
     side = shade(rng, VESSEL["white"]) if chance(rng, 0.7) else shade(rng, VESSEL["trim"])
     bottom, deck, white = shades(rng, VESSEL, "trim", "teak", "white")
     glass = shade(rng, VESSEL["glass"])
@@ -92,7 +92,7 @@ def motor_yacht(rng: np.random.Generator) -> list[Part]:
 def _speedboat(
     rng: np.random.Generator, lines: Lines, side: Color, bottom: Color, glass: Color
 ) -> list[Part]:
-    """An open cockpit behind a windscreen, and an outboard engine."""
+    """Return an open cockpit behind a windscreen, and an outboard engine."""
     b, y = lines.half_beam, lines.freeboard
     seat, depth = shade(rng, VESSEL["trim"]), 0.8 * y
     start = uniform(rng, (-0.10, 0.0))
@@ -128,7 +128,7 @@ def _speedboat(
 
 
 def open_boat(rng: np.random.Generator) -> list[Part]:
-    """A hull with a well and thwarts: with oars, with inflated tubes, or bare."""
+    """Return a hull with a well and thwarts: with oars, with inflated tubes, or bare."""
     kind = pick(rng, {"oars": 0.5, "tubes": 0.25, "bare": 0.25})
     wooden = kind != "tubes" and chance(rng, 0.75)
     plain = VESSEL["rubber"] if kind == "tubes" else (*VESSEL["trim"], *VESSEL["white"])

@@ -43,21 +43,21 @@ class Lines:
 
     @property
     def deck(self) -> Floats:
-        """Height of the deck's edge at STATIONS."""
+        """The height of the deck's edge at STATIONS."""
         fore, aft = np.clip(1 - STATIONS / 0.5, 0, 1), np.clip(STATIONS / 0.5 - 1, 0, 1)
         return self.freeboard + self.sheer[0] * fore**2 + self.sheer[1] * aft**2
 
     @property
     def keel(self) -> Floats:
-        """Height of the keel at STATIONS."""
+        """The height of the keel at STATIONS."""
         return -self.draft * (1 - self.rocker * (2 * STATIONS - 1) ** 2)
 
     def deck_at(self, z: float) -> float:
-        """Height of the deck's edge at z."""
+        """Return the height of the deck's edge at z."""
         return float(np.interp(z + 0.5, STATIONS, self.deck))
 
     def half_width_at(self, z: float, below: float = 0.0) -> float:
-        """Half width of the hull at z, `below` the edge of the deck."""
+        """Return the half width of the hull at z, `below` the edge of the deck."""
         widths = self._side((self.deck - below)[:, None])[:, 0, 0]
         return float(np.interp(z + 0.5, STATIONS, widths))
 
@@ -67,7 +67,7 @@ class Lines:
         return self.half_beam * np.maximum(bow, 0.03) * stern
 
     def _side(self, heights: Floats) -> Vectors:
-        """The right side [S, n, 3] at the given heights [S, n], one row a station."""
+        """Return the right side [S, n, 3] at the given heights [S, n], one row a station."""
         share = (heights - self.keel[:, None]) / (self.deck - self.keel)[:, None]
         share = np.clip(share, 0.0, 1.0)
         sharp = np.clip(1 - STATIONS / (1.6 * self.entry), 0.0, 1.0)
@@ -82,7 +82,9 @@ class Lines:
     def between(
         self, low: ArrayLike, high: ArrayLike, color: Color, *, swell: float = 0.0, levels: int = 4
     ) -> Part:
-        """The hull between two heights: numbers, or one a station. Above the deck it goes upright.
+        """Return the hull between two heights: numbers, or one a station.
+
+        Above the deck it goes upright.
 
         `swell` widens it (in x and z) on all sides, so that it stands out of its neighbours.
         """
@@ -95,7 +97,7 @@ class Lines:
         return loft(np.concatenate([side, side[:, ::-1] * (-1, 1, 1)], axis=1), color)
 
     def open_boat(self, depth: float, wall: float, color: Color, *, fore: float = 0.1) -> Part:
-        """The hull with a well `depth` deep between sides `wall` thick, decked at both ends.
+        """Return the hull with a well `depth` deep between sides `wall` thick, decked at both ends.
 
         fore  share of the length that is decked at the bow
         """
@@ -117,7 +119,10 @@ class Lines:
 def decked_hull(
     lines: Lines, side: Color, bottom: Color, deck: Color, waterline: float
 ) -> list[Part]:
-    """Hull in two colours, parted at the height `waterline`, and a deck let into its top."""
+    """Return a hull in two colours, parted at the height `waterline`.
+
+    A deck is let into its top.
+    """
     parts = [
         lines.between(waterline - 0.008, lines.deck, side),
         lines.between(lines.keel, waterline, bottom, swell=0.003),

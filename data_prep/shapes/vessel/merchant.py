@@ -22,7 +22,7 @@ def _bridge(
     glass: Color,
     storeys: int,
 ) -> list[Part]:
-    """A house with a strip of windows a storey."""
+    """Return a house with a strip of windows a storey."""
     parts = [house(z, y, half_width, color)]
     for level in range(storeys):
         middle = y[0] + (level + 0.68) / storeys * (y[1] - y[0])
@@ -32,7 +32,10 @@ def _bridge(
 
 
 def cargo_ship(rng: np.random.Generator) -> list[Part]:
-    """A full hull with its bridge at the stern: containers, tanks or hatches with derricks."""
+    """Return a full hull with its bridge at the stern.
+
+    It carries containers, tanks or hatches with derricks.
+    """
     side, bottom, deck = shades(rng, VESSEL, "ship-hull", "red-antifouling", "deck")
     white, glass, funnel = shades(rng, VESSEL, "white", "glass", "funnel")
     lines = Lines(
@@ -95,7 +98,7 @@ def cargo_ship(rng: np.random.Generator) -> list[Part]:
 
 
 def passenger_ship(rng: np.random.Generator) -> list[Part]:
-    """Storeys of windows over nearly the whole length, lifeboats, funnels."""
+    """Return a ship with storeys of windows along nearly all of it, lifeboats, funnels."""
     white, glass, funnel = shades(rng, VESSEL, "white", "glass", "funnel")
     side = white if chance(rng, 0.55) else shade(rng, VESSEL["ship-hull"])
     bottom, deck = shade(rng, (*VESSEL["antifouling"], *VESSEL["trim"])), shade(rng, VESSEL["teak"])

@@ -1,4 +1,4 @@
-"""What stands on a vessel's deck: sails, masts, funnels and houses."""
+"""Structures on a vessel's deck: sails, masts, funnels and houses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def house(
     narrow: float = 1.0,
     swell: float = 0.0,
 ) -> Part:
-    """Deck house between two z and two y; its upper side is `narrow` times as wide.
+    """Return a deck house between two z and two y; its upper side is `narrow` times as wide.
 
     lean   how far its front and its rear lean inwards from the lower to the upper side
     swell  makes it larger to both sides and both ends: a strip of windows around another house
@@ -41,19 +41,19 @@ def house(
 
 
 def mast(foot: ArrayLike, height: float, radius: float, color: Color, rake: float = 0.0) -> Part:
-    """Round mast that tapers to half of its radius; `rake` is how far its top leans back."""
+    """Return a round mast that tapers to half of its radius; its top leans back by `rake`."""
     x, y, z = np.asarray(foot, dtype=np.float64)
     top = (x, y + height, z + rake)
     return post((x, y, z), top, polygon(6, radius), polygon(6, 0.5 * radius), color)
 
 
 def yard(z: float, y: float, half_width: float, radius: float, color: Color) -> Part:
-    """Level spar across the ship."""
+    """Return a level spar across the ship."""
     return tube([(-half_width, y, z), (half_width, y, z)], radius, color, sides=6)
 
 
 def fore_and_aft_sail(low: ArrayLike, high: ArrayLike, belly: float, color: Color) -> Part:
-    """Sail in the plane of the keel, from its lower edge to its upper edge.
+    """Return a sail in the plane of the keel, from its lower edge to its upper edge.
 
     low, high  [2, 2]: (y, z) of the front and the rear end of each edge
     belly      how far its middle blows out to +x
@@ -70,7 +70,7 @@ def fore_and_aft_sail(low: ArrayLike, high: ArrayLike, belly: float, color: Colo
 def square_sail(
     z: float, y: tuple[float, float], half_widths: tuple[float, float], belly: float, color: Color
 ) -> Part:
-    """Sail across the ship between two heights, blown `belly` forward in its middle."""
+    """Return a sail across the ship between two heights, blown `belly` forward in its middle."""
     points = np.zeros((5, 3, 3))
     for ring, share in zip(points, SHARES, strict=True):
         half = half_widths[0] + share * (half_widths[1] - half_widths[0])
@@ -81,17 +81,20 @@ def square_sail(
 
 
 def _sail(points: Vectors, half: tuple[float, float, float], color: Color) -> Part:
-    """Cloth about points [5, 3, 3], from below and from edge to edge; `half` of its thickness."""
+    """Return a cloth about points [5, 3, 3], from below and from edge to edge.
+
+    `half` is half of its thickness.
+    """
     rings = np.empty((5, 6, 3))
-    for k, (one, other) in enumerate(SIDES):
-        rings[:, one], rings[:, other] = points[:, k] + half, points[:, k] - half
+    for k, (front, back) in enumerate(SIDES):
+        rings[:, front], rings[:, back] = points[:, k] + half, points[:, k] - half
     return loft(rings, color)
 
 
 def funnel_parts(
     z: float, y: float, height: float, radius: float, color: Color, tip: Color
 ) -> list[Part]:
-    """A funnel that leans back, with a dark top standing out of it."""
+    """Return a funnel that leans back, with a dark top standing out of it."""
     shape = polygon(8, radius) * (0.7, 1.2)
     lean = 0.15 * height
     top = (0.0, y + height, z + lean)

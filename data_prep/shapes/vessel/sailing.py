@@ -13,7 +13,7 @@ from data_prep.shapes.vessel.rigs import fore_and_aft_sail, house, mast, square_
 
 
 def sailing_yacht(rng: np.random.Generator) -> list[Part]:
-    """A keel, one or two masts with fore-and-aft sails."""
+    """Return a yacht with a keel, and one or two masts with fore-and-aft sails."""
     dyed = (*VESSEL["trim"], *VESSEL["teak"])
     side = shade(rng, VESSEL["white"] if chance(rng, 0.6) else dyed)
     bottom, deck, white, glass, cloth = shades(
@@ -89,7 +89,7 @@ def sailing_yacht(rng: np.random.Generator) -> list[Part]:
 
 
 def tall_ship(rng: np.random.Generator) -> list[Part]:
-    """A wooden hull, two or three masts with square sails, a bowsprit."""
+    """Return a wooden hull, two or three masts with square sails, a bowsprit."""
     wood = shade(rng, ((116, 74, 44), (92, 58, 38), (146, 98, 60), (56, 46, 42)))
     bottom, deck = shade(rng, ((70, 48, 36), (104, 60, 42))), shade(rng, VESSEL["teak"])
     spar, cloth = shade(rng, ((108, 74, 46), (84, 60, 42))), shade(rng, VESSEL["sailcloth"])

@@ -15,7 +15,7 @@ from data_prep.shapes.vessel.rigs import funnel_parts, house, mast, yard
 
 
 def warship(rng: np.random.Generator) -> list[Part]:
-    """A slim grey hull: stepped houses, masts, turrets; or a carrier."""
+    """Return a slim grey hull: stepped houses, masts, turrets; or a carrier."""
     grey, dark, glass = shades(rng, VESSEL, "navy-grey", "black", "glass")
     deck = shade(rng, ((96, 102, 108), (120, 84, 66)))
     lines = Lines(
@@ -83,7 +83,7 @@ def warship(rng: np.random.Generator) -> list[Part]:
 def _turret(
     z: float, y: float, size: float, guns: int, color: Color, aft: bool = False
 ) -> list[Part]:
-    """A gun turret whose barrels point to the bow, or to the stern."""
+    """Return a gun turret whose barrels point to the bow, or to the stern."""
     ahead = 1.0 if aft else -1.0
     ring = (z - 0.6 * size, z + 0.6 * size)
     parts = [
@@ -99,7 +99,7 @@ def _turret(
 def _flight_deck(
     rng: np.random.Generator, lines: Lines, grey: Color, deck: Color, glass: Color
 ) -> list[Part]:
-    """What makes a carrier: a flat deck that hangs over, an island on its right, and aircraft."""
+    """Return a carrier's flat deck that hangs over, an island on its right, and aircraft."""
     b, y = lines.half_beam, lines.freeboard
     parts = []
     wide, top = uniform(rng, (1.5, 1.9)) * b, y + 0.036
@@ -121,7 +121,7 @@ def _flight_deck(
 
 
 def submarine(rng: np.random.Generator) -> list[Part]:
-    """A round hull with a sail, fins and a propeller; partly below the water."""
+    """Return a round hull with a sail, fins and a propeller; partly below the water."""
     hull = shade(rng, (*VESSEL["black"], (74, 80, 86), (92, 104, 110)))
     trim = shade(rng, (*VESSEL["antifouling"], *VESSEL["black"]))
     r = uniform(rng, (0.048, 0.066))
