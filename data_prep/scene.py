@@ -54,7 +54,7 @@ def _read_only(values: ArrayLike, dtype: type, columns: int, name: str) -> NDArr
 class Mesh:
     """A shape without texture: flat face colours, nothing else.
 
-    vertices     float32 [V, 3], unit-sphere coordinates (see `data_prep.clouds.normalise.normalise`)
+    vertices     float32 [V, 3], unit-sphere coordinates (`data_prep.clouds.normalise.normalise`)
     faces        int32 [F, 3], indices into `vertices`, anticlockwise seen from outside
     face_colors  uint8 [F, 3], sRGB
 

@@ -1,7 +1,8 @@
 """Clouds at the edges of the domain, and beyond: perturbations for the suite `stability`.
 
-They are `data_prep.clouds.conditions.Perturbation`s: small values, whose `repr` is part of a key. Whatever
-they do to the points, `source` stays the mesh of the cloud they were given, unless it is said.
+They are `data_prep.clouds.conditions.Perturbation`s: small values, whose `repr` is part of a key.
+Whatever they do to the points, `source` stays the mesh of the cloud they were given, unless it is
+said.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Images of a mesh by the faster of two renderers: OpenGL for few faces, rays for many.
 
 The number of faces alone decides, so that an image never depends on the machine's speed. True
-images, and those of `true-mesh`, are always OpenGL's (`data_prep.rendering.opengl.render`). A change here or
-in `data_prep.rendering.raycast` that changes a pixel raises the versions of the methods that reconstruct.
+images, and those of `true-mesh`, are always OpenGL's (`data_prep.rendering.opengl.render`). A
+change here or in `data_prep.rendering.raycast` that changes a pixel raises the versions of the
+methods that reconstruct.
 """
 
 from __future__ import annotations

@@ -31,7 +31,11 @@ def test_names_of_the_old_datasets_module_are_those_of_the_registry() -> None:
 
 
 def test_a_package_that_imports_an_old_name_works() -> None:
-    code = "from data_prep.render import render; from data_prep.images import to_uint8; print(render.__module__)"
+    code = (
+        "from data_prep.render import render; "
+        "from data_prep.images import to_uint8; "
+        "print(render.__module__)"
+    )
     done = subprocess.run(
         (sys.executable, "-P", "-W", "ignore", "-c", code),
         capture_output=True,

@@ -35,7 +35,8 @@ def test_a_run_without_open3d_is_refused_before_any_work() -> None:
 def test_a_sphere() -> None:
     cloud = PointCloud(lattice_sphere())
     state = Open3dPoisson(depth=6).prepare(cloud)
-    # As of baselines.reconstruction.poisson; up to a twentieth of the vertices is trimmed, with their faces.
+    # As of baselines.reconstruction.poisson; up to a twentieth of the vertices is trimmed, with
+    # their faces.
     error = np.linalg.norm(state.mesh.vertices.astype(np.float64), axis=1) - RADIUS
     assert np.abs(error).max() < 0.02
     area = face_areas(state.mesh).sum() / (4 * math.pi * RADIUS**2)
