@@ -31,7 +31,7 @@ def dtype_of(precision: Precision) -> torch.dtype:
 
 
 class Convolution:
-    """A convolution with a kernel laid out for a size of input; other sizes are slower.
+    """A convolution with a kernel laid out for a size of input; others work, more slowly.
 
     kernel   [cout, cin, K, K], float64
     bias     [cout] or None, float64

@@ -68,6 +68,8 @@ def _rows(points: Tensor, index: Tensor) -> Tensor:
 def angular_error(predicted01: Tensor, target01: Tensor, range_rad: float) -> Tensor:
     """Return the mean absolute angle in radians, 0..pi, between normalised angles.
 
+    Both have the same shape.
+
     L_theta = atan2(sin d / cos d) of the paper's section 3.2, with d = range_rad * difference:
     a whole turn counts as none, so azimuth 0.99 and 0.01 are 0.02 turns apart.
     """
@@ -177,7 +179,7 @@ def discriminator_loss(
     fake: Condition,
     objective: Objective,
 ) -> LossTerms:
-    """Return Eq. 6: cross entropy and reconstruction of the conditions, on both halves.
+    """Return the terms of Eq. 6: cross entropy and reconstruction of conditions, both halves.
 
     The halves are added, as in Eq. 6; the original averages them, a factor of one half on
     everything, to which Adam is indifferent.
@@ -193,5 +195,5 @@ def discriminator_loss(
 def generator_loss(
     on_fake: DiscriminatorOutput, fake: Condition, objective: Objective
 ) -> LossTerms:
-    """Return Eq. 7: be taken for real, and let the conditions be read off the image."""
+    """Return the terms of Eq. 7: be taken for real, and let the conditions be read off the image."""
     return _terms(on_fake, fake, True, objective)

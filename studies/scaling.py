@@ -45,7 +45,7 @@ class Measured:
 
     @property
     def rate(self) -> float:
-        """Items a second."""
+        """The number of items a second."""
         return self.items / self.wall_s
 
     @property

@@ -257,9 +257,7 @@ class _Pixels:
         return table[:, :-1].unflatten(1, (self.size, self.size))
 
     def count(self) -> Tensor:
-        """Return the number of points per pixel [P, S, S], each shared among the 4 pixels around
-        it.
-        """
+        """Return the points per pixel [P, S, S], each shared among the 4 pixels around it."""
         x, y = self.column - 0.5, self.row - 0.5
         left, top = x.floor(), y.floor()
         right_share, lower_share = x - left, y - top

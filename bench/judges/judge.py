@@ -58,9 +58,7 @@ class JudgeNetwork(nn.Module):
         return self.answers(self.body(darkness))
 
     def answers(self, features: Tensor) -> Tensor:
-        """Return answers [N, 3 + CODE] from the output [N, FEATURES] of `body`; codes have length
-        1.
-        """
+        """Return answers [N, 3 + CODE] from `body`'s output [N, FEATURES]; codes have length 1."""
         return torch.cat([self.view(features), functional.normalize(self.code(features))], dim=1)
 
 

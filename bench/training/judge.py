@@ -336,8 +336,7 @@ def judge_data(split: Split, count: int, views: int) -> JudgeData:
 def score(
     network: JudgeNetwork, truth: JudgeData, queries: NDArray[np.uint8] | None = None
 ) -> Scores:
-    """Return how well the network judges `queries`, luma uint8 [N, V, 128, 128]; by default the
-    true ones.
+    """Return the scores for `queries`, luma uint8 [N, V, 128, 128]; by default the true ones.
 
     Codes of objects are always means over true images.
     """

@@ -14,8 +14,8 @@ from torch.nn import functional
 
 from bench.judges import VIEWS_WEIGHTS
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
-from bench.training.classifier import CosineTrainer, JudgeConfig, view_answers
 from bench.judges.views import Labels, ViewsNetwork, to_file
+from bench.training.classifier import CosineTrainer, JudgeConfig, view_answers
 from data_prep.datasets.registry import ProceduralObject, Split
 from data_prep.failures import BadInput
 from data_prep.randomness import generator

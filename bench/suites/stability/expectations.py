@@ -141,9 +141,7 @@ class Agrees:
 
 @dataclass(frozen=True)
 class Changes:
-    """The expectation of images that differ from the case's `like`, though one might think
-    otherwise.
-    """
+    """The expectation of images that differ from the case's `like`, against intuition."""
 
     mean: float
     why: str

@@ -149,7 +149,7 @@ def back_cushions(
 
 
 def throw_pillows(rng: np.random.Generator, spec: SofaSpec, half_x: float, z: float) -> list[Part]:
-    """Return often none, else one or two pillows of another colour.
+    """Return up to two pillows of another colour, often none.
 
     They lean back near the ends of the seat.
     """

@@ -8,8 +8,8 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from bench.training import judge as module
 from bench.judges.judge import darkness, greyscale, judge, load_judge_network
+from bench.training import judge as module
 from bench.training.judge import (
     JudgeConfig,
     augment,

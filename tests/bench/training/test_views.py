@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from bench.analysis.recognition import read_class_head
+from bench.judges.views import ViewsNetwork, load_views_network, view_features
 from bench.training import views as training
 from bench.training.views import NO_LABEL, Scores, labels, train_views
-from bench.judges.views import ViewsNetwork, load_views_network, view_features
 from data_prep.datasets import procedural as dataset_procedural
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
