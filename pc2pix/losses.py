@@ -195,5 +195,5 @@ def discriminator_loss(
 def generator_loss(
     on_fake: DiscriminatorOutput, fake: Condition, objective: Objective
 ) -> LossTerms:
-    """Return the terms of Eq. 7: be taken for real, and let the conditions be read off the image."""
+    """Return the terms of Eq. 7: be taken for real, and have the conditions read off the image."""
     return _terms(on_fake, fake, True, objective)

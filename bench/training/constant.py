@@ -82,7 +82,7 @@ def fit(truth: NDArray[np.uint8], steps: int, seed: int) -> NDArray[np.uint8]:
 
 
 def mean_ssim(truth: NDArray[np.uint8], image: NDArray[np.uint8]) -> float:
-    """Return the mean SSIM, by the metric itself, of an image [H, W, 3] with each of [N, H, W, 3]."""
+    """Return the mean SSIM of an image [H, W, 3] with each of [N, H, W, 3], by the metric."""
     drawn = np.broadcast_to(image, truth.shape)
     return float(ssim_per_image(truth, drawn).ssim.mean())
 
