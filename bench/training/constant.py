@@ -14,10 +14,10 @@ from PIL import Image
 from baselines.constant import CONSTANT_IMAGE
 from bench.metrics.structural_similarity import ssim_per_image
 from data_prep.datasets.registry import ProceduralObject, Split
-from data_prep.failures import BadInput
-from data_prep.rendering.images import blank
 from data_prep.datasets.training_set import training_set
+from data_prep.failures import BadInput
 from data_prep.files.atomic_write import write_whole
+from data_prep.rendering.images import blank
 from learning.image_losses import structural_similarity
 
 BATCH = 64

@@ -17,12 +17,12 @@ from bench.judges.answers import azimuth_error_deg, elevation_error_deg
 from bench.judges.views import Labels, ViewsNetwork, to_file
 from bench.training.classifier import CosineTrainer, JudgeConfig, view_answers
 from data_prep.datasets.registry import ProceduralObject, Split
+from data_prep.datasets.training_set import TrainingSet, training_set
 from data_prep.failures import BadInput
+from data_prep.files.atomic_write import write_whole
 from data_prep.randomness import generator
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.chair.spec import BACKS, draw_chair_spec
-from data_prep.datasets.training_set import TrainingSet, training_set
-from data_prep.files.atomic_write import write_whole
 from learning.processes import ONE, Processes, connect, is_first
 from learning.trainer import Part
 from learning.training_loop import denormals_flushed, hash_arrays, seeded

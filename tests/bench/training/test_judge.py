@@ -21,11 +21,11 @@ from bench.training.judge import (
     shape_descriptors,
     train_judge,
 )
+from data_prep.datasets.grey import Unpainted
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
 from data_prep.rendering.opengl import render
 from data_prep.scene import View
-from data_prep.datasets.grey import Unpainted
 
 
 @pytest.fixture(scope="module")
