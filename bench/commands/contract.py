@@ -20,8 +20,8 @@ def test(
             metavar="NAME",
             help="A method ('convex-hull', 'splat-net@FILE.safetensors'), a metric of another "
             "package, a dataset ('list:PATH'), or MODULE:NAME of a module that no package "
-            "announces yet, of a reader MODULE:NAME:PATH. Such a module is found in the current folder, "
-            "too: this form alone executes what is there.",
+            "announces yet, of a reader MODULE:NAME:PATH. Such a module is found in the current "
+            "folder, too: this form alone executes what is there.",
         ),
     ],
 ) -> None:
