@@ -134,7 +134,7 @@ def refuse_narrowing(directory: Path, manifest: Mapping[str, Any]) -> None:
         return
     before = read_manifest(directory)
     for kind in ("methods", "conditions", "objects"):
-        if lacking := [name for name in before.get(kind, ()) if name not in manifest[kind]]:
+        if lacking := [name for name in before.get(kind, ()) if name not in manifest.get(kind, ())]:
             raise BadInput(
                 f"{directory}: holds a run with {_counted(len(lacking), kind)}, {lacking[0]} among "
                 "them; give a new --out"

@@ -30,7 +30,7 @@ from bench.records.parquet import JobRow, artifacts_of, write_features, write_jo
 from bench.records.record import GROUND_TRUTH, Record
 from bench.running import environment as manifests
 from bench.running.executors import JobPool, results
-from bench.running.extension import KeptRun, join, pinned_request
+from bench.running.extension import KeptRun, join, pinned_request, refuse_narrowing
 from bench.running.isolation import Executor
 from bench.running.pilot import Cell
 from bench.running.protocol import (
@@ -279,9 +279,11 @@ def open_run(directory: Path, manifest: dict[str, Any], fresh: bool = False) -> 
 
     The manifest is written first, and again where the block ends without an error, with the time
     and what the block has added to it. `fresh` renames an old run first. Raises BadInput where the
-    directory holds something else or another process writes there.
+    directory holds something else, or more than this run would have, or another process writes
+    there.
     """
     with _locked_journal(directory, manifest, fresh) as journal:
+        refuse_narrowing(directory, manifest)
         write_manifest(directory, manifest)
         yield journal
         _write_finished(directory, manifest)

@@ -49,14 +49,11 @@ def test_processes_of_the_project_run_no_module_of_it(folder, monkeypatch):
     ("arguments", "line"),
     [
         (("doctor",), "ok   rendering: "),
-        (("test", "splat"), "ok   processes and threads: "),
-        (
-            RUN,
-            "2 items done, 0 from before, 0 failed",
-        ),
+        (("test", "splat"), "ok   another process: "),
+        (RUN, "3 jobs done, 0 from before, 0 failed"),
         pytest.param(
             (*RUN, "--ray", "local"),
-            "2 items done, 0 from before, 0 failed",
+            "3 jobs done, 0 from before, 0 failed",
             marks=[pytest.mark.ray, pytest.mark.skipif(not find_spec("ray"), reason="needs [ray]")],
         ),
     ],

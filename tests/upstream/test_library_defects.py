@@ -471,7 +471,7 @@ def cast_nan(cast: Callable[[float], Any]) -> str:
     return f"pixel {pixel}, {f'a {seen[0].category.__name__}' if seen else 'no warning'}"
 
 
-@defect(r"^pixel \d+, a RuntimeWarning$", "bench.running.work._checked")
+@defect(r"^pixel \d+, a RuntimeWarning$", "bench.running.work.checked_images")
 def numpy_makes_a_pixel_of_nan() -> str:
     """NaN cast to uint8 is some number, with no more than a warning."""
     return cast_nan(lambda nan: np.array([nan]).astype(np.uint8)[0])
@@ -535,7 +535,7 @@ def pandas_leaves_failures_out_of_the_mean() -> str:
     return f"means {frame.groupby('object')['score'].mean().to_dict()}, {frame['score'].mean()}"
 
 
-@defect(r"^pixel \d+, no warning$", "bench.running.work._checked")
+@defect(r"^pixel \d+, no warning$", "bench.running.work.checked_images")
 def torch_makes_a_pixel_of_nan() -> str:
     """NaN cast to uint8 is some number, and nothing is reported."""
     import torch

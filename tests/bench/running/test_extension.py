@@ -14,7 +14,7 @@ from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest, write_manifest
 from bench.running.extension import join, joined
 from bench.running.protocol import Options, Shard, protocol_of
-from bench.running.run import run
+from bench.running.run import open_run, run
 from bench.suites.procedure import methods_of
 from data_prep.failures import BadInput
 
@@ -204,3 +204,19 @@ def test_a_merge_does_not_narrow_a_run(copied, tmp_path, same_machine, tiny_weig
 )
 def test_order_of_what_is_joined(asked, kept, both):
     assert joined(tuple(asked), tuple(kept), "abc") == tuple(both)
+
+
+def test_a_suite_with_a_procedure_of_its_own_does_not_narrow_a_run(tmp_path):
+    manifest = make_manifest(suite="speed", conditions=["2048", "512"])
+    with open_run(tmp_path, manifest):
+        pass
+    before = every_file(tmp_path)
+    narrower = manifest | {"conditions": ["2048"]}
+    with (
+        pytest.raises(BadInput, match="holds a run with 1 more condition, 512 among them; give"),
+        open_run(tmp_path, narrower),
+    ):
+        pytest.fail("the run was opened")
+    assert every_file(tmp_path) == before
+    with open_run(tmp_path, narrower, fresh=True):  # the old run is renamed
+        pass
