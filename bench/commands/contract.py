@@ -30,7 +30,7 @@ def test(
     Exit 0 if it keeps the contract, 1 if something blocks a run or falsifies its results.
     """
     from bench.checking.contract.plugin import plugin_findings
-    from data_prep.datasets import is_dataset
+    from data_prep.datasets.registry import is_dataset
 
     if ":" in name.partition("@")[0] and not is_dataset(name):  # MODULE:NAME
         sys.path.append(str(Path.cwd()))  # last: no file of this folder hides an installed module
