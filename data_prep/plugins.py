@@ -1,4 +1,4 @@
-"""What other installed packages add: methods, metrics, extractors and datasets, by entry points."""
+"""Methods, metrics, extractors and datasets of other installed packages, by entry points."""
 
 from __future__ import annotations
 

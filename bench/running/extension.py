@@ -158,8 +158,11 @@ def _fixed(protocol: Protocol) -> dict[str, Any]:
 
 
 def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> KeptRun | None:
-    """Return what the tables of a folder are of. Of a run that was killed, which may have been
-    while its tables were made again, the objects that are complete; None where none is."""
+    """Return the run that the tables of a folder show.
+
+    A run that was killed, perhaps while its tables were made again, counts with the objects that
+    are complete; None where none is.
+    """
     methods, conditions, objects = (
         tuple(map(str, manifest.get(kind, ()))) for kind in ("methods", "conditions", "objects")
     )
@@ -174,8 +177,8 @@ def _kept(directory: Path, protocol: Protocol, manifest: Mapping[str, Any]) -> K
     ):
         return None  # only objects may be added, and what is complete of them stays so
     _check_known(directory, protocol.device, {*methods} - {*protocol.methods}, conditions)
-    found = tuple(obj for obj in _search(protocol, manifest) if name_of(obj) in kept.objects)
-    before = replace(protocol, methods=methods, conditions=conditions, objects=found)
+    stored = tuple(obj for obj in _search(protocol, manifest) if name_of(obj) in kept.objects)
+    before = replace(protocol, methods=methods, conditions=conditions, objects=stored)
     lines = read_lines(directory)
     complete = frozenset(
         obj.name
@@ -212,13 +215,13 @@ def _with_kept(directory: Path, protocol: Protocol, kept: KeptRun) -> tuple[Scen
             f"{directory}: shard {protocol.shard} there has other objects; give its --limit again, "
             f"{APART}"
         )
-    found = tuple(obj for obj in _search(protocol, kept.manifest) if name_of(obj) in wanted)
-    if lost := sorted(wanted - {name_of(obj) for obj in found}):
+    objects = tuple(obj for obj in _search(protocol, kept.manifest) if name_of(obj) in wanted)
+    if lost := sorted(wanted - {name_of(obj) for obj in objects}):
         raise BadInput(
             f"{directory}: the run there has {lost[0]} ({len(lost)} in all), which "
             f"{protocol.dataset} no longer has; bring it back, {APART}"
         )
-    return found
+    return objects
 
 
 def _search(protocol: Protocol, manifest: Mapping[str, Any]) -> Iterable[SceneObject]:

@@ -48,7 +48,7 @@ TRACES = {
 
 @dataclass(frozen=True)
 class Passed:
-    """What a check says of a point that is kept, and what later steps need to know of it."""
+    """The text on a point that is kept, and the evidence that later steps need."""
 
     text: str
     evidence: Any = None
