@@ -34,7 +34,7 @@ class _HasId(Protocol):
 Entry = TypeVar("Entry", bound=_HasId)
 
 
-def announced_ids(*groups: str) -> tuple[str, ...]:
+def entry_point_names(*groups: str) -> tuple[str, ...]:
     """Return the ids that installed packages announce by entry points, sorted; load none."""
     from importlib.metadata import entry_points
 
@@ -69,7 +69,7 @@ def load_announced(
     named: str,
     ours: Collection[str],
 ) -> Entry:
-    """Return what a package announces under an id that is among `announced_ids`.
+    """Return what a package announces under an id that is among `entry_point_names`.
 
     `named` is the type as packages import it, `ours` as in `refusal`. Raises BadInput, naming the
     package, where the id is refused, and where the entry cannot be loaded or is something else.

@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # a progress that is not live needs no rich
 PLAIN_EVERY_S = 15.0
 
 
-def say(line: str) -> None:
+def log(line: str) -> None:
     """A line of its own, between those of the progress."""
     print(line, file=sys.stderr, flush=True)
 
@@ -89,7 +89,7 @@ def _plain(title: str, total: int) -> Callable[[int], None]:
             return
         last = now
         left = (now - start) / done * (total - done)
-        say(
+        log(
             f"{title}: {done}/{total} done, {failed} failed, {now - start:.0f} s, "
             f"about {left:.0f} s left"
         )

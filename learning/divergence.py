@@ -16,7 +16,7 @@ class TrainingDiverged(RuntimeError):
     """The failure of a training: a loss or weight is not finite, or a loss exploded."""
 
 
-class Watch:
+class DivergenceDetector:
     """A detector of exploding losses, fed with the losses that are logged.
 
     A loss explodes when it is more than FACTOR times what it was at the start (median of the FIRST

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from data_prep.files.atomic_write import whole_file, write_whole
+from data_prep.files.atomic_write import atomic_write, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,7 +80,7 @@ def write_loss_curves(csv: Path, png: Path, last_step: int) -> None:
     """Draw the rows of `csv` up to `last_step`; nothing where there are none."""
     panels = make_panels(*read_losses(csv, last_step))
     if panels:
-        with whole_file(png) as new:
+        with atomic_write(png) as new:
             draw(panels).savefig(new, format="png", dpi=80)
 
 

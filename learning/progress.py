@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from data_prep.progress import say
+from data_prep.progress import log
 from learning.training_loop import OnProgress, StepReport
 
 PLAIN_EVERY_S = 30.0
@@ -42,7 +42,7 @@ def _plain(title: str) -> OnProgress:
         now = time.monotonic()
         if report.step == report.steps or now - last_s >= PLAIN_EVERY_S:
             last_s = now
-            say(f"{title}: {describe(report)}")
+            log(f"{title}: {describe(report)}")
 
     return show
 

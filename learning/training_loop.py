@@ -28,7 +28,7 @@ from torch import Tensor
 
 from data_prep.failures import BadInput
 from learning import checkpoint, loss_log
-from learning.divergence import TrainingDiverged, Watch
+from learning.divergence import DivergenceDetector, TrainingDiverged
 from learning.processes import ONE, Processes, local_rank
 from learning.weights import understanding_header
 
@@ -140,7 +140,7 @@ def run(
     writes = processes.rank == 0
     independent = trainer.independent_steps(config.steps)
     losses_csv = out_dir / loss_log.FILE_NAME
-    watch = Watch(loss_log.read_losses(losses_csv, first)[1])
+    watch = DivergenceDetector(loss_log.read_losses(losses_csv, first)[1])
     log = loss_log.LossLog(losses_csv, first) if writes else None
     rate = _Rate(first)
     last_saved = first if path.is_file() else None

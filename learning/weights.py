@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from data_prep.failures import BadInput
-from data_prep.files.atomic_write import whole_file
+from data_prep.files.atomic_write import atomic_write
 from data_prep.files.safe_read import is_regular_file, open_file
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def write_atomically(path: Path, tensors: Mapping[str, Tensor], header: Mapping[
     from safetensors.torch import save_file
 
     plain = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
-    with whole_file(path) as new:
+    with atomic_write(path) as new:
         save_file(plain, new, metadata=dict(header))
 
 

@@ -23,16 +23,15 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import intervals
 from bench.analysis.comparison import candidates, paired
-from bench.metrics.frechet import LeftOut, centred_to_frechet, left_out_distances
+from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
 from bench.tables.scored import read_scored
+from data_prep.arrays import Floats
 from studies.arguments import numbers, positive
 from studies.tables import markdown
 
-Floats = NDArray[np.float64]
 Population = Callable[[np.random.Generator, int], Floats]
 METRICS = ("ssim", "lpips", "silhouette-iou")
 CONDITIONS = ("2048", "noise-0.10")
@@ -108,7 +107,7 @@ def distance_rate(n: int, samples: int) -> float:
     for _ in range(samples):
         shown = np.repeat(rng.normal(size=(n, FEATURES)), VIEWS, axis=0)
         truth, first, second = (
-            LeftOut(shown + offset + SPREAD * rng.normal(size=shown.shape), objects)
+            JackknifeMoments(shown + offset + SPREAD * rng.normal(size=shown.shape), objects)
             for offset in (0.0, away, -away)
         )
         value = centred_to_frechet(first.whole, truth.whole) - centred_to_frechet(

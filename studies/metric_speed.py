@@ -40,12 +40,13 @@ from threadpoolctl import threadpool_limits
 
 from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import EXTRACTORS
-from bench.metrics.frechet import LeftOut, frechet_distance, left_out_distances
+from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
 from bench.metrics.image_scores import scores
 from bench.metrics.inception_weights import WeightsUnavailable
 from bench.metrics.silhouette import foreground, silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image, ssim_per_image_and_mask
 from bench.metrics.thin_parts import thin_scores
+from data_prep.arrays import Floats
 from data_prep.clouds.sampling import random_views, sample_surface
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.randomness import generator
@@ -53,8 +54,6 @@ from data_prep.scene import UInt8Images
 from studies.arguments import numbers
 from studies.images import draw_all, render_all
 from studies.turns import Work, in_turns, load, ratio
-
-Floats = NDArray[np.float64]
 
 PAIRS = 20
 CHAIRS, VIEWS = 4, 5  # make as many
@@ -231,7 +230,7 @@ def one_by_one(x: NDArray[Any], y: NDArray[Any], groups: NDArray[np.intp]) -> Fl
 
 def shared(x: NDArray[Any], y: NDArray[Any], groups: NDArray[np.intp]) -> Floats:
     """Return the distances by the shared computation of the tables."""
-    return left_out_distances(LeftOut(x, groups), LeftOut(y, groups))
+    return left_out_distances(JackknifeMoments(x, groups), JackknifeMoments(y, groups))
 
 
 def report_intervals(watch: Watch) -> None:

@@ -284,7 +284,7 @@ class Features:
         """Return features of images [chairs, views, H, W, 3]."""
         flat = images.reshape(-1, *images.shape[2:])
         grey = np.repeat(greyscale(flat)[..., None], 3, axis=-1)
-        alexnet = self.alexnet.see(flat).features.numpy()
+        alexnet = self.alexnet.encode(flat).features.numpy()
         if self.dtype == torch.float32:  # the very functions that a run uses
             taken = (
                 view_features(self.views, flat),

@@ -23,7 +23,7 @@ from statistics import median
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.records.journal import open_journal
-from bench.running.executors import JobPool, do_jobs
+from bench.running.executors import JobPool, run_jobs
 from bench.running.protocol import Options, plan, protocol_of
 from bench.running.ray import LOCAL
 from bench.running.run import executor_factory
@@ -63,10 +63,10 @@ def measure(of: Workers, options: Options) -> Measured:
     with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder, "run")) as journal:
         planned = plan(protocol, journal.directory)
         truths = partial(JobPool, workers=workers, limits=suite.limits)
-        do_jobs(planned.references, journal, "ground truth", truths)
+        run_jobs(planned.references, journal, "ground truth", truths)
         with executor_factory(options, protocol) as executor:
             start = time.perf_counter()
-            done = do_jobs(planned.items, journal, f"{workers} workers", executor.start)
+            done = run_jobs(planned.items, journal, f"{workers} workers", executor.start)
             wall_s = time.perf_counter() - start
     jobs_s = sum(sum(astuple(job.timing)) for job in done.values())
     return Measured(workers, len(done), wall_s, jobs_s)

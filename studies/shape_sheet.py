@@ -3,7 +3,7 @@
     python -m studies.shape_sheet procedural:widened -o widened.png [--class chair] [--split train]
 
 Twelve in a row. Of widened shapes it also prints how many draws were rejected as folded, flat or
-inside out before those that are shown (`data_prep.shapes.widening.draw_widened`).
+inside out before those that are shown (`data_prep.shapes.augmentation.draw_widened`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.procedural import WidenedObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.randomness import generator
+from data_prep.shapes.augmentation import draw_widened
 from data_prep.shapes.catalogue import CLASSES
-from data_prep.shapes.widening import draw_widened
 from studies.arguments import names, positive
 
 COLUMNS = 12

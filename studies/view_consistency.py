@@ -56,7 +56,7 @@ from bench.metrics.silhouette import Masks, Pairs
 from bench.rendering.cloud import Drawing, Failed, draw_cloud
 from bench.rendering.files import write_images
 from bench.rendering.sheet import Tile, draw_sheet
-from bench.running.isolation import Lost, run_tasks
+from bench.running.isolation import WorkerFailure, run_tasks
 from bench.tables.markdown import cell, visible
 from bench.tables.table import csv_text
 from data_prep.clouds.conditions import CONDITIONS
@@ -298,7 +298,7 @@ def run_all(
     done: dict[Task, Result | Failed] = {}
     with progress(title, len(tasks)) as advance:
         for task, result in run_tasks(tasks, work, workers, LIMITS):
-            done[task] = Failed(result.reason) if isinstance(result, Lost) else result
+            done[task] = Failed(result.reason) if isinstance(result, WorkerFailure) else result
             advance(sum(isinstance(outcome, Failed) for outcome in done.values()))
     return done
 

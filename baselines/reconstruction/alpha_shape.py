@@ -23,10 +23,10 @@ from baselines.reconstruction.stages import (
     check_points,
     in_grey,
 )
+from data_prep.arrays import Floats
 from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud, Points
 
-Floats = NDArray[np.float64]
 CORNERS = 4  # of a tetrahedron
 
 

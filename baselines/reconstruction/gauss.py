@@ -23,16 +23,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.spatial import cKDTree
 
 from baselines.reconstruction.denoised import cleaned
 from baselines.reconstruction.stages import DrawsReconstruction, Reconstruction, in_grey
+from data_prep.arrays import Floats32
 from data_prep.failures import StageFailure
 from data_prep.scene import Mesh, PointCloud
 
-Floats32 = NDArray[np.float32]
 MOST_POINTS = 2500
 RAISED_DIAGONAL = 1.05
 REACH = 2.0  # of the surface from the samples, in spacings

@@ -24,13 +24,12 @@ The patches are those of at most 2,048 points.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from baselines.reconstruction.stages import check_finite
+from data_prep.arrays import Floats
 from data_prep.scene import Points
 
-Floats = NDArray[np.float64]
 LEAST_POINTS = 30
 MOST_POINTS = 2048
 NEIGHBOURS = (24, 48, 96, 192)

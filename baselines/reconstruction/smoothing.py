@@ -10,10 +10,10 @@ jets, CAGD 22(2), 2005).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Floats = NDArray[np.float64]
+from data_prep.arrays import Floats
+
 SHARPNESS = 2.0  # a neighbour's weight is exp(-SHARPNESS (distance / that of the farthest)^2)
 TERMS = 6  # of a polynomial of degree 2 in two variables
 RIDGE = 1e-9  # keeps fits defined that the points do not determine: a line, few points

@@ -9,9 +9,8 @@ of their cross products.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from data_prep.arrays import Floats
 
 # Squared sines of the angle between two rows below this are rounding: the rows are parallel.
 PARALLEL = 1e-20

@@ -17,14 +17,13 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from baselines.splat_net.eigenpairs import smallest_eigenpairs
+from data_prep.arrays import Floats
 
 NEIGHBOURS = 10  # of a point, itself among them; that of the paper's reconstruction
 HOPS = (1, 2, 4)
 FLATTENED = (1, 2)  # the scales that points are flattened by
 _UPPER = np.triu_indices(3)
 _LARGEST = float(np.finfo(np.float32).max)
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

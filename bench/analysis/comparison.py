@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
     StandardError,
     clipped,
@@ -36,8 +35,8 @@ from bench.catalogue.metrics import (
     is_mean,
     value_range,
 )
+from data_prep.arrays import Floats
 
-Floats = NDArray[np.float64]
 NAN = float("nan")
 ALL = "all"  # classes
 
@@ -107,7 +106,7 @@ class Comparison:
 
 
 def compare(
-    records: pd.DataFrame, features: Mapping[str, MeasuredFeatures], metrics: Sequence[str]
+    records: pd.DataFrame, features: Mapping[str, FeatureDistances], metrics: Sequence[str]
 ) -> list[Comparison]:
     """A comparison for each condition and class, in the order of the records.
 
@@ -279,7 +278,7 @@ def _set_qualities(
     metric: str,
     cell: tuple[str, str],
     by_method: Mapping[str, pd.DataFrame],
-    features: MeasuredFeatures,
+    features: FeatureDistances,
     objects: Sequence[str],
 ) -> dict[str, Quality]:
     """Fréchet distances to the true images."""
@@ -290,9 +289,9 @@ def _set_qualities(
         return dict.fromkeys(by_method, Quality(metric, nothing, np.full(len(objects), NAN)))
     qualities = {}
     for method in by_method:
-        value, left_out = features.distance((method, *cell), images)
-        estimate = Estimate(value, *distance_interval(value, left_out))
-        qualities[method] = Quality(metric, estimate, left_out)
+        value, leave_one_out = features.distance((method, *cell), images)
+        estimate = Estimate(value, *distance_interval(value, leave_one_out))
+        qualities[method] = Quality(metric, estimate, leave_one_out)
     return qualities
 
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.methods import FLOOR, known_method
-from bench.metrics.frechet import LeftOut, centred_to_frechet, left_out_distances
+from bench.metrics.frechet import JackknifeMoments, centred_to_frechet, left_out_distances
 from bench.records.features import Features, ImageKey
 from bench.records.record import GROUND_TRUTH
+from data_prep.arrays import Floats
 
-Floats = NDArray[np.float64]
 CellKey = tuple[str, str, str]  # method, condition, class
 
 
@@ -25,7 +25,7 @@ class Distance(NamedTuple):
     """A Fréchet distance, and the distances without each block of objects [g]."""
 
     value: float
-    left_out: Floats
+    leave_one_out: Floats
 
 
 def _sees_cloud(method: str) -> bool:
@@ -34,7 +34,7 @@ def _sees_cloud(method: str) -> bool:
     return known is None or known.sees_cloud
 
 
-class MeasuredFeatures:
+class FeatureDistances:
     """The features of one extractor, as `bench.records.features.Features`, with their distances."""
 
     def __init__(self, features: Features) -> None:
@@ -42,7 +42,7 @@ class MeasuredFeatures:
         self._images: dict[CellKey, tuple[ImageKey, ...]] = {}
         self._sets: dict[tuple[ImageKey, ...], tuple[ImageKey, ...]] = {}  # alike in most cells
         self._known: dict[tuple[CellKey, tuple[ImageKey, ...]], Distance] = {}
-        self._truth: tuple[tuple[str, tuple[ImageKey, ...]], LeftOut] | None = None
+        self._truth: tuple[tuple[str, tuple[ImageKey, ...]], JackknifeMoments] | None = None
 
     def images(self, method: str, condition: str, class_name: str) -> list[ImageKey]:
         """The images there are, sorted; none in a cell that is not there."""
@@ -70,16 +70,18 @@ class MeasuredFeatures:
         if known not in self._known:
             objects = np.array([obj for obj, _ in shown])
             truth = self._true(cell[2], shown, objects)
-            own = LeftOut(self.filled(cell, shown), objects)
+            own = JackknifeMoments(self.filled(cell, shown), objects)
             value = centred_to_frechet(own.whole, truth.whole)
             self._known[known] = Distance(value, left_out_distances(own, truth))
         return self._known[known]
 
-    def _true(self, class_name: str, shown: tuple[ImageKey, ...], objects: NDArray[Any]) -> LeftOut:
+    def _true(
+        self, class_name: str, shown: tuple[ImageKey, ...], objects: NDArray[Any]
+    ) -> JackknifeMoments:
         """The last one is kept: the cells of a class follow each other."""
         if self._truth is None or self._truth[0] != (class_name, shown):
             values = self._features.of(GROUND_TRUTH, "", class_name, shown)
-            self._truth = (class_name, shown), LeftOut(values, objects)
+            self._truth = (class_name, shown), JackknifeMoments(values, objects)
         return self._truth[1]
 
     def filled(self, cell: CellKey, images: Sequence[ImageKey]) -> NDArray[Any]:

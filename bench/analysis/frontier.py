@@ -32,7 +32,7 @@ Verdict = Literal["frontier", "tied", "dominated", "below a white image", "refer
 
 
 @dataclass(frozen=True)
-class Place:
+class FrontierPoint:
     """One method by one metric, for clouds with so many views.
 
     cost_ms  milliseconds for a cloud with its views
@@ -73,7 +73,7 @@ def pareto(cost: NDArray[np.float64], quality: NDArray[np.float64]) -> NDArray[n
     return np.isfinite(cost) & np.isfinite(quality) & ~beaten
 
 
-def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[Place]:
+def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[FrontierPoint]:
     """Return the places of all methods by these metrics, in their order and the comparison's."""
     costs = {method: comparison.cost_ms(method, views) for method in comparison.images}
     could = candidates(costs)
@@ -90,7 +90,7 @@ def places(comparison: Comparison, metrics: Sequence[str], views: int) -> list[P
         for method, quality in qualities.items():
             verdict, rival = _verdict(method, could, below, on_frontier, costs, qualities)
             made.append(
-                Place(
+                FrontierPoint(
                     comparison.condition,
                     comparison.class_name,
                     views,
@@ -138,7 +138,7 @@ def _verdict(
 
 
 @dataclass(frozen=True)
-class Thinned:
+class SubsampledFrontier:
     """A method on clouds of fewer points.
 
     points   of each cloud
@@ -155,7 +155,9 @@ class Thinned:
     lost: Estimate
 
 
-def thinned(comparisons: Sequence[Comparison], metrics: Sequence[str], views: int) -> list[Thinned]:
+def thinned(
+    comparisons: Sequence[Comparison], metrics: Sequence[str], views: int
+) -> list[SubsampledFrontier]:
     """Candidates at the conditions that only take points away; none where the full cloud is not.
 
     The number of points is a parameter of every method: what fewer save, and what they lose.
@@ -173,7 +175,7 @@ def thinned(comparisons: Sequence[Comparison], metrics: Sequence[str], views: in
                 own = c.qualities[metric][method]
                 lost = lead(whole.qualities[metric][method], own)
                 made.append(
-                    Thinned(
+                    SubsampledFrontier(
                         c.class_name,
                         metric,
                         method,

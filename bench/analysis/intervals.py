@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
+from data_prep.arrays import Floats
+
 FEWEST = 8  # objects with an interval
 RESAMPLES = 2000
 SEED = 0
 AT_ONCE = 2**16  # numbers of the resamples that are in memory: little
 
-Floats = NDArray[np.float64]
 NONE = float("nan"), float("nan")
 
 
@@ -116,7 +117,7 @@ def median_interval(values: Floats, objects: NDArray[Any]) -> tuple[float, float
     return float(low), float(high)
 
 
-def jackknife_interval(value: float, left_out: Sequence[Floats]) -> tuple[float, float]:
+def jackknife_interval(value: float, leave_one_out: Sequence[Floats]) -> tuple[float, float]:
     """95 % interval (low, high) of a mean over classes of distances of sets, unclipped.
 
     value     the mean over the classes: of one class, its distance
@@ -131,7 +132,7 @@ def jackknife_interval(value: float, left_out: Sequence[Floats]) -> tuple[float,
     method removes the bias: the interval shows how far this number would move with other objects,
     not where the distance of infinite sets lies.
     """
-    found = jackknife_error(left_out)
+    found = jackknife_error(leave_one_out)
     return (value - found.reach, value + found.reach) if found else NONE
 
 
@@ -144,19 +145,19 @@ def clipped(interval: tuple[float, float], values: tuple[float, float]) -> tuple
     return float(low), float(high)
 
 
-def distance_interval(value: float, left_out: Floats) -> tuple[float, float]:
+def distance_interval(value: float, leave_one_out: Floats) -> tuple[float, float]:
     """Return the `jackknife_interval` of one distance that is never below 0, clipped there."""
-    return clipped(jackknife_interval(value, [left_out]), (0.0, np.inf))
+    return clipped(jackknife_interval(value, [leave_one_out]), (0.0, np.inf))
 
 
-def debiased(value: float, left_out: Floats) -> float:
+def debiased(value: float, leave_one_out: Floats) -> float:
     """A distance as it would be with endless objects: extrapolated in 1 / g by the jackknife.
 
     g value - (g - 1) mean(left_out) (Quenouille 1956). NaN where there is no `jackknife_error`.
     """
-    if not _enough([left_out]):
+    if not _enough([leave_one_out]):
         return float("nan")
-    return float(len(left_out) * value - (len(left_out) - 1) * left_out.mean())
+    return float(len(leave_one_out) * value - (len(leave_one_out) - 1) * leave_one_out.mean())
 
 
 def mean_error(per_object: Sequence[Floats]) -> StandardError | None:
@@ -180,17 +181,17 @@ def sum_error(errors: Sequence[StandardError | None]) -> StandardError | None:
     return StandardError(total**0.5, freedom)
 
 
-def jackknife_error(left_out: Sequence[Floats]) -> StandardError | None:
+def jackknife_error(leave_one_out: Sequence[Floats]) -> StandardError | None:
     """The standard error of a mean over classes of distances, as `jackknife_interval` takes them.
 
     The classes are independent, so their variances (g - 1) / g sum((theta_i - mean)^2) (Efron and
     Stein 1981) add up, over the square of their number. None below FEWEST blocks, without a class,
     where a class has fewer than 2 blocks, and where a distance is not finite.
     """
-    if not _enough(left_out):
+    if not _enough(leave_one_out):
         return None
-    variances = [(len(of) - 1) / len(of) * np.sum((of - of.mean()) ** 2) for of in left_out]
-    return _standard_error(variances, left_out)
+    variances = [(len(of) - 1) / len(of) * np.sum((of - of.mean()) ** 2) for of in leave_one_out]
+    return _standard_error(variances, leave_one_out)
 
 
 def _enough(of_classes: Sequence[Floats]) -> bool:

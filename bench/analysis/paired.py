@@ -19,13 +19,12 @@ from itertools import count, product
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis.comparison import Estimate, Quality, difference, paired
 from bench.analysis.intervals import FEWEST, jackknife_error, mean_error
 from bench.catalogue.metrics import higher_is_better, is_mean
+from data_prep.arrays import Floats
 
-Floats = NDArray[np.float64]
 Ahead = Literal["a", "b", "tie", "unknown"]
 SIGNIFICANCE = 0.05
 MOST_EXACT = 16  # objects of which all signs are counted

@@ -22,9 +22,8 @@ from safetensors import safe_open
 from bench.judges.answers import VIEW_COLUMNS, Gallery, gallery
 from bench.records.features import Features
 from bench.records.record import GROUND_TRUTH
+from data_prep.arrays import Floats
 from data_prep.failures import BadInput
-
-Floats = NDArray[np.float64]
 
 
 def true_gallery(answers: Features, class_name: str) -> Gallery:

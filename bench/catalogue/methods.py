@@ -21,7 +21,7 @@ from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from data_prep import plugins as announced
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import is_regular_file
-from data_prep.plugins import announced_ids, load_announced
+from data_prep.plugins import entry_point_names, load_announced
 
 if TYPE_CHECKING:
     from data_prep.scene import Renderer
@@ -387,7 +387,7 @@ def find_method(method_id: str) -> Method:
 @cache
 def plugin_ids() -> tuple[str, ...]:
     """Ids of the methods that other installed packages announce, sorted; none is loaded."""
-    return announced_ids(announced.METHODS)
+    return entry_point_names(announced.METHODS)
 
 
 @cache

@@ -144,7 +144,7 @@ def lpips_network(weights: str) -> Lpips:
 
 def _alexnet(weights: str) -> Extractor:
     network = lpips_network(weights)
-    return lambda images: network.see(images).features.numpy()
+    return lambda images: network.encode(images).features.numpy()
 
 
 def _judge(weights: str) -> Extractor:

@@ -22,7 +22,7 @@ from bench.catalogue.metrics import (
 )
 from data_prep import plugins as announced
 from data_prep.failures import BadInput, unknown
-from data_prep.plugins import OUR_KINDS, announced_ids, load_announced, refusal
+from data_prep.plugins import OUR_KINDS, entry_point_names, load_announced, refusal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -77,7 +77,7 @@ _KINDS = {
 @cache
 def metric_ids() -> tuple[str, ...]:
     """Return the ids of the metrics that installed packages announce, sorted; load none."""
-    return announced_ids(*_KINDS["metric"][0])
+    return entry_point_names(*_KINDS["metric"][0])
 
 
 def find_metric(metric_id: str) -> ImageMetric | SetMetric:
@@ -93,7 +93,7 @@ def find_metric(metric_id: str) -> ImageMetric | SetMetric:
         )
     if metric_id not in metric_ids():
         raise unknown(metric_id, metric_ids(), "metric")
-    if metric_id in announced_ids(announced.EXTRACTORS):
+    if metric_id in entry_point_names(announced.EXTRACTORS):
         type_, named = SetMetric, "bench.catalogue.plugins.SetMetric"
     else:
         type_, named = ImageMetric, "bench.image_metric.ImageMetric"
@@ -107,7 +107,7 @@ def plugin_problem(kind: str, id_: str) -> str:
     `kind` is "method", "metric" or "dataset". Nothing is loaded.
     """
     groups, ours = _KINDS[kind]
-    return refusal(groups, id_, kind, ours) if id_ in announced_ids(*groups) else ""
+    return refusal(groups, id_, kind, ours) if id_ in entry_point_names(*groups) else ""
 
 
 def plugin_problems() -> tuple[str, ...]:
@@ -115,6 +115,6 @@ def plugin_problems() -> tuple[str, ...]:
     problems = (
         plugin_problem(kind, id_)
         for kind, (groups, _) in _KINDS.items()
-        for id_ in announced_ids(*groups)
+        for id_ in entry_point_names(*groups)
     )
     return tuple(filter(None, problems))

@@ -22,9 +22,9 @@ from bench.checking.claim_rules import (
     VERDICTS,
     Evidence,
     Finding,
-    Lacking,
-    Scored,
-    Timed,
+    MissingEvidence,
+    QualityEvidence,
+    TimingEvidence,
     Training,
     Verdict,
     corrected,
@@ -60,7 +60,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Checked:
+class ClaimResult:
     """A claim and what a run says about it; `run` is empty where none was asked.
 
     verdict  after Holm's correction for the claims of its family about the same method and run
@@ -72,7 +72,7 @@ class Checked:
     verdict: Verdict = "not testable here"
 
 
-def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> list[Checked]:
+def check_claims(directories: Sequence[Path], subjects: Sequence[str] = ()) -> list[ClaimResult]:
     """What finished runs say about the claims, in the order of the table.
 
     `subjects` are methods in place of the variants of pc2pix. Raises BadInput where one is no
@@ -107,20 +107,20 @@ def _refuse_misfits(manifests: Mapping[Path, Mapping[str, Any]]) -> None:
                 )
 
 
-def checked(runs: Sequence[Run]) -> list[Checked]:
+def checked(runs: Sequence[Run]) -> list[ClaimResult]:
     """Every claim against every run of its suite; a line of its own where there is none."""
     made = []
     for claim in claims():
         asked = [run for run in runs if claim.rule is not None and run.suite == claim.suite]
         if not asked:
             reason = claim.why_not or f"give a run of {claim.suite}"
-            made.append(Checked(claim, "", Finding("-", "", (), reason)))
+            made.append(ClaimResult(claim, "", Finding("-", "", (), reason)))
         for run in asked:
-            made += [Checked(claim, run.name, finding) for finding in _findings(claim, run)]
+            made += [ClaimResult(claim, run.name, finding) for finding in _findings(claim, run)]
     return _corrected(made)
 
 
-def _corrected(made: Sequence[Checked]) -> list[Checked]:
+def _corrected(made: Sequence[ClaimResult]) -> list[ClaimResult]:
     """With verdicts corrected for the claims of each family about one method of one run."""
     families: dict[tuple[str, str, str], list[int]] = {}
     for i, entry in enumerate(made):
@@ -133,7 +133,7 @@ def _corrected(made: Sequence[Checked]) -> list[Checked]:
     return [replace(entry, verdict=verdicts[i]) for i, entry in enumerate(made)]
 
 
-def to_markdown(made: Sequence[Checked]) -> str:
+def to_markdown(made: Sequence[ClaimResult]) -> str:
     """The checklist: counts, then a row for each claim, run and method."""
     return markdown.document(
         [
@@ -152,7 +152,7 @@ def to_markdown(made: Sequence[Checked]) -> str:
     )
 
 
-def _claims(made: Sequence[Checked]) -> Grid:
+def _claims(made: Sequence[ClaimResult]) -> Grid:
     """The claim itself stands in its first row."""
     several = len({entry.run for entry in made if entry.run}) > 1
     lines = []
@@ -182,7 +182,7 @@ def _claims(made: Sequence[Checked]) -> Grid:
     return grid(heads, lines)
 
 
-def write_checklist(made: Sequence[Checked], directory: Path) -> Path:
+def write_checklist(made: Sequence[ClaimResult], directory: Path) -> Path:
     """Write `claims.md` into the folder of a run, and return its path."""
     path = directory / CHECKLIST
     write_whole(path, to_markdown(made).encode())
@@ -203,14 +203,16 @@ def read_run(
     if suite == SPEED:
         samples = _read_table(directory, "speed_samples")
         machine = str(manifest.get("machine", {}).get("cpu") or "an unknown machine")
-        return Run(name, suite, Timed(samples, machine, _trainings(samples["method"].unique())))
+        return Run(
+            name, suite, TimingEvidence(samples, machine, _trainings(samples["method"].unique()))
+        )
     if suite == LATENT:
         of_both = [_read_table(directory, f"latent_{of}") for of in ("interpolation", "arithmetic")]
         return Run(name, suite, pd.concat(of_both, ignore_index=True))
     return Run(name, suite, _scored(directory, manifest, subjects))
 
 
-def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) -> Scored:
+def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) -> QualityEvidence:
     scored = read_scored(directory)
     asked = (*scored.suite.image_metrics, *scored.suite.class_metrics, *DISTANCES, *RECOGNISABLE)
     there = [
@@ -226,7 +228,7 @@ def _scored(directory: Path, manifest: dict[str, Any], subjects: Sequence[str]) 
     features = scored.features.get("fd-views")
     classes = scored.records["class"].unique().tolist()
     judged = scored.features.get(JUDGE)
-    return Scored(
+    return QualityEvidence(
         {(c.condition, c.class_name): c for c in compared},
         {} if features is None else spreads(features, classes),
         {} if judged is None else retrieval_of_chairs(scored.records[chosen], judged),
@@ -296,11 +298,11 @@ def _findings(claim: Claim, run: Run) -> list[Finding]:
     assert claim.rule is not None
     try:
         return claim.rule(run.evidence)
-    except Lacking as error:
+    except MissingEvidence as error:
         return [Finding("-", "", (), str(error))]
 
 
-def _counts(made: Sequence[Checked]) -> Grid:
+def _counts(made: Sequence[ClaimResult]) -> Grid:
     """How many claims of each verdict, by method: one line for each that any claim is about."""
     subjects: dict[tuple[str, str], list[Verdict]] = {}
     for entry in made:

@@ -15,7 +15,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from bench.analysis.comparison import Comparison, Estimate, Quality, decimals, lead_over_classes
 from bench.analysis.intervals import (
@@ -29,8 +28,8 @@ from bench.analysis.paired import SIGNIFICANCE, holm
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import higher_is_better, is_mean
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE
+from data_prep.arrays import Floats
 
-Floats = NDArray[np.float64]
 Verdict = Literal["supported", "contradicted", "undecided", "not testable here"]
 VERDICTS: tuple[Verdict, ...] = ("supported", "contradicted", "undecided", "not testable here")
 Ahead = Literal["surface", "network", "equal", "undecided"]
@@ -149,7 +148,7 @@ def corrected(findings: Sequence[Finding]) -> list[Verdict]:
     ]
 
 
-class Lacking(Exception):
+class MissingEvidence(Exception):
     """A run of the right suite does not have what the claim needs."""
 
 
@@ -165,7 +164,7 @@ class Training(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class QualityEvidence:
     """A run whose images were scored.
 
     comparisons  by condition and class
@@ -190,17 +189,17 @@ class Scored:
         found = [m for m in of_all if m in self.subjects or m.partition("@")[0] == NETWORK]
         found = [m for m in found if m in self.subjects] if self.subjects else found
         if not found:
-            raise Lacking(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")
+            raise MissingEvidence(f"the run has no {' or '.join(self.subjects or (NETWORK,))}")
         return found
 
     def quality(self, metric: str, method: str, condition: str, class_name: str) -> Quality:
         """A metric of a method in one cell. Raises Lacking where it was not measured."""
         cell = self.comparisons.get((condition, class_name))
         if cell is None:
-            raise Lacking(f"the run has no {class_name} at {condition}")
+            raise MissingEvidence(f"the run has no {class_name} at {condition}")
         of_metric = cell.qualities.get(metric, {})
         if method not in of_metric:
-            raise Lacking(f"the run has no {metric} of {method}")
+            raise MissingEvidence(f"the run has no {metric} of {method}")
         return of_metric[method]
 
     @property
@@ -215,7 +214,7 @@ class Scored:
 
 
 @dataclass(frozen=True, eq=False)
-class Timed:
+class TimingEvidence:
     """A run of `speed`: its samples, as in `tables/speed_samples.csv`, its machine, and what is
     known of the networks."""
 
@@ -225,13 +224,13 @@ class Timed:
 
 
 # Of `latent` the means of both tables.
-Evidence = Scored | Timed | pd.DataFrame
+Evidence = QualityEvidence | TimingEvidence | pd.DataFrame
 
 
 # --- chairs, condition by condition ---------------------------------------------------------------
 
 
-def ordering(run: Scored, metric: str, condition: str, ahead: Ahead) -> list[Finding]:
+def ordering(run: QualityEvidence, metric: str, condition: str, ahead: Ahead) -> list[Finding]:
     """Who is ahead on chairs: SR, the network, or neither, by more than `EQUAL`."""
     metric = _measured(run, metric)
     found = []
@@ -243,7 +242,7 @@ def ordering(run: Scored, metric: str, condition: str, ahead: Ahead) -> list[Fin
     return found
 
 
-def steady(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]:
+def steady(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[Finding]:
     """The network loses less than `SHARE` of what SR loses against the full cloud, at each.
 
     What loses nothing because it shows nothing is not robust: at each condition its images also
@@ -266,7 +265,7 @@ def steady(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]
     return found
 
 
-def _shows_something(run: Scored, method: str, condition: str) -> list[Requirement]:
+def _shows_something(run: QualityEvidence, method: str, condition: str) -> list[Requirement]:
     """Better than each floor by image metrics, and recognised more often than by chance."""
     made = []
     for metric in RECOGNISABLE:
@@ -279,19 +278,19 @@ def _shows_something(run: Scored, method: str, condition: str) -> list[Requireme
         ]
     shares = run.retrieval.get((method, condition))
     if shares is None:
-        raise Lacking(f"the run has no {RETRIEVAL} of {method} at {condition}")
+        raise MissingEvidence(f"the run has no {RETRIEVAL} of {method} at {condition}")
     above = shares - 1 / len(shares)
     return [*made, _of_objects(f"{RETRIEVAL} over chance at {condition}", [above])]
 
 
-def _shown(run: Scored, network: str) -> str:
+def _shown(run: QualityEvidence, network: str) -> str:
     training = run.trainings.get(network)
     if training is None:
         return ""
     return "was shown such clouds in training" if training.degraded else "was not shown such clouds"
 
 
-def degrades(run: Scored, metric: str, conditions: Sequence[str]) -> list[Finding]:
+def degrades(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[Finding]:
     """SR loses against the full cloud, at each of the conditions."""
     metric = _measured(run, metric)
     losses = [_requirement(c, _loss(run, metric, SURFACE, c)) for c in conditions]
@@ -299,7 +298,7 @@ def degrades(run: Scored, metric: str, conditions: Sequence[str]) -> list[Findin
     return [Finding(SURFACE, f"{metric}; {numbers}", tuple(losses), _stand_in(metric))]
 
 
-def above_blank(run: Scored) -> list[Finding]:
+def above_blank(run: QualityEvidence) -> list[Finding]:
     """The network's images are nearer to the truth than white ones, by SSIM and by distance."""
     found = []
     for network in run.networks:
@@ -316,7 +315,7 @@ def above_blank(run: Scored) -> list[Finding]:
 
 
 def class_ordering(
-    run: Scored, class_name: str, ahead: Ahead, metric: str | None = None
+    run: QualityEvidence, class_name: str, ahead: Ahead, metric: str | None = None
 ) -> list[Finding]:
     """Who is ahead in one class, or on average; by the run's distance without another metric."""
     metric = metric or run.distance
@@ -331,7 +330,7 @@ def class_ordering(
     return [_judged(network, numbers, lead, ahead, _stand_in(metric))]
 
 
-def unrecognisable(run: Scored) -> list[Finding]:
+def unrecognisable(run: QualityEvidence) -> list[Finding]:
     """The classifier gives the true class less to SR's images than to true ones."""
     true, drawn = (
         [run.quality(CONFIDENCE, method, FULL, name) for name in run.classes()]
@@ -346,7 +345,7 @@ def unrecognisable(run: Scored) -> list[Finding]:
     return [Finding(SURFACE, numbers, (lost,))]
 
 
-def gains_from_others(run: Scored, alone: str, together: str) -> list[Finding]:
+def gains_from_others(run: QualityEvidence, alone: str, together: str) -> list[Finding]:
     """Chairs: the network of all classes is nearer to the truth than that of chairs alone."""
     metric = run.distance
     a, b = (run.quality(metric, m, FULL, CHAIR) for m in (alone, together))
@@ -355,26 +354,26 @@ def gains_from_others(run: Scored, alone: str, together: str) -> list[Finding]:
     return [Finding(together, numbers, (gain,), _stand_in(metric))]
 
 
-def good_where_thin(run: Scored, thin: Sequence[str]) -> list[Finding]:
+def good_where_thin(run: QualityEvidence, thin: Sequence[str]) -> list[Finding]:
     """SR's distance is smaller in these classes than in the mean of the others."""
     metric, names = run.distance, run.classes()
     if lacking := [name for name in thin if name not in names]:
-        raise Lacking(f"the run has no {', '.join(lacking)}")
+        raise MissingEvidence(f"the run has no {', '.join(lacking)}")
     groups = [[n for n in names if (n in thin) == inside] for inside in (True, False)]
     if not groups[1]:
-        raise Lacking("the run has no other class")
+        raise MissingEvidence("the run has no other class")
     of_groups = [[run.quality(metric, SURFACE, FULL, name) for name in group] for group in groups]
     values = [float(np.mean([q.estimate.value for q in of])) for of in of_groups]
-    left_out = [[q.per_object for q in of] for of in of_groups]
-    gap = _difference("", values[1] - values[0], *left_out)
+    leave_one_out = [[q.per_object for q in of] for of in of_groups]
+    gap = _difference("", values[1] - values[0], *leave_one_out)
     numbers = _compared(metric, values[0], "others", values[1], "nearer", gap)
     return [Finding(SURFACE, numbers, (gap,), _stand_in(metric))]
 
 
-def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
+def varies_more(run: QualityEvidence, more: str, less: str) -> list[Finding]:
     """True objects of one class differ more than those of another, in the features' own units."""
     if lacking := [name for name in (more, less) if name not in run.spreads]:
-        raise Lacking(f"the run has no features of {', '.join(lacking)}")
+        raise MissingEvidence(f"the run has no features of {', '.join(lacking)}")
     (a, without_a), (b, without_b) = run.spreads[more], run.spreads[less]
     gap = _difference("", a - b, [without_a], [without_b])
     by_spread = sorted(run.spreads, key=lambda name: -run.spreads[name][0])
@@ -389,7 +388,7 @@ def varies_more(run: Scored, more: str, less: str) -> list[Finding]:
 # --- speed ----------------------------------------------------------------------------------------
 
 
-def faster(run: Timed, times: float) -> list[Finding]:
+def faster(run: TimingEvidence, times: float) -> list[Finding]:
     """An image of the network costs less than one over `times` of one of SR, preparing included.
 
     On one thread, cloud by cloud: the interval is over clouds. The claim is about the paper's
@@ -398,7 +397,9 @@ def faster(run: Timed, times: float) -> list[Finding]:
     costs = _costs(run.samples)
     networks = [m for m in costs if m.partition("@")[0] == NETWORK]
     if SURFACE not in costs or not networks:
-        raise Lacking(f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}")
+        raise MissingEvidence(
+            f"the run has no times of {SURFACE if SURFACE not in costs else NETWORK}"
+        )
     found = []
     for network in networks:
         ratio = np.log(costs[SURFACE] / costs[network])
@@ -444,7 +445,7 @@ def mean_above(
     for method in dict.fromkeys(rows["method"]):
         at = rows[rows["method"] == method].set_index("what")
         if lacking := [w for w in (what, than) if w is not None and w not in at.index]:
-            raise Lacking(f"the run has no {metric} of {', '.join(lacking)}")
+            raise MissingEvidence(f"the run has no {metric} of {', '.join(lacking)}")
         own = _estimate(at, what)
         numbers, bar = f"{metric} of {what} {_figures(own)}", Estimate(0.0, 0.0, 0.0)
         if than is not None:
@@ -496,7 +497,7 @@ def _lead(name: str, a: Quality, b: Quality) -> Requirement:
 
 
 def _lead_on_chairs(
-    run: Scored, metric: str, condition: str, network: str, other: str
+    run: QualityEvidence, metric: str, condition: str, network: str, other: str
 ) -> Requirement:
     """How much better a network is than another method, with the spread between its trainings."""
     a, b = (run.quality(metric, method, condition, CHAIR) for method in (network, other))
@@ -517,15 +518,17 @@ def _of_objects(name: str, per_object: Sequence[Floats]) -> Requirement:
     return Requirement(name, estimate, mean_error(per_object), sum(map(len, per_object)))
 
 
-def _difference(name: str, value: float, *left_out: Sequence[Floats]) -> Requirement:
+def _difference(name: str, value: float, *leave_one_out: Sequence[Floats]) -> Requirement:
     """A difference of means over classes of distances, given those without each object; or one."""
-    count = sum(len(of) for group in left_out for of in group)
-    error = sum_error([jackknife_error(of) for of in left_out])
+    count = sum(len(of) for group in leave_one_out for of in group)
+    error = sum_error([jackknife_error(of) for of in leave_one_out])
     reach = error.reach if error else math.nan
     return Requirement(name, Estimate(value, value - reach, value + reach), error, count)
 
 
-def _loss(run: Scored, metric: str, method: str, condition: str) -> list[tuple[float, Quality]]:
+def _loss(
+    run: QualityEvidence, metric: str, method: str, condition: str
+) -> list[tuple[float, Quality]]:
     """The terms of how much worse a method is at a condition than with the full cloud."""
     sign = 1.0 if higher_is_better(metric) else -1.0
     full, less = (run.quality(metric, method, c, CHAIR) for c in (FULL, condition))
@@ -552,7 +555,7 @@ def _moved(of: Requirement, by: float, sign: int) -> Requirement:
     return of._replace(estimate=Estimate(by + sign * of.estimate.value, *ends))
 
 
-def _measured(run: Scored, metric: str) -> str:
+def _measured(run: QualityEvidence, metric: str) -> str:
     return run.distance if metric in DISTANCES else metric
 
 

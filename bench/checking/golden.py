@@ -20,8 +20,8 @@ import pandas as pd
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
+    Deviation,
     GoldenObjects,
-    Moved,
     compare_objects,
     read_objects,
     write_objects,
@@ -56,7 +56,7 @@ class Verdict:
     compared: int
     regressions: tuple[str, ...]
     remarks: tuple[str, ...]
-    moved: tuple[Moved, ...] = ()
+    moved: tuple[Deviation, ...] = ()
 
 
 def check(directory: Path) -> Verdict:

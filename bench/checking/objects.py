@@ -222,7 +222,7 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class Deviation:
     """A value of an object that is not within its tolerance; NaN is no value.
 
     line  of the golden file
@@ -255,7 +255,7 @@ class Comparison:
     remark: str
     compared: int
     lines: tuple[str, ...]
-    moved: tuple[Moved, ...]
+    moved: tuple[Deviation, ...]
 
 
 def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
@@ -271,7 +271,7 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
     same = here == golden.environment
     stored = StoredImages(run.directory)
     lines: list[str] = []
-    moved: list[Moved] = []
+    moved: list[Deviation] = []
     for cell, of_cell in expected.groupby(KEY[:2], sort=False):
         method, condition = map(str, cell)
         of_run = found.loc[of_cell.index]
@@ -281,7 +281,7 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
                 of_cell.index, of_run[metric], of_cell[metric], of_cell["line"], strict=True
             )
             beyond = [
-                Moved(Item(*key), metric, now, was, allowed, line)
+                Deviation(Item(*key), metric, now, was, allowed, line)
                 for key, now, was, line in values
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]
@@ -309,7 +309,7 @@ def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
     return "same environment as the golden values: objects are compared to the last digit"
 
 
-def _of_object(moved: Moved, stored: StoredImages, golden: pd.Series) -> str:
+def _of_object(moved: Deviation, stored: StoredImages, golden: pd.Series) -> str:
     now = checksum(stored.images(moved.item))
     return (
         f"{'/'.join(moved.item.object)} {number(moved.found)}, golden {number(moved.golden)}"

@@ -24,14 +24,14 @@ from bench.commands.options import (
     RUN_OPTIONS,
     SETTINGS,
     Group,
-    Stated,
+    OptionSpec,
     WorkersOption,
-    takes,
+    options_from_dataclass,
     worker_count,
 )
 from bench.running.environment import cores
 from bench.running.export import export
-from bench.running.isolation import Lost, run_tasks
+from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.protocol import Options
 from bench.tables.markdown import visible
 from bench.tables.published import RESULTS
@@ -39,7 +39,7 @@ from data_prep.datasets.dataset import Dataset, listed
 from data_prep.datasets.exported import COLUMNS, METADATA, listed_files
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.paper import VIEWS, PaperObject
-from data_prep.datasets.paper_checks import READINGS, agreement, oddities
+from data_prep.datasets.paper_checks import READINGS, agreement, find_problems
 from data_prep.datasets.registry import BareCloud, is_dataset, layout_of, open_dataset
 from data_prep.failures import BadInput, MissingDependency, NoFaces
 from data_prep.files.checksums import file_sha256
@@ -98,7 +98,7 @@ def inspect(location: str, sample: int, workers: int) -> Inspection:
     examined: dict[str, _Examined] = {}
     with progress("reading", len(chosen)) as advance:
         for obj, found in run_tasks(chosen, _examine, max(1, min(workers, len(chosen))), LIMITS):
-            if isinstance(found, Lost):
+            if isinstance(found, WorkerFailure):
                 found = _Examined((("it cannot be read", found.reason),))
             examined[f"{obj.class_name}/{obj.object_id}"] = found
             advance(sum(bool(one.odd) for one in examined.values()))
@@ -152,7 +152,7 @@ def _sample(dataset: Dataset, sample: int) -> list[SceneObject]:
 
 def _examine(obj: SceneObject) -> _Examined:
     if isinstance(obj, PaperObject):
-        odd = tuple(oddities(obj))
+        odd = tuple(find_problems(obj))
         try:
             return _Examined(odd, tuple(agreement(obj)))
         except BadInput:  # printed above
@@ -306,8 +306,8 @@ def verify_data(
         raise typer.Exit(1)
 
 
-EXPORT_OPTIONS: dict[str, str | Stated] = {
-    "suite": Stated("The suite whose objects and views these are.", default="chair-robustness"),
+EXPORT_OPTIONS: dict[str, str | OptionSpec] = {
+    "suite": OptionSpec("The suite whose objects and views these are.", default="chair-robustness"),
     "dataset": RUN_OPTIONS["dataset"],
     "conditions": "Conditions, comma-separated, or 'all'. Default: the suite's.",
     **{name: RUN_OPTIONS[name] for name in ("limit", "views", "workers", "seed")},
@@ -315,7 +315,7 @@ EXPORT_OPTIONS: dict[str, str | Stated] = {
 
 
 @app.command("export")
-@takes(Options, EXPORT_OPTIONS)
+@options_from_dataclass(Options, EXPORT_OPTIONS)
 def export_data(
     options: Options, out: Annotated[Path, typer.Option(help="The new folder.")]
 ) -> None:

@@ -17,7 +17,7 @@ def list_all() -> None:
     from bench.catalogue.plugins import metric_ids
     from bench.catalogue.suites import ALL_SUITES
     from data_prep.clouds.conditions import CONDITIONS
-    from data_prep.plugins import DATASETS, announced_ids
+    from data_prep.plugins import DATASETS, entry_point_names
 
     sections = {
         "suites": [(s.id, s.about) for s in ALL_SUITES],
@@ -49,7 +49,7 @@ def list_all() -> None:
             ("modelnet:PATH", "ModelNet10 or 40, split by folders or by lists"),
             ("exported:PATH", "what 'bench data export' wrote: clouds, views and true images"),
             ("paper:PATH", "clouds, 20 pictures each and their cameras, as the paper's code has"),
-            *((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in announced_ids(DATASETS)),
+            *((f"{id_}:PATH", _of_package("dataset", id_)) for id_ in entry_point_names(DATASETS)),
         ],
     }
     for title, entries in sections.items():

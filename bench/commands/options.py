@@ -101,7 +101,7 @@ DeviceOption = Annotated[Device, typer.Option(help=DEVICE)]
 
 
 @dataclass(frozen=True)
-class Stated:
+class OptionSpec:
     """What an option has that the field of the dataclass does not say.
 
     flag     where the option has another name than the field
@@ -118,8 +118,8 @@ class Stated:
     default: Any = inspect.Parameter.empty
 
 
-def takes(
-    kind: type[Any], stated: Mapping[str, str | Stated], leave_out: tuple[str, ...] = ()
+def options_from_dataclass(
+    kind: type[Any], stated: Mapping[str, str | OptionSpec], leave_out: tuple[str, ...] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command an option for each field of the dataclass `kind`, in the order of `stated`.
 
@@ -155,10 +155,10 @@ def takes(
 
 
 def _option(
-    name: str, hint: Any, default: Any, option: str | Stated
+    name: str, hint: Any, default: Any, option: str | OptionSpec
 ) -> tuple[inspect.Parameter, Callable[[Any], Any]]:
     """The parameter of a command, and what makes a field's value from what it is given."""
-    option = option if isinstance(option, Stated) else Stated(option)
+    option = option if isinstance(option, OptionSpec) else OptionSpec(option)
     kind = option.kind or hint
     convert = option.convert or (lambda value: value)
     if option.default is not inspect.Parameter.empty:
@@ -200,7 +200,7 @@ def _budget(text: str | None) -> float | None:
     return None if text is None else seconds_of(text)
 
 
-RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
+RUN_OPTIONS: dict[str, str | OptionSpec] = {  # of `bench.running.protocol.Options`
     "suite": "The suite, see 'bench list'.",
     "dataset": "Dataset: procedural, folder:PATH (sub-folders are classes), shapenet:PATH, "
     "modelnet:PATH, paper:PATH or exported:PATH; see 'bench data inspect PATH'.",
@@ -208,7 +208,7 @@ RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
     "conditions": "Conditions, comma-separated. Default: the suite's.",
     "limit": "Objects of each class at most. Default: all of a folder; of procedural shapes the "
     "suite's number.",
-    "budget": Stated(
+    "budget": OptionSpec(
         "Time for the whole run: objects that would not be done in time are left for later, when "
         "the same command goes on. Default: no limit.",
         metavar="90s|2m|1.5h",
@@ -216,33 +216,33 @@ RUN_OPTIONS: dict[str, str | Stated] = {  # of `bench.running.protocol.Options`
         convert=_budget,
     ),
     "views": "Images of each object. Default: the suite's number.",
-    "workers": Stated(
+    "workers": OptionSpec(
         "Worker processes, one thread each. Default: one for each core; one where a suite compares "
         "times.",
         convert=worker_count,
     ),
-    "device": Stated(DEVICE, kind=Device),
+    "device": OptionSpec(DEVICE, kind=Device),
     "seed": "Seed of clouds, views and noise. Default: 0, or that of an export.",
-    "out": Stated(
+    "out": OptionSpec(
         "The run's folder. Default: results/runs/SUITE-DATASET.",
         convert=lambda path: path and expanded(path),
     ),
-    "shard": Stated(
+    "shard": OptionSpec(
         "Only the kth of N parts of the objects; 'bench merge' joins them. Default: all objects.",
         metavar="k/N",
         kind=str | None,
         convert=_shard,
     ),
-    "ray": Stated(
+    "ray": OptionSpec(
         "Run on a Ray cluster: host:port, auto or local; see docs/cluster.md. Default: on this "
         "machine.",
         metavar="ADDRESS|local",
     ),
-    "fresh": Stated(
+    "fresh": OptionSpec(
         "Start again; a run that is in the folder is renamed, not deleted. Default: go on with it.",
         flag="--fresh/--no-fresh",  # a file may switch it on
     ),
-    "inception_weights": Stated(
+    "inception_weights": OptionSpec(
         "Weights for fid: a file, or 'download' (95 MB, once). Default: as downloaded before, else "
         "fid is skipped.",
         metavar="PATH|download",

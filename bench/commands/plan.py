@@ -15,7 +15,7 @@ import typer
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR, METHODS, find_method, known_method
 from bench.catalogue.suites import ALL_SUITES, Suite
-from bench.commands.options import RUN_OPTIONS, names, takes
+from bench.commands.options import RUN_OPTIONS, names, options_from_dataclass
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import (
     Amount,
@@ -28,9 +28,9 @@ from bench.running.pilot import (
     peak_mib,
     ssim_deviations,
 )
-from bench.running.pilot import Cell as Place
+from bench.running.pilot import Cell as FrontierPoint
 from bench.running.protocol import Options, Protocol, protocol_of
-from bench.running.run import RunStatus, look_ahead, refuse_small
+from bench.running.run import RunStatus, refuse_small, run_status
 from bench.tables.markdown import cell, code, document
 from bench.tables.table import BOLD, Block, Cell, Table, columns, grid, number
 from data_prep.failures import BadInput
@@ -59,7 +59,7 @@ def forecast(
         find_method(method)
     if samples is not None and not samples.absolute().parent.is_dir():
         raise BadInput(f"--samples {samples}: its folder is not there; make it first")
-    run = look_ahead(options, protocol_of(suite, options)[0])
+    run = run_status(options, protocol_of(suite, options)[0])
     protocol = run.protocol
     if not any(run.left.values()):
         return f"{run.directory}: nothing is left to do; the run would make its tables."
@@ -135,7 +135,9 @@ def plan_of(run: RunStatus, pilot: Pilot, also: tuple[str, ...] = ()) -> Iterato
         )
 
 
-def _line(method: str, pilot: Pilot, left: Mapping[Place, int], on_gpu: bool) -> list[str | Cell]:
+def _line(
+    method: str, pilot: Pilot, left: Mapping[FrontierPoint, int], on_gpu: bool
+) -> list[str | Cell]:
     items, seconds = sum(left.values()), estimate(pilot, left)
     return [
         method,
@@ -152,16 +154,16 @@ def _hours(seconds: Amount) -> Cell:
     return number(seconds, lambda value: _digits(value / 3600))
 
 
-def _gpu_hours(pilot: Pilot, left: Mapping[Place, int]) -> str:
+def _gpu_hours(pilot: Pilot, left: Mapping[FrontierPoint, int]) -> str:
     return _digits(estimate(pilot, left, "method_s").value / 3600)
 
 
-def _megabytes(pilot: Pilot, left: Mapping[Place, int]) -> str:
+def _megabytes(pilot: Pilot, left: Mapping[FrontierPoint, int]) -> str:
     value = estimate(pilot, left, "size_b").value
     return f"{value / 1e6:,.0f}" if math.isfinite(value) else NO_VALUE
 
 
-def _mebibytes(pilot: Pilot, left: Mapping[Place, int]) -> str:
+def _mebibytes(pilot: Pilot, left: Mapping[FrontierPoint, int]) -> str:
     value = peak_mib(pilot, left)
     return f"{value:,.0f}" if math.isfinite(value) else NO_VALUE
 
@@ -187,7 +189,7 @@ def _span(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def _only(left: Mapping[Place, int], methods: tuple[str, ...]) -> dict[Place, int]:
+def _only(left: Mapping[FrontierPoint, int], methods: tuple[str, ...]) -> dict[FrontierPoint, int]:
     return {place: items for place, items in left.items() if place[0] in methods}
 
 
@@ -276,7 +278,7 @@ def _kind(method: str) -> str:
     return "reconstruction" if known and known.reconstruction else base
 
 
-@takes(Options, RUN_OPTIONS, leave_out=("fresh", "ray", "budget"))
+@options_from_dataclass(Options, RUN_OPTIONS, leave_out=("fresh", "ray", "budget"))
 def plan(
     options: Options,
     pilot: Annotated[

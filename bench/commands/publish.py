@@ -25,7 +25,7 @@ from bench.report.pareto import write_frontier
 from bench.report.robustness import write_figures
 from bench.running.merge import Merged, merge
 from bench.running.protocol import Options
-from bench.running.run import Finished, Measured, SoFar, run, timed
+from bench.running.run import PartialRun, RunResult, WrittenRun, run, timed
 from bench.tables.build import Outputs, write_outputs
 from bench.tables.classes import CLASSES
 from bench.tables.figure import FIGURES
@@ -36,36 +36,36 @@ from bench.tables.scored import score, scored_run
 from bench.tables.table import TABLES, Table, write_tables
 
 
-def run_suite(options: Options) -> Finished[Outputs]:
+def run_suite(options: Options) -> RunResult[Outputs]:
     """Run a suite of items, or go on with one; its tables, figures and report are in its folder.
 
     Raises BadInput for anything the user has to fix; what was done until then is kept.
     """
-    finished = run(options, publish, partial(Terminal, interim))
+    finished = run(options, publish, partial(Terminal, partial_table))
     if finished.outputs is not None:
         _report(finished.outputs)
     return finished
 
 
-def interim(so_far: SoFar) -> Table[Row]:
+def partial_table(snapshot: PartialRun) -> Table[Row]:
     """The headline table of the objects that are complete; written into the folder of tables."""
-    manifest, items = so_far.manifest, so_far.jobs
+    manifest, items = snapshot.manifest, snapshot.jobs
     suite = find(str(manifest["suite"]), SUITES, "suite")
     suite = replace(suite, class_metrics=suite.headline if suite.class_metrics else ())
     records = [
         record
         for job in items
         if job.item.method != GROUND_TRUTH
-        for record in records_of_item(job.item, so_far.records(job))
+        for record in records_of_item(job.item, snapshot.records(job))
     ]
-    artifacts = artifacts_of(so_far.directory, items)
+    artifacts = artifacts_of(snapshot.directory, items)
     features = {
         metric: ArtifactFeatures(metric, artifacts, int(manifest["views"]))
         for metric in suite.headline
         if metric in manifest["feature_identity"]
     }
-    made = headline(score(so_far.directory, suite, manifest, to_frame(records), features))
-    write_tables(so_far.directory, [made])
+    made = headline(score(snapshot.directory, suite, manifest, to_frame(records), features))
+    write_tables(snapshot.directory, [made])
     return made
 
 
@@ -76,7 +76,7 @@ def merge_shards(directories: Sequence[Path], out: Path) -> Merged[Outputs]:
     return merged
 
 
-def publish(measured: Measured) -> Outputs:
+def publish(measured: WrittenRun) -> Outputs:
     """Write the tables and figures of a run whose records and features are written."""
     with timed("tables", measured.seconds):
         outputs = write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
@@ -127,8 +127,8 @@ def _write_figures(
     by_class = next((t for t in outputs.tables if t.name == CLASSES), None)
     if by_class is not None:
         write_class_figures(directory, by_class, outputs.headline, published(suite), artifacts)
-    elif outputs.trade is not None:
-        frontier, _ = outputs.trade
+    elif outputs.frontier_tables is not None:
+        frontier, _ = outputs.frontier_tables
         write_frontier(directory / FIGURES, frontier.rows)
     elif outputs.curves:
         write_beyond_figures(directory, outputs.curves, artifacts)

@@ -110,7 +110,7 @@ def check(
 ) -> None:
     """Compare a run with the golden values. Exit 0 if all agree, 1 if one does not."""
     from bench.checking import golden as checks
-    from bench.commands.moved import write_moved
+    from bench.commands.golden_deviation import write_deviations
 
     if claims:
         _check_claims(directories, names(methods) or ())
@@ -133,7 +133,7 @@ def check(
         print(f"REGRESSION {line}")
     print(f"{verdict.compared} golden values compared, {len(verdict.regressions)} regressions")
     try:
-        drawn = write_moved(directory, verdict.moved)
+        drawn = write_deviations(directory, verdict.moved)
     except CannotWrite as error:  # the verdict counts also where the folder is read-only
         drawn = None
         print(f"bench: {error}", file=sys.stderr)

@@ -16,14 +16,14 @@ from bench.catalogue.methods import find_method
 from bench.catalogue.metrics import find_extractor
 from bench.catalogue.suites import ALL_SUITES, Suite
 from bench.commands.config import ConfigOption, refuse_other_objects
-from bench.commands.options import RUN_OPTIONS, FormatOption, takes
+from bench.commands.options import RUN_OPTIONS, FormatOption, options_from_dataclass
 from bench.commands.publish import Outputs, in_format, print_outputs, run_suite
 from bench.metrics.inception_weights import DOWNLOAD, WEIGHTS_SHA256
 from bench.records.record import GROUND_TRUTH
 from bench.report.build import REPORT
 from bench.running.pilot import Cell
 from bench.running.protocol import Options, Protocol, method_identity, protocol_of
-from bench.running.run import Finished, RunStatus, look_ahead, refuse_small
+from bench.running.run import RunResult, RunStatus, refuse_small, run_status
 from bench.tables.markdown import table, visible
 from bench.tables.table import grid
 
@@ -39,7 +39,7 @@ def describe_run(options: Options) -> str:
     if not isinstance(suite, Suite):
         raise refuse_small(suite.id, "--dry-run")
     asked, skipped = _protocol(suite, options)
-    prospect = look_ahead(options, asked)
+    prospect = run_status(options, asked)
     protocol = prospect.protocol
     return "\n".join(
         [
@@ -144,7 +144,7 @@ def _jobs(prospect: RunStatus) -> list[str]:
     ]
 
 
-@takes(Options, RUN_OPTIONS)
+@options_from_dataclass(Options, RUN_OPTIONS)
 def run(
     options: Options,
     config: ConfigOption = None,
@@ -189,7 +189,7 @@ def run(
         raise typer.Exit(1)
 
 
-def _summary(finished: Finished[Outputs]) -> str:
+def _summary(finished: RunResult[Outputs]) -> str:
     stages = ", ".join(f"{name} {value:.1f} s" for name, value in finished.seconds.items())
     parts = ", ".join(f"{name} {share:.0%}" for name, share in finished.shares.items())
     return (

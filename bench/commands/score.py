@@ -17,7 +17,7 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.catalogue.metrics import column
 from bench.catalogue.plugins import ImageMetric, SetMetric, find_metric, metric_ids
 from bench.commands.options import RunDirectory, names
@@ -29,8 +29,8 @@ from bench.running.work import reason_of
 from bench.tables.quality import (
     FRECHET,
     KERNEL,
-    Measured,
     Row,
+    RowWithSamples,
     distance_rows,
     image_keys,
     image_rows,
@@ -70,14 +70,14 @@ def score(directory: Path, metric_ids: Sequence[str]) -> list[Table[Row]]:
     return made
 
 
-def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[Measured]:
+def _image_rows(run: ScoredRun, sources: Sources, metric: ImageMetric) -> list[RowWithSamples]:
     records = scored(run.records, sources, metric)
     return image_rows([metric.id], records, {}, run.suite, {})
 
 
-def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[Measured]:
+def _set_rows(run: ScoredRun, sources: Sources, metric: SetMetric) -> list[RowWithSamples]:
     """Fréchet and kernel distances."""
-    seen = MeasuredFeatures(SeenFeatures(run.records, sources, metric))
+    seen = FeatureDistances(SeenFeatures(run.records, sources, metric))
     return [
         row
         for name, distance in ((metric.id, FRECHET), (f"{metric.id}-kernel", KERNEL))

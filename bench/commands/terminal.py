@@ -9,11 +9,11 @@ from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
 from typing import Any
 
-from bench.running.run import SoFar
+from bench.running.run import PartialRun
 from bench.tables.plain import plain
 from bench.tables.quality import Row
 from bench.tables.table import TABLES, Table
-from data_prep.progress import bars, is_live, progress, say
+from data_prep.progress import bars, is_live, log, progress
 
 WIDEST, MOST_LINES = 100, 40
 SHARE = 0.02  # of the time of a run that goes into tables in between, at most
@@ -26,13 +26,13 @@ def shown(table: Table[Row], lines: int = MOST_LINES) -> list[str]:
 
 
 class Terminal(AbstractContextManager["Terminal"]):
-    """An observer of a run (`bench.running.run.Observer`).
+    """An observer of a run (`bench.running.run.ProgressReporter`).
 
     make  the headline table of what is complete. It is made anew as objects are completed, unless
           that would take more than a fiftieth of the time
     """
 
-    def __init__(self, make: Callable[[SoFar], Table[Row]], title: str, total: int) -> None:
+    def __init__(self, make: Callable[[PartialRun], Table[Row]], title: str, total: int) -> None:
         self._make, self._title, self._total = make, title, total
         self._again = 0.0  # when the table may be made again
         self._live: Any = None
@@ -58,7 +58,7 @@ class Terminal(AbstractContextManager["Terminal"]):
     ) -> None:
         self._around.close()
 
-    def jobs(self, ended: int, failed: int) -> None:
+    def on_jobs_done(self, ended: int, failed: int) -> None:
         """So many more jobs have ended."""
         if self._live is not None:
             self._bars.update(self._task, advance=ended, failed=failed)
@@ -66,12 +66,12 @@ class Terminal(AbstractContextManager["Terminal"]):
         for _ in range(ended):
             self._advance(failed)
 
-    def object(self, so_far: Callable[[], SoFar]) -> None:
+    def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
         """One more object is complete."""
         start = time.monotonic()
         if start < self._again:
             return
-        complete = so_far()
+        complete = snapshot()
         table = self._make(complete)
         if self._live is not None:
             from rich.console import Group
@@ -81,6 +81,6 @@ class Terminal(AbstractContextManager["Terminal"]):
             text = Text("\n".join(shown(table, min(room, MOST_LINES))), no_wrap=True)
             self._live.update(Group(text, Text(), self._bars))
         elif not self._again:
-            say(f"headline table so far: {complete.directory / TABLES / table.name}.md")
+            log(f"headline table so far: {complete.directory / TABLES / table.name}.md")
         now = time.monotonic()
         self._again = now + (now - start) / SHARE

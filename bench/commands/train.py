@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from bench.commands.options import DEVICE, SETTINGS, Device, Group, Stated, names, takes
+from bench.commands.options import (
+    DEVICE,
+    SETTINGS,
+    Device,
+    Group,
+    OptionSpec,
+    names,
+    options_from_dataclass,
+)
 from data_prep.datasets.registry import ProceduralObject, SceneObject, open_dataset
 from data_prep.datasets.training_set import add_surfaces, training_clouds, training_set
 from data_prep.failures import BadInput
@@ -274,10 +282,10 @@ Seed = Annotated[int, typer.Option(help="Seed of initial weights and batches.")]
 OUT = "Folder of the training; one that is there is continued."
 Folder = Annotated[Path, typer.Option(help=OUT)]
 
-TRAIN_OPTIONS: dict[str, str | Stated] = {
+TRAIN_OPTIONS: dict[str, str | OptionSpec] = {
     "out": OUT,
     "dataset": "Dataset as of 'bench run'; its train split is used.",
-    "classes": Stated(
+    "classes": OptionSpec(
         "Classes to train on, comma-separated, or all.",
         flag="--class",
         kind=str,
@@ -289,7 +297,7 @@ TRAIN_OPTIONS: dict[str, str | Stated] = {
     "steps": "Steps in total, with those done before a resume.",
     "batch": "Images or clouds in a step.",
     "precision": "Number format of the training step; weights are float32.",
-    "device": Stated(DEVICE, kind=Device),
+    "device": OptionSpec(DEVICE, kind=Device),
     "seed": "Seed of initial weights and batches.",
     "threads": "CPU threads. Default: PyTorch's choice.",
 }
@@ -297,13 +305,13 @@ VIEWS = "Images of each object."
 
 
 @app.command("autoencoder")
-@takes(
+@options_from_dataclass(
     AutoencoderOptions,
     TRAIN_OPTIONS
     | {
         "width": "Channels: as in the paper, or a quarter of them (lite).",
         "encoder": "The paper's, or one that does not depend on the order of points.",
-        "latent_dim": Stated("Length of the code, in numbers.", flag="--latent"),
+        "latent_dim": OptionSpec("Length of the code, in numbers.", flag="--latent"),
         "learning_rate": "Learning rate of RMSprop.",
     },
 )
@@ -313,7 +321,7 @@ def autoencoder_command(options: AutoencoderOptions) -> None:
 
 
 @app.command("gan")
-@takes(
+@options_from_dataclass(
     GanOptions,
     {"autoencoder": "Checkpoint of the trained autoencoder."}
     | TRAIN_OPTIONS
@@ -331,7 +339,7 @@ def gan_command(options: GanOptions) -> None:
 
 
 @app.command("splat-net")
-@takes(
+@options_from_dataclass(
     SplatNetOptions,
     TRAIN_OPTIONS
     | {
@@ -342,7 +350,7 @@ def gan_command(options: GanOptions) -> None:
         "start": "Weights to start from: a bundled name, or a file with the grey one beside. "
         "Default: random weights.",
         "objective": "Loss: l1, l1-patch or pix2pix; see docs/training.md.",
-        "without": Stated(
+        "without": OptionSpec(
             "Inputs to leave out, comma-separated: normals, density, flattened, far, discs. "
             "Default: none.",
             convert=lambda text: names(text) or (),
@@ -359,7 +367,7 @@ def splat_net_command(options: SplatNetOptions) -> None:
 
 
 @app.command("decoder")
-@takes(
+@options_from_dataclass(
     DecoderOptions,
     {"weights": "Weights of the encoder: a bundled name, or a file. The decoder is put beside it."}
     | TRAIN_OPTIONS,

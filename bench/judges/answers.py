@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from data_prep.arrays import Floats
+
 ImageKey = tuple[str, int]  # object, view
 ELEVATION_UNIT_DEG = 40.0  # the judge's elevation is in these
 AT_ONCE = 2**16  # numbers of the differences that are in memory

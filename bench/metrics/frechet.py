@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from data_prep.arrays import Floats
 
 MOST_BLOCKS = 400  # that the jackknife leaves out, one after the other
 _ROWS = 4096  # taken at a time: little memory
@@ -158,7 +158,7 @@ def centred_to_frechet(a: Centred, b: Centred) -> float:
     return max(float(distance), 0.0)  # the rounding of two equal traces may fall below 0
 
 
-class LeftOut:
+class JackknifeMoments:
     """A feature set whose blocks of objects can be left out, one at a time.
 
     Keeps the features as they come, float32 say; they are taken to float64 some rows at a time.
@@ -231,7 +231,7 @@ def object_blocks(objects: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]
     return names, np.repeat(np.arange(len(parts)), [len(part) for part in parts])
 
 
-def left_out_distances(a: LeftOut, b: LeftOut) -> Floats:
+def left_out_distances(a: JackknifeMoments, b: JackknifeMoments) -> Floats:
     """Return the distances [g] without each block of the objects of both sets, in order.
 
     Blocks are those of `object_blocks`: single objects up to `MOST_BLOCKS`. All NaN where a block

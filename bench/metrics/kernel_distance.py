@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.metrics.frechet import object_blocks
-
-Floats = NDArray[np.float64]
+from data_prep.arrays import Floats
 
 _ROWS = 1024  # kernels are taken of so many rows with as many at a time
 

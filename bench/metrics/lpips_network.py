@@ -87,7 +87,7 @@ TRUNKS: dict[Net, Trunk] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Activations:
     """The activations of the network for N images.
 
     layers    activations [N, c, h, w] of five layers, each pixel's of length 1 (or 0)
@@ -124,7 +124,7 @@ class Lpips:
             steps = {"stride": conv.stride, "padding": conv.padding}
             self._convolutions.append(Convolution(kernel, bias, like, dtype, relu=True, **steps))
             side = (side + 2 * conv.padding - conv.kernel) // conv.stride + 1
-        self._last: list[tuple[NDArray[np.uint8], Seen]] = []
+        self._last: list[tuple[NDArray[np.uint8], Activations]] = []
         heads = range(sum(conv.seen for conv in trunk.layers))
         self._heads = [
             read(f"NetLinLayer_{i}", "Conv_0", "kernel").to(dtype).reshape(1, -1, 1, 1)
@@ -132,7 +132,7 @@ class Lpips:
         ]
 
     @torch.inference_mode()
-    def see(self, images: NDArray[np.uint8]) -> Seen:
+    def encode(self, images: NDArray[np.uint8]) -> Activations:
         """Return the activations for images uint8 [N, H, W, 3], N > 0, computed in batches.
 
         What it has seen in the last two stacks is kept: in a run the same true images are compared
@@ -147,7 +147,7 @@ class Lpips:
                 return seen
         parts = [self._see(images[i : i + BATCH]) for i in range(0, len(images), BATCH)]
         *layers, features = (torch.cat(some) for some in zip(*parts, strict=True))
-        self._last = [*self._last[-1:], (images.copy(), Seen(tuple(layers), features))]
+        self._last = [*self._last[-1:], (images.copy(), Activations(tuple(layers), features))]
         return self._last[-1][1]
 
     def _see(self, images: NDArray[np.uint8]) -> list[Tensor]:
@@ -165,7 +165,7 @@ class Lpips:
         return [*layers, x.mean(dim=(2, 3))]
 
     @torch.inference_mode()
-    def distance(self, a: Seen, b: Seen) -> NDArray[np.float64]:
+    def distance(self, a: Activations, b: Activations) -> NDArray[np.float64]:
         """Return LPIPS [N] of N pairs, >= 0; 0 for identical images, symmetric."""
         total = torch.zeros(len(a.features), dtype=torch.float64)
         for head, layer, counterpart in zip(self._heads, a.layers, b.layers, strict=True):
@@ -212,7 +212,7 @@ def lpips(
     dtype = torch.float32 if single else torch.float64
     network = load_lpips(find_lpips_weights(net), net, dtype)
     parts = [
-        network.distance(network.see(a[i : i + BATCH]), network.see(b[i : i + BATCH]))
+        network.distance(network.encode(a[i : i + BATCH]), network.encode(b[i : i + BATCH]))
         for i in range(0, len(a), BATCH)
     ]
     return np.concatenate([np.empty(0), *parts])

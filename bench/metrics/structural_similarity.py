@@ -37,7 +37,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from data_prep.arrays import Floats
 
 WINDOW = 11
 SIGMA = 1.5

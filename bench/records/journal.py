@@ -33,7 +33,7 @@ from bench.records.artifacts import artifact_sha256
 from bench.records.job import NOTHING, Job, JobTiming, Result
 from bench.records.record import SCHEMA_VERSION, Record
 from data_prep.failures import BadInput, CannotWrite
-from data_prep.files.atomic_write import sync_folder, whole_file, write_whole
+from data_prep.files.atomic_write import atomic_write, sync_folder, write_whole
 from data_prep.files.safe_read import MIB, read_file
 
 MANIFEST = "manifest.json"
@@ -389,7 +389,7 @@ def _replace_shard(shard: Path, directory: Path) -> tuple[Path, Path | None]:
     aside, good = shard.parent / SET_ASIDE / shard.name, _next_shard(directory)
     try:
         if any(_counts(line) for _, _, line in _lines(shard)):
-            with whole_file(good) as new, new.open("wb") as file:
+            with atomic_write(good) as new, new.open("wb") as file:
                 for _, _, line in _lines(shard):
                     if _counts(line):
                         file.write(line.removesuffix(b"\n") + b"\n")

@@ -19,7 +19,7 @@ from bench.records.artifacts import Artifact, Item, artifact_path
 from bench.records.features import FeatureFile
 from bench.records.record import COLUMNS, SCHEMA_VERSION, TYPES, Record, to_frame
 from data_prep.failures import BadInput
-from data_prep.files.atomic_write import whole_file
+from data_prep.files.atomic_write import atomic_write
 
 # Arrow's own pool keeps what has been freed: some 35 MB after the records of 20,000 images.
 pa.set_memory_pool(pa.system_memory_pool())
@@ -55,7 +55,7 @@ def write_records(
         records_of_item(job.item, records(job)) for job in sorted(jobs, key=lambda job: job.item)
     )
     with (
-        whole_file(directory / RECORDS) as new,
+        atomic_write(directory / RECORDS) as new,
         pq.ParquetWriter(new, _RECORDS_SCHEMA) as writer,
     ):
         while group := list(islice(rows, _ROW_GROUP)):
@@ -82,7 +82,7 @@ def read_records(directory: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFr
 
 def _write_table(path: Path, table: pa.Table) -> None:
     table = table.replace_schema_metadata({_SCHEMA_KEY: str(SCHEMA_VERSION).encode()})
-    with whole_file(path) as new:
+    with atomic_write(path) as new:
         pq.write_table(table, new)
 
 
@@ -168,7 +168,7 @@ def write_features(directory: Path, metric: str, artifacts: Sequence[Artifact]) 
     if first is None:
         return
     with (
-        whole_file(directory / FEATURES / f"{metric}.parquet") as new,
+        atomic_write(directory / FEATURES / f"{metric}.parquet") as new,
         pq.ParquetWriter(new, first.schema) as writer,
     ):
         for table in chain([first], groups):

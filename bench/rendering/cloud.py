@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import Limits
-from bench.running.isolation import Lost, run_tasks
+from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.work import draw, load_renderer, reason_of
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import upright
@@ -155,7 +155,7 @@ def draw_each(
             find_drawer(one.method)
     tasks = [(file, one) for one in wanted]
     for (_, one), result in run_tasks(tasks, _load_and_draw, workers, LIMITS):
-        drawn, notes = (Failed(result.reason), ()) if isinstance(result, Lost) else result
+        drawn, notes = (Failed(result.reason), ()) if isinstance(result, WorkerFailure) else result
         yield one, drawn, notes
 
 

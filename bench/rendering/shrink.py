@@ -26,7 +26,7 @@ from bench.records.job import Job
 from bench.records.journal import MANIFEST, read_finished
 from bench.records.parquet import read_records
 from bench.rendering.cloud import CloudFile, Drawing, Failed, draw_cloud, draw_file, find_drawer
-from bench.running.isolation import Lost, TaskPool, run_tasks
+from bench.running.isolation import TaskPool, WorkerFailure, run_tasks
 from bench.running.protocol import Protocol, objects_to_search, plan
 from bench.running.work import cloud_of, reason_of, rng_of
 from bench.suites.stability.run import stability_jobs
@@ -34,7 +34,7 @@ from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
 from data_prep.files.safe_read import is_regular_file
-from data_prep.progress import PLAIN_EVERY_S, say
+from data_prep.progress import PLAIN_EVERY_S, log
 from data_prep.scene import PointCloud, Points
 
 Rows = NDArray[np.intp]  # [n], ascending
@@ -317,7 +317,7 @@ def _file_name(name: str) -> str:
 def _points(item: Item) -> Points:
     """The cloud of the item, made in a worker. Raises BadInput where its object is at fault."""
     ((_, points),) = run_tasks([item.job], _points_of, 1, item.limits)
-    if isinstance(points, Failed | Lost):
+    if isinstance(points, Failed | WorkerFailure):
         raise BadInput(
             f"{item.name}: its cloud cannot be made ({points.reason}); it is the object that is at "
             "fault, not the method"
@@ -395,8 +395,8 @@ class _Search:
             self._pool.submit(trial)
         found: dict[_Trial, str] = {}
         while len(found) < len(trials):
-            for trial, result in self._pool.collect():
-                found[trial] = result.reason if isinstance(result, Lost) else result
+            for trial, result in self._pool.wait_any():
+                found[trial] = result.reason if isinstance(result, WorkerFailure) else result
         self.trials += len(trials)
         self._say()
         return [found[trial] for trial in trials]
@@ -407,7 +407,7 @@ class _Search:
         if now - self._said < PLAIN_EVERY_S:
             return
         self._said = now
-        say(
+        log(
             f"{self._name}: {self.left} of {self._count} points left, {self.trials} trials, "
             f"{now - self._start:.0f} s of {self._budget_s:.0f} s"
         )

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis.comparison import Comparison, decimals, milliseconds
-from bench.analysis.frontier import Place, places
+from bench.analysis.frontier import FrontierPoint, places
 from bench.catalogue.methods import role
 from bench.catalogue.metrics import IMAGE_METRICS
 from bench.catalogue.parameters import find_setting
@@ -23,8 +22,8 @@ from bench.report.styles import INK, PAPER, RULE, SOFT, Look, looks
 from bench.tables.figure import drawing, panels, save
 from bench.tables.markdown import visible
 from bench.tables.table import Tags, scored_as_blank
+from data_prep.arrays import Floats
 
-Floats = NDArray[np.float64]
 RINGS = (9, 14, 20, 28, 38, 50, 64)  # distances tried around a point, in points of 1/72 inch
 DIRECTIONS_DEG = (90, 270, 45, 135, 315, 225, 0, 180, 67, 113, 247, 293)  # above, below, ...
 
@@ -75,7 +74,7 @@ LONGEST = 24  # letters of a label
 Limits = tuple[tuple[float, float], tuple[float, float]]
 
 
-def write_frontier(folder: Path, places: Sequence[Place]) -> None:
+def write_frontier(folder: Path, places: Sequence[FrontierPoint]) -> None:
     """A figure for each metric, as PNG and SVG, of the largest number of views.
 
     The first metric's is `frontier`, the others' are `frontier-METRIC`. A metric that no candidate
@@ -95,7 +94,7 @@ def write_frontier(folder: Path, places: Sequence[Place]) -> None:
 
 @drawing()
 def frontier_figure(
-    places: Sequence[Place],
+    places: Sequence[FrontierPoint],
     metric: str,
     views: int,
     styles: Mapping[str, Look],
@@ -151,8 +150,8 @@ def _scale(axis: Any, metric: str) -> None:
 
 
 def _draw_panel(
-    drawn: Drawing, axis: Any, places: Sequence[Place], styles: Mapping[str, Look]
-) -> list[tuple[Place, str]]:
+    drawn: Drawing, axis: Any, places: Sequence[FrontierPoint], styles: Mapping[str, Look]
+) -> list[tuple[FrontierPoint, str]]:
     """Draw one condition; the points that get a label, with it."""
     rivals = [p for p in places if _competes(p)]
     labels = []
@@ -183,7 +182,7 @@ def _draw_panel(
     return labels
 
 
-def _draw_point(drawn: Drawing, axis: Any, place: Place, look: Look, size: float) -> None:
+def _draw_point(drawn: Drawing, axis: Any, place: FrontierPoint, look: Look, size: float) -> None:
     cost, quality, tags = place.cost_ms, place.quality, Tags(method=place.method)
     thin: dict[str, Any] = {"color": look.colour, "linewidth": 0.6, "alpha": 0.6}
     if math.isfinite(quality.low):
@@ -199,7 +198,7 @@ def _draw_point(drawn: Drawing, axis: Any, place: Place, look: Look, size: float
     drawn.mark(point, tags, _text(place), series=True)
 
 
-def _draw_frontier(axis: Any, places: Sequence[Place], right: float) -> None:
+def _draw_frontier(axis: Any, places: Sequence[FrontierPoint], right: float) -> None:
     """What the best costs, in steps up to `right`: at each cost the best quality that it buys."""
     steps = sorted((p.cost_ms.value, p.quality.value) for p in places if p.verdict == "frontier")
     if not steps:
@@ -215,7 +214,7 @@ def _plain(value: float, _: int) -> str:
     return f"{value:g}"
 
 
-def _short(place: Place) -> str:
+def _short(place: FrontierPoint) -> str:
     """What tells a method from others of its family: a parameter's value, a variant's name."""
     setting = find_setting(place.method)
     if setting is not None:
@@ -223,11 +222,11 @@ def _short(place: Place) -> str:
     return shortened(visible(place.method.partition("@")[2]), LONGEST)
 
 
-def _family(place: Place) -> str:
+def _family(place: FrontierPoint) -> str:
     return place.method.partition("@")[0]
 
 
-def _of_families(places: Sequence[Place], styles: Mapping[str, Look]) -> dict[str, Look]:
+def _of_families(places: Sequence[FrontierPoint], styles: Mapping[str, Look]) -> dict[str, Look]:
     """Variants look like their method, or where it is not there like the first of them."""
     first: dict[str, Look] = {}
     return {
@@ -236,11 +235,11 @@ def _of_families(places: Sequence[Place], styles: Mapping[str, Look]) -> dict[st
     }
 
 
-def _competes(place: Place) -> bool:
+def _competes(place: FrontierPoint) -> bool:
     return not role(place.method)
 
 
-def _drawn(place: Place) -> bool:
+def _drawn(place: FrontierPoint) -> bool:
     """Whether it has a place on the axes, which may be logarithmic; of the ceiling there is none,
     and a floor has no cost."""
     positive = place.metric in IMAGE_METRICS or place.quality.value > 0
@@ -254,7 +253,7 @@ def _drawn(place: Place) -> bool:
 def _write_labels(
     drawn: Drawing,
     axes: Sequence[Any],
-    labels: Sequence[Sequence[tuple[Place, str]]],
+    labels: Sequence[Sequence[tuple[FrontierPoint, str]]],
     styles: Mapping[str, Look],
 ) -> None:
     """Labels where they cover nothing, each with a hair line to its point where it is far off."""
@@ -359,7 +358,7 @@ def cost_plots(
     return tuple(plots)
 
 
-def _limits(places: Sequence[Place], metric: str, styles: Mapping[str, Look]) -> Limits:
+def _limits(places: Sequence[FrontierPoint], metric: str, styles: Mapping[str, Look]) -> Limits:
     """Of axes on which all of these have room."""
     figure, ((axis,),) = panels(1, 1, PANEL_IN)
     _scale(axis, metric)
@@ -367,7 +366,7 @@ def _limits(places: Sequence[Place], metric: str, styles: Mapping[str, Look]) ->
     return axis.get_xlim(), axis.get_ylim()
 
 
-def _text(place: Place) -> str:
+def _text(place: FrontierPoint) -> str:
     value = f"{place.quality.value:.{decimals(place.metric)}f}"
     if role(place.method) == "floor":
         return f"{place.method}: {value}, looks at no cloud"

@@ -41,7 +41,7 @@ PACKAGES = (
 VECTOR = ("sse4", "avx", "fma", "amx", "asimd", "sve")  # begin the names of such instructions
 
 
-def circumstances() -> dict[str, Any]:
+def machine_info() -> dict[str, Any]:
     """Command, time, versions, machine and checkout: what is the same for all kinds of runs."""
     return {
         "command": sys.argv,

@@ -8,10 +8,10 @@ from contextlib import closing
 from bench.catalogue.suites import Limits
 from bench.records.job import Job, Result, failed
 from bench.records.journal import JobOutcome, Journal
-from bench.running.isolation import Executor, Lost, TaskPool, feed
-from bench.running.work import do
+from bench.running.isolation import Executor, TaskPool, WorkerFailure, submit_all
+from bench.running.work import run_job
 from data_prep.failures import MissingDependency
-from data_prep.progress import progress, say
+from data_prep.progress import log, progress
 
 
 class JobPool:
@@ -22,24 +22,24 @@ class JobPool:
     """
 
     def __init__(self, count: int, workers: int, limits: Limits) -> None:
-        self._pool: TaskPool[Job, Result] = TaskPool(do, min(workers, count), limits)
-        self.room = self._pool.room
+        self._pool: TaskPool[Job, Result] = TaskPool(run_job, min(workers, count), limits)
+        self.capacity = self._pool.capacity
 
     def submit(self, job: Job) -> None:
-        """Have a job done; at most `room` may be under way."""
+        """Have a job done; at most `capacity` may be under way."""
         self._pool.submit(job)
 
-    def collect(self) -> Iterator[Result]:
+    def wait_any(self) -> Iterator[Result]:
         """Wait until jobs have ended; the result of each."""
-        for job, result in self._pool.collect():
-            yield failed(job, result.reason) if isinstance(result, Lost) else result
+        for job, result in self._pool.wait_any():
+            yield failed(job, result.reason) if isinstance(result, WorkerFailure) else result
 
     def close(self) -> None:
         """Stop all workers at once."""
         self._pool.close()
 
 
-def do_jobs(
+def run_jobs(
     jobs: Sequence[Job],
     journal: Journal,
     title: str,
@@ -57,7 +57,7 @@ def do_jobs(
     if not missing:
         return outcomes
     if outcomes:
-        say(f"{title}: {len(outcomes)} of {len(jobs)} are there from before")
+        log(f"{title}: {len(outcomes)} of {len(jobs)} are there from before")
     failures = 0
     with (
         progress(title, len(missing)) as advance,
@@ -78,10 +78,10 @@ def results(
 ) -> Generator[Result, None, None]:
     """Do jobs, at most `count`; each result as it comes, written into the journal.
 
-    `jobs` as in `bench.running.isolation.feed`, `start` as in `do_jobs`. Raises MissingDependency
+    `jobs` as in `submit_all`, `start` as in `run_jobs`. Raises MissingDependency
     where going on makes no sense.
     """
-    with closing(start(count)) as executor, closing(feed(jobs, executor)) as stream:
+    with closing(start(count)) as executor, closing(submit_all(jobs, executor)) as stream:
         for result in stream:
             if result.unusable:
                 raise MissingDependency(result.unusable)

@@ -19,7 +19,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.suites import SUITES
 from bench.running.croissant import metadata
-from bench.running.isolation import Lost, run_tasks
+from bench.running.isolation import WorkerFailure, run_tasks
 from bench.running.protocol import ObjectJobs, Options, Protocol, plan, protocol_of, workers_of
 from bench.running.work import cloud_of
 from data_prep.clouds.conditions import CONDITIONS
@@ -76,7 +76,7 @@ def _fill(folder: Path, protocol: Protocol, objects: Sequence[ObjectJobs], worke
     found: dict[str, Rows] = {}
     with progress("objects", len(tasks)) as advance:
         for (_, place, obj), rows in run_tasks(tasks, _write, workers, protocol.suite.limits):
-            if isinstance(rows, Lost):
+            if isinstance(rows, WorkerFailure):
                 raise BadInput(f"{obj.truth.object.object_id}: {rows.reason}; leave it out")
             found[place] = rows
             advance(0)

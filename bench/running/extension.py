@@ -32,7 +32,7 @@ from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.registry import open_dataset
 from data_prep.failures import BadInput
-from data_prep.progress import say
+from data_prep.progress import log
 
 APART = "give --out for a run of its own, or --fresh to start over"
 
@@ -143,7 +143,7 @@ def refuse_narrowing(directory: Path, manifest: Mapping[str, Any]) -> None:
 
 def _tell(directory: Path, more: Sequence[str]) -> None:
     if any(more):
-        say(f"{directory}: keeps {', '.join(filter(None, more))} of the run there; {APART}")
+        log(f"{directory}: keeps {', '.join(filter(None, more))} of the run there; {APART}")
 
 
 def _fixed(protocol: Protocol) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class Executor(Protocol[TaskIn, DoneOut]):
     """Does tasks, several at a time."""
 
     @property
-    def room(self) -> int:
+    def capacity(self) -> int:
         """How many tasks may be under way: enough to keep all workers busy, and not more."""
         ...
 
@@ -58,7 +58,7 @@ class Executor(Protocol[TaskIn, DoneOut]):
         """Have a task done."""
         ...
 
-    def collect(self) -> Iterator[DoneOut]:
+    def wait_any(self) -> Iterator[DoneOut]:
         """Wait until at least one of those under way has ended, and give what has."""
         ...
 
@@ -67,7 +67,7 @@ class Executor(Protocol[TaskIn, DoneOut]):
         ...
 
 
-def feed(
+def submit_all(
     tasks: Iterable[Task | None], executor: Executor[Task, Done]
 ) -> Generator[Done, None, None]:
     """What becomes of each task, as it comes; tasks are taken as there is room.
@@ -76,14 +76,14 @@ def feed(
     """
     queue, under_way = iter(tasks), 0
     while True:
-        for task in islice(queue, max(0, executor.room - under_way)):
+        for task in islice(queue, max(0, executor.capacity - under_way)):
             if task is None:
                 break
             executor.submit(task)
             under_way += 1
         if not under_way:
             return
-        for done in executor.collect():
+        for done in executor.wait_any():
             under_way -= 1
             yield done
 
@@ -115,7 +115,7 @@ WORKER_ENVIRONMENT = thread_counts(1) | {
 
 
 @dataclass(frozen=True)
-class Lost:
+class WorkerFailure:
     """A task whose worker had to be killed, or died."""
 
     kind: Literal["timeout", "memory", "crash"]
@@ -156,7 +156,7 @@ class TaskPool(Generic[Task, Result]):
     `work` and the tasks cross process boundaries: a function of a module, and plain values.
     `environment` is put on top of this process's own. To be closed, whatever happens, before
     another is made. Nothing is in other threads but the watch on memory: workers get tasks, and are
-    stopped when their time is over, within `submit` and `collect`.
+    stopped when their time is over, within `submit` and `wait_any`.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class TaskPool(Generic[Task, Result]):
         environment: Mapping[str, str] = WORKER_ENVIRONMENT,
     ) -> None:
         self._work, self._size, self._limits = work, workers, limits
-        self.room = 2 * workers  # a queue as short as keeps them busy: there may be 10^5 tasks
+        self.capacity = 2 * workers  # a queue as short as keeps them busy: there may be 10^5 tasks
         self._queue: deque[Task] = deque()
         self._workers: list[_Worker[Task]] = []
         self._leaving: list[WorkerProcess] = []
@@ -184,11 +184,11 @@ class TaskPool(Generic[Task, Result]):
         return [worker.process.pid for worker in self._workers]
 
     def submit(self, task: Task) -> None:
-        """Have a task done; at most `room` may be under way."""
+        """Have a task done; at most `capacity` may be under way."""
         self._queue.append(task)
         self._hand_out()
 
-    def collect(self) -> Iterator[tuple[Task, Result | Lost]]:
+    def wait_any(self) -> Iterator[tuple[Task, Result | WorkerFailure]]:
         """Wait until tasks have ended; each with its result, or with what became of its worker.
 
         What `work` raises is raised here, and BrokenProcessPool where one worker after another is
@@ -249,7 +249,7 @@ class TaskPool(Generic[Task, Result]):
             elif time.monotonic() > worker.deadline:
                 process.stop()
                 limit_s = self._limits.time_s if worker.ready else START_S
-                self._lose(worker, Lost("timeout", f"no result within {limit_s:g} s"))
+                self._lose(worker, WorkerFailure("timeout", f"no result within {limit_s:g} s"))
         except (EOFError, OSError):
             self._lose(worker, self._exit_reason(process))
 
@@ -263,7 +263,7 @@ class TaskPool(Generic[Task, Result]):
         if worker.begun >= TASKS_PER_WORKER:
             self._let_go(worker)
 
-    def _lose(self, worker: _Worker[Task], reason: Lost) -> None:
+    def _lose(self, worker: _Worker[Task], reason: WorkerFailure) -> None:
         """Go on without a worker that has ended or is stopped."""
         self._remove(worker)
         worker.process.join()
@@ -288,15 +288,17 @@ class TaskPool(Generic[Task, Result]):
         self._workers.remove(worker)
         self._leaving = [process for process in self._leaving if not process.has_ended]
 
-    def _exit_reason(self, process: WorkerProcess) -> Lost:
+    def _exit_reason(self, process: WorkerProcess) -> WorkerFailure:
         code = process.exit_code()
         if process.pid in self._over_limit:
-            return Lost("memory", f"the worker used more than {self._limits.memory_gib:g} GiB")
+            return WorkerFailure(
+                "memory", f"the worker used more than {self._limits.memory_gib:g} GiB"
+            )
         try:
             how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         except ValueError:
             how = f"signal {-code}"
-        return Lost("crash", f"the worker died ({how})")
+        return WorkerFailure("crash", f"the worker died ({how})")
 
     def close(self) -> None:
         """Stop all workers at once; idle ones are let go."""
@@ -318,14 +320,14 @@ def run_tasks(
     workers: int,
     limits: Limits,
     environment: Mapping[str, str] = WORKER_ENVIRONMENT,
-) -> Generator[tuple[Task, Result | Lost], None, None]:
+) -> Generator[tuple[Task, Result | WorkerFailure], None, None]:
     """Each task with `work(task)`, or with what became of its worker, as they come.
 
     As `TaskPool`. Closing the iterator stops all workers at once. Tasks are taken from their
     iterable as workers get free.
     """
     with closing(TaskPool(work, workers, limits, environment)) as pool:
-        yield from feed(tasks, pool)
+        yield from submit_all(tasks, pool)
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from bench.records.parquet import JobRow, read_jobs
 from bench.records.record import GROUND_TRUTH
 from bench.running.extension import refuse_narrowing
 from bench.running.protocol import WHOLE, Shard, interleave, read_shard
-from bench.running.run import Measured, Outputs, open_run, write_parquet
+from bench.running.run import Outputs, WrittenRun, open_run, write_parquet
 from data_prep.failures import BadInput, CannotWrite
 from data_prep.progress import progress
 
@@ -58,7 +58,7 @@ class Merged(Generic[Outputs]):
 
 
 def merge(
-    directories: Sequence[Path], out: Path, publish: Callable[[Measured], Outputs]
+    directories: Sequence[Path], out: Path, publish: Callable[[WrittenRun], Outputs]
 ) -> Merged[Outputs]:
     """Put the shards of a run together in `out`; `publish` as in `bench.running.run.run`.
 

@@ -34,12 +34,12 @@ from bench.catalogue.suites import Limits
 from bench.records.job import Job
 from bench.records.journal import to_line
 from bench.records.record import GROUND_TRUTH
-from bench.running.isolation import TASKS_PER_WORKER, Lost, run_tasks
+from bench.running.isolation import TASKS_PER_WORKER, WorkerFailure, run_tasks
 from bench.running.protocol import Protocol, plan
-from bench.running.work import do
+from bench.running.work import run_job
 from data_prep.datasets.objects import SceneObject
 from data_prep.failures import BadInput, MissingDependency
-from data_prep.progress import progress, say
+from data_prep.progress import log, progress
 from data_prep.randomness import generator
 
 Cell = tuple[str, str]  # method and condition; of ground truths GROUND_TRUTH and nothing
@@ -118,7 +118,7 @@ def measure(protocol: Protocol, objects: int, workers: int) -> Pilot:
         )
     named = {(obj.class_name, obj.object_id): obj for obj in protocol.objects}
     part = replace(protocol, objects=tuple(named[name] for name in chosen))
-    say(
+    log(
         f"pilot: {len(chosen)} of {len(protocol.objects)} objects x "
         f"{len(protocol.conditions)} conditions x {len(protocol.methods)} methods"
     )
@@ -151,7 +151,7 @@ def _measure(
         closing(run_tasks(tasks, measured, min(workers, len(tasks)), twice)) as stream,
     ):
         for (job, size), found in stream:
-            if isinstance(found, Lost):
+            if isinstance(found, WorkerFailure):
                 sample = lost_sample(job, size, found, limits)
             else:
                 sample = replace(found, seconds=min(found.seconds, limits.time_s))
@@ -174,12 +174,12 @@ def measured(task: tuple[Job, float]) -> Sample:
     if job.method not in _done_here:
         # The first job waits for Python, which the worker's keeper starts.
         begun = time.time() if _done_here else psutil.Process(os.getppid()).create_time()
-        do(job)
+        run_job(job)
         first_s = time.time() - begun
         _done_here.add(job.method)
     _forget_peak()
     start = time.perf_counter()
-    result = do(job)
+    result = run_job(job)
     seconds = time.perf_counter() - start
     if result.unusable:
         raise MissingDependency(result.unusable)
@@ -208,11 +208,11 @@ def _optional_s(job: Job, seconds: float) -> float | None:
     if job.method != FLOOR or features == job.features:
         return None
     start = time.perf_counter()
-    do(replace(job, features=features, artifact=job.artifact.with_suffix(".without.npz")))
+    run_job(replace(job, features=features, artifact=job.artifact.with_suffix(".without.npz")))
     return max(0.0, seconds - (time.perf_counter() - start))
 
 
-def lost_sample(job: Job, size: float, lost: Lost, limits: Limits) -> Sample:
+def lost_sample(job: Job, size: float, lost: WorkerFailure, limits: Limits) -> Sample:
     """Of an item that was stopped at its time limit, or (nan) whose worker died otherwise."""
     stopped = lost.kind == "timeout"
     taken = limits.time_s if stopped else math.nan
@@ -284,7 +284,7 @@ def sizes_of(protocol: Protocol, workers: int) -> dict[tuple[str, str], float]:
             if isinstance(size, int):
                 found[obj.class_name, obj.object_id] = float(size)
     if lacking := len(tasks) - len(found):
-        say(f"pilot: {lacking} of {len(tasks)} objects have no readable cloud; left out")
+        log(f"pilot: {lacking} of {len(tasks)} objects have no readable cloud; left out")
     names = [(obj.class_name, obj.object_id) for obj, _ in tasks]
     return {name: found[name] for name in names if name in found}
 

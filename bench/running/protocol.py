@@ -27,7 +27,7 @@ from bench.records.artifacts import artifact_path
 from bench.records.job import Job
 from bench.records.journal import PROTOCOL
 from bench.records.record import GROUND_TRUTH, SCHEMA_VERSION
-from bench.running.environment import circumstances, cores, environment
+from bench.running.environment import cores, environment, machine_info
 from data_prep.clouds.conditions import CONDITIONS, Perturbation, Unchanged
 from data_prep.datasets.exported import ExportedObject
 from data_prep.datasets.grey import Unpainted
@@ -36,7 +36,7 @@ from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.datasets.registry import PROCEDURAL_VERSION, Dataset, open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.checksums import file_sha256
-from data_prep.progress import say
+from data_prep.progress import log
 from data_prep.randomness import generator
 from data_prep.scene import View
 
@@ -353,7 +353,7 @@ def manifest_of(
         "device": request.device,
         **own,
         "environment": dict(environment),
-    } | circumstances()
+    } | machine_info()
 
 
 def method_identity(method_id: str, device: str) -> list[Any]:
@@ -496,7 +496,7 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
     for method in methods:
         find_method(method)
         if problem := plugin_problem("method", method):  # ours is run
-            say(problem)
+            log(problem)
     conditions = tuple(dict.fromkeys(options.conditions or suite.conditions))
     for condition in conditions:
         find(condition, CONDITIONS, "condition")
@@ -507,7 +507,7 @@ def protocol_of(suite: Suite, options: Options) -> tuple[Protocol, dict[str, str
     objects = objects_of(suite, dataset, options)
     lacking = [name for name in suite.classes if name not in (dataset.classes or suite.classes)]
     if lacking and len(suite.classes) > 1:
-        say(f"{dataset.id}: no {', '.join(lacking)}; left out")
+        log(f"{dataset.id}: no {', '.join(lacking)}; left out")
     features: list[tuple[str, str]] = []
     identity: dict[str, str] = {}
     skipped: dict[str, str] = {}

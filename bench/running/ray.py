@@ -74,7 +74,7 @@ class Node:
         self._mismatch = mismatch(requirements)
         self._pool = JobPool(1, 1, limits)
 
-    def do(
+    def run_job(
         self, job: Job, fingerprint: str, reference: bytes | None
     ) -> tuple[Result, bytes | None]:
         """The result of a job, and its artifact where there is one.
@@ -92,7 +92,7 @@ class Node:
                 scored = Path(scratch, "reference.npz")
                 scored.write_bytes(reference)
             self._pool.submit(replace(job, artifact=artifact, reference=scored))
-            (result,) = self._pool.collect()
+            (result,) = self._pool.wait_any()
             return result, artifact.read_bytes() if result.artifact_sha256 else None
 
 
@@ -102,11 +102,11 @@ _node: Node | None = None  # of this process, where it is one of Ray's
 def do_on_node(
     message: tuple[NodeRequirements, Limits], job: Job, fingerprint: str, reference: bytes | None
 ) -> tuple[Result, bytes | None]:
-    """`Node.do` of the node that this process is; Ray has it do one job after another."""
+    """`Node.run_job` of the node that this process is; Ray has it do one job after another."""
     global _node
     if _node is None:
         _node = Node(*message)
-    return _node.do(job, fingerprint, reference)
+    return _node.run_job(job, fingerprint, reference)
 
 
 def requirements(protocol: Protocol) -> NodeRequirements:
@@ -274,7 +274,7 @@ class RayPool:
         self._references: OrderedDict[Path, Any] = OrderedDict()
 
     @property
-    def room(self) -> int:
+    def capacity(self) -> int:
         """Two jobs for each CPU that the cluster has now: nodes come and go."""
         import ray
 
@@ -292,7 +292,7 @@ class RayPool:
         )
         self._waiting[ref] = job
 
-    def collect(self) -> Iterator[Result]:
+    def wait_any(self) -> Iterator[Result]:
         """Wait until jobs have ended; the result of each, its artifact written."""
         import ray
 

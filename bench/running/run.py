@@ -46,7 +46,7 @@ from bench.running.protocol import (
 from bench.running.ray import RayPool, connected, requirements
 from bench.running.schedule import Budget, Schedule, guess_s
 from data_prep.failures import BadInput
-from data_prep.progress import say
+from data_prep.progress import log
 
 Outputs = TypeVar("Outputs")
 
@@ -89,7 +89,7 @@ def count(jobs: Iterable[Job], there: frozenset[str]) -> dict[Cell, int]:
     return found
 
 
-def look_ahead(options: Options, protocol: Protocol) -> RunStatus:
+def run_status(options: Options, protocol: Protocol) -> RunStatus:
     """What `bench run` would do with these. Nothing is written, nor locked.
 
     Raises BadInput as `bench.running.run.run` before it does its first job.
@@ -165,7 +165,7 @@ def executor_factory(options: Options, protocol: Protocol) -> Iterator[ExecutorF
 
 
 @dataclass(frozen=True)
-class Measured:
+class WrittenRun:
     """A run whose records and features are written, while its directory is still locked.
 
     artifacts  the images of all jobs that have any: ground truths, then items
@@ -179,7 +179,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class SoFar:
+class PartialRun:
     """What is complete of a run that goes on.
 
     manifest  as it would be, were that all
@@ -193,24 +193,24 @@ class SoFar:
     records: Callable[[JobRow], Sequence[Record]]
 
 
-class Observer(typing.Protocol):
+class ProgressReporter(typing.Protocol):
     """Who is told how a run goes on."""
 
-    def jobs(self, ended: int, failed: int) -> None:
+    def on_jobs_done(self, ended: int, failed: int) -> None:
         """So many more jobs have ended; how many have failed since the start."""
         ...
 
-    def object(self, so_far: Callable[[], SoFar]) -> None:
-        """One more object is complete. `so_far` takes longer the more there are."""
+    def on_object_done(self, snapshot: Callable[[], PartialRun]) -> None:
+        """One more object is complete. `snapshot` takes longer the more there are."""
         ...
 
 
 # Gets title and number of the jobs to be done.
-Watch = Callable[[str, int], AbstractContextManager[Observer]]
+Watch = Callable[[str, int], AbstractContextManager[ProgressReporter]]
 
 
 @dataclass(frozen=True)
-class Finished(Generic[Outputs]):
+class RunResult(Generic[Outputs]):
     """A run that is complete, or of which some objects are.
 
     outputs           of what is complete; None where the folder keeps those of the run before,
@@ -238,8 +238,8 @@ class Finished(Generic[Outputs]):
 
 
 def run(
-    options: Options, publish: Callable[[Measured], Outputs], watch: Watch
-) -> Finished[Outputs]:
+    options: Options, publish: Callable[[WrittenRun], Outputs], watch: Watch
+) -> RunResult[Outputs]:
     """Carry out a run, or what is left of it, for as long as its budget allows.
 
     `publish` makes the outputs from the Parquet files; the run counts as finished after it. What a
@@ -296,12 +296,12 @@ def _write_finished(directory: Path, manifest: dict[str, Any]) -> None:
 @contextmanager
 def _locked_journal(directory: Path, manifest: dict[str, Any], fresh: bool) -> Iterator[Journal]:
     if fresh and (old := set_aside(directory)):
-        say(f"the old run is now {old}")
+        log(f"the old run is now {old}")
     check_directory(directory, manifest)
     with open_journal(directory) as journal:
         yield journal
         for line in journal.damage:
-            say(line)
+            log(line)
 
 
 def _carry_out(
@@ -313,9 +313,9 @@ def _carry_out(
     budget: Budget,
     manifest: dict[str, Any],
     begun: float,
-    publish: Callable[[Measured], Outputs],
+    publish: Callable[[WrittenRun], Outputs],
     watch: Watch,
-) -> Finished[Outputs]:
+) -> RunResult[Outputs]:
     suite, directory = protocol.suite, options.directory
     seconds: dict[str, float] = {}
     with _locked_journal(directory, manifest, options.fresh) as journal:
@@ -330,7 +330,7 @@ def _carry_out(
             """Return whether outputs of what is complete would lack an object of those before."""
             return kept is not None and not kept.objects <= {*schedule.complete}
 
-        def so_far() -> SoFar:
+        def snapshot() -> PartialRun:
             """And the manifest says what is complete."""
             part = todo.of(frozenset(schedule.complete))
             manifest["objects"] = [obj.name for obj in part.objects]
@@ -341,14 +341,14 @@ def _carry_out(
                 return failed(*lost).records if lost else journal.lines.result(row.key).records
 
             rows = _in_order(part, schedule.outcomes)
-            return SoFar(directory, manifest, rows, records)
+            return PartialRun(directory, manifest, rows, records)
 
         with timed("items", seconds):
-            interrupted = _do(schedule, journal, factory, suite.id, so_far, narrows, watch)
+            interrupted = _do(schedule, journal, factory, suite.id, snapshot, narrows, watch)
         _check_any_truth(todo, schedule.outcomes)
         outputs = None
         if not narrows():
-            made = so_far()
+            made = snapshot()
             extractors = [metric for metric, _ in protocol.features]
             write_manifest(directory, manifest)  # the tables are of these objects
             outputs = publish(
@@ -363,7 +363,7 @@ def _carry_out(
         if outputs is not None:
             _write_finished(directory, manifest)
     without = {key for key, found in schedule.outcomes.items() if found.artifact_sha256 is None}
-    return Finished(
+    return RunResult(
         directory,
         outputs,
         objects=len(schedule.complete),
@@ -383,7 +383,7 @@ def _do(
     journal: Journal,
     factory: ExecutorFactory,
     title: str,
-    so_far: Callable[[], SoFar],
+    snapshot: Callable[[], PartialRun],
     narrows: Callable[[], bool],
     watch: Watch,
 ) -> bool:
@@ -392,7 +392,7 @@ def _do(
     if not schedule.left:
         return False
     if schedule.outcomes:
-        say(f"{title}: {len(schedule.outcomes)} jobs are there from before")
+        log(f"{title}: {len(schedule.outcomes)} jobs are there from before")
     failures = 0
     try:
         with (
@@ -404,9 +404,9 @@ def _do(
                 complete = schedule.take(result)
                 ended = before - schedule.left  # with a ground truth its items fail
                 failures += ended * (result.artifact_sha256 is None)
-                observer.jobs(ended, failures)
+                observer.on_jobs_done(ended, failures)
                 if complete and schedule.scored and not narrows():
-                    observer.object(so_far)
+                    observer.on_object_done(snapshot)
     except KeyboardInterrupt:
         if not schedule.scored:
             raise
@@ -421,7 +421,7 @@ def write_parquet(
     records: Callable[[JobRow], Sequence[Record]],
     features: Iterable[str],
     seconds: dict[str, float],
-) -> Measured:
+) -> WrittenRun:
     """Write the results of jobs as Parquet files into a directory with a manifest.
 
     jobs      all jobs in the order of the plan: ground truths, then items
@@ -435,7 +435,7 @@ def write_parquet(
         write_jobs(directory, jobs)
         for metric in features:
             write_features(directory, metric, artifacts)
-    return Measured(directory, suite, artifacts, seconds)
+    return WrittenRun(directory, suite, artifacts, seconds)
 
 
 @contextmanager

@@ -32,7 +32,7 @@ from data_prep.scene import IMAGE_SIZE, PointCloud, Renderer, UInt8Images, View
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class RenderedViews:
     """Images of a cloud, what the method repaired on the way, and its times as in a record."""
 
     images: UInt8Images
@@ -41,7 +41,7 @@ class Drawn:
     draw_s: float
 
 
-def do(job: Job) -> Result:
+def run_job(job: Job) -> Result:
     """Carry out a job. Whatever a method raises becomes failed records with the reason."""
     watch = Stopwatch()
     result = _do(job, watch)
@@ -113,7 +113,7 @@ def _learned(job: Job, truth: UInt8Images, images: UInt8Images) -> dict[str, NDA
     if weights is None:
         return {}
     network = lpips_network(weights)
-    return {"lpips": network.distance(network.see(truth), network.see(images))}
+    return {"lpips": network.distance(network.encode(truth), network.encode(images))}
 
 
 def draw(
@@ -124,7 +124,7 @@ def draw(
     rng: np.random.Generator,
     batch: int | None = None,
     truth: UInt8Images | None = None,
-) -> Drawn:
+) -> RenderedViews:
     """Images of a cloud, `batch` views a call (None: all of them), checked.
 
     Raises whatever the method raises, and StageFailure where what it gives are no images, or
@@ -146,7 +146,7 @@ def draw(
     if method.id not in FLOORS:
         _refuse_blank(images, truth)
     notes = "; ".join(getattr(state, "notes", ()))
-    return Drawn(images, notes, prepared - start, (done - prepared) / len(views))
+    return RenderedViews(images, notes, prepared - start, (done - prepared) / len(views))
 
 
 def seen_by(method: Method, cloud: PointCloud) -> PointCloud:

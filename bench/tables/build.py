@@ -10,7 +10,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench.analysis.crossings import ConditionCurve, condition_curves, paired_comparisons
-from bench.analysis.frontier import Place, Thinned, places, thinned
+from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places, thinned
 from bench.catalogue.metrics import JUDGE
 from bench.records.journal import PROTOCOL
 from bench.tables import markdown
@@ -22,9 +22,9 @@ from bench.tables.orderings import Ordering, orderings
 from bench.tables.published import published
 from bench.tables.quality import (
     Row,
-    control_table,
     detail_table,
     image_table,
+    recognition_table,
     set_table,
     with_objectives,
 )
@@ -72,7 +72,7 @@ def tables(run: ScoredRun) -> list[Table[Row]]:
         ]
         if run.suite.control_metrics:
             judged, skipped = run.features.get(JUDGE), run.skipped.get(JUDGE, "")
-            made.append(control_table(run.records, judged, skipped, run.suite))
+            made.append(recognition_table(run.records, judged, skipped, run.suite))
         objectives = dict(run.manifest.get("objectives", {}))
         return [_of_run(run, with_objectives(table, objectives)) for table in made]
 
@@ -105,7 +105,9 @@ def crossings(run: ScoredRun) -> Table[Step] | None:
     return _of_run(run, crossings_table(run.suite.id, found)) if found else None
 
 
-def trade(run: ScoredRun) -> tuple[Table[Place], Table[Thinned]] | None:
+def frontier_tables(
+    run: ScoredRun,
+) -> tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None:
     """Quality against cost: the frontier, and what fewer points save; None for other suites.
 
     Not among `tables`: times differ from run to run, so nothing is ever compared with them.
@@ -135,7 +137,7 @@ class Outputs:
     headline: Table[Row]
     tables: tuple[Table[Row], ...]
     cost: str
-    trade: tuple[Table[Place], Table[Thinned]] | None
+    frontier_tables: tuple[Table[FrontierPoint], Table[SubsampledFrontier]] | None
     orderings: Table[Ordering] | None
     curves: tuple[ConditionCurve, ...]
     crossings: Table[Step] | None
@@ -143,7 +145,11 @@ class Outputs:
     @property
     def further(self) -> list[Table[Any]]:
         """The tables that only some suites have."""
-        return [t for t in (*(self.trade or ()), self.orderings, self.crossings) if t is not None]
+        return [
+            t
+            for t in (*(self.frontier_tables or ()), self.orderings, self.crossings)
+            if t is not None
+        ]
 
 
 def make_outputs(run: ScoredRun) -> Outputs:
@@ -153,7 +159,7 @@ def make_outputs(run: ScoredRun) -> Outputs:
         headline=headline(run),
         tables=tuple(tables(run)),
         cost=cost_table(run.records, how_timed(run.manifest)),
-        trade=trade(run),
+        frontier_tables=frontier_tables(run),
         orderings=class_orderings(run),
         curves=curves(run),
         crossings=crossings(run),

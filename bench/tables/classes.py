@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, interval_of_means, jackknife_interval
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.metrics import RECOGNITION_METRICS, column, is_mean, value_range
@@ -19,18 +19,18 @@ from bench.catalogue.suites import Suite
 from bench.records.features import Features
 from bench.tables import markdown
 from bench.tables.quality import (
-    Measured,
     Published,
     Row,
+    RowWithSamples,
     all_methods,
     as_published,
-    beside_paper,
     cells,
     image_keys,
     image_rows,
     set_rows,
     which_is_best,
     with_best_reconstruction,
+    with_paper_values,
 )
 from bench.tables.table import NAN, Block, Table, columns_of, ordered
 
@@ -46,7 +46,7 @@ CLASSES = "table5_classes"
 
 def class_table(
     records: pd.DataFrame,
-    features: Mapping[str, MeasuredFeatures],
+    features: Mapping[str, FeatureDistances],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
@@ -122,25 +122,25 @@ def objects_of(records: pd.DataFrame) -> dict[str, int]:
 def _measured(
     metric: str,
     records: pd.DataFrame,
-    features: Mapping[str, MeasuredFeatures],
+    features: Mapping[str, FeatureDistances],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> list[Measured]:
+) -> list[RowWithSamples]:
     if is_mean(metric):
         return image_rows([metric], records, skipped, suite, published)
     return set_rows(metric, records, features, skipped, suite, published)
 
 
-def _averages(metric: str, made: Sequence[Measured], published: Published) -> list[Row]:
+def _averages(metric: str, made: Sequence[RowWithSamples], published: Published) -> list[Row]:
     """The mean over classes for each method and condition, of the classes that have a value."""
-    by_cell: dict[tuple[str, str], list[Measured]] = {}
+    by_cell: dict[tuple[str, str], list[RowWithSamples]] = {}
     for measured in made:
         by_cell.setdefault((measured.row.method, measured.row.condition), []).append(measured)
     return [_average(metric, of_cell, published) for of_cell in by_cell.values()]
 
 
-def _average(metric: str, of_cell: Sequence[Measured], published: Published) -> Row:
+def _average(metric: str, of_cell: Sequence[RowWithSamples], published: Published) -> Row:
     first = of_cell[0].row
     valued = [m for m in of_cell if math.isfinite(m.row.value)]
     lacking = [m.row.class_name for m in of_cell if not math.isfinite(m.row.value)]
@@ -193,4 +193,4 @@ def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
             for class_name in classes[start : start + IN_A_ROW]
             for method, name in names.items()
         }
-        yield beside_paper("", metrics, across, at)
+        yield with_paper_values("", metrics, across, at)

@@ -11,10 +11,10 @@ from bench.analysis.crossings import Crossover, PairedComparison
 from bench.catalogue.families import Family
 from bench.tables import markdown
 from bench.tables.table import (
+    Annotation,
     Block,
     Cell,
     Grid,
-    Mark,
     Table,
     Tags,
     columns,
@@ -24,8 +24,8 @@ from bench.tables.table import (
     pivot,
 )
 
-AHEAD = Mark("ahead", "**{value}{interval}**")
-BEHIND = Mark("behind", "*{value}{interval}*", against=True)
+AHEAD = Annotation("ahead", "**{value}{interval}**")
+BEHIND = Annotation("behind", "*{value}{interval}*", against=True)
 NOWHERE = Crossover(-1, math.nan, math.nan, math.nan)
 
 

@@ -29,9 +29,9 @@ from bench.tables.scored import ScoredRun, read_scored
 from bench.tables.table import (
     BOLD,
     NOTHING,
+    Annotation,
     Block,
     Cell,
-    Mark,
     Table,
     columns,
     number,
@@ -133,9 +133,9 @@ def difference_cell(row: PairedDifference) -> Cell:
 _MARKS = {
     "a": BOLD,
     "b": BOLD,
-    "tie": Mark("tie", "{value}{interval} ="),
+    "tie": Annotation("tie", "{value}{interval} ="),
 }
-_TOO_FEW = Mark("too few objects", "{value}{interval} ?")
+_TOO_FEW = Annotation("too few objects", "{value}{interval} ?")
 
 
 def methods_of_run(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.tables.markdown import visible
-from data_prep.files.atomic_write import whole_file
+from data_prep.files.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ def save(figure: Figure, path: Path, dpi: float = DPI) -> None:
     """
     kind = path.suffix.removeprefix(".")
     metadata = {"Date": None} if kind == "svg" else None
-    with drawing(), whole_file(path) as new:
+    with drawing(), atomic_write(path) as new:
         figure.savefig(new, format=kind, dpi=dpi, metadata=metadata)
 
 

@@ -9,19 +9,19 @@ from functools import partial
 import numpy as np
 
 from bench.analysis.comparison import Comparison, decimals, milliseconds
-from bench.analysis.frontier import Place, Thinned, places
+from bench.analysis.frontier import FrontierPoint, SubsampledFrontier, places
 from bench.catalogue.methods import role
 from bench.tables import markdown
 from bench.tables.table import (
     NOTHING,
+    Annotation,
     Block,
     Cell,
     Column,
+    ColumnHeader,
     Grid,
-    Head,
-    Line,
-    Mark,
     Table,
+    TableRow,
     Tags,
     columns,
     constant,
@@ -31,10 +31,12 @@ from bench.tables.table import (
 )
 
 MARKS = {
-    "frontier": Mark("frontier", "**{value}**{interval}"),
-    "tied": Mark("tied", "{value}{interval} ="),
-    "below a white image": Mark("below a white image", "{value}{interval} *below*", against=True),
-    "reference": Mark("reference", "{value}{interval} *ref*"),
+    "frontier": Annotation("frontier", "**{value}**{interval}"),
+    "tied": Annotation("tied", "{value}{interval} ="),
+    "below a white image": Annotation(
+        "below a white image", "{value}{interval} *below*", against=True
+    ),
+    "reference": Annotation("reference", "{value}{interval} *ref*"),
 }
 
 
@@ -45,7 +47,7 @@ def _interval_columns(name: str, path: str, ends: str) -> tuple[Column, ...]:
     )
 
 
-def frontier_table(rows: Iterable[Place], remark: str) -> Table[Place]:
+def frontier_table(rows: Iterable[FrontierPoint], remark: str) -> Table[FrontierPoint]:
     """The places of all methods, at each condition and for each number of views.
 
     `remark` is what people have to know to read it.
@@ -60,7 +62,7 @@ def frontier_table(rows: Iterable[Place], remark: str) -> Table[Place]:
     return Table("frontier", "Quality against cost", made, tuple(rows), layout)
 
 
-def _frontier(remark: str, rows: Sequence[Place]) -> Iterator[Block]:
+def _frontier(remark: str, rows: Sequence[FrontierPoint]) -> Iterator[Block]:
     """A grid for each condition and number of views: methods by rising cost."""
     yield remark
     yield _LEGEND
@@ -91,7 +93,7 @@ _LEGEND = (
 )
 
 
-def points_table(rows: Iterable[Thinned], views: int) -> Table[Thinned]:
+def points_table(rows: Iterable[SubsampledFrontier], views: int) -> Table[SubsampledFrontier]:
     """What a method loses and saves where a cloud with so many views has fewer points."""
     made = (
         *columns(("class", "class_name"), "metric", "method", "condition", "points"),
@@ -104,7 +106,7 @@ def points_table(rows: Iterable[Thinned], views: int) -> Table[Thinned]:
     return Table("points", "Quality against the number of points", made, tuple(rows), layout)
 
 
-def _points(views: int, rows: Sequence[Thinned]) -> Iterator[Block]:
+def _points(views: int, rows: Sequence[SubsampledFrontier]) -> Iterator[Block]:
     """A grid for each metric: methods down, numbers of points across."""
     yield (
         f"Clouds with {_of_views(views)}: value, loss against the full cloud [95 % "
@@ -156,9 +158,11 @@ def cost_grid(comparisons: Sequence[Comparison], metric: str, views: int) -> Gri
 
     made = Grid(
         corner="method",
-        columns=tuple(Head(condition, Tags(condition=condition)) for condition in conditions),
+        columns=tuple(
+            ColumnHeader(condition, Tags(condition=condition)) for condition in conditions
+        ),
         lines=tuple(
-            Line(
+            TableRow(
                 method,
                 tuple(cell(condition, class_name, method) for condition in conditions),
                 class_name if len(classes) > 1 else role(method),
@@ -194,12 +198,12 @@ def _made_of(comparison: Comparison, method: str, views: int) -> str:
     return f"{milliseconds(float(prepare))} + {milliseconds(float(draw))}{times}"
 
 
-def _quality(place: Place) -> Cell:
+def _quality(place: FrontierPoint) -> Cell:
     show = _show(place.metric)
     return number(place.quality, show, special=MARKS.get(place.verdict))
 
 
-def _thinned(row: Thinned) -> Cell:
+def _thinned(row: SubsampledFrontier) -> Cell:
     value = number(row.quality, _show(row.metric)).text
     rest = f", {milliseconds(row.cost_ms.value)} ms"
     if not (math.isfinite(row.lost.low) and any(row.lost)):

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bench.tables.table import Block, Cell, Grid, Line
+    from bench.tables.table import Block, Cell, Grid, TableRow
 
 # An underscore inside a word is no markup, and ids have many.
 _MARKUP = re.compile(r"[\\`*\[\]<>|~$#&]|(?<![^\W_])_|_(?![^\W_])")
@@ -62,7 +62,7 @@ def table(grid: Grid) -> str:
     return "\n".join(lines)
 
 
-def _line(line: Line) -> str:
+def _line(line: TableRow) -> str:
     name = cell(line.name)
     if line.special is not None:
         name = line.special.markdown.format(value=name, interval="")

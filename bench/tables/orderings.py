@@ -24,7 +24,7 @@ from bench.analysis.comparison import (
     lead,
     lead_over_classes,
 )
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import FEWEST
 from bench.catalogue.methods import FLOOR
 from bench.catalogue.metrics import column, is_mean
@@ -33,10 +33,10 @@ from bench.tables import markdown
 from bench.tables.classes import AVERAGE, NETWORK, SURFACE, network_of, objects_of
 from bench.tables.quality import Published
 from bench.tables.table import (
+    Annotation,
     Block,
     Cell,
     Grid,
-    Mark,
     Table,
     Tags,
     columns,
@@ -52,8 +52,8 @@ PAPER_METRIC = "fid"
 Verdict = Literal["reproduced", "opposite", "undecided", "no value"]
 VERDICTS: tuple[Verdict, ...] = ("reproduced", "opposite", "undecided", "no value")
 MARKS = {
-    "reproduced": Mark("reproduced", "**{value}{interval}**"),
-    "opposite": Mark("opposite", "{value}{interval} *opposite*", against=True),
+    "reproduced": Annotation("reproduced", "**{value}{interval}**"),
+    "opposite": Annotation("opposite", "{value}{interval} *opposite*", against=True),
 }
 
 
@@ -115,7 +115,7 @@ def _layout(network: str, rows: Sequence[Ordering]) -> Iterator[Block]:
 
 def orderings(
     records: pd.DataFrame,
-    features: Mapping[str, MeasuredFeatures],
+    features: Mapping[str, FeatureDistances],
     suite: Suite,
     published: Published,
 ) -> Table[Ordering] | None:

@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.analysis.comparison import decimals
-from bench.analysis.distances import CellKey, MeasuredFeatures
+from bench.analysis.distances import CellKey, FeatureDistances
 from bench.analysis.intervals import (
     clipped,
     debiased,
@@ -49,10 +49,10 @@ from bench.tables.table import (
     NAN,
     Block,
     Cell,
+    ColumnHeader,
     Grid,
-    Head,
-    Line,
     Table,
+    TableRow,
     Tags,
     columns_of,
     number,
@@ -60,8 +60,8 @@ from bench.tables.table import (
     pivot,
     shown,
 )
+from data_prep.arrays import Floats
 
-Floats = NDArray[np.float64]
 # Published values by (class, metric, condition, method).
 Published = Mapping[tuple[str, str, str, str], float]
 
@@ -191,10 +191,10 @@ def _paper_layout(rows: Sequence[Row]) -> Iterator[Block]:
     for class_name in ordered(row.class_name for row in rows):
         of_class = [row for row in rows if row.class_name == class_name]
         at = {(row.metric, row.condition, row.method): row for row in of_class}
-        yield beside_paper(class_name, metrics, across, at)
+        yield with_paper_values(class_name, metrics, across, at)
 
 
-def beside_paper(
+def with_paper_values(
     corner: str,
     metrics: Iterable[str],
     across: Mapping[tuple[str, str], str],
@@ -211,12 +211,12 @@ def beside_paper(
         texts = [shown(row.value, decimals(metric)) if row else "-" for row in rows]
         if all(row.skipped for row in rows if row):
             texts = ["skipped"] * len(rows)
-        made.append(Line(metric, tuple(map(Cell, texts))))
+        made.append(TableRow(metric, tuple(map(Cell, texts))))
         paper = [row.paper if row else NAN for row in rows]
         if any(map(math.isfinite, paper)):
             texts = [f"{value:g}" if math.isfinite(value) else "-" for value in paper]
-            made.append(Line(f"{metric}, paper", tuple(map(Cell, texts))))
-    return Grid(corner, tuple(map(Head, across.values())), tuple(made))
+            made.append(TableRow(f"{metric}, paper", tuple(map(Cell, texts))))
+    return Grid(corner, tuple(map(ColumnHeader, across.values())), tuple(made))
 
 
 def all_methods(rows: Sequence[Row]) -> Iterator[Block]:
@@ -377,7 +377,7 @@ def detail_table(
     return quality_table(name, title, rows, remark, paper_layout=False)
 
 
-class Measured(NamedTuple):
+class RowWithSamples(NamedTuple):
     """A row, and what its interval was made from.
 
     per_object  float64 [G]: of a metric of images the mean of each object that has a value, of a
@@ -395,7 +395,7 @@ def image_rows(
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> list[Measured]:
+) -> list[RowWithSamples]:
     """Means over images of metrics that the records have, for all cells.
 
     `skipped` says of a metric why no image has a value.
@@ -412,7 +412,7 @@ def image_rows(
                 row = make_row(
                     suite, cell, metric, NAN, (NAN, NAN), group, published, NAN, skipped[metric]
                 )
-                made.append(Measured(row, np.empty(0)))
+                made.append(RowWithSamples(row, np.empty(0)))
                 continue
             name = column(metric)
             scores, floor = ok[name].to_numpy(), missing[name].to_numpy()
@@ -433,7 +433,7 @@ def image_rows(
                 "",
                 undefined=len(ok) - len(scores),
             )
-            made.append(Measured(row, per_object))
+            made.append(RowWithSamples(row, per_object))
     return made
 
 
@@ -453,7 +453,7 @@ def _floor_of_failed(
     return floor.merge(failed[["object", "view"]], on=["object", "view"])
 
 
-def control_table(
+def recognition_table(
     records: pd.DataFrame, judged: Features | None, skipped: str, suite: Suite
 ) -> Table[Row]:
     """What the judge makes of each method's images: the view, and which object it is.
@@ -538,7 +538,7 @@ def set_table(
     name: str,
     title: str,
     records: pd.DataFrame,
-    features: Mapping[str, MeasuredFeatures],
+    features: Mapping[str, FeatureDistances],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
@@ -563,35 +563,35 @@ class SetDistance(NamedTuple):
     debiased  as it would be with endless objects, from the same; NaN where that is the value
     """
 
-    between: Callable[[MeasuredFeatures, CellKey, Sequence[ImageKey]], tuple[float, Floats]]
+    between: Callable[[FeatureDistances, CellKey, Sequence[ImageKey]], tuple[float, Floats]]
     interval: Callable[[float, Floats], tuple[float, float]]
     debiased: Callable[[float, Floats], float]
 
 
 def _kernel(
-    features: MeasuredFeatures, cell: CellKey, shown: Sequence[ImageKey]
+    features: FeatureDistances, cell: CellKey, shown: Sequence[ImageKey]
 ) -> tuple[float, Floats]:
     x, y = features.filled(cell, shown), features.of(GROUND_TRUTH, "", cell[2], shown)
     objects = np.array([obj for obj, _ in shown])
     return kernel_distance(x, y), left_out_kernel_distances(x, y, objects, objects)
 
 
-def _kernel_interval(value: float, left_out: Floats) -> tuple[float, float]:
-    return jackknife_interval(value, [left_out])
+def _kernel_interval(value: float, leave_one_out: Floats) -> tuple[float, float]:
+    return jackknife_interval(value, [leave_one_out])
 
 
-FRECHET = SetDistance(MeasuredFeatures.distance, distance_interval, debiased)
-KERNEL = SetDistance(_kernel, _kernel_interval, lambda value, left_out: NAN)
+FRECHET = SetDistance(FeatureDistances.distance, distance_interval, debiased)
+KERNEL = SetDistance(_kernel, _kernel_interval, lambda value, leave_one_out: NAN)
 
 
 def set_rows(
     metric: str,
     records: pd.DataFrame,
-    features: Mapping[str, MeasuredFeatures],
+    features: Mapping[str, FeatureDistances],
     skipped: Mapping[str, str],
     suite: Suite,
     published: Published,
-) -> list[Measured]:
+) -> list[RowWithSamples]:
     """Distances by one set metric, for all cells.
 
     `skipped` says of an extractor why there are no features.
@@ -606,39 +606,39 @@ def distance_rows(
     metric: str,
     distance: SetDistance,
     records: pd.DataFrame,
-    found: MeasuredFeatures | None,
+    found: FeatureDistances | None,
     reason: str,
     suite: Suite,
     published: Published,
-) -> list[Measured]:
+) -> list[RowWithSamples]:
     """A distance by features, for all cells; `reason` says why there are none."""
     made = []
     for cell, group in cells(records):
-        value, left_out, with_blank, note = NAN, np.empty(0), NAN, reason
+        value, leave_one_out, with_blank, note = NAN, np.empty(0), NAN, reason
         if found is not None:
-            value, left_out, with_blank, note = _distances(cell, found, distance)
-        interval = distance.interval(value, left_out)
+            value, leave_one_out, with_blank, note = _distances(cell, found, distance)
+        interval = distance.interval(value, leave_one_out)
         row = make_row(suite, cell, metric, value, interval, group, published, with_blank, note)
-        row = replace(row, debiased=distance.debiased(value, left_out))
-        made.append(Measured(row, left_out))
+        row = replace(row, debiased=distance.debiased(value, leave_one_out))
+        made.append(RowWithSamples(row, leave_one_out))
     return made
 
 
 def _distances(
-    cell: tuple[str, str, str], features: MeasuredFeatures, distance: SetDistance
+    cell: tuple[str, str, str], features: FeatureDistances, distance: SetDistance
 ) -> tuple[float, Floats, float, str]:
     """Value, without each block of objects, with the floor's images for failed ones, why none."""
     _, condition, class_name = cell
     drawn = features.images(*cell)
     if len(drawn) < 2:
         return NAN, np.empty(0), NAN, "fewer than two pictures"
-    value, left_out = distance.between(features, cell, drawn)
+    value, leave_one_out = distance.between(features, cell, drawn)
     wanted = set(features.images(GROUND_TRUTH, "", class_name)) - set(drawn)
     missing = wanted & set(features.images(FLOOR, condition, class_name)) if wanted else wanted
     with_blank = value
     if missing:
         with_blank, _ = distance.between(features, cell, sorted([*drawn, *missing]))
-    return value, left_out, with_blank, ""
+    return value, leave_one_out, with_blank, ""
 
 
 def cells(records: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], pd.DataFrame]]:

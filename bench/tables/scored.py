@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from bench.analysis.comparison import Comparison, compare
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.recognition import read_class_head
 from bench.catalogue.lookup import find
 from bench.catalogue.metrics import (
@@ -46,7 +46,7 @@ class ScoredRun:
     suite: Suite
     manifest: dict[str, Any]
     records: pd.DataFrame
-    features: dict[str, MeasuredFeatures]
+    features: dict[str, FeatureDistances]
     skipped: dict[str, str]
     _compared: dict[tuple[str, ...], list[Comparison]] = field(default_factory=dict, repr=False)
 
@@ -104,7 +104,7 @@ def score(
 ) -> ScoredRun:
     """A run with these records, and features by extractor."""
     records = in_order(records, manifest, ("condition", "method"))
-    features = {metric: MeasuredFeatures(of) for metric, of in found.items()}
+    features = {metric: FeatureDistances(of) for metric, of in found.items()}
     skipped: dict[str, str] = dict(manifest.get("skipped_metrics", {}))
     for metric in suite.extractors:
         if metric not in features:

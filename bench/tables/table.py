@@ -95,7 +95,7 @@ class Tags:
 ANY = Tags()
 
 
-class Mark(NamedTuple):
+class Annotation(NamedTuple):
     """What is special about a value.
 
     word      in the report
@@ -108,9 +108,9 @@ class Mark(NamedTuple):
     against: bool = False
 
 
-BEST = Mark("best")
-BOLD = Mark("", "**{value}**{interval}")
-ITALIC = Mark("", "*{value}*{interval}")
+BEST = Annotation("best")
+BOLD = Annotation("", "**{value}**{interval}")
+ITALIC = Annotation("", "*{value}*{interval}")
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Cell:
     blank: str | None = None
     caveat: str = ""
     paper: str = ""
-    special: Mark | None = None
+    special: Annotation | None = None
     link: str = ""
 
     @property
@@ -190,7 +190,7 @@ def shown(value: float, decimals: int) -> str:
     return text if float(text) else text.removeprefix("-")
 
 
-class Head(NamedTuple):
+class ColumnHeader(NamedTuple):
     """A column of a grid."""
 
     name: str
@@ -198,7 +198,7 @@ class Head(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Line:
+class TableRow:
     """A row of a grid: its name, `about` it in small letters, and a cell for each column; on a page
     the name may `link` somewhere."""
 
@@ -206,7 +206,7 @@ class Line:
     cells: tuple[Cell, ...]
     about: str = ""
     tags: Tags = ANY
-    special: Mark | None = None
+    special: Annotation | None = None
     link: str = ""
 
 
@@ -224,8 +224,8 @@ class Grid:
     """
 
     corner: str
-    columns: tuple[Head, ...]
-    lines: tuple[Line, ...]
+    columns: tuple[ColumnHeader, ...]
+    lines: tuple[TableRow, ...]
     caption: str = ""
     remark: str = ""
     notes: tuple[str, ...] = ()
@@ -248,8 +248,8 @@ def grid(heads: Sequence[str], lines: Iterable[Sequence[str | Cell]], **more: An
     made = []
     for line in lines:
         name, *cells = (Cell(text) if isinstance(text, str) else text for text in line)
-        made.append(Line(name.text, tuple(cells), special=name.special))
-    return Grid(heads[0], tuple(map(Head, heads[1:])), tuple(made), **more)
+        made.append(TableRow(name.text, tuple(cells), special=name.special))
+    return Grid(heads[0], tuple(map(ColumnHeader, heads[1:])), tuple(made), **more)
 
 
 def pivot(
@@ -276,7 +276,7 @@ def pivot(
     named           what a line is called, from its first row; default: its attribute
     title           what a column is called, from its attribute
     before, after   further columns at both sides, from the first row of a line
-    about, outcomes of a line, from its rows; see `Line` and `Tags`
+    about, outcomes of a line, from its rows; see `TableRow` and `Tags`
     more            fields of `Grid`
     """
     line_of, column_of = attrgetter(line), attrgetter(column)
@@ -294,11 +294,11 @@ def pivot(
         )
         name = named(first[0]) if named else str(key)
         tags = _tags(line, key, outcomes(of_line))
-        made.append(Line(name, cells, about(of_line), tags))
+        made.append(TableRow(name, cells, about(of_line), tags))
     heads = (
-        *map(Head, before),
-        *(Head(title(place), _tags(column, place)) for place in across),
-        *map(Head, after),
+        *map(ColumnHeader, before),
+        *(ColumnHeader(title(place), _tags(column, place)) for place in across),
+        *map(ColumnHeader, after),
     )
     return Grid(corner, heads, tuple(made), **more)
 

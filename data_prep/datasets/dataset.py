@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from warnings import warn
 
 from data_prep.datasets.objects import SceneObject, Split
 from data_prep.failures import BadInput
@@ -21,7 +22,7 @@ MOST_NAMED = 3  # in a line of a report
 class Dataset:
     """Objects by class. `classes` is empty where the source does not tell classes apart.
 
-    finite       all objects; None: as many as one asks `endless` for
+    finite       all objects; None: as many as one asks `infinite` for
     splits       the objects of each split; empty where the source has none: all are taken
     measured     the split that is taken where none is asked for
     layout       what the source looks like, in words
@@ -38,7 +39,7 @@ class Dataset:
     layout: str = ""
     orientation: str = ""
     irregular: tuple[str, ...] = ()
-    endless: Callable[[str, Split, int], SceneObject] | None = None
+    infinite: Callable[[str, Split, int], SceneObject] | None = None
     seed: int | None = None
 
     def objects(
@@ -61,9 +62,9 @@ class Dataset:
                 f"{self.id}: no class '{class_name}' (a sub-folder of that name); "
                 f"found {', '.join(self.classes)}"
             )
-        if self.endless is not None:
+        if self.infinite is not None:
             count = endless_limit if limit is None else limit
-            return tuple(self.endless(class_name, split, i) for i in range(count))
+            return tuple(self.infinite(class_name, split, i) for i in range(count))
         pool = self.splits.get(split, ()) if self.splits else self.finite or ()
         found = tuple(o for o in pool if not self.classes or o.class_name == class_name)
         if not found:
@@ -89,7 +90,7 @@ class DatasetReader:
 
 
 @dataclass
-class Found:
+class DatasetListing:
     """What a reader has found of a source, class by class, before it is a Dataset."""
 
     objects: list[SceneObject] = field(default_factory=list)
@@ -143,3 +144,15 @@ def differences(named: Mapping[Split, Sequence[str]], there: Sequence[str]) -> l
     if extra:
         lines.append(f"{len(extra)} are in no split and left out: {listed(extra)}")
     return lines
+
+
+def __getattr__(name: str) -> type[DatasetListing]:
+    """Return `DatasetListing` under its old name, with a DeprecationWarning."""
+    if name != "Found":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warn(
+        f"{__name__}.Found is now DatasetListing; the old name goes with the next version",
+        DeprecationWarning,
+        2,
+    )
+    return DatasetListing

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.orientations import OURS
-from data_prep.datasets.dataset import Dataset, Found
+from data_prep.datasets.dataset import Dataset, DatasetListing
 from data_prep.datasets.grey import is_unpainted
 from data_prep.datasets.protocol_version import PROTOCOL_VERSION
 from data_prep.failures import BadInput
@@ -168,7 +168,7 @@ def exported_dataset(spec: str, root: Path) -> Dataset:
                 f"{where}: view {shown(row['view'])} where {len(seen)} comes next; export it again"
             )
         seen.append((view, _file(root, row, where)))
-    found = Found()
+    found = DatasetListing()
     seed = None
     for where, name, row in _rows(root, OBJECTS):
         if row["protocol"] != str(PROTOCOL_VERSION):

@@ -13,7 +13,7 @@ from data_prep.clouds.conditions import RandomSubset
 from data_prep.clouds.normalise import normalise_points
 from data_prep.clouds.orientations import OURS
 from data_prep.clouds.sampling import random_views
-from data_prep.datasets.dataset import Dataset, Found
+from data_prep.datasets.dataset import Dataset, DatasetListing
 from data_prep.datasets.objects import SceneObject
 from data_prep.datasets.stored_meshes import MeshFile
 from data_prep.failures import BadInput
@@ -94,7 +94,7 @@ def folder_dataset(spec: str, root: Path) -> Dataset:
         name = root.resolve().name
         flat = tuple(make(name, file.name, file) for file in files)
         return Dataset(spec, (), flat, layout=layout, orientation=OURS.message)
-    found = Found()
+    found = DatasetListing()
     for file in nested:
         class_name, *rest = file.relative_to(root).parts
         found.objects.append(make(class_name, "/".join(rest), file))

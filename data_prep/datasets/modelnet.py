@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from data_prep.clouds.orientations import MODELNET
-from data_prep.datasets.dataset import Dataset, Found
+from data_prep.datasets.dataset import Dataset, DatasetListing
 from data_prep.datasets.objects import Split
 from data_prep.datasets.stored_meshes import PlacedMesh
 from data_prep.failures import BadInput
@@ -55,7 +55,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
     Raises BadInput where there is no OFF file in a class, and for lists that cannot be read.
     """
     classes = {folder.name: folder for folder in folders_in(root)}
-    found = Found()
+    found = DatasetListing()
     if any((folder / split).is_dir() for folder in classes.values() for split in SPLITS):
         for class_name, folder in classes.items():
             _add_folders(found, class_name, folder)
@@ -78,7 +78,7 @@ def modelnet_dataset(spec: str, root: Path) -> Dataset:
     return found.dataset(spec, layout, MODELNET.message)
 
 
-def _add_folders(found: Found, class_name: str, folder: Path) -> None:
+def _add_folders(found: DatasetListing, class_name: str, folder: Path) -> None:
     """The objects in the folders train and test of a class."""
     ids = []
     for split in SPLITS:

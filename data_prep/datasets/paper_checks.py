@@ -21,7 +21,7 @@ WHITE = 250  # of 255: a channel below it belongs to the object
 READINGS = tuple((sense, turn) for sense in (1, -1) for turn in (0, 90, 180, 270))
 
 
-def oddities(obj: PaperObject) -> Iterator[tuple[str, str]]:
+def find_problems(obj: PaperObject) -> Iterator[tuple[str, str]]:
     """What is wrong or unusual, and where: ("an image of mode RGB", "render_3_128.png")."""
     try:
         obj.cloud(generator("examine"))

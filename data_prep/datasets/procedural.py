@@ -53,7 +53,7 @@ class ProceduralObject(MeshObject):
 
 @dataclass(frozen=True)
 class WidenedObject(MeshObject):
-    """Number `index` of the shapes for training that vary more than a class (`shapes.widening`)."""
+    """Number `index` of the shapes for training that vary more than a class (`augmentation`)."""
 
     class_name: str
     index: int
@@ -73,7 +73,7 @@ class WidenedObject(MeshObject):
 
     def load(self) -> Mesh:
         """Draw the object."""
-        from data_prep.shapes.widening import draw_widened
+        from data_prep.shapes.augmentation import draw_widened
 
         return draw_widened(CLASSES[self.class_name], self.random_numbers())[0]
 
@@ -87,7 +87,7 @@ def _widened(class_name: str, split: Split, index: int) -> MeshObject:
 
 def widened_dataset(spec: str) -> Dataset:
     """All classes of the catalogue, for trainings; what is measured are its train objects."""
-    return replace(procedural_dataset(spec, "train"), endless=_widened)
+    return replace(procedural_dataset(spec, "train"), infinite=_widened)
 
 
 def procedural_dataset(spec: str, measured: Split) -> Dataset:
@@ -99,5 +99,5 @@ def procedural_dataset(spec: str, measured: Split) -> Dataset:
         measured=measured,
         layout="parametric shapes, as many as one asks for",
         orientation=OURS.message,
-        endless=ProceduralObject,
+        infinite=ProceduralObject,
     )

@@ -22,7 +22,7 @@ from data_prep.datasets.shapenet import is_shapenet, shapenet_dataset
 from data_prep.datasets.stored_meshes import MeshFile, PlacedMesh
 from data_prep.failures import BadInput, unknown
 from data_prep.files.safe_read import shown
-from data_prep.plugins import DATASETS, OUR_KINDS, announced_ids, load_announced
+from data_prep.plugins import DATASETS, OUR_KINDS, entry_point_names, load_announced
 
 __all__ = [
     "PROCEDURAL_VERSION",
@@ -97,7 +97,7 @@ def is_dataset(text: str) -> bool:
 @cache
 def reader_ids() -> tuple[str, ...]:
     """Kinds of datasets that other installed packages announce, sorted; none is loaded."""
-    return announced_ids(DATASETS)
+    return entry_point_names(DATASETS)
 
 
 def find_reader(kind: str) -> DatasetReader:

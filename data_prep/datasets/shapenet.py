@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from data_prep.clouds.orientations import SHAPENET_V1, SHAPENET_V2, Orientation
-from data_prep.datasets.dataset import Dataset, Found, listed
+from data_prep.datasets.dataset import Dataset, DatasetListing, listed
 from data_prep.datasets.objects import Split
 from data_prep.datasets.stored_meshes import PlacedMesh
 from data_prep.datasets.synsets import class_names
@@ -91,7 +91,7 @@ def shapenet_dataset(spec: str, root: Path) -> Dataset:
             f"{root}: no ShapeNetCore here; expected <synset>/<id>/{'/'.join(V1.path)} (v1) or "
             f"<synset>/<id>/{'/'.join(V2.path)} (v2)"
         )
-    found = Found()
+    found = DatasetListing()
     versions = sorted({v.name for there in synsets.values() for v in there.versions.values()})
     if len(versions) > 1:
         found.irregular.append(

@@ -15,7 +15,7 @@ from pathlib import Path
 
 
 @contextmanager
-def whole_file(path: Path, *, synced: bool = True) -> Iterator[Path]:
+def atomic_write(path: Path, *, synced: bool = True) -> Iterator[Path]:
     """An empty file beside `path`, to be written in the block; at its end it becomes `path`.
 
     For what a library writes by itself; it may also put another file in its place. Where the block
@@ -49,8 +49,8 @@ def whole_file(path: Path, *, synced: bool = True) -> Iterator[Path]:
 
 
 def write_whole(path: Path, data: bytes, *, synced: bool = True) -> None:
-    """Write `data` as a `whole_file`."""
-    with whole_file(path, synced=synced) as new:
+    """Write `data` as a `atomic_write`."""
+    with atomic_write(path, synced=synced) as new:
         new.write_bytes(data)
 
 

@@ -10,11 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from data_prep.shapes.chances import chance, uniform
-
-Vectors = NDArray[np.float64]
+from data_prep.arrays import Floats
+from data_prep.shapes.random_choices import chance, uniform
 
 LATTICE = 4  # control points a side: cubic
 STEP = 1e-4  # of the differences that a Jacobian is made of
@@ -32,14 +30,14 @@ class Deformation:
               (Sederberg and Parry 1986)
     """
 
-    scale: Vectors
+    scale: Floats
     taper: float
     twist: float
     bend: float
     bend_yaw: float
-    offsets: Vectors
+    offsets: Floats
 
-    def __call__(self, points: Vectors) -> Vectors:
+    def __call__(self, points: Floats) -> Floats:
         """Return the places to which points [n, 3] move."""
         x, y, z = (points * self.scale).T
         wider = 1 + self.taper * y
@@ -54,7 +52,7 @@ class Deformation:
         moved = np.stack([x, y, z], axis=1)
         return moved + self._free_form(moved)
 
-    def _free_form(self, points: Vectors) -> Vectors:
+    def _free_form(self, points: Floats) -> Floats:
         places = np.clip((points + 1) / 2, 0.0, 1.0)
         k = np.arange(LATTICE)
         binomials = np.array([math.comb(LATTICE - 1, int(i)) for i in k])
@@ -64,7 +62,7 @@ class Deformation:
         ]
         return np.einsum("ni,nj,nk,ijkc->nc", *weights, self.offsets)
 
-    def smallest_stretch(self, points: Vectors) -> float:
+    def smallest_stretch(self, points: Floats) -> float:
         """Return the smallest determinant of the Jacobian at points [n, 3], over the mean one.
 
         Not above 0 where space is folded over or turned inside out.
@@ -95,9 +93,9 @@ def draw_deformation(rng: np.random.Generator) -> Deformation:
     )
 
 
-Turn = Callable[[Vectors, Vectors], tuple[Vectors, Vectors]]
+Turn = Callable[[Floats, Floats], tuple[Floats, Floats]]
 
 
-def _turned(x: Vectors, z: Vectors, angle: Vectors | float) -> tuple[Vectors, Vectors]:
+def _turned(x: Floats, z: Floats, angle: Floats | float) -> tuple[Floats, Floats]:
     cos, sin = np.cos(angle), np.sin(angle)
     return cos * x - sin * z, sin * x + cos * z

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from data_prep.arrays import Floats
 from data_prep.shapes.solids import (
     Color,
     Part,
-    Vectors,
     lathe,
     moved,
     rectangle,
@@ -62,6 +62,6 @@ def dial(centre: ArrayLike, profile: ArrayLike, color: Color, *, sides: int = 12
     return moved(lathe(profile, color, sides=sides), centre, tilt_rad=-math.pi / 2)
 
 
-def _outline(width: float, height: float, corner: float, steps: int = 2) -> Vectors:
+def _outline(width: float, height: float, corner: float, steps: int = 2) -> Floats:
     outline = rectangle(width, height)
     return rounded(outline, corner, steps) if corner > 0.0 else outline

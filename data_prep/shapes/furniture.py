@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from data_prep.arrays import Floats
 from data_prep.shapes.solids import (
     Color,
     Part,
-    Vectors,
     layered,
     loft,
     moved,
@@ -61,8 +61,8 @@ def legs(
     x: float,
     z: float,
     height: float,
-    foot: Vectors,
-    head: Vectors,
+    foot: Floats,
+    head: Floats,
     color: Color,
     *,
     out: float = 0.0,

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from data_prep.shapes.chances import pick
+from data_prep.shapes.random_choices import pick
 from data_prep.shapes.solids import Color
 
 Palette = Mapping[str, Sequence[Color]]

@@ -9,7 +9,7 @@ import numpy as np
 
 from data_prep.clouds.normalise import normalise
 from data_prep.scene import Mesh
-from data_prep.shapes.chances import pick
+from data_prep.shapes.random_choices import pick
 from data_prep.shapes.solids import Part, join
 
 Builder = Callable[[np.random.Generator], Sequence[Part]]

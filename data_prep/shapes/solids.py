@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from data_prep.arrays import Floats
 from data_prep.scene import Mesh
 
 Color = tuple[int, int, int]  # sRGB, 0..255
-Vectors = NDArray[np.float64]
 # The axes in which an outline is given that lies across x, across y and across z.
 PLANES = ((2, 1), (0, 2), (0, 1))
 
@@ -31,12 +31,12 @@ class Part:
     color     sRGB
     """
 
-    vertices: Vectors
+    vertices: Floats
     faces: NDArray[np.int32]
     color: Color
 
 
-def signed_volume(vertices: Vectors, faces: NDArray[np.int32]) -> float:
+def signed_volume(vertices: Floats, faces: NDArray[np.int32]) -> float:
     """Return the volume enclosed by a closed surface; negative where its faces look inwards."""
     a, b, c = (vertices[faces[:, i]] - vertices[0] for i in range(3))
     return float((a * np.cross(b, c)).sum() / 6.0)
@@ -72,7 +72,7 @@ def loft(rings: ArrayLike, color: Color, *, closed: bool = False) -> Part:
     return Part(vertices, joined if volume > 0.0 else joined[:, ::-1], color)
 
 
-def rings_across(axis: int, outlines: ArrayLike, places: ArrayLike) -> Vectors:
+def rings_across(axis: int, outlines: ArrayLike, places: ArrayLike) -> Floats:
     """Return rings [S, n, 3] of outlines that lie across an axis.
 
     outlines  [n, 2] or [S, n, 2], in (z, y) across x (axis 0), (x, z) across y, (x, y) across z
@@ -114,7 +114,7 @@ def sheet(
     return loft(rings.swapaxes(0, 1), color, closed=closed)
 
 
-def sections(outline: Vectors, centres: ArrayLike, scales: ArrayLike) -> Vectors:
+def sections(outline: Floats, centres: ArrayLike, scales: ArrayLike) -> Floats:
     """Return outlines [S, n, 2]: one [n, 2] times `scales` about `centres`.
 
     These are [S or 1, 2 or 1].
@@ -123,18 +123,18 @@ def sections(outline: Vectors, centres: ArrayLike, scales: ArrayLike) -> Vectors
     return middle[:, None] + scale[:, None] * outline
 
 
-def polygon(sides: int, radius: float) -> Vectors:
+def polygon(sides: int, radius: float) -> Floats:
     """Return a regular polygon [sides, 2], anticlockwise; the first edge is parallel to y."""
     angle = (np.arange(sides) - 0.5) * (2 * math.pi / sides)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def rectangle(width: float, height: float) -> Vectors:
+def rectangle(width: float, height: float) -> Floats:
     """Return a rectangle [4, 2] around the origin, anticlockwise."""
     return np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * (width / 2, height / 2)
 
 
-def rounded(corners: ArrayLike, radius: float, steps: int = 3) -> Vectors:
+def rounded(corners: ArrayLike, radius: float, steps: int = 3) -> Floats:
     """Return a polygon [n, 2] with each corner replaced by a curve of `steps` + 1 points.
 
     `radius` is the distance from the corner at which the curve begins, along both edges; it has to
@@ -150,7 +150,7 @@ def rounded(corners: ArrayLike, radius: float, steps: int = 3) -> Vectors:
     return curve.reshape(-1, points.shape[1])
 
 
-def fillet(path: ArrayLike, radius: float, steps: int = 4) -> Vectors:
+def fillet(path: ArrayLike, radius: float, steps: int = 4) -> Floats:
     """Return a polyline [n, 3] whose inner corners are curves that begin at `radius` from them."""
     points = np.asarray(path, dtype=np.float64)
     if len(points) < 3:
@@ -165,7 +165,7 @@ def box(centre: ArrayLike, size: ArrayLike, color: Color) -> Part:
 
 
 def slab(
-    outline: Vectors, centre: ArrayLike, size: ArrayLike, color: Color, *, bevel: float = 0.0
+    outline: Floats, centre: ArrayLike, size: ArrayLike, color: Color, *, bevel: float = 0.0
 ) -> Part:
     """Return an upright plate: a convex outline [n, 2] in (x, z), scaled by `size`.
 
@@ -182,7 +182,7 @@ def slab(
 
 
 def layered(
-    outline: Vectors, centre: ArrayLike, size: ArrayLike, levels: ArrayLike, color: Color
+    outline: Floats, centre: ArrayLike, size: ArrayLike, levels: ArrayLike, color: Color
 ) -> Part:
     """Return an upright solid of one outline [n, 2] in (x, z), scaled by size x and z, drawn in.
 
@@ -195,7 +195,7 @@ def layered(
 
 
 def post(
-    foot: ArrayLike, head: ArrayLike, outline_foot: Vectors, outline_head: Vectors, color: Color
+    foot: ArrayLike, head: ArrayLike, outline_foot: Floats, outline_head: Floats, color: Color
 ) -> Part:
     """Return a leg, column or rod between two points [3], with level ends.
 
@@ -212,7 +212,7 @@ def lathe(profile: ArrayLike, color: Color, *, sides: int = 16) -> Part:
     return prism(1, radii[:, None, None] * polygon(sides, 1.0), heights, color)
 
 
-def sweep(path: ArrayLike, profile: Vectors, color: Color, *, up: ArrayLike = (0, 1, 0)) -> Part:
+def sweep(path: ArrayLike, profile: Floats, color: Color, *, up: ArrayLike = (0, 1, 0)) -> Part:
     """Return a bar of constant section along a polyline [n, 3], with mitred joints.
 
     profile  [m, 2], convex, in (sideways, upwards) of the first segment; centred profiles make bars
@@ -265,7 +265,7 @@ def hoop(
     return prism(1, outlines, section[None, :, 1] + y, color, closed=True)
 
 
-def rim(outline: Vectors, y_low: float, y_high: float, thickness: float, color: Color) -> Part:
+def rim(outline: Floats, y_low: float, y_high: float, thickness: float, color: Color) -> Part:
     """Return an upright wall of a convex outline [n, 2] in (x, z), open inside (a seat frame).
 
     `thickness` is measured inwards along x and z; it has to be less than half of either extent.

@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 
 from data_prep.clouds.orientations import Orientation
-from data_prep.datasets.dataset import DatasetReader, Found
+from data_prep.datasets.dataset import DatasetListing, DatasetReader
 from data_prep.datasets.stored_meshes import PlacedMesh
 from data_prep.failures import BadInput
 from data_prep.files.safe_read import MIB, read_text
@@ -16,7 +16,7 @@ PLACED = Orientation("+Z", "-Y", "the description of the data")
 
 def read(spec, root):
     """All objects of the list. Raises BadInput for a list that is missing, empty or malformed."""
-    found = Found()
+    listing = DatasetListing()
     rows = csv.reader(read_text(root / LIST, 4 * MIB).splitlines())
     for number, row in enumerate(rows, 1):
         if len(row) != 3 or row[0] not in SPLITS:
@@ -26,11 +26,11 @@ def read(spec, root):
             raise BadInput(f"{root / LIST}:{number}: a file outside the folder")
         file = root / name
         mesh = PlacedMesh(class_name, name, file, file.parent, PLACED)
-        found.objects.append(mesh)
-        found.splits.setdefault(split, []).append(mesh)
-    if not found.objects:
+        listing.objects.append(mesh)
+        listing.splits.setdefault(split, []).append(mesh)
+    if not listing.objects:
         raise BadInput(f"{root / LIST}: no object in this list")
-    return found.dataset(spec, f"meshes listed in {LIST}", PLACED.message)
+    return listing.dataset(spec, f"meshes listed in {LIST}", PLACED.message)
 
 
 DATASET = DatasetReader("list", read, "meshes named by objects.csv, with +Z up")

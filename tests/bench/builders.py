@@ -15,7 +15,7 @@ from bench.analysis.intervals import distance_interval
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.metrics import IMAGE_METRICS, column
 from bench.catalogue.suites import SUITES
-from bench.metrics.frechet import LeftOut, frechet_distance, left_out_distances
+from bench.metrics.frechet import JackknifeMoments, frechet_distance, left_out_distances
 from bench.records.artifacts import Item, artifact_path
 from bench.records.job import Job
 from bench.records.journal import write_manifest
@@ -44,7 +44,7 @@ SKIPPED_FID = "skipped: weights; not here"
 
 def frechet_interval(x, y, objects_x, objects_y) -> tuple[float, float]:
     """Of the distance of features x and y, whose rows show these objects."""
-    a, b = LeftOut(x, objects_x), LeftOut(y, objects_y)
+    a, b = JackknifeMoments(x, objects_x), JackknifeMoments(y, objects_y)
     return distance_interval(frechet_distance(x, y), left_out_distances(a, b))
 
 

@@ -290,7 +290,7 @@ def test_an_impatient_user_interrupts_once(clock):
 
 
 def test_code_of_a_package_that_calls_exit_does_not_pass(command, monkeypatch):
-    monkeypatch.setattr("data_prep.plugins.announced_ids", sys.exit)
+    monkeypatch.setattr("data_prep.plugins.entry_point_names", sys.exit)
     status, _, err = command("list")
     assert status == 1
     assert err.startswith("bench: an installed package has called exit(pc2pix_bench.")

@@ -43,3 +43,13 @@ def test_a_package_that_imports_an_old_name_works() -> None:
         check=True,
     )
     assert done.stdout == "data_prep.rendering.opengl\n"
+
+
+def test_the_old_name_of_a_listing_is_the_new_class() -> None:
+    from data_prep.datasets import dataset
+
+    with pytest.warns(DeprecationWarning, match="dataset.Found is now DatasetListing"):
+        from data_prep.datasets.dataset import Found
+    assert Found is dataset.DatasetListing
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = dataset.nothing

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from learning.divergence import FACTOR, FIRST, WINDOW, TrainingDiverged, Watch
+from learning.divergence import FACTOR, FIRST, WINDOW, DivergenceDetector, TrainingDiverged
 from learning.training_loop import Cadence
 from pc2pix import train_autoencoder
 from pc2pix.train_autoencoder import AutoencoderConfig, AutoencoderData
@@ -13,7 +13,7 @@ from tests.learning.trainings import TINY, make_clouds
 
 
 def verdicts(values, watch=None):
-    watch = watch or Watch()
+    watch = watch or DivergenceDetector()
     return [watch.add({"loss": value}) for value in values]
 
 
@@ -47,8 +47,8 @@ def test_terms_that_were_left_out_do_not_count(left_out):
 
 def test_history_takes_the_place_of_what_was_logged_before_a_resume():
     values = [5.0] * FIRST + [1.0] * 300
-    assert verdicts([501.0], Watch({"loss": np.array(values)}))[0] is not None
-    assert verdicts([499.0], Watch({"loss": np.array(values)}))[0] is None
+    assert verdicts([501.0], DivergenceDetector({"loss": np.array(values)}))[0] is not None
+    assert verdicts([499.0], DivergenceDetector({"loss": np.array(values)}))[0] is None
 
 
 def test_an_explosion_stops_a_resumed_training(tmp_path, monkeypatch):

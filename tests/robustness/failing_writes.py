@@ -39,15 +39,15 @@ import pyarrow.parquet as pq
 import bench.running.protocol
 import bench.running.run
 from bench.catalogue.suites import Limits
-from bench.commands.publish import interim
+from bench.commands.publish import partial_table
 from bench.commands.terminal import Terminal
 from bench.judges import views as _loaded_before_forks  # noqa: F401
 from bench.records.job import Job, Result
 from bench.records.journal import JOURNAL, Journal, Lines, open_journal, read_manifest
 from bench.running.environment import environment
 from bench.running.protocol import Options
-from bench.running.run import Measured, run
-from bench.running.work import do
+from bench.running.run import WrittenRun, run
+from bench.running.work import run_job
 from bench.tables.build import Outputs, write_outputs
 from bench.tables.scored import scored_run
 from data_prep.failures import BadInput
@@ -72,10 +72,10 @@ class InProcess:
         """Have a job done."""
         self._jobs.append(job)
 
-    def collect(self) -> Iterator[Result]:
+    def wait_any(self) -> Iterator[Result]:
         """Do what was submitted."""
         while self._jobs:
-            yield do(self._jobs.pop(0))
+            yield run_job(self._jobs.pop(0))
 
     def close(self) -> None:
         """There is nothing to stop."""
@@ -174,7 +174,7 @@ def failing(writes: Writes) -> Iterator[None]:
         yield
 
 
-def publish(measured: Measured) -> Outputs:
+def publish(measured: WrittenRun) -> Outputs:
     """Write the tables."""
     return write_outputs(scored_run(measured.directory, read_manifest(measured.directory)))
 
@@ -205,7 +205,7 @@ def run_once(out: Path, writes: Writes, done: Any) -> None:
     )
     with mock.patch.object(Journal, "append", noted), failing(writes):
         try:
-            run(options, publish, partial(Terminal, interim))
+            run(options, publish, partial(Terminal, partial_table))
         except (OSError, BadInput) as error:
             done.send(f"refused: {error}")
         except BaseException as error:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.catalogue.suites import Limits
-from bench.running.isolation import Lost, run_tasks
+from bench.running.isolation import WorkerFailure, run_tasks
 from tests.robustness.fuzzing import (
     CANARY,
     FORMATS,
@@ -46,12 +46,12 @@ class Result:
 
     task: Task
     number: int
-    reading: Reading | Lost
+    reading: Reading | WorkerFailure
 
     @property
     def failures(self) -> list[str]:
         """What must not happen, in words."""
-        if isinstance(self.reading, Lost):
+        if isinstance(self.reading, WorkerFailure):
             return []  # contained, and a column of its own in the table
         found = []
         if self.reading.outcome == "defect":
@@ -85,9 +85,9 @@ def main() -> int:
                 for failure in result.failures:
                     print(f"FAIL {name} {result.number} (seed {options.seed}): {failure}")
                     failed += 1
-                if isinstance(result.reading, Lost):
+                if isinstance(result.reading, WorkerFailure):
                     print(f"lost {name} {result.number}: {result.reading.reason}")
-                if options.keep and (result.failures or isinstance(result.reading, Lost)):
+                if options.keep and (result.failures or isinstance(result.reading, WorkerFailure)):
                     kept = options.keep / f"{name}-{options.seed}-{result.number}"
                     shutil.copytree(result.task.path.parent, kept, ignore=NOT_KEPT)
             for change in changes:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from baselines.reconstruction.meshlab import MeshLab
 from baselines.reconstruction.surface import MAX_HOLE_EDGES, NORMAL_NEIGHBOURS
 from bench.catalogue.suites import Limits
-from bench.running.isolation import WORKER_ENVIRONMENT, Lost, run_tasks
+from bench.running.isolation import WORKER_ENVIRONMENT, WorkerFailure, run_tasks
 from data_prep.scene import NEUTRAL_GREY
 
 pytestmark = pytest.mark.slow
@@ -57,7 +57,7 @@ def defect(shows: str, guard: str) -> Callable[[Callable[[], str]], Callable[[],
     """Enter a demonstration in DEFECTS.
 
     shows  regular expression, found in what was seen where the defect is there: the answer of the
-           demonstration, "raises TYPE: MESSAGE" where it raised, or the reason of `isolation.Lost`
+           demonstration, "raises TYPE: MESSAGE" where it raised, or the reason of `WorkerFailure`
     guard  the function, class or module of ours that contains it
     """
 
@@ -584,7 +584,9 @@ def skimage_refuses_small_images() -> str:
 def observed() -> dict[str, str]:
     """What each demonstration shows; some 40 s with two workers."""
     results = run_tasks(list(DEFECTS), show, 2, LIMITS)
-    return {name: seen.reason if isinstance(seen, Lost) else seen for name, seen in results}
+    return {
+        name: seen.reason if isinstance(seen, WorkerFailure) else seen for name, seen in results
+    }
 
 
 @pytest.mark.upstream

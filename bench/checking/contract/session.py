@@ -30,7 +30,7 @@ from bench.checking.contract.observation import (
     end_processes,
     traces,
 )
-from bench.running.isolation import Lost, run_tasks
+from bench.running.isolation import WorkerFailure, run_tasks
 from data_prep.failures import BadInput, MissingDependency
 
 EXIT_STATUS = 86  # of a worker in which something has called os._exit(0)
@@ -119,10 +119,10 @@ def perform(
         around = {**environment, "TMPDIR": temporary}
         with closing(run_tasks(tasks, execute, 1, limits, around)) as results:
             for step, result in _in_order(steps, results):
-                is_lost = isinstance(result, Lost)
+                is_lost = isinstance(result, WorkerFailure)
                 if is_lost and time.monotonic() >= until:
                     return
-                report = _of_lost(step, result) if isinstance(result, Lost) else result
+                report = _of_lost(step, result) if isinstance(result, WorkerFailure) else result
                 yield report
                 deaths += is_lost
                 if report.is_last or deaths == MOST_DEATHS:
@@ -130,8 +130,8 @@ def perform(
 
 
 def _in_order(
-    steps: Sequence[Step], results: Iterable[tuple[Task, Report | Lost]]
-) -> Iterator[tuple[Step, Report | Lost]]:
+    steps: Sequence[Step], results: Iterable[tuple[Task, Report | WorkerFailure]]
+) -> Iterator[tuple[Step, Report | WorkerFailure]]:
     """Yield the results in the order of the steps: two that end in one moment come in any."""
     queue, ended = deque(steps), {}
     try:
@@ -141,10 +141,10 @@ def _in_order(
                 step = queue.popleft()
                 yield step, ended[step.subject]
     except BrokenProcessPool as error:
-        yield queue[0], Lost("crash", str(error))
+        yield queue[0], WorkerFailure("crash", str(error))
 
 
-def _of_lost(step: Step, lost: Lost) -> Report:
+def _of_lost(step: Step, lost: WorkerFailure) -> Report:
     reason = lost.reason
     if f"exit code {EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"

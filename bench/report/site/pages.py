@@ -23,12 +23,12 @@ from bench.tables.ranks import RankedValue
 from bench.tables.scored import ScoredRun
 from bench.tables.table import (
     NOTHING,
+    Annotation,
     Cell,
+    ColumnHeader,
     Grid,
-    Head,
-    Line,
-    Mark,
     Table,
+    TableRow,
     grid,
     number,
     pivot,
@@ -47,7 +47,7 @@ FAILURES = (
     "“failures_as_blank” of the CSV files; their column “value” leaves it out."
 )
 MOST_REASONS = 20  # listed on the page of a run
-FIRST = Mark("first")  # nothing is shown to be better
+FIRST = Annotation("first")  # nothing is shown to be better
 INDEX, COMPARE, COSTS = "index.html", "compare.html", "cost.html"
 MENU = (("Overview", INDEX), ("Comparisons", COMPARE), ("Cost", COSTS))
 
@@ -168,7 +168,7 @@ def _rank_grids(run: SiteRun) -> tuple[Grid, ...]:
         of_metric = [of for of in run.rankings if of.metric == metric]
         methods = [rank.method for rank in of_metric[0].ranks]
         lines = tuple(
-            Line(
+            TableRow(
                 *(m, tuple(_rank_cell(run, of, m) for of in of_metric)),
                 role(run.methods[m].id),
                 link=_method_file(m),
@@ -201,7 +201,7 @@ def _difference_cell(run: SiteRun, row: PairedDifference) -> Cell:
     cell = difference_cell(row)
     if not row.objects_needed:
         ahead = {"a": row.pair.a.method, "b": row.pair.b.method}.get(row.ahead)
-        cell = replace(cell, special=Mark(f"{ahead} ahead") if ahead else None)
+        cell = replace(cell, special=Annotation(f"{ahead} ahead") if ahead else None)
     failures = []
     for method in (row.pair.a.method, row.pair.b.method):
         if text := scored_as_blank(*run.images[row.pair.condition, method]):
@@ -209,8 +209,8 @@ def _difference_cell(run: SiteRun, row: PairedDifference) -> Cell:
     return replace(cell, caveat="; ".join(failures))
 
 
-def _heads(names: Iterable[str]) -> tuple[Head, ...]:
-    return tuple(map(Head, names))
+def _heads(names: Iterable[str]) -> tuple[ColumnHeader, ...]:
+    return tuple(map(ColumnHeader, names))
 
 
 # --- pages ----------------------------------------------------------------------------------------
@@ -244,7 +244,7 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
             Cell(size, caveat=f"{failed} of {images} images failed" if failed else ""),
             *map(Cell, (run.machine, finished, commit)),
         )
-        lines.append(Line(run.name, cells, link=run.page))
+        lines.append(TableRow(run.name, cells, link=run.page))
     copies = tuple(
         f"{path.resolve().name} has the same records as {run.name}, and is not counted again."
         for run in runs
@@ -259,7 +259,9 @@ def _overview(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
             count = sum(rank.first for rank in ranks)
             cells.append(Cell(f"{count} of {len(ranks)}", float(count)) if ranks else NOTHING)
         firsts.append(
-            Line(method, tuple(cells), role(_method_id(runs, method)), link=_method_file(method))
+            TableRow(
+                method, tuple(cells), role(_method_id(runs, method)), link=_method_file(method)
+            )
         )
     of_methods = Grid(
         "method",
@@ -375,7 +377,7 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
             at = {of.condition: of for owner, of in cells if owner is run}
             values = (_rank_cell(run, at[c], method) if c in at else NOTHING for c in conditions)
             about = "; ".join(filter(None, [run.machine, run.methods[method].libraries]))
-            lines.append(Line(run.name, tuple(values), about, link=run.page))
+            lines.append(TableRow(run.name, tuple(values), about, link=run.page))
         remark = _letters_remark(of for _, of in cells)
         made = Grid(
             "run", _heads(conditions), tuple(lines), caption=_caption(metric), remark=remark
@@ -387,7 +389,7 @@ def _method_page(method: str, ranked: Sequence[str], runs: Sequence[SiteRun]) ->
         ahead, ties, behind = _record(runs, method, other)
         cells = (Cell(str(ahead), float(ahead)), Cell(str(ties)), Cell(str(behind)))
         pair = sorted((method, other), key=ranked.index)
-        against.append(Line(other, cells, link=_pair_file(*pair)))
+        against.append(TableRow(other, cells, link=_pair_file(*pair)))
     sections = [
         Section("Accuracy", FAILURES, tuple(grids)),
         Section(
@@ -446,7 +448,7 @@ def _matrix(runs: Sequence[SiteRun], ranked: Sequence[str]) -> SitePage:
             text = "–".join(map(str, record)) if any(record) else "untested"
             link = _pair_file(*sorted((a, b), key=ranked.index))
             cells.append(Cell(text, float(record[0] - record[2]), link=link))
-        lines.append(Line(a, tuple(cells), role(_method_id(runs, a)), link=_method_file(a)))
+        lines.append(TableRow(a, tuple(cells), role(_method_id(runs, a)), link=_method_file(a)))
     made = Grid(
         "method",
         _heads(ranked),

@@ -34,7 +34,7 @@ from bench.tables.table import TABLES, of_protocol
 from data_prep.failures import BadInput
 from data_prep.files.atomic_write import whole_folder
 from data_prep.files.checksums import file_sha256
-from data_prep.progress import progress, say
+from data_prep.progress import log, progress
 
 # What a run was to measure, in its manifest.
 REQUEST = (PROTOCOL, *FIXED, SHARD, "methods", "identities", "conditions", "objects")
@@ -58,7 +58,7 @@ def write_site(directories: Sequence[Path], out: Path) -> int:
     with_copies = _with_copies(scored)
     for run, copies in with_copies:
         for copy in copies:
-            say(f"{copy}: the same records as {run.directory}; the run is counted once")
+            log(f"{copy}: the same records as {run.directory}; the run is counted once")
     runs = _ranked(with_copies)
     with whole_folder(out) as new:
         downloads = {run.name: _copy(run, new) for run in runs}

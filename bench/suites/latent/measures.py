@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from bench.judges.views import ViewsNetwork, view_features
 from bench.metrics.structural_similarity import ssim_per_image
+from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
 from pc2pix.losses import chamfer
 
 Clouds = NDArray[np.float32]  # [N, 2048, 3], unit-sphere coordinates
-Floats = NDArray[np.float64]
 
 
 def unevenness(steps: Floats) -> float:

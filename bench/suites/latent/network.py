@@ -66,7 +66,7 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Activations:
     """A chair's cloud [2048, 3] and true image [128, 128, 3]."""
 
     cloud: PointCloud
@@ -99,10 +99,10 @@ def load_network(method: str, device: str, view: View) -> Network:
     return Network(method, renderer, decoder.to(renderer.device), sha256, view)
 
 
-def look(network: Network, chair: SpecifiedChair, seed: int) -> Seen:
+def look(network: Network, chair: SpecifiedChair, seed: int) -> Activations:
     """Sample and render a chair."""
     mesh = chair.load()
-    return Seen(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
+    return Activations(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
 
 
 def cloud_of(mesh: Mesh, chair: SpecifiedChair, seed: int) -> PointCloud:

@@ -17,7 +17,7 @@ from bench.catalogue.methods import objectives
 from bench.catalogue.suites import SPEED, SpeedSuite
 from bench.running import environment as manifests
 from bench.running.environment import code_sha256, environment
-from bench.running.isolation import Lost, run_tasks, thread_counts
+from bench.running.isolation import WorkerFailure, run_tasks, thread_counts
 from bench.running.protocol import Options, digest, manifest_of, method_identity, seed_of
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
@@ -41,7 +41,7 @@ from bench.tables.published import published
 from bench.tables.table import Table, write_tables
 from data_prep.clouds.conditions import CONDITIONS
 from data_prep.datasets.registry import SceneObject, open_dataset
-from data_prep.progress import progress, say
+from data_prep.progress import log, progress
 
 TIMED = (  # what decides how long something takes
     *("data_prep", "baselines", "pc2pix"),
@@ -59,16 +59,16 @@ def speed_units(
     views: int,
     seed: int,
     device: str,
-    circumstances: Mapping[str, Any],
+    machine_info: Mapping[str, Any],
 ) -> list[Unit]:
     """Return one unit per method, condition and number of threads, in measuring order.
 
-    `circumstances` is whatever else times depend on: versions, machine, drivers. Raises BadInput
+    `machine_info` is whatever else times depend on: versions, machine, drivers. Raises BadInput
     for an unknown method or condition.
     """
     common = [
         # `Method.version` is raised when images change; times also change where they do not.
-        *(FORM, suite.id, code_sha256(TIMED), circumstances, views, seed),
+        *(FORM, suite.id, code_sha256(TIMED), machine_info, views, seed),
         *(suite.singles, suite.warm_ups, suite.least_rounds, suite.most_rounds, suite.seconds),
         [[obj.class_name, obj.object_id, obj.fingerprint()] for obj in objects],
     ]
@@ -160,7 +160,7 @@ def _measure_all(units: Sequence[Unit], directory: Path) -> tuple[list[Measureme
     missing = [unit for unit in units if measured[unit.key] is None]
     reused = len(units) - len(missing)
     if missing and reused:
-        say(f"{units[0].suite.id}: {reused} of {len(units)} are there from before")
+        log(f"{units[0].suite.id}: {reused} of {len(units)} are there from before")
     failures = 0
     with progress(units[0].suite.id, len(missing)) as advance:
         for unit in missing:
@@ -180,7 +180,7 @@ def _measure_alone(unit: Unit) -> Measurement:
     """
     environment = thread_counts(unit.threads)
     ((_, result),) = run_tasks([unit], measure, 1, unit.suite.limits, environment)
-    return lost(unit, result.reason) if isinstance(result, Lost) else result
+    return lost(unit, result.reason) if isinstance(result, WorkerFailure) else result
 
 
 def _write(

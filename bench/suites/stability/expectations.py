@@ -164,11 +164,11 @@ class Either:
 
 
 @dataclass(frozen=True)
-class Unstated:
+class NoExpectation:
     """The expectation of any image, or any failure with a name."""
 
 
-Expectation = Draws | Agrees | Changes | Fails | Either | Unstated
+Expectation = Draws | Agrees | Changes | Fails | Either | NoExpectation
 
 _SMALL = ("scale-1e-30", "scale-1e-9", "scale-1e-3")
 _LARGE = ("scale-1e3", "scale-1e9", "scale-1e30")
@@ -247,7 +247,7 @@ _USED_POINTS: dict[str, Expectation] = {  # each once, sorted, in sight, not too
 }
 
 # By method, the cases that are not simply drawn, and do not simply agree.
-STATED: Mapping[str, Mapping[str, Expectation]] = {
+EXPECTED: Mapping[str, Mapping[str, Expectation]] = {
     "surface-apss": {
         **_at_least(5, "normals"),
         **dict.fromkeys(_MANY, _slow("APSS takes minutes for many points")),
@@ -358,9 +358,9 @@ STATED: Mapping[str, Mapping[str, Expectation]] = {
 
 def expectation(method: str, case: Case) -> Expectation:
     """Return the stated expectation for a method and a case."""
-    stated = STATED.get(method)
+    stated = EXPECTED.get(method)
     if stated is None:
-        return Unstated()
+        return NoExpectation()
     if case.id in stated:
         return stated[case.id]
     if case.like is None:
@@ -382,7 +382,7 @@ def in_words(expected: Expectation, like: str | None) -> str:
             return f"failed: {reason.rstrip(': ')}"
         case Either(options, why):
             return " or ".join(in_words(option, like) for option in options) + f" ({why})"
-        case Unstated():
+        case NoExpectation():
             return "pictures or a named failure" + (f", as {like}" if like else "")
 
 
@@ -411,7 +411,7 @@ def _verdict(expected: Expectation, seen: Observation) -> Kind:
                 if (kind := _verdict(option, seen)) != "unexpected":
                     return kind
             return "unexpected"
-        case Unstated():
+        case NoExpectation():
             return _verdict_of_unstated(seen)
         case _ if seen.reason:
             return "unexpected"

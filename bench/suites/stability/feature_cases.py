@@ -23,8 +23,8 @@ from bench.suites.stability.metric_cases import (
     Case,
     Near,
     Number,
+    OptionSpec,
     Refused,
-    Stated,
     U,
     boxes,
     cases,
@@ -39,9 +39,8 @@ from bench.suites.stability.metric_cases import (
     trace,
     twice,
 )
+from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
-
-Floats = NDArray[np.float64]
 
 
 def _normal(seed: int, n: int, d: int) -> Floats:
@@ -289,13 +288,13 @@ def _move_of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
 OfNetwork = float | Callable[[str, Any, Any], float]  # or from its name and both stacks
 
 
-def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, Stated]:
+def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, OptionSpec]:
     """Return statements for both networks' distances; the judge answers with codes."""
 
     def number(source: OfNetwork, name: str) -> Number:
         return functools.partial(source, name) if callable(source) else source
 
-    stated: dict[str, Stated] = {
+    stated: dict[str, OptionSpec] = {
         name: Near(words, number(value, name), number(within, name)) for name in FD_VIEWS
     }
     return stated | {JUDGE: UNIT_CODES}

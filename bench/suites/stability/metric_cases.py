@@ -31,10 +31,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.catalogue.metrics import UNDEFINED
+from data_prep.arrays import Floats
 from data_prep.scene import IMAGE_SIZE, UInt8Images
 
 Array = NDArray[Any]
-Floats = NDArray[np.float64]
 
 # By the protocol of the head of `bench.metrics.structural_similarity`, and not its own constants:
 # they are under test.
@@ -101,7 +101,7 @@ class Refused:
     says: str
 
 
-Stated = Near | Refused
+OptionSpec = Near | Refused
 
 
 @dataclass(frozen=True)
@@ -111,33 +111,33 @@ class Case:
     id: str
     group: str
     given: Callable[[], Pair]
-    stated: Mapping[str, Stated]
+    stated: Mapping[str, OptionSpec]
 
 
 Given = Callable[[], Pair]
 
 
-def cases(group: str, *rows: tuple[str, Given, Mapping[str, Stated]]) -> tuple[Case, ...]:
+def cases(group: str, *rows: tuple[str, Given, Mapping[str, OptionSpec]]) -> tuple[Case, ...]:
     """Return the cases of a group, a row each: id, arrays, and by metric what it makes of them."""
     return tuple(Case(case_id, group, given, stated) for case_id, given, stated in rows)
 
 
-def cases_of(metric: str, group: str, *rows: tuple[str, Given, Stated]) -> tuple[Case, ...]:
+def cases_of(metric: str, group: str, *rows: tuple[str, Given, OptionSpec]) -> tuple[Case, ...]:
     """Return cases of a group about one metric, a row each: id, arrays, and its outcome."""
     return cases(group, *((case_id, given, {metric: stated}) for case_id, given, stated in rows))
 
 
-def near(words: str, value: Number, *metrics: str, within: Number = 0.0) -> dict[str, Stated]:
+def near(words: str, value: Number, *metrics: str, within: Number = 0.0) -> dict[str, OptionSpec]:
     """Return the same value for several metrics."""
     return {metric: Near(words, value, within) for metric in metrics}
 
 
-def refused(says: str, *metrics: str, error: type[Exception] = ValueError) -> dict[str, Stated]:
+def refused(says: str, *metrics: str, error: type[Exception] = ValueError) -> dict[str, OptionSpec]:
     """Return the same failure for several metrics."""
     return {metric: Refused(error, says) for metric in metrics}
 
 
-def undefined(*metrics: str) -> dict[str, Stated]:
+def undefined(*metrics: str) -> dict[str, OptionSpec]:
     """Return no value, for the reason that the metric's row gives."""
     return {metric: Near(UNDEFINED[metric], math.nan) for metric in metrics}
 

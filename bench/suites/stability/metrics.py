@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.catalogue.metrics import JUDGE
 from bench.judges.answers import azimuth_error_deg, elevation_error_deg
@@ -39,13 +38,12 @@ from bench.suites.stability.metric_cases import (
     Array,
     Case,
     Number,
+    OptionSpec,
     Pair,
     Refused,
-    Stated,
 )
+from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
-
-Floats = NDArray[np.float64]
 
 CASES = (
     SSIM_CASES
@@ -73,7 +71,7 @@ def metric_outcomes() -> list[Outcome]:
         ]
 
 
-def _outcome(case: Case, metric: str, stated: Stated) -> Outcome:
+def _outcome(case: Case, metric: str, stated: OptionSpec) -> Outcome:
     expected = "?"
     try:
         with warnings.catch_warnings():

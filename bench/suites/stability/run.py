@@ -20,13 +20,13 @@ from bench.records.journal import JobOutcome
 from bench.records.parquet import JobRow, write_records
 from bench.records.record import SCHEMA_VERSION
 from bench.running.environment import cores, environment
-from bench.running.executors import JobPool, do_jobs
+from bench.running.executors import JobPool, run_jobs
 from bench.running.isolation import one_thread
 from bench.running.protocol import Options, digest, manifest_of, method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
-from bench.suites.stability.expectations import STATED, Observation, Outcome, observe, outcome
+from bench.suites.stability.expectations import EXPECTED, Observation, Outcome, observe, outcome
 from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.formats import (
     FormatRow,
@@ -41,7 +41,7 @@ from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.failures import BadInput
-from data_prep.progress import say
+from data_prep.progress import log
 
 CASES_VERSION = 1  # raise when a perturbation of `data_prep.clouds.extremes` changes a cloud
 
@@ -124,14 +124,14 @@ def run(options: Options, suite: StabilitySuite = STABILITY) -> SuiteRun:
         workers=workers,
     )
     with open_run(directory, manifest, options.fresh) as journal:
-        outcomes = do_jobs(
+        outcomes = run_jobs(
             jobs, journal, suite.id, partial(JobPool, limits=suite.limits, workers=workers)
         )
         results = journal.lines.result
         rows = [JobRow(job.key, job.item, outcomes[job.key].artifact_sha256) for job in jobs]
         write_records(directory, rows, lambda row: results(row.key).records)
         observations = observe(jobs, results)
-        say("metrics and number formats")
+        log("metrics and number formats")
         with one_thread():
             formats = measure_formats()
         matrices = _matrices(methods, observations, formats)
@@ -175,7 +175,7 @@ def _matrices(
 
 def _remark(methods: Sequence[str]) -> str:
     views = ", ".join(f"{view.azimuth_deg:g}/{view.elevation_deg:g}" for view in VIEWS)
-    strangers = [method for method in methods if method not in STATED]
+    strangers = [method for method in methods if method not in EXPECTED]
     remark = (
         f"One chair from four views (azimuth/elevation {views} degrees) unless the case says "
         "otherwise. Changes are absolute differences in grey levels 0..255, mean over all pixels "

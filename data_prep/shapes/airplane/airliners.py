@@ -6,14 +6,15 @@ import math
 
 import numpy as np
 
+from data_prep.arrays import Floats
 from data_prep.shapes.airplane.parts import Wing, turbofan, upright_fin, winglets_on
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import blade, pair, spindle
 from data_prep.shapes.palettes import AIRPLANE, shade, shades
-from data_prep.shapes.solids import Color, Part, Vectors, box
+from data_prep.shapes.random_choices import chance, pick, uniform
+from data_prep.shapes.solids import Color, Part, box
 
 
-def _tube_fuselage(r: float, taper: float) -> Vectors:
+def _tube_fuselage(r: float, taper: float) -> Floats:
     """Return the stations of an airliner's body of radius r, whose tail begins at z = taper."""
     return np.array(
         [

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from data_prep.shapes.airplane.parts import Wing, upright_fin
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import blade, mirrored, pair, spindle
 from data_prep.shapes.palettes import AIRPLANE, shade, shades
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, rectangle, sweep
 
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from data_prep.shapes.airplane.parts import Wing, propeller_parts, undercarriage, upright_fin
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import pair, spindle
 from data_prep.shapes.palettes import AIRPLANE, shade, shades
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Part, box, rectangle, slab, tube
 
 

@@ -16,9 +16,9 @@ from data_prep.shapes.cabinet.parts import (
     rack,
     stand,
 )
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import legs
 from data_prep.shapes.palettes import CABINET, shade, shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, rectangle, slab, tube
 
 # Ranges of width, height, depth (metres), rows and columns of drawers.

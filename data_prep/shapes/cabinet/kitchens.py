@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from data_prep.shapes.cabinet.parts import Field, Finish, darker, doors, draw_finish, drawers
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.palettes import CABINET, shade
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Part, box, fillet, moved, rectangle, slab, tube, turned
 
 KICK = 0.10  # height of the recessed plinth

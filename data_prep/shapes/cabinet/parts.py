@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.chances import pick, uniform
 from data_prep.shapes.fronts import dial, frame, panel
 from data_prep.shapes.furniture import legs
 from data_prep.shapes.palettes import shade, shade_of
+from data_prep.shapes.random_choices import pick, uniform
 from data_prep.shapes.solids import Color, Part, box, rectangle, slab, sweep
 
 Handle = Literal["knob", "bar", "pull", "none"]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.shapes.solids import Color, Part, Vectors, loft, post, rectangle
+from data_prep.arrays import Floats
+from data_prep.shapes.solids import Color, Part, loft, post, rectangle
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Cabin:
         y, front, rear, half = (a + share * (b - a) for a, b in ends)
         return y, front, rear, half
 
-    def ring(self, share: float, swell: float = 0.0) -> Vectors:
+    def ring(self, share: float, swell: float = 0.0) -> Floats:
         """Return the convex section [9, 3] at a share of the height, `swell` wider on all sides."""
         y, front, rear, half = self.at(share)
         front, rear, half = front - swell, rear + swell, half + swell

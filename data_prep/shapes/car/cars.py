@@ -14,9 +14,9 @@ from data_prep.shapes.car.bodies import (
 )
 from data_prep.shapes.car.cabins import Cabin
 from data_prep.shapes.car.spec import draw_car
-from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import pair
 from data_prep.shapes.palettes import CAR, shade
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.solids import Part, box, loft, post, rectangle, rim, tube
 
 

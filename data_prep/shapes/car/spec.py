@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_prep.shapes.car.cabins import Cabin
-from data_prep.shapes.chances import uniform
 from data_prep.shapes.palettes import CAR, CAR_PAINTS, shade, shade_of
+from data_prep.shapes.random_choices import uniform
 from data_prep.shapes.solids import Color
 
 Range = tuple[float, float]

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from data_prep.arrays import Floats
 from data_prep.shapes.chair.seats import Layout, bar_section
 from data_prep.shapes.chair.spec import ChairSpec
 from data_prep.shapes.solids import (
     Part,
-    Vectors,
     box,
     curved_panel,
     moved,
@@ -213,7 +213,7 @@ def _side_arm(spec: ChairSpec, layout: Layout, side: float) -> list[Part]:
     return [bracket, slab(pad, (side * out, height, 0.0), size, spec.frame_color, bevel=0.006)]
 
 
-def post_path(spec: ChairSpec, layout: Layout, side: float) -> Vectors:
+def post_path(spec: ChairSpec, layout: Layout, side: float) -> Floats:
     """Return the course [2, 3] of one post of a tubular frame, from the seat's height up."""
     x = side * layout.post[0]
     return layout.from_back([(x, 0.0, 0.0), (x, spec.back_height_m, 0.0)])

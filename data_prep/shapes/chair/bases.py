@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from data_prep.arrays import Floats
 from data_prep.shapes.chair.backs import post_path
 from data_prep.shapes.chair.seats import Layout, bar_section
 from data_prep.shapes.chair.spec import ChairSpec
 from data_prep.shapes.solids import (
     Part,
-    Vectors,
     box,
     fillet,
     hoop,
@@ -37,7 +37,7 @@ def base_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
     return _column(spec, layout)
 
 
-def _leg_heads(spec: ChairSpec, layout: Layout) -> Vectors:
+def _leg_heads(spec: ChairSpec, layout: Layout) -> Floats:
     """Return the places where the legs meet the seat, [legs, 3], in order round the seat."""
     if spec.legs == 3:
         angle = np.radians([-90.0, 30.0, 150.0])
@@ -52,7 +52,7 @@ def _leg_heads(spec: ChairSpec, layout: Layout) -> Vectors:
     return np.stack([x, np.full_like(x, layout.middle), z], axis=1)
 
 
-def _leg_feet(spec: ChairSpec, heads: Vectors) -> Vectors:
+def _leg_feet(spec: ChairSpec, heads: Floats) -> Floats:
     """Return the legs' feet [legs, 3] on the floor, splayed away from the seat's middle."""
     outwards = heads[:, ::2] / np.linalg.norm(heads[:, ::2], axis=1, keepdims=True)
     feet = heads.copy()
@@ -61,7 +61,7 @@ def _leg_feet(spec: ChairSpec, heads: Vectors) -> Vectors:
     return feet
 
 
-def _posts(spec: ChairSpec, feet: Vectors, heads: Vectors) -> list[Part]:
+def _posts(spec: ChairSpec, feet: Floats, heads: Floats) -> list[Part]:
     section = bar_section(spec, spec.leg_m)
     return [
         post(foot, head, spec.leg_taper * section, section, spec.frame_color)
@@ -75,13 +75,13 @@ def _legs(spec: ChairSpec, layout: Layout) -> list[Part]:
     return _posts(spec, feet, heads) + _stretchers(spec, feet, heads)
 
 
-def _stretchers(spec: ChairSpec, feet: Vectors, heads: Vectors) -> list[Part]:
+def _stretchers(spec: ChairSpec, feet: Floats, heads: Floats) -> list[Part]:
     """Return thin bars between neighbouring legs, a third of the way up."""
     if spec.stretchers == "none":
         return []
     radius = 0.26 * spec.leg_m
 
-    def between(a: Vectors, b: Vectors) -> Part:
+    def between(a: Floats, b: Floats) -> Part:
         return tube((a, b), radius, spec.frame_color, sides=6)
 
     # Two heights: bars that met in one place inside a leg would weaken a real chair.

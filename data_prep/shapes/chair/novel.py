@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.furniture import beam, cushion
 from data_prep.shapes.palettes import shade_of
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.shape_class import Builder
 from data_prep.shapes.solids import (
     Color,

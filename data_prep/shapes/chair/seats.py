@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from data_prep.arrays import Floats
 from data_prep.shapes.chair.spec import ChairSpec
-from data_prep.shapes.solids import Part, Vectors, polygon, rectangle, rim, rounded, slab
+from data_prep.shapes.solids import Part, polygon, rectangle, rim, rounded, slab
 
 # Families whose cushion is let into a frame of rails; elsewhere the whole seat is upholstered.
 FRAMED = ("four-leg", "rocker")
@@ -28,7 +29,7 @@ class Layout:
     front     (x, z) of the right front leg
     """
 
-    outline: Vectors
+    outline: Floats
     top: float
     bottom: float
     post: tuple[float, float]
@@ -40,7 +41,7 @@ class Layout:
         """The height half-way up the seat's thickness, where posts and legs end inside it."""
         return (self.top + self.bottom) / 2
 
-    def from_back(self, points: ArrayLike) -> Vectors:
+    def from_back(self, points: ArrayLike) -> Floats:
         """Return points [..., 3] of the leaning back's own frame in the chair's.
 
         The frame's origin is on the seat between the posts; x is to the side, y up along the back,
@@ -119,6 +120,6 @@ def seat_parts(spec: ChairSpec, layout: Layout) -> list[Part]:
     return [rails, cushion]
 
 
-def bar_section(spec: ChairSpec, thickness: float) -> Vectors:
+def bar_section(spec: ChairSpec, thickness: float) -> Floats:
     """Return the section of a leg or post: round or square, as the chair has it."""
     return polygon(8, thickness / 2) if spec.round_legs else rectangle(thickness, thickness)

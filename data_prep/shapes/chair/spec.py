@@ -10,8 +10,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.palettes import shade, shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color
 
 Family = Literal[

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.display.parts import (
     Head,
     Look,
@@ -18,6 +17,7 @@ from data_prep.shapes.display.parts import (
     foot,
 )
 from data_prep.shapes.fronts import panel
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import (
     Part,
     box,

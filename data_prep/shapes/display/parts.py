@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.fronts import frame, panel
 from data_prep.shapes.palettes import DISPLAY_CASES, DISPLAY_SCREENS, shade, shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import (
     Color,
     Part,

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.display.parts import Look, draw_look
 from data_prep.shapes.fronts import dial, frame, panel
 from data_prep.shapes.palettes import DISPLAY_CASES, shade
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import (
     Color,
     Part,

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.lamp.parts import METAL, ball, bowl, fabric_shade, rod, shaded_stem, tint
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, fillet, hoop, lathe, moved, tube
 
 

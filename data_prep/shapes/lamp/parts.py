@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.palettes import LAMP, shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, lathe, moved, prism, tube, turned
 
 METAL = {"dark-metal": 0.40, "chrome": 0.35, "brass": 0.25}  # of what is made of metal indoors

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.lamp.parts import (
     METAL,
     ball,
@@ -18,6 +17,7 @@ from data_prep.shapes.lamp.parts import (
     tint,
     to_a_side,
 )
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import (
     Color,
     Part,

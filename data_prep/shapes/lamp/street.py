@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.arrays import Floats
 from data_prep.shapes.lamp.parts import ball, tint, to_a_side
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import (
     Color,
     Part,
-    Vectors,
     fillet,
     lathe,
     post,
@@ -53,7 +53,7 @@ def lamp_post(rng: np.random.Generator) -> list[Part]:
 def _arm(head: str, height: float, reach: float, metal: Color, glass: Color) -> list[Part]:
     """Return one arm of a lamp post, towards -z, with its light."""
     if head == "cobra":
-        path: Vectors = np.array(
+        path: Floats = np.array(
             [(0, height - 0.5, 0), (0, height, -0.12), (0, height + 0.25, -reach)]
         )
         along = fillet(path, 0.35, 4)
@@ -82,7 +82,7 @@ def _lantern(
     def at(rise: float) -> tuple[float, float, float]:
         return x, y + rise * half, z
 
-    def square(share: float) -> Vectors:
+    def square(share: float) -> Floats:
         return rectangle(2 * share * half, 2 * share * half)
 
     corners = [

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.fronts import dial, frame, panel
 from data_prep.shapes.palettes import LOUDSPEAKER, LOUDSPEAKER_CONES, shade, shade_of
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.solids import Color, Part
 
 Place = tuple[float, float, float]

@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.arrays import Floats
 from data_prep.shapes.fronts import panel
 from data_prep.shapes.furniture import legs
 from data_prep.shapes.loudspeaker.drivers import Drivers, dome, draw_drivers, port, woofer
 from data_prep.shapes.palettes import LOUDSPEAKER, shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import (
     Color,
     Part,
-    Vectors,
     box,
     moved,
     polygon,
@@ -39,14 +39,14 @@ def cabinet_color(rng: np.random.Generator, family: str) -> Color:
     return shade_of(rng, CABINET_WEIGHTS[family], LOUDSPEAKER)
 
 
-def cabinet(plan: Vectors, size: tuple[float, float, float], low: float, color: Color) -> Part:
+def cabinet(plan: Floats, size: tuple[float, float, float], low: float, color: Color) -> Part:
     """Return a box of a plan [n, 2] (x, z) of unit size, with its underside at `low`."""
     width, height, depth = size
     bevel = 0.012 * min(size)
     return slab(plan, (0, low + height / 2, 0), (width, height, depth), color, bevel=bevel)
 
 
-def plan_of(kind: str) -> Vectors:
+def plan_of(kind: str) -> Floats:
     """Return the plan of a cabinet, x and z within +-0.5, the baffle at z = -0.5."""
     if kind == "box":
         return rectangle(1, 1)

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.fronts import frame, panel
 from data_prep.shapes.loudspeaker.drivers import Drivers, dome, draw_drivers, woofer
 from data_prep.shapes.loudspeaker.living_room import cabinet_color
 from data_prep.shapes.palettes import LOUDSPEAKER, shade
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.solids import (
     Color,
     Part,

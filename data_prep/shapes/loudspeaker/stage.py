@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.fronts import panel
 from data_prep.shapes.loudspeaker.drivers import draw_drivers, horn, woofer
 from data_prep.shapes.loudspeaker.living_room import cabinet, cabinet_color, plan_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, moved, prism, tube
 
 

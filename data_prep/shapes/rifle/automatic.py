@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import disc
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.rifle.parts import (
     bipod,
     carry_handle,

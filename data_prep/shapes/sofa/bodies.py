@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import run, trough
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.sofa.spec import (
     SofaSpec,
     back_cushions,

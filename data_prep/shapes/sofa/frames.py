@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import beam, cushion, legs, run
 from data_prep.shapes.palettes import shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.sofa.spec import (
     SofaSpec,
     back_cushions,

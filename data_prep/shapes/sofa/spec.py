@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.arrays import Floats
 from data_prep.shapes.furniture import back_cushion, cushion, legs
 from data_prep.shapes.palettes import shade, shade_of
-from data_prep.shapes.solids import Color, Part, Vectors, polygon, rectangle, rounded
+from data_prep.shapes.random_choices import chance, pick, uniform
+from data_prep.shapes.solids import Color, Part, polygon, rectangle, rounded
 
 SUNK = 0.012  # m, by which a cushion sinks into what it lies on
 
@@ -107,7 +108,7 @@ def draw_sofa_spec(rng: np.random.Generator, family: str) -> SofaSpec:
     )
 
 
-def back_profile(spec: SofaSpec, top: float) -> Vectors:
+def back_profile(spec: SofaSpec, top: float) -> Floats:
     """Return the section (z, y) of a back whose rear stands upright and whose front leans."""
     rear = spec.depth / 2 + 0.012
     foot = spec.low + 0.03

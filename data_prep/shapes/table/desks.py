@@ -6,9 +6,9 @@ import itertools
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.furniture import legs
 from data_prep.shapes.palettes import shade, shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, post, rectangle, rounded, sheet, slab
 
 PROUD = 0.014  # m, by which fronts and handles stand out of what carries them

@@ -10,13 +10,13 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
+from data_prep.arrays import Floats
 from data_prep.shapes.furniture import beam, legs
 from data_prep.shapes.palettes import TABLE, shade, shade_of
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import (
     Color,
     Part,
-    Vectors,
     box,
     fillet,
     lathe,
@@ -44,7 +44,7 @@ def _top(shape: str, size: tuple[float, float], y: tuple[float, float], color: C
     return slab(outline, (0, (y[0] + y[1]) / 2, 0), (length, height, width), color, bevel=0.005)
 
 
-def _turned(height: float, radius: float) -> Vectors:
+def _turned(height: float, radius: float) -> Floats:
     """Return the profile (radius, y) of a turned leg or column, from the floor to the top."""
     stations = [(0.55, 0.0), (0.7, 0.06), (0.5, 0.12), (0.62, 0.3), (1.0, 0.62), (0.7, 0.74)]
     stations += [(1.0, 0.80), (1.0, 1.0)]

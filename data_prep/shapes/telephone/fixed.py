@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, uniform
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.solids import Part, box, moved, turned
 from data_prep.shapes.telephone.parts import (
     CUP_PLACE,

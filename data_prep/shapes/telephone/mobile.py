@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, uniform
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.solids import Part, box, moved
 from data_prep.shapes.telephone.parts import antenna, key_color, keypad, leaned, plate, tint
 

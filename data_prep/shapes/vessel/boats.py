@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, pick, uniform
 from data_prep.shapes.hulls import pair
 from data_prep.shapes.palettes import VESSEL, shade, shades
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.solids import Color, Part, box, tube
 from data_prep.shapes.vessel.lines import STATIONS, Lines, decked_hull
 from data_prep.shapes.vessel.rigs import house, mast

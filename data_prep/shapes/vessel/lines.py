@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from data_prep.shapes.solids import Color, Part, Vectors, loft
+from data_prep.arrays import Floats
+from data_prep.shapes.solids import Color, Part, loft
 
 STATIONS = np.array([0.0, 0.03, 0.08, 0.16, 0.26, 0.40, 0.56, 0.72, 0.85, 0.94, 1.0])
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Lines:
         stern = 1 - (1 - self.stern) * np.clip((STATIONS - 0.6) / 0.4, 0.0, 1.0) ** 2
         return self.half_beam * np.maximum(bow, 0.03) * stern
 
-    def _side(self, heights: Floats) -> Vectors:
+    def _side(self, heights: Floats) -> Floats:
         """Return the right side [S, n, 3] at the given heights [S, n], one row a station."""
         share = (heights - self.keel[:, None]) / (self.deck - self.keel)[:, None]
         share = np.clip(share, 0.0, 1.0)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_prep.shapes.solids import Color, Part, Vectors, loft, polygon, post, prism, tube
+from data_prep.arrays import Floats
+from data_prep.shapes.solids import Color, Part, loft, polygon, post, prism, tube
 
 CLOTH = 0.008  # thickness of a sail, in lengths of the hull
 # Corners of a sail's section, on its two sides, at its ends and its middle. The fan that caps the
@@ -80,7 +81,7 @@ def square_sail(
     return _sail(points, (0.0, 0.0, -CLOTH / 2), color)
 
 
-def _sail(points: Vectors, half: tuple[float, float, float], color: Color) -> Part:
+def _sail(points: Floats, half: tuple[float, float, float], color: Color) -> Part:
     """Return a cloth about points [5, 3, 3], from below and from edge to edge.
 
     `half` is half of its thickness.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import blade
 from data_prep.shapes.palettes import VESSEL, shade, shades
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.solids import Part, tube
 from data_prep.shapes.vessel.lines import Lines, decked_hull
 from data_prep.shapes.vessel.rigs import fore_and_aft_sail, house, mast, square_sail, yard

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from data_prep.shapes.chances import chance, uniform
 from data_prep.shapes.hulls import blade, spindle
 from data_prep.shapes.palettes import VESSEL, shade, shades
+from data_prep.shapes.random_choices import chance, uniform
 from data_prep.shapes.solids import Color, Part, box, lathe, moved, slab, tube
 from data_prep.shapes.vessel.lines import Lines, decked_hull
 from data_prep.shapes.vessel.rigs import funnel_parts, house, mast, yard

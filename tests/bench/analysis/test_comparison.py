@@ -15,7 +15,7 @@ from bench.analysis.comparison import (
     milliseconds,
     pooled,
 )
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, mean_interval, median_interval
 from bench.metrics.frechet import frechet_distance
 from bench.records.record import GROUND_TRUTH, to_frame
@@ -142,7 +142,7 @@ def distances(without="", objects=OBJECTS):
         for obj in objects
         for view in range(VIEWS)
     ]
-    measured = {"fd-views": MeasuredFeatures(features(without))}
+    measured = {"fd-views": FeatureDistances(features(without))}
     return only(to_frame(made), ["fd-views"], measured).qualities["fd-views"]
 
 

@@ -164,10 +164,10 @@ def test_variances_of_classes_add_up():
 
 
 def test_a_distance_is_never_below_0():
-    left_out = np.array([1.0, 3.0, 5.0, 7.0] * 2)
-    low, high = jackknife_interval(3.2, [left_out])
+    leave_one_out = np.array([1.0, 3.0, 5.0, 7.0] * 2)
+    low, high = jackknife_interval(3.2, [leave_one_out])
     assert low < 0
-    assert distance_interval(3.2, left_out) == (0.0, high)
+    assert distance_interval(3.2, leave_one_out) == (0.0, high)
 
 
 def test_what_no_value_can_be_is_clipped():

@@ -89,9 +89,9 @@ def test_the_difference_is_b_less_a_and_the_better_side_is_named():
 
 def test_distances_are_better_the_smaller_they_are():
     """Jackknife: standard error sqrt((g - 1) / g sum (d - mean)^2) of the jackknife differences."""
-    left_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
-    (cell,) = paired_differences([pair(left_out, 3 * left_out, "fd-views", (1.0, 3.0))])
-    error = math.sqrt(7 / 8 * np.sum((2 * left_out - 2) ** 2))
+    leave_one_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
+    (cell,) = paired_differences([pair(leave_one_out, 3 * leave_one_out, "fd-views", (1.0, 3.0))])
+    error = math.sqrt(7 / 8 * np.sum((2 * leave_one_out - 2) ** 2))
     reach = t.ppf(0.975, 7) * error
     assert cell.difference == pytest.approx((2.0, 2.0 - reach, 2.0 + reach))
     assert cell.p == pytest.approx(2 * t.sf(2.0 / error, 7))
@@ -142,10 +142,10 @@ def test_too_few_objects_are_no_tie():
 
 def test_frechet_distances_have_no_floor():
     """Their p values are of Student's distribution: eight objects decide among any number."""
-    left_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
-    distance = pair(left_out, 1000 + left_out, "fd-views", (1.0, 1001.0))
-    few = pair(left_out[:7], left_out[:7], "fd-views", (1.0, 1.0))
-    image = pair(left_out / 2, left_out / 2 + 0.1)
+    leave_one_out = np.array([1.0, 1.1, 0.9, 1.05, 0.95, 1.02, 0.98, 1.0])
+    distance = pair(leave_one_out, 1000 + leave_one_out, "fd-views", (1.0, 1001.0))
+    few = pair(leave_one_out[:7], leave_one_out[:7], "fd-views", (1.0, 1.0))
+    image = pair(leave_one_out / 2, leave_one_out / 2 + 0.1)
     cells = paired_differences([distance, image, few] * 9)
     assert [cell.ahead for cell in cells[:3]] == ["a", "unknown", "unknown"]
     assert [cell.objects_needed for cell in cells[:3]] == [None, 11, 8]  # 2^-10 x 27 is .026

@@ -18,10 +18,10 @@ from bench.analysis.intervals import (
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import (
     Finding,
-    Lacking,
+    MissingEvidence,
+    QualityEvidence,
     Requirement,
-    Scored,
-    Timed,
+    TimingEvidence,
     Training,
     combined,
     corrected,
@@ -55,7 +55,7 @@ def comparison(condition="2048", class_name="chair", **metrics):
 
 
 def scored(*comparisons, **more):
-    return Scored({(c.condition, c.class_name): c for c in comparisons}, **more)
+    return QualityEvidence({(c.condition, c.class_name): c for c in comparisons}, **more)
 
 
 def ssim(sr, network, condition="2048"):
@@ -205,9 +205,9 @@ def test_every_network_is_judged():
     ],
 )
 def test_what_a_run_lacks(rule, arguments, message):
-    with pytest.raises(Lacking, match=message):
+    with pytest.raises(MissingEvidence, match=message):
         rule(scored(ssim(0.5, 0.6)), *arguments)
-    with pytest.raises(Lacking, match="the run has no pc2pix"):
+    with pytest.raises(MissingEvidence, match="the run has no pc2pix"):
         rules.ordering(scored(comparison(ssim={"splat": 0.5})), "ssim", "2048", "network")
 
 
@@ -266,7 +266,7 @@ def test_what_shows_nothing_is_not_robust(change, verdict, why):
     below = steady_run({"2048": (0.7, 0.1), "512": (0.4, 0.1)})
     (found,) = rules.steady(below, "ssim", ("512",))
     assert found.why == "not shown: ssim over constant at 512, ssim over blank at 512"
-    with pytest.raises(Lacking, match="no retrieval of pc2pix at 512"):
+    with pytest.raises(MissingEvidence, match="no retrieval of pc2pix at 512"):
         rules.steady(replace(run, retrieval={}), "ssim", ("512",))
 
 
@@ -337,7 +337,7 @@ def test_classes(class_name, ahead, metric, verdict):
     if metric is None and class_name == "average":
         assert found.numbers.startswith("fd-views 13.0, SR 20.0; ahead by +7.0 [")
         assert found.objects == 8
-    with pytest.raises(Lacking, match="no lamp at 2048"):
+    with pytest.raises(MissingEvidence, match="no lamp at 2048"):
         rules.class_ordering(run, "lamp", "surface")
 
 
@@ -377,9 +377,9 @@ def test_gains_from_others():
 
 
 def test_good_where_thin():
-    left_out = np.array([9.0, 11.0, 10.0, 10.0])
+    leave_one_out = np.array([9.0, 11.0, 10.0, 10.0])
     values = {"lamp": 10.0, "rifle": 12.0, "car": 30.0, "sofa": 40.0}
-    distances = {k: Quality("fid", Estimate(v, 0, 0), left_out) for k, v in values.items()}
+    distances = {k: Quality("fid", Estimate(v, 0, 0), leave_one_out) for k, v in values.items()}
     run = scored(*(comparison(class_name=k, fid={"surface-apss": v}) for k, v in distances.items()))
     (found,) = rules.good_where_thin(run, ("lamp", "rifle"))
     # each class: 3/4 (1 + 1) = 1.5; the mean of two 3/4; a difference of two such 1.5
@@ -390,9 +390,9 @@ def test_good_where_thin():
         f"fid 11.0, others 35.0; nearer by +24.0 [+{24 - reach:.1f}, +{24 + reach:.1f}]"
     )
     assert verdicts(rules.good_where_thin(run, ("car", "sofa"))) == ["contradicted"]
-    with pytest.raises(Lacking, match="no airplane"):
+    with pytest.raises(MissingEvidence, match="no airplane"):
         rules.good_where_thin(run, ("airplane",))
-    with pytest.raises(Lacking, match="no other class"):
+    with pytest.raises(MissingEvidence, match="no other class"):
         rules.good_where_thin(run, tuple(values))
 
 
@@ -443,7 +443,7 @@ PAPER = {"pc2pix": Training(1.0, degraded=False)}
 
 
 def test_speed():
-    run = Timed(times(), "a machine", PAPER)
+    run = TimingEvidence(times(), "a machine", PAPER)
     (found,) = rules.faster(run, 1.0)
     assert (found.subject, found.verdict, found.objects) == ("pc2pix", "supported", 8)
     low, high = np.exp(mean_interval(np.log([10.0, 15.0] * 4)))  # cloud by cloud
@@ -453,15 +453,15 @@ def test_speed():
     assert verdicts(rules.faster(run, 12.0)) == ["undecided"]
     assert verdicts(rules.faster(run, 20.0)) == ["contradicted"]
     alone = times().query("method == 'pc2pix'")
-    with pytest.raises(Lacking, match="no times of surface-apss"):
-        rules.faster(Timed(alone), 1.0)
+    with pytest.raises(MissingEvidence, match="no times of surface-apss"):
+        rules.faster(TimingEvidence(alone), 1.0)
 
 
 @pytest.mark.parametrize(
     ("known", "words"), [({}, "an unknown width"), ({"pc2pix": Training(0.25, True)}, "0.25 of")]
 )
 def test_speed_is_claimed_of_the_papers_width(known, words):
-    (found,) = rules.faster(Timed(times(), trainings=known), 1.0)
+    (found,) = rules.faster(TimingEvidence(times(), trainings=known), 1.0)
     assert found.verdict == "not testable here"
     assert words in found.reason
     assert found.numbers.endswith(" on an unknown machine")
@@ -489,5 +489,5 @@ def test_latent_means():
     assert gap.estimate == pytest.approx(expected)
     assert verdicts(rules.mean_above(run, "family-confidence", "code", "truth")) == ["undecided"]
     assert verdicts(rules.mean_above(run, "cloud-gain", "code")) == ["undecided"]
-    with pytest.raises(Lacking, match="no cloud-gain of nothing"):
+    with pytest.raises(MissingEvidence, match="no cloud-gain of nothing"):
         rules.mean_above(run, "cloud-gain", "code", "nothing")

@@ -14,7 +14,7 @@ from bench.analysis.intervals import StandardError
 from bench.catalogue.suites import LATENT, SPEED, SUITES
 from bench.checking import checklist as claims_check
 from bench.checking.checklist import (
-    Checked,
+    ClaimResult,
     Run,
     check_claims,
     checked,
@@ -22,7 +22,7 @@ from bench.checking.checklist import (
     spreads,
     to_markdown,
 )
-from bench.checking.claim_rules import Finding, Requirement, Scored
+from bench.checking.claim_rules import Finding, QualityEvidence, Requirement
 from bench.checking.claims import claims
 from bench.records.record import GROUND_TRUTH
 from bench.tables import published as published_values
@@ -146,10 +146,10 @@ def test_spreads():
     means = np.repeat([[0.0, 0.0], [2.0, 0.0], [4.0, 3.0]], 2, axis=0)
     views = np.tile([[1.0, -5.0], [-1.0, 5.0]], (3, 1))
     found = spreads(FeaturesAtHand(index, (means + views).astype(np.float32)), ["lamp"])
-    value, left_out = found["lamp"]
+    value, leave_one_out = found["lamp"]
     assert value == pytest.approx(4 + 3, abs=1e-12)
     # of (2, 0) and (4, 3): 2 + 4.5; (0, 0) and (4, 3): 8 + 4.5; (0, 0) and (2, 0): 2
-    assert left_out == pytest.approx([6.5, 12.5, 2.0], abs=1e-12)
+    assert leave_one_out == pytest.approx([6.5, 12.5, 2.0], abs=1e-12)
     two = index[index["object"] != "c"]
     assert spreads(FeaturesAtHand(two, means[:4].astype(np.float32)), ["lamp"]) == {}
 
@@ -158,10 +158,10 @@ def test_the_checklist_in_markdown():
     claim, other = CLAIMS[0], CLAIMS[1]
     open_ = SURE._replace(name="a | b", estimate=Estimate(0.1, -0.1, 0.3))
     made = [
-        Checked(claim, "run 1", FOUND, "supported"),
-        Checked(claim, "run 2", replace(FOUND, requirements=(open_,)), "undecided"),
-        Checked(claim, "run 3", FOUND, "undecided"),
-        Checked(other, "", Finding("-", "", (), "give a run of x")),
+        ClaimResult(claim, "run 1", FOUND, "supported"),
+        ClaimResult(claim, "run 2", replace(FOUND, requirements=(open_,)), "undecided"),
+        ClaimResult(claim, "run 3", FOUND, "undecided"),
+        ClaimResult(other, "", Finding("-", "", (), "give a run of x")),
     ]
     lines = to_markdown(made).splitlines()
     assert "| pc2pix | run 1 | 1 | 0 | 0 | 0 |" in lines
@@ -237,7 +237,7 @@ def test_findings_are_those_of_the_rule(monkeypatch):
 
     claim = replace(CLAIMS[0], rule=rule)
     monkeypatch.setattr(claims_check, "claims", lambda: (claim,))
-    evidence = Scored({})
+    evidence = QualityEvidence({})
     runs = [Run("one", claim.suite, evidence), Run("two", "speed", pd.DataFrame())]
     made = checked(runs)
     assert [(entry.run, entry.finding.subject) for entry in made] == [

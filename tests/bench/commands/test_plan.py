@@ -23,7 +23,7 @@ from bench.records.journal import open_journal, read_manifest, write_manifest
 from bench.records.record import GROUND_TRUTH
 from bench.running.pilot import Pilot, Sample
 from bench.running.protocol import Options, describe, plan, protocol_of
-from bench.running.run import RunStatus, look_ahead
+from bench.running.run import RunStatus, run_status
 from bench.tables.markdown import document
 
 from ..builders import SUITE, make_protocol
@@ -146,7 +146,7 @@ def test_items_of_an_object_that_cannot_be_drawn_are_there(tmp_path):
     with open_journal(tmp_path) as journal:
         journal.append(failed(todo.references[1], "input: no such shape"))
     write_manifest(tmp_path, describe(protocol, 1, {}))
-    ahead = look_ahead(options, protocol)
+    ahead = run_status(options, protocol)
     for found, left in (
         (ahead.left, 2),
         (ahead.left_of_first(1), 1),

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.commands.terminal import MOST_LINES, SHARE, Terminal, shown
-from bench.running.run import SoFar
+from bench.running.run import PartialRun
 from bench.tables.quality import Row, quality_table
 
 
@@ -21,18 +21,18 @@ def table(objects):
     return quality_table("headline", f"ssim: {objects} of 9 objects", rows)
 
 
-def so_far(objects):
-    return lambda: SoFar(Path("run"), {"objects": ["a"] * objects}, [], list)
+def snapshot(objects):
+    return lambda: PartialRun(Path("run"), {"objects": ["a"] * objects}, [], list)
 
 
 def test_elsewhere_one_line_names_the_file(clock, capsys):
     with Terminal(lambda part: table(len(part.manifest["objects"])), "items", 4) as terminal:
-        terminal.jobs(1, 0)
-        terminal.object(so_far(1))
-        terminal.jobs(2, 1)  # two are done: one had nothing to be scored against
-        terminal.object(so_far(2))
+        terminal.on_jobs_done(1, 0)
+        terminal.on_object_done(snapshot(1))
+        terminal.on_jobs_done(2, 1)  # two are done: one had nothing to be scored against
+        terminal.on_object_done(snapshot(2))
         clock[0] += 20
-        terminal.jobs(1, 1)
+        terminal.on_jobs_done(1, 1)
     out, err = capsys.readouterr()
     assert out == ""
     assert err.splitlines() == [
@@ -52,7 +52,7 @@ def test_tables_in_between_take_little_of_the_time(clock):
     with Terminal(make, "items", 100) as terminal:
         for _ in range(400):
             clock[0] += 1
-            terminal.object(so_far(1))
+            terminal.on_object_done(snapshot(1))
     waits = [later - before - 3 for before, later in pairwise(made)]
     assert made[0] == 101
     assert waits == [3 / SHARE] * len(waits)
@@ -64,9 +64,9 @@ def test_on_a_terminal_the_table_is_drawn(monkeypatch, capsys, terminal, live):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setenv("TERM", terminal)
     with Terminal(lambda part: table(1), "items", 2) as view:
-        view.jobs(1, 0)
-        view.object(so_far(1))
-        view.jobs(1, 0)
+        view.on_jobs_done(1, 0)
+        view.on_object_done(snapshot(1))
+        view.on_jobs_done(1, 0)
     out, err = capsys.readouterr()
     assert out == ""
     assert ("ssim: 1 of 9 objects" in err) == live

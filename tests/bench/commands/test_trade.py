@@ -75,7 +75,7 @@ def test_distances_are_those_of_the_table(written):
     (sets,) = (table for table in outputs.tables if table.name == "table_frechet")
     expected = {(row.method, row.condition): row.value for row in sets.rows}
     assert [table.name for table in outputs.further] == ["frontier", "points"]
-    frontier, _ = outputs.trade
+    frontier, _ = outputs.frontier_tables
     found = {
         (p.method, p.condition): p.quality.value for p in frontier.rows if p.metric == "fd-views"
     }
@@ -95,9 +95,9 @@ def test_no_neighbours_for_a_suite_that_takes_times(command, tmp_path, no_machin
 def test_metrics_without_features_have_no_places(tmp_path):
     directory = write_run(tmp_path, suite=SUITE.id)
     (directory / "features" / "fd-views.parquet").unlink()
-    trade = write_outputs(read_scored(directory)).trade
-    assert trade is not None
-    metrics = dict.fromkeys(place.metric for place in trade[0].rows)
+    frontier_tables = write_outputs(read_scored(directory)).frontier_tables
+    assert frontier_tables is not None
+    metrics = dict.fromkeys(place.metric for place in frontier_tables[0].rows)
     assert list(metrics) == ["ssim", "structure", "lpips", "silhouette-iou"]
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from bench.metrics import frechet_distance
 from bench.metrics.frechet import (
-    LeftOut,
+    JackknifeMoments,
     TooFewSamples,
     centred,
     centred_to_frechet,
@@ -130,8 +130,8 @@ def by_leaving_out(x, y, groups_x, groups_y):
     ]
 
 
-def left_out(x, y, groups_x, groups_y):
-    return left_out_distances(LeftOut(x, groups_x), LeftOut(y, groups_y))
+def leave_one_out(x, y, groups_x, groups_y):
+    return left_out_distances(JackknifeMoments(x, groups_x), JackknifeMoments(y, groups_y))
 
 
 # objects, views, features: more rows than features, as many, fewer, fewer without an object
@@ -144,12 +144,12 @@ def test_distances_share_what_they_may(shape, gone):
     kept = groups != gone  # the method failed on one object
     order = np.random.default_rng(2).permutation(len(y))  # rows need not stand side by side
     x, groups_x, y, groups_y = x[kept], groups[kept], y[order], groups[order]
-    found = left_out(x, y, groups_x, groups_y)
+    found = leave_one_out(x, y, groups_x, groups_y)
     expected = by_leaving_out(x, y, groups_x, groups_y)
     assert found == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
     assert np.ptp(found) > 0
     names = [np.array([f"chair-{i}" for i in groups]) for groups in (groups_x, groups_y)]
-    assert left_out(x, y, *names).tolist() == found.tolist()
+    assert leave_one_out(x, y, *names).tolist() == found.tolist()
 
 
 @pytest.mark.parametrize("count", [2, 3, 8, 13])
@@ -157,9 +157,9 @@ def test_what_is_left_without_each_block(count):
     """However many halves there are, and whatever the order of the rows."""
     x, groups = views_of_objects(0, 13, 4, d=5)
     member = np.random.default_rng(1).permutation(groups % count)
-    left_out = LeftOut(x, groups)
-    left_out.without_blocks(groups % count, count)  # what is kept of these is not of others
-    for block, left in zip(range(count), left_out.without_blocks(member, count), strict=True):
+    leave_one_out = JackknifeMoments(x, groups)
+    leave_one_out.without_blocks(groups % count, count)  # what is kept of these is not of others
+    for block, left in zip(range(count), leave_one_out.without_blocks(member, count), strict=True):
         rest = x[member != block]
         assert left.mean == pytest.approx(rest.mean(axis=0), rel=1e-13, abs=1e-13)
         assert left.factor.T @ left.factor == pytest.approx(np.cov(rest.T), rel=1e-12)
@@ -185,25 +185,25 @@ def test_blocks_of_objects_are_left_out(monkeypatch):
     # k = ceil(10 / 4) = 3, so ceil(10 / 3) = 4 blocks: objects 0 1 2, 3 4 5, 6 7 and 8 9
     block = np.array([0, 0, 0, 1, 1, 1, 2, 2, 3, 3])[groups]
     expected = by_leaving_out(x, y, block, block)
-    found = left_out(x, y, groups, groups)
+    found = leave_one_out(x, y, groups, groups)
     assert found == pytest.approx(expected, rel=0, abs=ROUNDING * traces(x, y))
 
 
 @pytest.mark.parametrize("d", [4, 40])
 def test_identical_sets_and_objects_that_leave_too_little(d):
     x, groups = views_of_objects(0, 8, 3, d)
-    assert left_out(x, x, groups, groups).max() <= ROUNDING * traces(x, x)
+    assert leave_one_out(x, x, groups, groups).max() <= ROUNDING * traces(x, x)
     x, others = x[:10], np.repeat(np.arange(5), 2)
     lonely = np.arange(10) // 9  # without object 0 a single row would be left
-    assert np.isnan(left_out(x, x, lonely, others)).all()
+    assert np.isnan(leave_one_out(x, x, lonely, others)).all()
 
 
 def test_groups_have_to_fit():
     x, groups = views_of_objects(0, 4, 3, d=4)
     with pytest.raises(ValueError, match=re.escape("12 rows need groups of shape [12], got [11]")):
-        LeftOut(x, groups[:-1])
+        JackknifeMoments(x, groups[:-1])
     with pytest.raises(TooFewSamples):
-        LeftOut(x[:1], groups[:1])
+        JackknifeMoments(x[:1], groups[:1])
 
 
 def spread(seed, n, d):

@@ -83,7 +83,7 @@ def test_conformance(reference, net, single, tolerance):
         found = lpips(a[None], b[None], net, single=single)
         assert found.dtype == np.float64
         assert found[0] == pytest.approx(case[f"lpips_{NETS[net]}"], rel=0, abs=tolerance)
-        (features,) = network.see(a[None]).features.numpy()
+        (features,) = network.encode(a[None]).features.numpy()
         stated = case[f"features_{NETS[net]}"]
         assert len(features) == stated["dim"]
         assert features[:5] == pytest.approx(stated["first5"], rel=0, abs=tolerance)
@@ -124,7 +124,7 @@ def test_the_trunk_of_alexnet_as_modules():
     x = ((x - mean) / deviation).permute(0, 3, 1, 2)
     with torch.inference_mode():
         expected = trunk.double()(x).mean(dim=(2, 3))
-    found = Lpips(find_lpips_weights(), dtype=torch.float64).see(images).features
+    found = Lpips(find_lpips_weights(), dtype=torch.float64).encode(images).features
     torch.testing.assert_close(found, expected, rtol=1e-6, atol=1e-6)
 
 
@@ -153,17 +153,17 @@ def test_more_images_than_a_batch_and_none():
 def test_what_was_seen_last_is_not_looked_at_again():
     network = Lpips(find_lpips_weights())
     truth, one, other = (noise(seed, 2, 40, 40, 3) for seed in range(3))
-    seen = network.see(truth)
-    first = network.see(one)
-    assert network.see(truth) is seen
-    second = network.see(other)  # takes the place of `one`
-    assert network.see(truth) is seen
-    assert network.see(other) is second
-    assert network.see(one) is not first
+    seen = network.encode(truth)
+    first = network.encode(one)
+    assert network.encode(truth) is seen
+    second = network.encode(other)  # takes the place of `one`
+    assert network.encode(truth) is seen
+    assert network.encode(other) is second
+    assert network.encode(one) is not first
     changed = truth.copy()
-    network.see(changed)
+    network.encode(changed)
     changed[0, 0, 0] ^= 255
-    assert not torch.equal(network.see(changed).features, seen.features)
+    assert not torch.equal(network.encode(changed).features, seen.features)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from harness_objects import (
 import bench.running.isolation
 from bench.catalogue.suites import Limits
 from bench.running.executors import JobPool
-from bench.running.isolation import WORKER_ENVIRONMENT, feed
+from bench.running.isolation import WORKER_ENVIRONMENT, submit_all
 
 from ..builders import make_job, make_truth, write_artifact
 
@@ -49,7 +49,7 @@ def jobs_for(tmp_path):
 
 def run_jobs(jobs, workers, limits):
     with closing(JobPool(len(jobs), workers, limits)) as pool:
-        yield from feed(jobs, pool)
+        yield from submit_all(jobs, pool)
 
 
 def reasons(results):

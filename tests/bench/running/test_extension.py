@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bench.catalogue.suites import STABILITY, SUITES
-from bench.commands.publish import interim, merge_shards, publish, run_suite
+from bench.commands.publish import merge_shards, partial_table, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest, write_manifest
 from bench.running.extension import join, joined
@@ -74,8 +74,8 @@ class Stopped(Terminal):
         super().__init__(*terminal)
         self._after, self._directory, self._seen = after, directory, seen
 
-    def jobs(self, ended, failed):
-        super().jobs(ended, failed)
+    def on_jobs_done(self, ended, failed):
+        super().on_jobs_done(ended, failed)
         self._seen.append(read_manifest(self._directory))
         if len(self._seen) == self._after:
             raise KeyboardInterrupt
@@ -87,7 +87,7 @@ def test_an_extension_that_is_stopped_leaves_the_outputs_and_goes_on(
     """With a further method: one of three objects is complete when Ctrl-C comes."""
     manifest, seen = read_manifest(copied), []
     options = finished_options(tiny_weights, copied, methods=("constant",))
-    stopped = run(options, publish, partial(Stopped, 1, copied, seen, interim))
+    stopped = run(options, publish, partial(Stopped, 1, copied, seen, partial_table))
     assert (stopped.interrupted, stopped.outputs) == (True, None)
     assert (stopped.objects, stopped.planned, stopped.done) == (1, 3, 1)
     assert seen == [manifest]  # a kill finds the run as it was, too

@@ -17,7 +17,7 @@ import psutil
 import pytest
 
 from bench.catalogue.suites import Limits
-from bench.running.isolation import Lost, TaskPool, run_tasks
+from bench.running.isolation import TaskPool, WorkerFailure, run_tasks
 
 pytestmark = pytest.mark.timing
 
@@ -85,10 +85,10 @@ def test_whatever_becomes_of_a_worker_is_reported_and_the_others_go_on(tmp_path)
         "a": "a",
         "b": "b",
         "c": "c",
-        "segfault": Lost("crash", "the worker died (SIGSEGV)"),
-        "exit": Lost("crash", "the worker died (exit code 3)"),
-        "hang": Lost("timeout", "no result within 10 s"),
-        "hog": Lost("memory", "the worker used more than 0.75 GiB"),
+        "segfault": WorkerFailure("crash", "the worker died (SIGSEGV)"),
+        "exit": WorkerFailure("crash", "the worker died (exit code 3)"),
+        "hang": WorkerFailure("timeout", "no result within 10 s"),
+        "hog": WorkerFailure("memory", "the worker used more than 0.75 GiB"),
     }
     assert found["hang"].reason == "timeout: no result within 10 s"
     assert not psutil.pid_exists(int((tmp_path / "hang").read_text()))
@@ -123,7 +123,7 @@ def test_workers_that_cannot_begin_are_given_up():
     with closing(TaskPool(Fatal(), 1, LIMITS)) as pool:
         pool.submit(1)
         with pytest.raises(BrokenProcessPool, match=lost):
-            list(pool.collect())
+            list(pool.wait_any())
 
 
 def tell_pid(task):
@@ -133,16 +133,16 @@ def tell_pid(task):
 def test_a_worker_that_dies_between_tasks_costs_none():
     with closing(TaskPool(tell_pid, 1, LIMITS)) as pool:
         pool.submit(1)
-        ((_, first),) = pool.collect()
+        ((_, first),) = pool.wait_any()
         keeper = psutil.Process(first).parent()
         os.kill(first, signal.SIGKILL)
         wait_until(lambda: keeper.status() == psutil.STATUS_ZOMBIE)
         pool.submit(2)
-        ((task, second),) = pool.collect()
+        ((task, second),) = pool.wait_any()
         assert task == 2
         assert isinstance(second, int)
         assert second != first
-        assert list(pool.collect()) == []  # nothing is left to wait for
+        assert list(pool.wait_any()) == []  # nothing is left to wait for
 
 
 def nap(seconds: float) -> float:
@@ -207,13 +207,17 @@ def wait_until(condition):
     ("how", "limits", "result"),
     [
         ("return", LIMITS, "return"),
-        ("crash", LIMITS, Lost("crash", "the worker died (SIGSEGV)")),
+        ("crash", LIMITS, WorkerFailure("crash", "the worker died (SIGSEGV)")),
         pytest.param(
-            *("hang", Limits(3.0, 8.0), Lost("timeout", "no result within 3 s")),
+            *("hang", Limits(3.0, 8.0), WorkerFailure("timeout", "no result within 3 s")),
             marks=pytest.mark.slow,
         ),
         pytest.param(
-            *("hold", Limits(60.0, 0.6), Lost("memory", "the worker used more than 0.6 GiB")),
+            *(
+                "hold",
+                Limits(60.0, 0.6),
+                WorkerFailure("memory", "the worker used more than 0.6 GiB"),
+            ),
             marks=[pytest.mark.slow, pytest.mark.memory],
         ),
     ],
@@ -297,11 +301,11 @@ def test_tasks_come_with_their_results_and_are_taken_as_workers_get_free():
     assert dict(run_tasks(range(6), square, 2, LIMITS)) == {x: x * x for x in range(6)}
     taken = []
 
-    def endless():
+    def infinite():
         for number in count():
             taken.append(number)
             yield number
 
-    with closing(run_tasks(endless(), square, 1, LIMITS)) as stream:
+    with closing(run_tasks(infinite(), square, 1, LIMITS)) as stream:
         assert len(list(islice(stream, 5))) == 5
     assert len(taken) <= 5 + 2

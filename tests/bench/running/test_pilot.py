@@ -14,7 +14,7 @@ from bench.catalogue.metrics import JUDGE
 from bench.catalogue.suites import Limits
 from bench.judges import JUDGE_WEIGHTS
 from bench.records.record import GROUND_TRUTH
-from bench.running.isolation import Lost
+from bench.running.isolation import WorkerFailure
 from bench.running.pilot import CELLS, lost_sample, measure, measured, size_of, sizes_of
 from data_prep.failures import BadInput, MissingDependency
 
@@ -101,7 +101,7 @@ def test_what_no_other_item_can_do_either_ends_the_pilot(tmp_path):
     [("timeout", 120.0, 0.0), ("memory", math.nan, 4096.0), ("crash", math.nan, 0.0)],
 )
 def test_what_an_item_costs_whose_worker_is_gone(tmp_path, kind, seconds, peak_mib):
-    sample = lost_sample(make_job(tmp_path), 7.0, Lost(kind, "gone"), Limits(120.0, 4.0))
+    sample = lost_sample(make_job(tmp_path), 7.0, WorkerFailure(kind, "gone"), Limits(120.0, 4.0))
     assert sample.seconds == pytest.approx(seconds, nan_ok=True)
     assert (sample.peak_mib, sample.reason) == (peak_mib, f"{kind}: gone")
 

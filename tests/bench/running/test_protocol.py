@@ -12,7 +12,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES, Limits
 from bench.records.record import GROUND_TRUTH
 from bench.running.protocol import plan, with_floor
-from bench.running.work import cloud_of, do
+from bench.running.work import cloud_of, run_job
 from data_prep.clouds import conditions
 from data_prep.clouds.conditions import Condition, GaussianNoise
 from data_prep.datasets.registry import PaperObject, ProceduralObject
@@ -175,7 +175,7 @@ def test_a_suite_in_grey_has_the_same_points_and_views_of_grey_objects(tmp_path)
         methods = ("true-mesh", "true-mesh@grey")
         some = {"methods": methods, "conditions": ("noise-0.05",), "objects": objects, "views": 2}
         jobs = plan(make_protocol(suite=suite, features=(), **some), tmp_path).jobs
-        made[suite.painted] = [(job, do(job)) for job in jobs]
+        made[suite.painted] = [(job, run_job(job)) for job in jobs]
     for (colour, _), (grey, _) in zip(made[True], made[False], strict=True):
         assert colour.key != grey.key
         assert (colour.method, colour.views) == (grey.method, grey.views)

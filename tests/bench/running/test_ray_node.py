@@ -15,7 +15,7 @@ from harness_objects import Killed, Refusing, Tetrahedron
 import bench.running.ray
 from bench.catalogue.suites import Limits
 from bench.running.ray import Node, mismatch, requirements
-from bench.running.work import do
+from bench.running.work import run_job
 from data_prep.failures import MissingDependency
 
 from ..builders import make_job, make_protocol, make_truth, write_artifact
@@ -90,12 +90,12 @@ def test_a_job_gives_what_it_gives_at_home(asked, tmp_path):
     truth = make_truth(tmp_path)
     write_artifact(truth)
     job = make_job(tmp_path, method="blank")
-    at_home = do(job)
+    at_home = run_job(job)
     expected = job.artifact.read_bytes()
     job.artifact.unlink()
     with node(asked) as made:
-        result, artifact = made.do(job, job.object.fingerprint(), truth.artifact.read_bytes())
-        again, _ = made.do(job, job.object.fingerprint(), truth.artifact.read_bytes())
+        result, artifact = made.run_job(job, job.object.fingerprint(), truth.artifact.read_bytes())
+        again, _ = made.run_job(job, job.object.fingerprint(), truth.artifact.read_bytes())
     assert artifact == expected
     assert not job.artifact.exists()
     for found in (result, again):
@@ -112,7 +112,7 @@ def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
     with node(asked) as made:
         for number, (kind, reason) in enumerate(expected.items()):
             truth = make_truth(tmp_path, kind(str(number)))
-            result, artifact = made.do(truth, truth.object.fingerprint(), None)
+            result, artifact = made.run_job(truth, truth.object.fingerprint(), None)
             assert (result.records[0].reason, result.unusable) == (reason, None)
             assert (artifact is None) == (result.artifact_sha256 is None) == bool(reason)
 
@@ -120,7 +120,7 @@ def test_a_job_that_fails_or_dies_is_a_result(asked, tmp_path):
 def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
     job = make_truth(tmp_path)
     with node(asked) as made:
-        result, artifact = made.do(job, "another", None)
+        result, artifact = made.run_job(job, "another", None)
     assert artifact is None
     assert "chair/a is not what it is in the run (tetrahedron a, not another)" in result.unusable
     assert "put the same dataset into the same folder on all nodes" in result.unusable
@@ -129,7 +129,7 @@ def test_another_dataset_on_a_node_ends_the_run(asked, tmp_path):
 def test_a_node_that_does_not_match_does_nothing(asked, tmp_path):
     job = make_truth(tmp_path)
     with node(replace(asked, versions={"torch": "0.1"})) as made:
-        result, _ = made.do(job, job.object.fingerprint(), None)
+        result, _ = made.run_job(job, job.object.fingerprint(), None)
     assert result.unusable.startswith("node ")
     assert "torch is" in result.unusable
 

@@ -20,7 +20,7 @@ from PIL import Image
 
 import bench.running.run
 import bench.tables.scored
-from bench.commands.publish import interim, publish, run_suite
+from bench.commands.publish import partial_table, publish, run_suite
 from bench.commands.terminal import Terminal
 from bench.records.journal import read_manifest
 from bench.records.record import GROUND_TRUTH
@@ -276,8 +276,8 @@ class OneMore(Budget):
 class Interrupted(Terminal):
     """Ctrl-C as soon as an object is complete."""
 
-    def object(self, so_far):
-        super().object(so_far)
+    def on_object_done(self, snapshot):
+        super().on_object_done(snapshot)
         raise KeyboardInterrupt
 
 
@@ -289,7 +289,7 @@ def test_some_objects_now_and_the_others_later(
     is a run of the objects that are complete, and the end is that of a run never stopped."""
     directory = tmp_path / "run"
     options = finished_options(tiny_weights, directory)
-    first = run(options, publish, partial(Interrupted, interim))
+    first = run(options, publish, partial(Interrupted, partial_table))
     assert (first.interrupted, first.objects, first.planned, first.done) == (True, 1, 3, 8)
     assert read_manifest(directory)["objects"] == ["chair/test-0000"]
     interim_table = (directory / "tables" / "headline.md").read_text()

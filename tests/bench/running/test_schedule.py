@@ -8,7 +8,7 @@ import pytest
 from harness_objects import Tetrahedron
 
 from bench.records.job import Result, failed
-from bench.running.isolation import feed
+from bench.running.isolation import submit_all
 from bench.running.protocol import plan
 from bench.running.schedule import Budget, Schedule, end_s, seconds_of
 from data_prep.failures import BadInput
@@ -34,15 +34,15 @@ def done(job):
 class OneByOne:
     """An executor that ends a job a second, in the order of their coming."""
 
-    def __init__(self, room=2, refuse=(), seconds=1.0, clock=None):
-        self.room, self.waiting, self.order = room, [], []
+    def __init__(self, capacity=2, refuse=(), seconds=1.0, clock=None):
+        self.capacity, self.waiting, self.order = capacity, [], []
         self.refuse, self.seconds, self.clock = refuse, seconds, clock or [0.0]
 
     def submit(self, job):
         self.waiting.append(job)
         self.order.append(named(job))
 
-    def collect(self):
+    def wait_any(self):
         self.clock[0] += self.seconds
         job = self.waiting.pop(0)
         yield failed(job, "input: no") if named(job) in self.refuse else done(job)
@@ -53,7 +53,7 @@ class OneByOne:
 
 def carried_out(schedule, **executor):
     worker = OneByOne(**executor)
-    for result in feed(schedule.jobs(), worker):
+    for result in submit_all(schedule.jobs(), worker):
         schedule.take(result)
     return worker.order
 
@@ -100,10 +100,10 @@ def test_an_object_without_a_ground_truth_is_complete_with_it():
     assert schedule.left == 0
 
 
-def budgeted(seconds, objects=5, guess_s=4.0, job_s=1.0, room=1):
+def budgeted(seconds, objects=5, guess_s=4.0, job_s=1.0, capacity=1):
     clock = [0.0]
     schedule = Schedule(todo(*"abcdefgh"[:objects]), {}, Budget(seconds, guess_s, lambda: clock[0]))
-    carried_out(schedule, room=room, seconds=job_s, clock=clock)
+    carried_out(schedule, capacity=capacity, seconds=job_s, clock=clock)
     return schedule.complete, clock[0]
 
 
@@ -126,7 +126,7 @@ def test_the_first_object_is_done_whatever_it_costs():
 
 def test_objects_that_take_longer_than_expected_are_left():
     """The second object is begun on the guess that it takes no time, and given up half-way."""
-    names, ended = budgeted(end_s(1) + 5.5, guess_s=0.0, room=2)
+    names, ended = budgeted(end_s(1) + 5.5, guess_s=0.0, capacity=2)
     assert names == ["chair/a"]
     assert ended == 7  # what was under way at 5.5
 

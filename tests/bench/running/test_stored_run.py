@@ -44,7 +44,7 @@ def test_its_journal_is_used_again(stored, monkeypatch):
     cells = {"methods": ("splat",), "conditions": tuple(manifest["conditions"])}
     place = {"views": manifest["views"], "device": "cpu", "out": stored}
     options = Options(suite.id, **cells, limit=1, **place)
-    todo = run.look_ahead(options, protocol_of(suite, options)[0])
+    todo = run.run_status(options, protocol_of(suite, options)[0])
     assert set(todo.left.values()) == {0}
 
 

@@ -16,7 +16,7 @@ from bench.metrics import ssim
 from bench.metrics.image_scores import scores
 from bench.records.artifacts import read_artifact
 from bench.records.job import JobTiming
-from bench.running.work import cloud_of, do
+from bench.running.work import cloud_of, run_job
 from data_prep.clouds.sampling import sample_surface
 from data_prep.failures import BadInput, MissingDependency, StageFailure
 from data_prep.randomness import generator
@@ -77,7 +77,7 @@ def measure(tmp_path, monkeypatch):
         truth = changes.pop("truth", None)
         job = make_job(tmp_path, method="fake", **changes)
         write_artifact(make_truth(tmp_path), seed=1, **({} if truth is None else {"images": truth}))
-        return job, do(job)
+        return job, run_job(job)
 
     yield run
     bench.running.work.load_renderer.cache_clear()
@@ -145,7 +145,7 @@ def test_an_image_of_one_colour_is_none_and_one_with_another_pixel_is(measure, l
 @pytest.mark.parametrize("floor", ["blank", "constant"])
 def test_a_floor_may_be_blank(tmp_path, floor):
     write_artifact(make_truth(tmp_path))
-    assert outcomes(do(make_job(tmp_path, method=floor))) == {("ok", "")}
+    assert outcomes(run_job(make_job(tmp_path, method=floor))) == {("ok", "")}
 
 
 def test_blank_where_the_truth_is_blank_is_an_image(measure):
@@ -256,7 +256,7 @@ def test_time_before_a_failure_counts(measure, clock):
 
 def test_the_time_of_the_ground_truth_is_rendering(tmp_path, clock, monkeypatch):
     monkeypatch.setattr("data_prep.rendering.opengl.render", clock.taking(3.0, render))
-    assert do(make_truth(tmp_path)).timing == JobTiming(rendering=3.0)
+    assert run_job(make_truth(tmp_path)).timing == JobTiming(rendering=3.0)
 
 
 @pytest.mark.parametrize("sees_mesh", [False, True])
@@ -302,7 +302,7 @@ def test_randomness_comes_from_the_job_alone(measure):
 
 def test_the_ground_truth_is_the_mesh(tmp_path):
     job = make_truth(tmp_path)
-    result = do(job)
+    result = run_job(job)
     expected = render(Tetrahedron().load(), VIEWS)
     assert np.array_equal(read_artifact(job.artifact)["images"], expected)
     assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 3
@@ -312,7 +312,7 @@ def test_the_ground_truth_is_the_mesh(tmp_path):
 
 def test_features_are_those_of_the_images(tmp_path):
     job = make_truth(tmp_path, features=(("fd-views", str(VIEWS_WEIGHTS)),))
-    do(job)
+    run_job(job)
     arrays = read_artifact(job.artifact)
     assert set(arrays) == {"images", "fd-views"}
     expected = find_extractor("fd-views").load(str(VIEWS_WEIGHTS))(arrays["images"])
@@ -321,7 +321,7 @@ def test_features_are_those_of_the_images(tmp_path):
 
 def test_splats_cover_what_the_mesh_covers(tmp_path):
     jobs = make_truth(tmp_path), make_job(tmp_path)
-    assert [outcomes(do(job)) for job in jobs] == [{("ok", "")}] * 2
+    assert [outcomes(run_job(job)) for job in jobs] == [{("ok", "")}] * 2
     covered, painted = ((read_artifact(j.artifact)["images"] < 255).any(axis=3) for j in jobs)
     assert 0.2 < covered.mean() < 0.8
     assert (painted & ~covered).mean() < 0.02  # discs overlap the outline
@@ -330,8 +330,8 @@ def test_splats_cover_what_the_mesh_covers(tmp_path):
 
 def test_the_same_job_gives_the_same_bytes(tmp_path):
     for place in ("one", "two"):
-        do(make_truth(tmp_path / place))
-    one, two = (do(make_job(tmp_path / place)).artifact_sha256 for place in ("one", "two"))
+        run_job(make_truth(tmp_path / place))
+    one, two = (run_job(make_job(tmp_path / place)).artifact_sha256 for place in ("one", "two"))
     assert one == two
 
 
@@ -366,7 +366,7 @@ def test_what_a_method_raises_is_a_record(measure, error, reason):
 )
 def test_objects_that_cannot_be_loaded(tmp_path, make, obj, reason):
     write_artifact(make_truth(tmp_path))
-    assert outcomes(do(make(tmp_path, obj))) == {("failed", reason)}
+    assert outcomes(run_job(make(tmp_path, obj))) == {("failed", reason)}
 
 
 def raising(error):
@@ -385,7 +385,7 @@ def test_a_missing_library_or_unusable_weights_end_the_run(measure):
 
 
 def test_a_missing_ground_truth_is_a_record(tmp_path):
-    ((outcome, reason),) = outcomes(do(make_job(tmp_path, method="blank")))
+    ((outcome, reason),) = outcomes(run_job(make_job(tmp_path, method="blank")))
     assert (outcome, reason.split()[0]) == ("failed", "FileNotFoundError:")
 
 

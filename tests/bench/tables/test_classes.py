@@ -6,12 +6,12 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import interval_of_means, jackknife_interval
 from bench.analysis.recognition import ClassHead
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
-from bench.metrics.frechet import LeftOut, left_out_distances
+from bench.metrics.frechet import JackknifeMoments, left_out_distances
 from bench.metrics.kernel_distance import kernel_distance, left_out_kernel_distances
 from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.classes import class_table, network_of, remark, with_confidence
@@ -76,7 +76,7 @@ def table_without(method, class_name, *lost):
 def table(of=None, skipped=SKIPPED, features=None):
     features = features or FeaturesAtHand(*random_features())
     frame = with_confidence(to_frame(of or records()), features, HEAD)
-    return class_table(frame, {"fd-views": MeasuredFeatures(features)}, skipped, SUITE, PUBLISHED)
+    return class_table(frame, {"fd-views": FeatureDistances(features)}, skipped, SUITE, PUBLISHED)
 
 
 def cell(made, **at):
@@ -108,10 +108,10 @@ def test_kernel_distances_of_a_class():
     objects = np.array([obj for obj, _ in images("car")])
     row = cell(table(), method="pc2pix@all", class_name="car", metric="kd-views")
     value = kernel_distance(drawn, truth)
-    left_out = left_out_kernel_distances(drawn, truth, objects, objects)
+    leave_one_out = left_out_kernel_distances(drawn, truth, objects, objects)
     # the same numbers in another order of operations
     assert row.value == row.failures_as_blank == pytest.approx(value, rel=1e-9)
-    interval = jackknife_interval(value, [left_out])
+    interval = jackknife_interval(value, [leave_one_out])
     assert (row.ci_low, row.ci_high) == pytest.approx(interval, rel=1e-9)
 
 
@@ -175,15 +175,16 @@ def test_the_intervals_of_averages():
     assert (row.ci_low, row.ci_high) == pytest.approx(interval_of_means(per_object), rel=1e-12)
 
     index, values = random_features()
-    left_out = []
+    leave_one_out = []
     for k in ("car", "lamp"):
         objects = np.array([obj for obj, _ in images(k)])
         truth, drawn = (
-            LeftOut(values[chosen(index, m, k)], objects) for m in (GROUND_TRUTH, "surface-apss")
+            JackknifeMoments(values[chosen(index, m, k)], objects)
+            for m in (GROUND_TRUTH, "surface-apss")
         )
-        left_out.append(left_out_distances(drawn, truth))
+        leave_one_out.append(left_out_distances(drawn, truth))
     row = cell(made, metric="fd-views", **at)
-    low, high = jackknife_interval(row.value, left_out)
+    low, high = jackknife_interval(row.value, leave_one_out)
     assert (row.ci_low, row.ci_high) == pytest.approx((max(low, 0.0), high), rel=1e-9)
 
 

@@ -4,7 +4,7 @@ import csv
 import io
 
 from bench.analysis.comparison import NAN, Estimate
-from bench.analysis.frontier import Place, Thinned
+from bench.analysis.frontier import FrontierPoint, SubsampledFrontier
 from bench.tables.frontier import frontier_table, points_table
 
 NOTHING = Estimate(NAN, NAN, NAN)
@@ -20,7 +20,9 @@ def place(method="splat", metric="ssim", verdict="frontier", rival="", **changes
         "n_ok": 39,
         "n": 40,
     }
-    return Place(method=method, metric=metric, verdict=verdict, rival=rival, **(values | changes))
+    return FrontierPoint(
+        method=method, metric=metric, verdict=verdict, rival=rival, **(values | changes)
+    )
 
 
 def rows(text):
@@ -75,11 +77,11 @@ def test_markdown_has_methods_by_cost_and_marks():
 
 
 def test_points():
-    full = Thinned(
+    full = SubsampledFrontier(
         "chair", "ssim", "splat", "2048", 2048, Estimate(21.0, 20.0, 22.0),
         Estimate(0.6, 0.5, 0.7), Estimate(0.0, 0.0, 0.0),
     )  # fmt: skip
-    few = Thinned(
+    few = SubsampledFrontier(
         "chair", "ssim", "splat", "512", 512, Estimate(10.5, 10.0, 11.0),
         Estimate(0.45, 0.4, 0.5), Estimate(0.15, -0.01, 0.31),
     )  # fmt: skip

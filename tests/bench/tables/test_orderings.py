@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.comparison import Estimate
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import (
     distance_interval,
     interval_of_means,
@@ -19,7 +19,7 @@ from bench.analysis.intervals import (
 from bench.catalogue.lookup import find
 from bench.catalogue.suites import SUITES
 from bench.metrics.frechet import (
-    LeftOut,
+    JackknifeMoments,
     left_out_distances,
 )
 from bench.records.record import GROUND_TRUTH, to_frame
@@ -120,11 +120,13 @@ def test_distances_are_ahead_where_they_are_smaller():
     frame = feature_index(("surface-apss", "pc2pix@all", "blank"), dict.fromkeys(LEADS, OBJECTS))
     values = np.random.default_rng(0).random((len(frame), 3), np.float32)
     values[frame["method"] == "surface-apss"] += 2.0
-    made = table({"fd-views": MeasuredFeatures(FeaturesAtHand(frame, values))})
+    made = table({"fd-views": FeatureDistances(FeaturesAtHand(frame, values))})
     every = []
     for k in LEADS:
         truth, surface, network = (
-            LeftOut(values[(frame["method"] == m) & (frame["class"] == k)], np.repeat(OBJECTS, 2))
+            JackknifeMoments(
+                values[(frame["method"] == m) & (frame["class"] == k)], np.repeat(OBJECTS, 2)
+            )
             for m in (GROUND_TRUTH, "surface-apss", "pc2pix@all")
         )
         every.append(left_out_distances(network, truth) - left_out_distances(surface, truth))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from bench.tables.plain import BRACKETS, STAR, plain
-from bench.tables.table import BEST, Cell, Grid, Head, Line
+from bench.tables.table import BEST, Cell, ColumnHeader, Grid, TableRow
 
 CONDITIONS = ("2048", "1024", "512", "noise-0.05", "noise-0.10")
 
@@ -16,9 +16,11 @@ def value(number, low, high, digits=3, **more):
 
 
 def grid(metric, cells, names, conditions, higher=True, **more):
-    lines = tuple(Line(name, tuple(cells(name, c) for c in conditions)) for name in names)
+    lines = tuple(TableRow(name, tuple(cells(name, c) for c in conditions)) for name in names)
     caption = f"{metric}, chair ({'higher' if higher else 'lower'} is better)"
-    return Grid("method", tuple(map(Head, conditions)), lines, caption, higher=higher, **more)
+    return Grid(
+        "method", tuple(map(ColumnHeader, conditions)), lines, caption, higher=higher, **more
+    )
 
 
 def ssim(name, condition):

@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import bench.tables.build
-from bench.analysis.distances import MeasuredFeatures
+from bench.analysis.distances import FeatureDistances
 from bench.analysis.intervals import clipped, mean_interval, median_interval
 from bench.catalogue.suites import SUITES
 from bench.metrics import frechet_distance
@@ -18,10 +18,10 @@ from bench.records.record import GROUND_TRUTH, to_frame
 from bench.tables.build import cost_table, tables, write_outputs
 from bench.tables.quality import (
     as_published,
-    control_table,
     detail_table,
     image_table,
     quality_table,
+    recognition_table,
     set_table,
     with_objectives,
 )
@@ -187,7 +187,7 @@ def judged(images, seen):
 
 
 def controls(records, answers, skipped=""):
-    return control_table(to_frame(records), answers, skipped, SUITE)
+    return recognition_table(to_frame(records), answers, skipped, SUITE)
 
 
 CODES = {"a": (1.0, 0.0), "b": (0.0, 1.0), "c": (-1.0, 0.0)}
@@ -291,7 +291,7 @@ def distances(without=()):
         for method in ("splat", "blank")
         for obj, view in IMAGES
     ]
-    taken = {"fd-views": MeasuredFeatures(features(without))}
+    taken = {"fd-views": FeatureDistances(features(without))}
     taken["fd-views-grey"] = taken["fd-views"]
     skipped = {"fid": "skipped: weights"}
     return set_table("table4_fid", "Table 4", to_frame(records), taken, skipped, SUITE, {})

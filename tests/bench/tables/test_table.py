@@ -10,8 +10,8 @@ from bench.tables.table import (
     BOLD,
     NAN,
     NOTHING,
+    Annotation,
     Cell,
-    Mark,
     Table,
     Tags,
     columns,
@@ -107,7 +107,7 @@ def test_a_pivot_has_tags_for_the_filters():
 
 
 def test_marks_in_both_renderers():
-    behind = Mark("behind", "*{value}{interval}*", against=True)
+    behind = Annotation("behind", "*{value}{interval}*", against=True)
     cells = [
         number((1.0, 0.5, 1.5), show, special=BOLD),
         number((1.0, 0.5, 1.5), show, special=behind),

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from data_prep.datasets.paper import PaperObject
-from data_prep.datasets.paper_checks import READINGS, agreement, oddities
+from data_prep.datasets.paper_checks import READINGS, agreement, find_problems
 from data_prep.datasets.registry import ProceduralObject, layout_of, open_dataset
 from data_prep.failures import BadInput
 from data_prep.files.clouds import save_ply
@@ -229,7 +229,7 @@ def test_clouds_agree_with_their_images_and_other_angles_are_recognised(tmp_path
     write_paper_object(tmp_path, "chair", "a", drawn.cloud(RNG), views, drawn.truth(views))
     write_paper_split(tmp_path, "chair", ["a"])
     (obj,) = open_dataset(f"paper:{tmp_path}").objects("chair", 1, 0)
-    assert list(oddities(obj)) == []
+    assert list(find_problems(obj)) == []
     shares = agreement(obj)
     assert len(shares) == len(READINGS) == 8
     # Points of a surface project onto it, but for those whose pixel's centre it misses: outlines.
@@ -249,7 +249,7 @@ def test_oddities(tmp_path: Path) -> None:
     (renders(tmp_path) / "view.txt").write_text("1 2\n" * 20 + "0 41\n")
     Image.new("RGB", (128, 128)).save(renders(tmp_path) / "render_2_128.png")
     Image.new("RGBA", (224, 224)).save(renders(tmp_path) / "render_3_128.png")
-    assert list(oddities(obj)) == [
+    assert list(find_problems(obj)) == [
         ("the cloud cannot be used", "5 points, expected 2048; fetch it again"),
         ("view.txt has not 20 lines", "21 lines"),
         ("angles beyond 180 and 40 degrees", "1 views"),
@@ -261,4 +261,4 @@ def test_oddities(tmp_path: Path) -> None:
         ),
     ]
     (renders(tmp_path) / "view.txt").unlink()
-    assert ("the cameras cannot be read", "no such file") in list(oddities(obj))
+    assert ("the cameras cannot be read", "no such file") in list(find_problems(obj))

@@ -10,7 +10,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from data_prep.files.atomic_write import sync_folder, whole_file, whole_folder, write_whole
+from data_prep.files.atomic_write import atomic_write, sync_folder, whole_folder, write_whole
 
 
 def there(folder: Path) -> dict[str, bytes]:
@@ -20,7 +20,7 @@ def there(folder: Path) -> dict[str, bytes]:
 def test_until_the_block_ends_the_old_file_is_there(tmp_path: Path) -> None:
     path = tmp_path / "new" / "folder" / "a.bin"
     write_whole(path, b"old")
-    with whole_file(path) as new:
+    with atomic_write(path) as new:
         assert new.read_bytes() == b""
         new.write_bytes(b"new")
         assert path.read_bytes() == b"old"
@@ -38,7 +38,7 @@ def test_interrupted(tmp_path: Path, old: dict[str, bytes], end: BaseException, 
         (tmp_path / name).write_bytes(data)
 
     def interrupted() -> None:
-        with whole_file(tmp_path / "a.bin") as new:
+        with atomic_write(tmp_path / "a.bin") as new:
             new.write_bytes(b"half")
             if gone:
                 new.unlink()
@@ -61,8 +61,8 @@ def test_a_disk_that_refuses(tmp_path: Path, monkeypatch, owner: object, call: s
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from data_prep.files.atomic_write import whole_file
-with whole_file(Path(sys.argv[1])) as new:
+from data_prep.files.atomic_write import atomic_write
+with atomic_write(Path(sys.argv[1])) as new:
     new.write_bytes(b"half")
     os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -114,7 +114,7 @@ def test_the_rights_of_a_new_file(tmp_path: Path, mask: int, rights: int) -> Non
     try:
         write_whole(path, b"")
         assert stat.S_IMODE(path.stat().st_mode) == rights
-        with whole_file(path) as new:
+        with atomic_write(path) as new:
             new.unlink()
             new.touch(0o400)  # as libraries do that write by way of a file of their own
         assert stat.S_IMODE(path.stat().st_mode) == rights
@@ -124,7 +124,7 @@ def test_the_rights_of_a_new_file(tmp_path: Path, mask: int, rights: int) -> Non
 
 def test_those_who_write_at_once_do_not_meet_and_folders_are_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
-    with whole_file(path) as one:
+    with atomic_write(path) as one:
         one.write_bytes(b"first, ")
         write_whole(path, b"second")
         with one.open("ab") as file:

@@ -271,7 +271,7 @@ UNITS = {
     "views": 3,
     "seed": 0,
     "device": "cpu",
-    "circumstances": {"versions": {"numpy": "2"}},
+    "machine_info": {"versions": {"numpy": "2"}},
 }
 
 
@@ -298,7 +298,7 @@ def test_a_unit_for_each_method_condition_and_number_of_threads():
         {"views": 4},
         {"seed": 1},
         {"device": "cuda"},
-        {"circumstances": {"versions": {"numpy": "3"}}},
+        {"machine_info": {"versions": {"numpy": "3"}}},
     ],
 )
 def test_whatever_times_depend_on_is_in_the_key(changes):

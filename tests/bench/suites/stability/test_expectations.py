@@ -7,14 +7,14 @@ import pytest
 from bench.catalogue.methods import METHODS
 from bench.suites.stability.cases import CASES, VIEWS
 from bench.suites.stability.expectations import (
-    STATED,
+    EXPECTED,
     Agrees,
     Changes,
     Draws,
     Either,
     Fails,
+    NoExpectation,
     Observation,
-    Unstated,
     expectation,
     outcome,
 )
@@ -34,8 +34,8 @@ def test_cases_are_about_others_that_are_there():
     for case in (case for case in CASES if case.like is not None):
         assert len(case.views) % len(BY_ID[case.like].views) == 0
         assert BY_ID[case.like].like is None
-    assert STATED.keys() == {method.id for method in METHODS}
-    for stated in STATED.values():
+    assert EXPECTED.keys() == {method.id for method in METHODS}
+    for stated in EXPECTED.values():
         for case, expected in stated.items():
             assert BY_ID[case].like or not isinstance(expected, Agrees | Changes)
 
@@ -58,8 +58,8 @@ def test_views_that_should_agree_are_the_same_direction():
         ("splat", "shuffled", Agrees(0.01, 1)),
         ("splat", "millimetres", Agrees(1.0)),
         ("splat", "0-points", Fails("input: no points")),
-        ("other", "plain", Unstated()),
-        ("other", "shuffled", Unstated()),
+        ("other", "plain", NoExpectation()),
+        ("other", "shuffled", NoExpectation()),
     ],
 )
 def test_what_is_expected_where_nothing_special_is_stated(method, case, expected):
@@ -87,20 +87,20 @@ def test_what_is_expected_where_nothing_special_is_stated(method, case, expected
         (Either((Draws(), Fails("apss: ")), "why"), IMAGES, "holds"),
         (Either((Draws(), Fails("apss: ")), "why"), FAILED, "refused"),
         (Either((Draws(), Fails("draw: ")), "why"), FAILED, "unexpected"),
-        (Unstated(), IMAGES, "holds"),
-        (Unstated(), FAILED, "refused"),
-        (Unstated(), changed(0.9), "holds"),
-        (Unstated(), changed(1.1), "differs"),
+        (NoExpectation(), IMAGES, "holds"),
+        (NoExpectation(), FAILED, "refused"),
+        (NoExpectation(), changed(0.9), "holds"),
+        (NoExpectation(), changed(1.1), "differs"),
         *(
-            (Unstated(), replace(FAILED, reason=reason), "unexpected")
+            (NoExpectation(), replace(FAILED, reason=reason), "unexpected")
             for reason in ("ValueError: 3", "timeout: 60 s", "crash: SIGSEGV", "memory: 4 GiB")
         ),
     ],
 )
 def test_verdicts(expected, seen, kind, monkeypatch):
-    monkeypatch.setitem(STATED, "splat", {"plain": expected})
-    if isinstance(expected, Unstated):
-        monkeypatch.delitem(STATED, "splat")
+    monkeypatch.setitem(EXPECTED, "splat", {"plain": expected})
+    if isinstance(expected, NoExpectation):
+        monkeypatch.delitem(EXPECTED, "splat")
     assert outcome(seen).kind == kind
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data_prep.shapes.chances import chance, pick
+from data_prep.shapes.random_choices import chance, pick
 from data_prep.shapes.shape_class import shape_class
 from data_prep.shapes.solids import box
 

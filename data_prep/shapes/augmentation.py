@@ -12,15 +12,16 @@ from dataclasses import replace
 import numpy as np
 from trimesh.remesh import subdivide_to_size
 
+from data_prep.arrays import Floats
 from data_prep.clouds.normalise import normalise
 from data_prep.scene import NEUTRAL_GREY, Mesh, in_one_colour
 from data_prep.shapes.chair.backs import arm_parts, back_parts
 from data_prep.shapes.chair.bases import base_parts
 from data_prep.shapes.chair.seats import lay_out, seat_parts
 from data_prep.shapes.chair.spec import FAMILY_WEIGHTS, Family, draw_spec_of
-from data_prep.shapes.chances import chance, pick, uniform
-from data_prep.shapes.deformations import Deformation, Vectors, draw_deformation
+from data_prep.shapes.deformations import Deformation, draw_deformation
 from data_prep.shapes.palettes import LIGHTEST, MATERIALS, shade
+from data_prep.shapes.random_choices import chance, pick, uniform
 from data_prep.shapes.shape_class import ShapeClass
 from data_prep.shapes.solids import Color, Part, join, signed_volume
 
@@ -186,6 +187,6 @@ def _flatness(parts: Sequence[Part]) -> float:
     return float(extents.min() / extents.max())
 
 
-def _area(part: Part) -> Vectors:
+def _area(part: Part) -> Floats:
     a, b, c = (part.vertices[part.faces[:, i]] for i in range(3))
     return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2

@@ -9,7 +9,7 @@ import pytest
 
 from data_prep.datasets.registry import ProceduralObject, open_dataset
 from data_prep.scene import NEUTRAL_GREY
-from data_prep.shapes import widening
+from data_prep.shapes import augmentation
 from data_prep.shapes.catalogue import CLASSES
 from data_prep.shapes.deformations import Deformation, draw_deformation
 from data_prep.shapes.palettes import LIGHTEST
@@ -69,8 +69,8 @@ def test_folds_are_seen():
     mirrored = replace(NOTHING, offsets=_of_x(-2.0))  # x becomes -x
     assert mirrored.smallest_stretch(POINTS) == pytest.approx(-1.0, abs=1e-9)
     for deformation in (folded, mirrored):
-        with pytest.raises(widening.Degenerate, match="folded"):
-            widening.deformed([box((0, 0, 0), (2, 2, 2), GREY)], deformation)
+        with pytest.raises(augmentation.Degenerate, match="folded"):
+            augmentation.deformed([box((0, 0, 0), (2, 2, 2), GREY)], deformation)
 
 
 def _of_x(share: float) -> np.ndarray:
@@ -81,25 +81,25 @@ def _of_x(share: float) -> np.ndarray:
 
 def test_what_becomes_flat_is_rejected():
     cube = [box((0, 0, 0), (2, 2, 2), GREY)]
-    with pytest.raises(widening.Degenerate, match="flat"):
-        widening.deformed(cube, replace(NOTHING, scale=np.array([1.0, 0.03, 1.0])))
-    made = widening.deformed(cube, replace(NOTHING, scale=np.array([1.0, 0.1, 1.0])))
+    with pytest.raises(augmentation.Degenerate, match="flat"):
+        augmentation.deformed(cube, replace(NOTHING, scale=np.array([1.0, 0.03, 1.0])))
+    made = augmentation.deformed(cube, replace(NOTHING, scale=np.array([1.0, 0.1, 1.0])))
     assert volume(made[0]) == pytest.approx(8 * 0.1)
 
 
 def test_faces_are_small_enough_to_bend():
-    (rod,) = widening.deformed(
+    (rod,) = augmentation.deformed(
         [box((0, 0.5, 0), (0.04, 1.0, 0.04), GREY)], replace(NOTHING, bend=0.4)
     )
     edges = rod.vertices[rod.faces] - rod.vertices[np.roll(rod.faces, 1, axis=1)]
     # stretched by a bend of 0.4 by less than 1.1
-    assert np.linalg.norm(edges, axis=2).max() < 1.1 * widening.EDGE
+    assert np.linalg.norm(edges, axis=2).max() < 1.1 * augmentation.EDGE
 
 
 def test_long_parts_become_thicker_and_not_longer():
     rod = lathe([(0.02, 0.0), (0.02, 1.0)], GREY)
     cube = box((0, 0, 0), (1, 1, 1), GREY)
-    thick, same = widening.thickened([rod, cube], 1.5)
+    thick, same = augmentation.thickened([rod, cube], 1.5)
     assert same is cube
     assert np.ptp(thick.vertices[:, 1]) == pytest.approx(1.0, abs=1e-9)
     assert volume(thick) == pytest.approx(1.5**2 * volume(rod), rel=1e-9)
@@ -108,7 +108,7 @@ def test_long_parts_become_thicker_and_not_longer():
 def test_colours_stay_together_and_visible():
     rng = np.random.default_rng(3)
     parts = [replace(box((0, i, 0), (1, 1, 1), GREY), color=(40, 40, 40 + i % 2)) for i in range(6)]
-    drawn = [widening.recoloured(parts, rng) for _ in range(200)]
+    drawn = [augmentation.recoloured(parts, rng) for _ in range(200)]
     for made in drawn:
         assert (
             len({part.color for part in made[::2]}) == len({part.color for part in made[1::2]}) == 1
@@ -123,7 +123,7 @@ def test_colours_stay_together_and_visible():
 def test_half_of_the_meshes_lose_the_colours_of_their_parts():
     rng = np.random.default_rng(7)
     mesh = join([box((i, 0, 0), (1, 1, 1), (40 + i, 50, 60)) for i in range(3)])
-    drawn = [widening.painted(mesh, rng) for _ in range(400)]
+    drawn = [augmentation.painted(mesh, rng) for _ in range(400)]
     kinds = np.array(
         [
             "by part" if made is mesh
@@ -132,7 +132,7 @@ def test_half_of_the_meshes_lose_the_colours_of_their_parts():
             for made in drawn
         ]
     )  # fmt: skip
-    for kind, share in widening.PAINTS.items():
+    for kind, share in augmentation.PAINTS.items():
         # five standard errors of 400 draws
         bound = 5 * np.sqrt(share * (1 - share) / 400)
         assert abs(np.mean(kinds == kind) - share) < bound
@@ -145,40 +145,40 @@ def test_small_parts_may_go_but_never_all():
     rng = np.random.default_rng(0)
     large_one = box((0, 0, 0), (3, 3, 3), GREY)
     parts = [large_one, *(box((2, i, 0), (1, 1, 1), GREY) for i in range(5))]
-    drawn = [widening.without_some(parts, rng) for _ in range(50)]
+    drawn = [augmentation.without_some(parts, rng) for _ in range(50)]
     assert {len(made) for made in drawn} == {3, 4, 5}
     assert all(made[0] is large_one for made in drawn)
     large: list[Part] = [box((i, 0, 0), (1, 1, 1), GREY) for i in range(2)]
-    assert widening.without_some(large, rng) == large
-    assert len(widening.without_some(large[:1], rng)) == 1
+    assert augmentation.without_some(large, rng) == large
+    assert len(augmentation.without_some(large[:1], rng)) == 1
 
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_class_is_widened(name):
     rng, again = (np.random.default_rng(5) for _ in range(2))
     for _ in range(4):
-        mesh, rejected = widening.draw_widened(CLASSES[name], rng)
-        same, _ = widening.draw_widened(CLASSES[name], again)
+        mesh, rejected = augmentation.draw_widened(CLASSES[name], rng)
+        same, _ = augmentation.draw_widened(CLASSES[name], again)
         assert mesh.vertices.tobytes() == same.vertices.tobytes()
-        assert rejected < widening.ATTEMPTS
+        assert rejected < augmentation.ATTEMPTS
         assert np.linalg.norm(mesh.vertices, axis=1).max() == pytest.approx(1.0, abs=1e-6)
 
 
 def test_chairs_of_two_families_are_sound():
     rng = np.random.default_rng(1)
     for _ in range(40):
-        parts = widening.exchanged_chair(rng)
+        parts = augmentation.exchanged_chair(rng)
         assert unsound(parts) == []
         assert np.isfinite(join(parts).vertices).all()
 
 
 def test_after_many_rejections_the_class_itself_is_drawn(monkeypatch):
     def reject(*_):
-        raise widening.Degenerate("always")
+        raise augmentation.Degenerate("always")
 
-    monkeypatch.setattr(widening, "_draw", reject)
-    mesh, rejected = widening.draw_widened(CLASSES["lamp"], np.random.default_rng(2))
-    assert rejected == widening.ATTEMPTS
+    monkeypatch.setattr(augmentation, "_draw", reject)
+    mesh, rejected = augmentation.draw_widened(CLASSES["lamp"], np.random.default_rng(2))
+    assert rejected == augmentation.ATTEMPTS
     assert mesh.vertices.tobytes() == (
         CLASSES["lamp"].draw(np.random.default_rng(2)).mesh().vertices.tobytes()
     )
@@ -202,4 +202,4 @@ def test_deformations_differ_and_are_mild():
     stretches = [draw_deformation(rng).smallest_stretch(POINTS) for _ in range(100)]
     assert len(set(stretches)) > 90
     # what is rejected is the exception
-    assert np.mean([stretch < widening.LEAST_STRETCH for stretch in stretches]) < 0.2
+    assert np.mean([stretch < augmentation.LEAST_STRETCH for stretch in stretches]) < 0.2
