@@ -63,7 +63,7 @@ WRITING = os.O_WRONLY | os.O_RDWR
 class InProcess:
     """Does jobs in this process: an executor (`bench.running.isolation`), made as `JobPool` is."""
 
-    room = 1
+    capacity = 1
 
     def __init__(self, count: int, workers: int, limits: Limits) -> None:
         self._jobs: list[Job] = []

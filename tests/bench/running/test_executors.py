@@ -108,13 +108,13 @@ def test_closing_early_stops_all_workers(jobs_for, tmp_path):
 
 RUN_JOBS = """
 import pickle, sys
-from bench.running.isolation import feed
+from bench.running.isolation import submit_all
 from bench.running.isolation import Limits
 from bench.running.executors import JobPool
 if __name__ == "__main__":
     sys.path.append(sys.argv[1])
     with open(sys.argv[2], "rb") as file:
-        list(feed(pickle.load(file), JobPool(1, 1, Limits(600.0, 8.0))))
+        list(submit_all(pickle.load(file), JobPool(1, 1, Limits(600.0, 8.0))))
 """
 
 
