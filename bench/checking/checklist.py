@@ -20,8 +20,8 @@ from bench.checking.claim_rules import (
     DISTANCES,
     RECOGNISABLE,
     VERDICTS,
+    ClaimFinding,
     Evidence,
-    Finding,
     MissingEvidence,
     QualityEvidence,
     TimingEvidence,
@@ -68,7 +68,7 @@ class ClaimResult:
 
     claim: Claim
     run: str
-    finding: Finding
+    finding: ClaimFinding
     verdict: Verdict = "not testable here"
 
 
@@ -114,7 +114,7 @@ def checked(runs: Sequence[Run]) -> list[ClaimResult]:
         asked = [run for run in runs if claim.rule is not None and run.suite == claim.suite]
         if not asked:
             reason = claim.why_not or f"give a run of {claim.suite}"
-            made.append(ClaimResult(claim, "", Finding("-", "", (), reason)))
+            made.append(ClaimResult(claim, "", ClaimFinding("-", "", (), reason)))
         for run in asked:
             made += [ClaimResult(claim, run.name, finding) for finding in _findings(claim, run)]
     return _corrected(made)
@@ -294,12 +294,12 @@ def _variance(means: Any) -> float:
     return float(means.var(axis=0, ddof=1).sum())
 
 
-def _findings(claim: Claim, run: Run) -> list[Finding]:
+def _findings(claim: Claim, run: Run) -> list[ClaimFinding]:
     assert claim.rule is not None
     try:
         return claim.rule(run.evidence)
     except MissingEvidence as error:
-        return [Finding("-", "", (), str(error))]
+        return [ClaimFinding("-", "", (), str(error))]
 
 
 def _counts(made: Sequence[ClaimResult]) -> Grid:

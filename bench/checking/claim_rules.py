@@ -77,7 +77,7 @@ class Requirement(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimFinding:
     """What a run says about a claim.
 
     subject       the method that the claim is about
@@ -133,7 +133,7 @@ class Finding:
         return "; ".join(filter(None, parts))
 
 
-def corrected(findings: Sequence[Finding]) -> list[Verdict]:
+def corrected(findings: Sequence[ClaimFinding]) -> list[Verdict]:
     """The verdicts of a family of claims, corrected for their number by Holm's procedure.
 
     What is supported or contradicted stays so where its corrected p value is below 0.05, else it
@@ -230,7 +230,7 @@ Evidence = QualityEvidence | TimingEvidence | pd.DataFrame
 # --- chairs, condition by condition ---------------------------------------------------------------
 
 
-def ordering(run: QualityEvidence, metric: str, condition: str, ahead: Ahead) -> list[Finding]:
+def ordering(run: QualityEvidence, metric: str, condition: str, ahead: Ahead) -> list[ClaimFinding]:
     """Who is ahead on chairs: SR, the network, or neither, by more than `EQUAL`."""
     metric = _measured(run, metric)
     found = []
@@ -242,7 +242,7 @@ def ordering(run: QualityEvidence, metric: str, condition: str, ahead: Ahead) ->
     return found
 
 
-def steady(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[Finding]:
+def steady(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[ClaimFinding]:
     """The network loses less than `SHARE` of what SR loses against the full cloud, at each.
 
     What loses nothing because it shows nothing is not robust: at each condition its images also
@@ -261,7 +261,7 @@ def steady(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list
             lost = [_text(metric, combined(of)) for of in (own, others)]
             texts.append(f"{condition}: loses {lost[0]}, SR {lost[1]}")
         reason = "; ".join(filter(None, [_shown(run, network), _stand_in(metric)]))
-        found.append(Finding(network, "; ".join([metric, *texts]), tuple(required), reason))
+        found.append(ClaimFinding(network, "; ".join([metric, *texts]), tuple(required), reason))
     return found
 
 
@@ -290,15 +290,15 @@ def _shown(run: QualityEvidence, network: str) -> str:
     return "was shown such clouds in training" if training.degraded else "was not shown such clouds"
 
 
-def degrades(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[Finding]:
+def degrades(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list[ClaimFinding]:
     """SR loses against the full cloud, at each of the conditions."""
     metric = _measured(run, metric)
     losses = [_requirement(c, _loss(run, metric, SURFACE, c)) for c in conditions]
     numbers = "; ".join(f"{of.name}: loses {_text(metric, of.estimate)}" for of in losses)
-    return [Finding(SURFACE, f"{metric}; {numbers}", tuple(losses), _stand_in(metric))]
+    return [ClaimFinding(SURFACE, f"{metric}; {numbers}", tuple(losses), _stand_in(metric))]
 
 
-def above_blank(run: QualityEvidence) -> list[Finding]:
+def above_blank(run: QualityEvidence) -> list[ClaimFinding]:
     """The network's images are nearer to the truth than white ones, by SSIM and by distance."""
     found = []
     for network in run.networks:
@@ -307,7 +307,7 @@ def above_blank(run: QualityEvidence) -> list[Finding]:
             for metric in ("ssim", run.distance)
         ]
         numbers = "; ".join(f"{of.name}: ahead by {_text(of.name, of.estimate)}" for of in leads)
-        found.append(Finding(network, numbers, tuple(leads)))
+        found.append(ClaimFinding(network, numbers, tuple(leads)))
     return found
 
 
@@ -316,7 +316,7 @@ def above_blank(run: QualityEvidence) -> list[Finding]:
 
 def class_ordering(
     run: QualityEvidence, class_name: str, ahead: Ahead, metric: str | None = None
-) -> list[Finding]:
+) -> list[ClaimFinding]:
     """Who is ahead in one class, or on average; by the run's distance without another metric."""
     metric = metric or run.distance
     names = run.classes() if class_name == AVERAGE else [class_name]
@@ -330,7 +330,7 @@ def class_ordering(
     return [_judged(network, numbers, lead, ahead, _stand_in(metric))]
 
 
-def unrecognisable(run: QualityEvidence) -> list[Finding]:
+def unrecognisable(run: QualityEvidence) -> list[ClaimFinding]:
     """The classifier gives the true class less to SR's images than to true ones."""
     true, drawn = (
         [run.quality(CONFIDENCE, method, FULL, name) for name in run.classes()]
@@ -342,19 +342,19 @@ def unrecognisable(run: QualityEvidence) -> list[Finding]:
         f"{CONFIDENCE} {of_drawn:.3f}, true pictures {of_true:.3f}; "
         f"loses {_text(CONFIDENCE, lost.estimate)}"
     )
-    return [Finding(SURFACE, numbers, (lost,))]
+    return [ClaimFinding(SURFACE, numbers, (lost,))]
 
 
-def gains_from_others(run: QualityEvidence, alone: str, together: str) -> list[Finding]:
+def gains_from_others(run: QualityEvidence, alone: str, together: str) -> list[ClaimFinding]:
     """Chairs: the network of all classes is nearer to the truth than that of chairs alone."""
     metric = run.distance
     a, b = (run.quality(metric, m, FULL, CHAIR) for m in (alone, together))
     gain = _lead("", b, a)
     numbers = _compared(metric, b.estimate.value, "alone", a.estimate.value, "better", gain)
-    return [Finding(together, numbers, (gain,), _stand_in(metric))]
+    return [ClaimFinding(together, numbers, (gain,), _stand_in(metric))]
 
 
-def good_where_thin(run: QualityEvidence, thin: Sequence[str]) -> list[Finding]:
+def good_where_thin(run: QualityEvidence, thin: Sequence[str]) -> list[ClaimFinding]:
     """SR's distance is smaller in these classes than in the mean of the others."""
     metric, names = run.distance, run.classes()
     if lacking := [name for name in thin if name not in names]:
@@ -367,10 +367,10 @@ def good_where_thin(run: QualityEvidence, thin: Sequence[str]) -> list[Finding]:
     leave_one_out = [[q.per_object for q in of] for of in of_groups]
     gap = _difference("", values[1] - values[0], *leave_one_out)
     numbers = _compared(metric, values[0], "others", values[1], "nearer", gap)
-    return [Finding(SURFACE, numbers, (gap,), _stand_in(metric))]
+    return [ClaimFinding(SURFACE, numbers, (gap,), _stand_in(metric))]
 
 
-def varies_more(run: QualityEvidence, more: str, less: str) -> list[Finding]:
+def varies_more(run: QualityEvidence, more: str, less: str) -> list[ClaimFinding]:
     """True objects of one class differ more than those of another, in the features' own units."""
     if lacking := [name for name in (more, less) if name not in run.spreads]:
         raise MissingEvidence(f"the run has no features of {', '.join(lacking)}")
@@ -382,13 +382,13 @@ def varies_more(run: QualityEvidence, more: str, less: str) -> list[Finding]:
         f"{_text('fd-views', gap.estimate)}; "
         f"{more} is number {by_spread.index(more) + 1} of {len(by_spread)}"
     )
-    return [Finding("true pictures", numbers, (gap,))]
+    return [ClaimFinding("true pictures", numbers, (gap,))]
 
 
 # --- speed ----------------------------------------------------------------------------------------
 
 
-def faster(run: TimingEvidence, times: float) -> list[Finding]:
+def faster(run: TimingEvidence, times: float) -> list[ClaimFinding]:
     """An image of the network costs less than one over `times` of one of SR, preparing included.
 
     On one thread, cloud by cloud: the interval is over clouds. The claim is about the paper's
@@ -410,9 +410,9 @@ def faster(run: TimingEvidence, times: float) -> list[Finding]:
         if training is None or training.width != PAPER_WIDTH:
             width = "an unknown width" if training is None else f"{training.width:g} of its width"
             reason = f"the claim is about the paper's network; this one has {width}"
-            found.append(Finding(network, numbers, (), reason))
+            found.append(ClaimFinding(network, numbers, (), reason))
         else:
-            found.append(Finding(network, numbers, (over,), "the paper's width"))
+            found.append(ClaimFinding(network, numbers, (over,), "the paper's width"))
     return found
 
 
@@ -434,7 +434,7 @@ def _costs(samples: pd.DataFrame) -> dict[str, Floats]:
 
 def mean_above(
     means: pd.DataFrame, metric: str, what: str, than: str | None = None
-) -> list[Finding]:
+) -> list[ClaimFinding]:
     """A mean of the suite `latent` is above another one's, or above 0 without another.
 
     Two means are compared as independent, which they are not: paths and sums are the same. Paired
@@ -452,7 +452,7 @@ def mean_above(
             bar = _estimate(at, than)
             numbers = f"{numbers}, of {than} {_figures(bar)}"
         gap = _independent(own, bar, int(at.loc[what, "n_ok"]))
-        found.append(Finding(str(method), numbers, (gap,)))
+        found.append(ClaimFinding(str(method), numbers, (gap,)))
     return found
 
 
@@ -535,7 +535,9 @@ def _loss(
     return [(sign, full), (-sign, less)]
 
 
-def _judged(subject: str, numbers: str, lead: Requirement, ahead: Ahead, remark: str) -> Finding:
+def _judged(
+    subject: str, numbers: str, lead: Requirement, ahead: Ahead, remark: str
+) -> ClaimFinding:
     """By how much the network is ahead."""
     match ahead:
         case "network":
@@ -546,7 +548,7 @@ def _judged(subject: str, numbers: str, lead: Requirement, ahead: Ahead, remark:
             required = _moved(lead, EQUAL, 1), _moved(lead, EQUAL, -1)
         case "undecided":  # what is not significant is never shown to be so
             required = (_moved(lead, 0.0, -1 if lead.estimate.value > 0 else 1),)
-    return Finding(subject, numbers, required, remark)
+    return ClaimFinding(subject, numbers, required, remark)
 
 
 def _moved(of: Requirement, by: float, sign: int) -> Requirement:

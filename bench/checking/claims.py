@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.catalogue.metrics import higher_is_better
 from bench.checking import claim_rules as rules
-from bench.checking.claim_rules import Finding
+from bench.checking.claim_rules import ClaimFinding
 from bench.tables.classes import AVERAGE
 from bench.tables.published import published_rows
 
@@ -42,7 +42,7 @@ class Claim:
     where: str
     measured: str = "-"
     suite: str = ""
-    rule: Callable[[Any], list[Finding]] | None = None
+    rule: Callable[[Any], list[ClaimFinding]] | None = None
     why_not: str = ""
 
     @property

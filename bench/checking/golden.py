@@ -20,7 +20,7 @@ import pandas as pd
 from bench.catalogue.methods import role
 from bench.catalogue.suites import STABILITY
 from bench.checking.objects import (
-    Deviation,
+    GoldenDeviation,
     GoldenObjects,
     compare_objects,
     read_objects,
@@ -44,7 +44,7 @@ PROTOCOL = ["dataset", "objects", "views", "seed"]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CheckResult:
     """What came of a check.
 
     compared     how many values
@@ -56,10 +56,10 @@ class Verdict:
     compared: int
     regressions: tuple[str, ...]
     remarks: tuple[str, ...]
-    moved: tuple[Deviation, ...] = ()
+    moved: tuple[GoldenDeviation, ...] = ()
 
 
-def check(directory: Path) -> Verdict:
+def check(directory: Path) -> CheckResult:
     """Compare a finished run with the golden values of its suite.
 
     Where there are golden values by object, the run may have a part of the objects, methods and
@@ -84,12 +84,12 @@ def check(directory: Path) -> Verdict:
         regressions += moved
     remarks = _against_paper(made)
     if objects is None:
-        return Verdict(compared, tuple(regressions), tuple(remarks))
+        return CheckResult(compared, tuple(regressions), tuple(remarks))
     if not whole:
         remarks.append("not all golden objects: means and distances of the run are not compared")
     by_object = compare_objects(run, objects)
     regressions += by_object.lines
-    return Verdict(
+    return CheckResult(
         compared + by_object.compared,
         tuple(regressions),
         (*remarks, *_left_out(manifest, objects), by_object.remark),
@@ -241,10 +241,10 @@ def _stale_tables(directory: Path, made: Sequence[Table[Any]]) -> list[str]:
     return stale
 
 
-def _check_stated(directory: Path) -> Verdict:
+def _check_stated(directory: Path) -> CheckResult:
     """What a stability run has found, by its tables: each outcome that nobody has stated."""
     found = read_outcomes(directory / TABLES)
-    return Verdict(
+    return CheckResult(
         len(found),
         tuple(
             f"{o.subject}, {o.case}: {o.observed}; stated was: {o.expected}"

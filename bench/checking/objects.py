@@ -222,7 +222,7 @@ def write_objects(run: ScoredRun, protocol: Mapping[str, Any]) -> list[Path]:
 
 
 @dataclass(frozen=True, eq=False)
-class Deviation:
+class GoldenDeviation:
     """A value of an object that is not within its tolerance; NaN is no value.
 
     line  of the golden file
@@ -243,7 +243,7 @@ class Deviation:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ObjectComparison:
     """What came of a comparison object by object.
 
     remark    whether the golden values were made in the same environment
@@ -255,10 +255,10 @@ class Comparison:
     remark: str
     compared: int
     lines: tuple[str, ...]
-    moved: tuple[Deviation, ...]
+    moved: tuple[GoldenDeviation, ...]
 
 
-def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
+def compare_objects(run: ScoredRun, golden: GoldenObjects) -> ObjectComparison:
     """The values of a run, or of a part of one, with the golden ones.
 
     Where the environment is the same, a value may differ by the digits that are not written;
@@ -271,7 +271,7 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
     same = here == golden.environment
     stored = StoredImages(run.directory)
     lines: list[str] = []
-    moved: list[Deviation] = []
+    moved: list[GoldenDeviation] = []
     for cell, of_cell in expected.groupby(KEY[:2], sort=False):
         method, condition = map(str, cell)
         of_run = found.loc[of_cell.index]
@@ -281,7 +281,7 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
                 of_cell.index, of_run[metric], of_cell[metric], of_cell["line"], strict=True
             )
             beyond = [
-                Deviation(Item(*key), metric, now, was, allowed, line)
+                GoldenDeviation(Item(*key), metric, now, was, allowed, line)
                 for key, now, was, line in values
                 if not (abs(now - was) <= allowed or (math.isnan(now) and math.isnan(was)))
             ]
@@ -295,7 +295,9 @@ def compare_objects(run: ScoredRun, golden: GoldenObjects) -> Comparison:
                 f"moved by more than {allowed:.6f}: {'; '.join(worst)}{more}"
             )
             moved += beyond
-    return Comparison(_remark(here, golden.environment), found.size, tuple(lines), tuple(moved))
+    return ObjectComparison(
+        _remark(here, golden.environment), found.size, tuple(lines), tuple(moved)
+    )
 
 
 def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
@@ -309,7 +311,7 @@ def _remark(here: Mapping[str, str], golden: Mapping[str, str]) -> str:
     return "same environment as the golden values: objects are compared to the last digit"
 
 
-def _of_object(moved: Deviation, stored: StoredImages, golden: pd.Series) -> str:
+def _of_object(moved: GoldenDeviation, stored: StoredImages, golden: pd.Series) -> str:
     now = checksum(stored.images(moved.item))
     return (
         f"{'/'.join(moved.item.object)} {number(moved.found)}, golden {number(moved.golden)}"

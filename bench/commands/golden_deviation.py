@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.checking.objects import Deviation, StoredImages, golden_thumbnails, number
+from bench.checking.objects import GoldenDeviation, StoredImages, golden_thumbnails, number
 from bench.checking.thumbnails import SIDE
 from bench.records.journal import read_manifest
 from bench.rendering.files import write_images
@@ -23,7 +23,7 @@ ACROSS = 4  # tiles: two objects in a row
 SCALE = 2
 
 
-def write_deviations(directory: Path, moved: Sequence[Deviation]) -> Path | None:
+def write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path | None:
     """Draw the objects that moved most beside their golden thumbnails into a run's folder.
 
     The image is of the first view. Of an object with a method at a condition, the metric counts
@@ -31,7 +31,7 @@ def write_deviations(directory: Path, moved: Sequence[Deviation]) -> Path | None
     CannotWrite.
     """
     path = directory / FIGURES / MOVED
-    worst: dict[object, Deviation] = {}
+    worst: dict[object, GoldenDeviation] = {}
     for one in sorted(moved, key=lambda one: -one.excess):
         worst.setdefault(one.item, one)
     shown = list(worst.values())[:MOST]

@@ -105,7 +105,7 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?(0x[0-9a-f]+|\d[\d,]*(\.\d+)?(e[-+]?\d+)?)
 
 
 @dataclass(frozen=True)
-class Item:
+class FailedJob:
     """A failed record: the folder of its run, its name there, why it failed; and its job."""
 
     directory: Path
@@ -201,7 +201,7 @@ def shrink(record: str, budget_s: float, workers: int, out: Path | None) -> Shru
     if not budget_s > 0:
         raise BadInput(f"--budget-s {budget_s:g}: must be more than 0")
     start = time.monotonic()
-    item = find_item(record)
+    item = find_failed_job(record)
     find_drawer(item.job.method)
     points = _points(item)
     path = (out or item.directory / SHRUNK / _file_name(item.name)) / MINIMAL
@@ -235,7 +235,7 @@ def fails_alike(reason: str, other: str) -> bool:
 # --- records --------------------------------------------------------------------------------------
 
 
-def find_item(record: str) -> Item:
+def find_failed_job(record: str) -> FailedJob:
     """The failed record DIR:METHOD/CONDITION/CLASS/OBJECT, or DIR:METHOD/CASE.
 
     All of these may hold colons, and most of them slashes: it is looked for among the failed ones.
@@ -274,7 +274,7 @@ def _failed_records(directory: Path) -> dict[str, dict[str, Any]]:
     return {"/".join(row[column] for column in columns): row for row in rows}
 
 
-def _item(directory: Path, name: str, record: dict[str, Any]) -> Item:
+def _item(directory: Path, name: str, record: dict[str, Any]) -> FailedJob:
     """Plans the job of a record again."""
     manifest = read_finished(directory)
     method, condition, device = record["method"], record["condition"], manifest["device"]
@@ -283,7 +283,7 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> Item:
         found = [job for job in jobs if job.condition == condition]
         if not found:
             raise BadInput(f"{name}: there is no such case any more; run the suite again")
-        return Item(directory, name, record["reason"], found[0], STABILITY.limits)
+        return FailedJob(directory, name, record["reason"], found[0], STABILITY.limits)
     suite = find(manifest["suite"], SUITES, "suite")
     dataset, count = open_dataset(manifest["dataset"]), objects_to_search(manifest)
     wanted = record["class"], record["object"]
@@ -307,14 +307,14 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> Item:
         environment={},
     )
     (job,) = plan(protocol, directory).items
-    return Item(directory, name, record["reason"], job, suite.limits)
+    return FailedJob(directory, name, record["reason"], job, suite.limits)
 
 
 def _file_name(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9._@-]+", "-", name)[-200:]
 
 
-def _points(item: Item) -> Points:
+def _points(item: FailedJob) -> Points:
     """The cloud of the item, made in a worker. Raises BadInput where its object is at fault."""
     ((_, points),) = run_tasks([item.job], _points_of, 1, item.limits)
     if isinstance(points, Failed | WorkerFailure):
@@ -356,7 +356,9 @@ class _Search:
     left    number of points of the best cloud so far
     """
 
-    def __init__(self, item: Item, count: int, workers: int, start: float, budget_s: float) -> None:
+    def __init__(
+        self, item: FailedJob, count: int, workers: int, start: float, budget_s: float
+    ) -> None:
         self.reason = item.reason
         self.last = ""
         self.trials = 0

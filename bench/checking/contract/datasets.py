@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.methods import KEPT_MIB, growth_mib, resident_mib
-from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import DatasetSource, find_target
 from data_prep.datasets.dataset import Dataset
 from data_prep.datasets.objects import SceneObject
@@ -24,17 +24,17 @@ CLASSES, OF_A_CLASS = 3, 2  # whose clouds and images are looked at
 CALLS = 8
 
 
-def dataset_steps(evidence: Any) -> list[Step]:
+def dataset_steps(evidence: Any) -> list[CheckStep]:
     """Return all steps for a dataset; `evidence` is that of `first_evidence` elsewhere."""
     return [
-        Step("objects", check_objects, in_command=True),
-        Step("another process", partial(check_elsewhere, elsewhere=evidence), in_command=True),
-        Step("pickling", check_pickling, in_command=True),
-        Step("clouds", check_clouds),
-        Step("views", check_views, in_command=True),
-        Step("truth", check_truth),
-        Step("cloud and truth", check_both),
-        Step("calls", check_calls),
+        CheckStep("objects", check_objects, in_command=True),
+        CheckStep("another process", partial(check_elsewhere, elsewhere=evidence), in_command=True),
+        CheckStep("pickling", check_pickling, in_command=True),
+        CheckStep("clouds", check_clouds),
+        CheckStep("views", check_views, in_command=True),
+        CheckStep("truth", check_truth),
+        CheckStep("cloud and truth", check_both),
+        CheckStep("calls", check_calls),
     ]
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from bench.catalogue.methods import FLOORS, Method
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import ContractViolation
-from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
 from bench.running.isolation import TASKS_PER_WORKER
 from bench.running.work import checked_images, draw, reason_of, seen_by
@@ -55,19 +55,19 @@ EXTREMES: Mapping[str, Perturbation] = {
 COPYING = ("dataclasses", "data_prep.scene", "copy")
 
 
-def method_steps(evidence: Any) -> list[Step]:
+def method_steps(evidence: Any) -> list[CheckStep]:
     """Return all steps for a method; `evidence` is that of `first_evidence` in another process."""
     return [
-        Step("loading", check_loading),
-        Step("images", check_images),
-        Step("clouds", check_clouds),
-        Step("another process", partial(check_elsewhere, elsewhere=evidence)),
-        Step("no views", check_no_views, blocks=False),  # no run asks for none
-        Step("repeatable", check_repeatable),
-        Step("batches", check_batches),
-        Step("inputs", check_inputs),
-        *(Step(extreme, partial(check_extreme, extreme=extreme)) for extreme in EXTREMES),
-        Step("cost", check_cost),
+        CheckStep("loading", check_loading),
+        CheckStep("images", check_images),
+        CheckStep("clouds", check_clouds),
+        CheckStep("another process", partial(check_elsewhere, elsewhere=evidence)),
+        CheckStep("no views", check_no_views, blocks=False),  # no run asks for none
+        CheckStep("repeatable", check_repeatable),
+        CheckStep("batches", check_batches),
+        CheckStep("inputs", check_inputs),
+        *(CheckStep(extreme, partial(check_extreme, extreme=extreme)) for extreme in EXTREMES),
+        CheckStep("cost", check_cost),
     ]
 
 

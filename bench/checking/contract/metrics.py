@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bench.catalogue.plugins import ImageMetric, SetMetric
 from bench.checking.contract.findings import ContractViolation
 from bench.checking.contract.methods import KEPT_MIB, TURN, VIEWS, growth_mib, resident_mib
-from bench.checking.contract.session import Passed, Step
+from bench.checking.contract.session import CheckStep, Passed
 from bench.checking.contract.targets import find_target
 from data_prep.datasets.registry import ProceduralObject
 from data_prep.scene import UInt8Images
@@ -21,7 +21,7 @@ BATCHES = (1, 3)  # images a call, beside all 20 of them
 CALLS = 8
 
 
-def metric_steps(evidence: Any, of_images: bool) -> list[Step]:
+def metric_steps(evidence: Any, of_images: bool) -> list[CheckStep]:
     """Return all steps for a metric; `evidence` is that of `first_evidence` in another process.
 
     `of_images` tells an ImageMetric from a SetMetric. `bench score` calls a metric in its own
@@ -35,7 +35,7 @@ def metric_steps(evidence: Any, of_images: bool) -> list[Step]:
         **({"identical images": check_scores} if of_images else {"features": check_features}),
         "calls": check_calls,
     }
-    return [Step(subject, check, in_command=True) for subject, check in steps.items()]
+    return [CheckStep(subject, check, in_command=True) for subject, check in steps.items()]
 
 
 def _metric(name: str) -> ImageMetric | SetMetric:

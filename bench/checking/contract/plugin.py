@@ -15,7 +15,7 @@ from bench.checking.contract.datasets import dataset_steps
 from bench.checking.contract.findings import Finding
 from bench.checking.contract.methods import LIMITS, method_steps
 from bench.checking.contract.metrics import metric_steps
-from bench.checking.contract.session import Passed, Report, Step, perform, trace_findings
+from bench.checking.contract.session import CheckStep, Passed, Report, perform, trace_findings
 from bench.checking.contract.targets import (
     DatasetSource,
     check_import,
@@ -47,9 +47,9 @@ def use_first(name: str) -> Passed:
     return Passed("", module.first_evidence(name, backwards=True))
 
 
-IMPORT = Step("import", check_import, in_command=True)
-FIRST_USE = Step("first use", use_first)
-FIRST_STEPS = [IMPORT, Step("identity", check_identity, in_command=True), FIRST_USE]
+IMPORT = CheckStep("import", check_import, in_command=True)
+FIRST_USE = CheckStep("first use", use_first)
+FIRST_STEPS = [IMPORT, CheckStep("identity", check_identity, in_command=True), FIRST_USE]
 # Whatever depends on the process, on threads or on the order of work differs between the two.
 FIRST_ENVIRONMENT = WORKER_ENVIRONMENT | thread_counts(2) | {"PYTHONHASHSEED": "2"}
 SECOND_ENVIRONMENT = WORKER_ENVIRONMENT | {"PYTHONHASHSEED": "1"}
@@ -88,7 +88,7 @@ def plugin_findings(
     yield from trace_findings(reports)
 
 
-def _steps(kind: type, evidence: Any) -> list[Step]:
+def _steps(kind: type, evidence: Any) -> list[CheckStep]:
     if kind is Method:
         return method_steps(evidence)
     if kind is DatasetSource:

@@ -23,8 +23,8 @@ from typing import Any
 
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import ContractViolation, Finding
-from bench.checking.contract.observation import (
-    Observation,
+from bench.checking.contract.traces import (
+    ProcessState,
     await_processes,
     captured_output,
     end_processes,
@@ -55,7 +55,7 @@ class Passed:
 
 
 @dataclass(frozen=True)
-class Step:
+class CheckStep:
     """A point of a contract.
 
     Attributes
@@ -79,10 +79,10 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Task:
+class StepTask:
     """A step, the plug-in that it is about, and the moment at which its worker ends."""
 
-    step: Step
+    step: CheckStep
     name: str
     until: float
 
@@ -94,7 +94,7 @@ class Report:
     `is_last` tells of a step that hangs, or lacks a library, that no other need be tried.
     """
 
-    step: Step
+    step: CheckStep
     finding: Finding
     evidence: Any = None
     traces: Mapping[str, str] = field(default_factory=dict)
@@ -103,7 +103,7 @@ class Report:
 
 def perform(
     name: str,
-    steps: Sequence[Step],
+    steps: Sequence[CheckStep],
     limits: Limits,
     until: float,
     environment: Mapping[str, str],
@@ -115,7 +115,7 @@ def perform(
     """
     deaths = 0
     with tempfile.TemporaryDirectory(prefix=".bench-test-") as temporary:
-        tasks = (Task(step, name, until) for step in steps)
+        tasks = (StepTask(step, name, until) for step in steps)
         around = {**environment, "TMPDIR": temporary}
         with closing(run_tasks(tasks, execute, 1, limits, around)) as results:
             for step, result in _in_order(steps, results):
@@ -130,8 +130,8 @@ def perform(
 
 
 def _in_order(
-    steps: Sequence[Step], results: Iterable[tuple[Task, Report | WorkerFailure]]
-) -> Iterator[tuple[Step, Report | WorkerFailure]]:
+    steps: Sequence[CheckStep], results: Iterable[tuple[StepTask, Report | WorkerFailure]]
+) -> Iterator[tuple[CheckStep, Report | WorkerFailure]]:
     """Yield the results in the order of the steps: two that end in one moment come in any."""
     queue, ended = deque(steps), {}
     try:
@@ -144,19 +144,19 @@ def _in_order(
         yield queue[0], WorkerFailure("crash", str(error))
 
 
-def _of_lost(step: Step, lost: WorkerFailure) -> Report:
+def _of_lost(step: CheckStep, lost: WorkerFailure) -> Report:
     reason = lost.reason
     if f"exit code {EXIT_STATUS})" in reason:
         reason = "crash: os._exit(0) was called"
     return Report(step, Finding(False, step.subject, reason), is_last=lost.kind == "timeout")
 
 
-def execute(task: Task) -> Report:
+def execute(task: StepTask) -> Report:
     """Carry out a step; in a worker."""
     _mark_exits()
     _adopt_orphans()
     temporary = Path(tempfile.gettempdir())
-    before = Observation.take(temporary)
+    before = ProcessState.take(temporary)
     with Path(os.devnull).open("w") as nowhere, captured_output() as output:
         # By a thread that native code cannot hold up.
         remaining_s = max(task.until - time.monotonic(), 0.01)
@@ -164,13 +164,13 @@ def execute(task: Task) -> Report:
         report = _checked(task)
         faulthandler.cancel_dump_traceback_later()
     await_processes()
-    after = Observation.take(temporary)
+    after = ProcessState.take(temporary)
     end_processes()
     os.chdir(before.folder)
     return replace(report, traces={**output, **traces(before, after)})
 
 
-def _checked(task: Task) -> Report:
+def _checked(task: StepTask) -> Report:
     step, evidence, blocks = task.step, None, task.step.blocks
     try:
         passed = step.check(task.name)

@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from bench.suites.latent.chairs import CHANGES, Triple, specified_chairs
-from bench.suites.latent.figures import Strip, Tile
+from bench.suites.latent.figures import Strip, StripTile
 from bench.suites.latent.measures import chamfer_distances, cosine, ssim_values
-from bench.suites.latent.network import Network, cloud_of, look
-from bench.suites.latent.tables import Value
+from bench.suites.latent.network import LatentNetwork, cloud_of, look
+from bench.suites.latent.tables import LatentValue
 from data_prep.progress import progress
 from pc2pix.latent import add_difference
 
@@ -39,7 +39,9 @@ SUM_REMARK = (
 )
 
 
-def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[list[Value], Strip]:
+def add_up(
+    network: LatentNetwork, triple: Triple, train: Tensor, seed: int
+) -> tuple[list[LatentValue], Strip]:
     """Return the values of A - B + C with its baselines, and its strip; `train` is [N, d]."""
     chairs = (triple.a, triple.b, triple.c, triple.d)
     seen = [look(network, chair, seed) for chair in chairs]
@@ -65,20 +67,20 @@ def add_up(network: Network, triple: Triple, train: Tensor, seed: int) -> tuple[
         if what == SUM:
             by_metric["cosine"] = cosine((a - b)[0].cpu().numpy(), (d - c)[0].cpu().numpy())
         values += [
-            Value(network.method, what, triple.change, triple.id, metric, float(value))
+            LatentValue(network.method, what, triple.change, triple.id, metric, float(value))
             for metric, value in by_metric.items()
         ]
     terms = torch.cat([a, b, c])
     shown = zip(
         ("A", "− B", "+ C"), network.decode(terms), network.draw(terms), seen[:3], strict=True
     )
-    tiles = [Tile(title, cloud, image, looked.image) for title, cloud, image, looked in shown]
-    tiles.append(Tile("= A − B + C", clouds[0], images[0]))
-    tiles.append(Tile("D by its code", clouds[-1], images[-1], answer.image))
+    tiles = [StripTile(title, cloud, image, looked.image) for title, cloud, image, looked in shown]
+    tiles.append(StripTile("= A − B + C", clouds[0], images[0]))
+    tiles.append(StripTile("D by its code", clouds[-1], images[-1], answer.image))
     return values, Strip(triple.change, tuple(tiles))
 
 
-def train_codes(network: Network, count: int) -> Tensor:
+def train_codes(network: LatentNetwork, count: int) -> Tensor:
     """Return the codes [count, d] of the first chairs of the train split."""
     with progress(f"train chairs, {network.method}", count) as advance:
         codes = []

@@ -89,7 +89,7 @@ class Triple:
 
 
 @dataclass(frozen=True)
-class Pair:
+class ChairPair:
     """The two ends of a path."""
 
     start: SpecifiedChair
@@ -109,7 +109,9 @@ def specified_chairs(split: Split, count: int) -> tuple[SpecifiedChair, ...]:
     )
 
 
-def choose_pairs(chairs: Sequence[SpecifiedChair], rng: np.random.Generator) -> tuple[Pair, ...]:
+def choose_pairs(
+    chairs: Sequence[SpecifiedChair], rng: np.random.Generator
+) -> tuple[ChairPair, ...]:
     """Return all of an even number of chairs in pairs, none twice.
 
     The families of a pair differ, unless one family has more than half of the chairs. Shuffled and
@@ -121,7 +123,7 @@ def choose_pairs(chairs: Sequence[SpecifiedChair], rng: np.random.Generator) -> 
     shuffled = [chairs[i] for i in rng.permutation(len(chairs))]
     ordered = sorted(shuffled, key=lambda chair: chair.spec.family)  # stable: shuffled within
     half = len(ordered) // 2
-    pairs = [Pair(a, b) for a, b in zip(ordered[:half], ordered[half:], strict=True)]
+    pairs = [ChairPair(a, b) for a, b in zip(ordered[:half], ordered[half:], strict=True)]
     return tuple(pairs[i] for i in rng.permutation(half))
 
 

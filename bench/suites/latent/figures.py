@@ -21,7 +21,7 @@ CLOUD, IMAGE, TRUTH = "decoded", "drawn", "true"
 
 
 @dataclass(frozen=True, eq=False)
-class Tile:
+class StripTile:
     """A cloud [N, 3] above an image uint8 [128, 128, 3] and perhaps the true one, with a title."""
 
     title: str
@@ -35,7 +35,7 @@ class Strip:
     """The tiles of one path or sum from left to right, with its description."""
 
     label: str
-    tiles: tuple[Tile, ...]
+    tiles: tuple[StripTile, ...]
 
 
 @drawing()

@@ -25,7 +25,7 @@ BUNDLED = "chair"  # the weights of the method `pc2pix`
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class LatentNetwork:
     """A network that turns clouds into codes, and codes into clouds and images."""
 
     method: str
@@ -66,7 +66,7 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class Activations:
+class SampledChair:
     """A chair's cloud [2048, 3] and true image [128, 128, 3]."""
 
     cloud: PointCloud
@@ -87,7 +87,7 @@ def weights_of(method: str) -> str:
     return file or BUNDLED
 
 
-def load_network(method: str, device: str, view: View) -> Network:
+def load_network(method: str, device: str, view: View) -> LatentNetwork:
     """Return a method's network with the decoder of its weights.
 
     Raises BadInput where the weights cannot be used, or have no decoder of their own.
@@ -96,13 +96,13 @@ def load_network(method: str, device: str, view: View) -> Network:
     renderer = find_method(method).load(device)
     assert isinstance(renderer, Pc2pixRenderer)
     decoder, sha256 = load_decoder(weights, renderer.weights)
-    return Network(method, renderer, decoder.to(renderer.device), sha256, view)
+    return LatentNetwork(method, renderer, decoder.to(renderer.device), sha256, view)
 
 
-def look(network: Network, chair: SpecifiedChair, seed: int) -> Activations:
+def look(network: LatentNetwork, chair: SpecifiedChair, seed: int) -> SampledChair:
     """Sample and render a chair."""
     mesh = chair.load()
-    return Activations(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
+    return SampledChair(cloud_of(mesh, chair, seed), render(mesh, [network.view])[0])
 
 
 def cloud_of(mesh: Mesh, chair: SpecifiedChair, seed: int) -> PointCloud:

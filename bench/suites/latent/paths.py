@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from bench.judges.views import ViewsNetwork
-from bench.suites.latent.chairs import Pair
-from bench.suites.latent.figures import Strip, Tile
+from bench.suites.latent.chairs import ChairPair
+from bench.suites.latent.figures import Strip, StripTile
 from bench.suites.latent.measures import (
     Clouds,
     chamfer_distances,
@@ -20,8 +20,8 @@ from bench.suites.latent.measures import (
     ssim_values,
     unevenness,
 )
-from bench.suites.latent.network import Network, look
-from bench.suites.latent.tables import ALL, Value
+from bench.suites.latent.network import LatentNetwork, look
+from bench.suites.latent.tables import ALL, LatentValue
 from data_prep.randomness import generator
 from data_prep.scene import UInt8Images
 from pc2pix.latent import interpolate
@@ -60,8 +60,8 @@ PATH_REMARK = (
 
 
 def walk(
-    network: Network, classifier: ViewsNetwork, pair: Pair, seed: int, positions: int
-) -> tuple[list[Value], Strip]:
+    network: LatentNetwork, classifier: ViewsNetwork, pair: ChairPair, seed: int, positions: int
+) -> tuple[list[LatentValue], Strip]:
     """Return the values of a path between two chairs with its baselines, and its strip."""
     chairs = (pair.start, pair.end)
     ends = [look(network, chair, seed) for chair in chairs]
@@ -87,20 +87,20 @@ def walk(
         TRUTH: _confidence(classifier, true_images),
     }
     values = [
-        Value(network.method, what, ALL, pair.id, metric, float(value))
+        LatentValue(network.method, what, ALL, pair.id, metric, float(value))
         for what, by_metric in measured.items()
         for metric, value in by_metric.items()
     ]
     between = [
-        Tile(f"{i}/{positions - 1}", cloud, image)
+        StripTile(f"{i}/{positions - 1}", cloud, image)
         for i, (cloud, image) in enumerate(zip(clouds, images, strict=True))
     ]
-    first, last = (Tile("original", seen.cloud.points, seen.image) for seen in ends)
+    first, last = (StripTile("original", seen.cloud.points, seen.image) for seen in ends)
     label = f"{pair.start.spec.family}\nto {pair.end.spec.family}"
     return values, Strip(label, (first, *between, last))
 
 
-def _random_codes(pair: Pair, like: Tensor, seed: int) -> tuple[Tensor, Tensor]:
+def _random_codes(pair: ChairPair, like: Tensor, seed: int) -> tuple[Tensor, Tensor]:
     """Return two codes [1, d] of independent numbers from N(0, 1).
 
     Single numbers of whitened codes are distributed so.

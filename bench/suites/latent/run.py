@@ -21,11 +21,17 @@ from bench.running.isolation import one_thread
 from bench.running.protocol import Options, manifest_of
 from bench.running.run import open_run
 from bench.suites.latent.arithmetic import ANSWERS, SUM_METRICS, SUM_REMARK, add_up, train_codes
-from bench.suites.latent.chairs import Pair, Triple, choose_pairs, choose_triples, specified_chairs
+from bench.suites.latent.chairs import (
+    ChairPair,
+    Triple,
+    choose_pairs,
+    choose_triples,
+    specified_chairs,
+)
 from bench.suites.latent.figures import Strip, strips_figure
-from bench.suites.latent.network import Network, load_network, weights_of
+from bench.suites.latent.network import LatentNetwork, load_network, weights_of
 from bench.suites.latent.paths import PATH_METRICS, PATH_REMARK, PATHS, walk
-from bench.suites.latent.tables import Mean, Value, latent_table, means, values_table
+from bench.suites.latent.tables import LatentValue, Mean, latent_table, means, values_table
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.tables.figure import FIGURES, save
 from bench.tables.table import Table, write_tables
@@ -35,7 +41,7 @@ from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import View
 
-Item = TypeVar("Item")
+Subject = TypeVar("Item")
 
 
 def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
@@ -103,8 +109,8 @@ def _split(options: Options) -> Split:
 
 
 def _measure(
-    networks: Sequence[Network],
-    pairs: Sequence[Pair],
+    networks: Sequence[LatentNetwork],
+    pairs: Sequence[ChairPair],
     triples: Sequence[Triple],
     seed: int,
     suite: LatentSuite,
@@ -115,8 +121,8 @@ def _measure(
     folder = directory / FIGURES
     for old in folder.glob("*.png"):  # of a run with other methods, perhaps
         old.unlink()
-    on_paths: list[Value] = []
-    on_sums: list[Value] = []
+    on_paths: list[LatentValue] = []
+    on_sums: list[LatentValue] = []
     for number, network in enumerate(networks, 1):
         # one figure a method; the first one's has no number
         suffix = ".png" if number == 1 else f"-{number}.png"
@@ -155,9 +161,9 @@ def _measure(
 
 def _take(
     name: str,
-    items: Sequence[Item],
-    measure: Callable[[Item], tuple[list[Value], Strip]],
-    values: list[Value],
+    items: Sequence[Subject],
+    measure: Callable[[Subject], tuple[list[LatentValue], Strip]],
+    values: list[LatentValue],
     shown: int,
 ) -> list[Strip]:
     """Measure pairs or triples: the first `shown` strips; all values are appended to `values`."""

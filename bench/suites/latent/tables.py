@@ -1,6 +1,6 @@
 """The tables of the suite `latent`: one value per path or sum, and their means.
 
-Everything is one long list of `Value`s; a table is a pure function of them.
+Everything is one long list of `LatentValue`s; a table is a pure function of them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ALL = "all"
 
 
 @dataclass(frozen=True)
-class Value:
+class LatentValue:
     """One measured number; NaN where it is undefined, of a path that does not move say.
 
     what   the path, or what is compared with the expected answer
@@ -89,12 +89,12 @@ def latent_table(
     return Table(name, title, columns_of(Mean, ".6g"), tuple(rows), layout)
 
 
-def values_table(name: str, values: Sequence[Value]) -> Table[Value]:
+def values_table(name: str, values: Sequence[LatentValue]) -> Table[LatentValue]:
     """Return the single values behind a table, for scripts."""
-    return Table(name, "", columns_of(Value, ".6g"), tuple(values))
+    return Table(name, "", columns_of(LatentValue, ".6g"), tuple(values))
 
 
-def means(suite: str, values: Iterable[Value]) -> tuple[Mean, ...]:
+def means(suite: str, values: Iterable[LatentValue]) -> tuple[Mean, ...]:
     """Return the mean of each method, subject, kind and metric, in the order of first values.
 
     Values of several kinds are also averaged over all of them.

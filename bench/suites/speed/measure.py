@@ -22,14 +22,14 @@ import numpy as np
 from bench.catalogue.methods import Method, find_method
 from bench.catalogue.suites import SpeedSuite
 from bench.running.work import draw, reason_of
-from bench.suites.speed.samples import Failure, Measurement, Sample, Stage
+from bench.suites.speed.samples import CloudFailure, Measurement, Stage, TimingSample
 from data_prep.clouds.conditions import Perturbation
 from data_prep.datasets.registry import SceneObject
 from data_prep.failures import BadInput, MissingDependency
 from data_prep.randomness import generator
 from data_prep.scene import PointCloud, Renderer, View
 
-Value = TypeVar("Value")
+Returned = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def measure(unit: Unit) -> Measurement:
 
 def lost(unit: Unit, reason: str) -> Measurement:
     """Return the measurement of a process that died: no cloud has a time, each failed."""
-    failures = (Failure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects)
+    failures = (CloudFailure(f"{obj.class_name}/{obj.object_id}", reason) for obj in unit.objects)
     return Measurement(
         key=unit.key,
         method=unit.method,
@@ -133,7 +133,7 @@ def lost(unit: Unit, reason: str) -> Measurement:
     )
 
 
-def subjects_of(unit: Unit) -> tuple[list[Subject], list[Failure]]:
+def subjects_of(unit: Unit) -> tuple[list[Subject], list[CloudFailure]]:
     """Return the clouds of a unit, as other suites draw them, and those that cannot be had."""
     subjects, failures = [], []
     for obj in unit.objects:
@@ -143,7 +143,7 @@ def subjects_of(unit: Unit) -> tuple[list[Subject], list[Failure]]:
             cloud = obj.cloud(generator(unit.seed, "cloud", *names))
             cloud = unit.perturbation.apply(cloud, generator(unit.seed, unit.condition, *names))
         except BadInput as error:
-            failures.append(Failure(name, reason_of(error)))
+            failures.append(CloudFailure(name, reason_of(error)))
             continue
         views = obj.views(unit.views, generator(unit.seed, "views", *names))
         of_method = (unit.seed, "method", unit.method, unit.condition, *names)
@@ -157,21 +157,21 @@ def take_samples(
     subjects: Sequence[Subject],
     suite: SpeedSuite,
     clock: Clock,
-) -> tuple[list[Sample], list[Failure]]:
+) -> tuple[list[TimingSample], list[CloudFailure]]:
     """Return times of loading, of the first image, and of `suite`'s rounds; and failures.
 
     A cloud that fails once is left out from then on; the times that it gave are kept. Where the
     method cannot be loaded, all clouds have failed.
     """
-    samples: list[Sample] = []
-    failures: list[Failure] = []
+    samples: list[TimingSample] = []
+    failures: list[CloudFailure] = []
     left = list(subjects)
     try:
         renderer, sample = _timed(load, clock, "", 0, "load")
     except (BadInput, MissingDependency):
         raise
     except (Exception, SystemExit) as error:  # a method may call exit()
-        return [], [Failure(subject.id, reason_of(error)) for subject in subjects]
+        return [], [CloudFailure(subject.id, reason_of(error)) for subject in subjects]
     samples.append(sample)
     for subject in left[:1]:
         with _left_out_if_failed(subject, left, failures):
@@ -195,14 +195,14 @@ def take_samples(
 
 @contextmanager
 def _left_out_if_failed(
-    subject: Subject, left: list[Subject], failures: list[Failure]
+    subject: Subject, left: list[Subject], failures: list[CloudFailure]
 ) -> Iterator[None]:
     try:
         yield
     except MissingDependency:
         raise
     except (Exception, SystemExit) as error:
-        failures.append(Failure(subject.id, reason_of(error)))
+        failures.append(CloudFailure(subject.id, reason_of(error)))
         left.remove(subject)
 
 
@@ -212,14 +212,19 @@ def _calls(views: Sequence[View], singles: int) -> list[Sequence[View]]:
 
 
 def _timed(
-    call: Callable[[], Value], clock: Clock, cloud: str, number: int, stage: Stage, views: int = 0
-) -> tuple[Value, Sample]:
+    call: Callable[[], Returned],
+    clock: Clock,
+    cloud: str,
+    number: int,
+    stage: Stage,
+    views: int = 0,
+) -> tuple[Returned, TimingSample]:
     clock.finish()
     core, wall = clock.core(), clock.wall()
     value = call()
     clock.finish()
     wall_s, core_s = clock.wall() - wall, clock.core() - core
-    return value, Sample(cloud, number, stage, views, wall_s, core_s)
+    return value, TimingSample(cloud, number, stage, views, wall_s, core_s)
 
 
 def _round(
@@ -229,7 +234,7 @@ def _round(
     number: int,
     calls: Sequence[Sequence[View]],
     clock: Clock,
-    samples: list[Sample],
+    samples: list[TimingSample],
 ) -> None:
     """Prepare a cloud and draw it, a call for each element of `calls`; all times are appended."""
     rng = subject.rng()

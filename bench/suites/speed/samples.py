@@ -21,7 +21,7 @@ Stage = Literal["load", "prepare", "draw"]
 
 
 @dataclass(frozen=True)
-class Sample:
+class TimingSample:
     """One timed call.
 
     cloud   its object, "chair/test-0000"; empty for "load", which needs none
@@ -40,7 +40,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Failure:
+class CloudFailure:
     """A cloud that a method could not be measured on, and the reason."""
 
     cloud: str
@@ -67,8 +67,8 @@ class Measurement:
     views: int
     clouds: int
     device: str
-    samples: tuple[Sample, ...]
-    failures: tuple[Failure, ...]
+    samples: tuple[TimingSample, ...]
+    failures: tuple[CloudFailure, ...]
     idle_mib: float | None
     peak_mib: float | None
     elsewhere_cores: float | None
@@ -94,8 +94,8 @@ def read_measurement(directory: Path, key: str) -> Measurement | None:
         fields: dict[str, Any] = json.loads(read_file(path, MOST_BYTES))
         if fields.pop("form") != FORM or fields["key"] != key:
             return None
-        fields["samples"] = tuple(Sample(**sample) for sample in fields["samples"])
-        fields["failures"] = tuple(Failure(**failure) for failure in fields["failures"])
+        fields["samples"] = tuple(TimingSample(**sample) for sample in fields["samples"])
+        fields["failures"] = tuple(CloudFailure(**failure) for failure in fields["failures"])
         return Measurement(**fields)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

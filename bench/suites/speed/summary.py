@@ -19,9 +19,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bench.suites.speed.samples import Measurement, Sample, Stage
+from bench.suites.speed.samples import Measurement, Stage, TimingSample
 
-Verdict = Literal["always", "never", "up to", "from", "between", "outside"]
+Cheaper = Literal["always", "never", "up to", "from", "between", "outside"]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class BreakEven:
     views      where the totals are equal, ascending; no whole numbers as a rule
     """
 
-    cheaper: Verdict
+    cheaper: Cheaper
     views: tuple[float, ...]
 
 
@@ -83,7 +83,7 @@ def break_even(cost: Cost, rival: Cost) -> BreakEven:
         crossings.append((rival.prepare - cost.prepare) / growth)
     # The first difference that is none decides: a tie at the start says nothing of what follows.
     cheaper_first = next((d < 0 for d in (at_one, at_batch, growth) if d), False)
-    kinds: tuple[Verdict, ...] = (
+    kinds: tuple[Cheaper, ...] = (
         ("always", "up to", "outside") if cheaper_first else ("never", "from", "between")
     )
     return BreakEven(kinds[len(crossings)], tuple(crossings))
@@ -93,7 +93,7 @@ MS = 1000.0
 
 
 @dataclass(frozen=True)
-class Value:
+class Statistic:
     """A number made of `n` samples; NaN of none."""
 
     value: float
@@ -110,7 +110,7 @@ class Summary:
     """
 
     measurement: Measurement
-    values: Mapping[str, Value]
+    values: Mapping[str, Statistic]
     wall: Cost | None
     core: Cost | None
 
@@ -141,7 +141,7 @@ def summarise(measurement: Measurement) -> Summary:
         for stage in ("load", "prepare", "draw")
     }
     together = sum(value.value for value in values.values())
-    values["cold-picture-ms"] = Value(together, 1 if math.isfinite(together) else 0)
+    values["cold-picture-ms"] = Statistic(together, 1 if math.isfinite(together) else 0)
     parts = [("prepare", _warm(measurement, "prepare", 0), 1)]
     parts += [(f"draw-{v}", _warm(measurement, "draw", v), v) for v in dict.fromkeys((1, batch))]
     for name, samples, views in parts:
@@ -157,13 +157,13 @@ def summarise(measurement: Measurement) -> Summary:
         n = values[f"draw-{views}-ms"].n
         for cost, unit in ((wall, "ms"), (core, "core-ms")):
             per_image = MS * cost.per_image(views) if cost else math.nan
-            values[f"picture-of-{views}-{unit}"] = Value(per_image, n if cost else 0)
+            values[f"picture-of-{views}-{unit}"] = Statistic(per_image, n if cost else 0)
     for name, mib in (("peak-mib", measurement.peak_mib), ("idle-mib", measurement.idle_mib)):
-        values[name] = Value(math.nan, 0) if mib is None else Value(mib, 1)
+        values[name] = Statistic(math.nan, 0) if mib is None else Statistic(mib, 1)
     return Summary(measurement, values, wall, core)
 
 
-def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
+def speedups(summary: Summary, rival: Summary | None) -> dict[str, Statistic]:
     """Return how many times cheaper an image is than with the rival.
 
     Empty where one of the two has no cost.
@@ -173,7 +173,7 @@ def speedups(summary: Summary, rival: Summary | None) -> dict[str, Value]:
     values = {}
     for views in dict.fromkeys((1, summary.wall.batch)):
         ratio = rival.wall.per_image(views) / summary.wall.per_image(views)
-        values[f"picture-of-{views}-speedup"] = Value(
+        values[f"picture-of-{views}-speedup"] = Statistic(
             ratio, summary.values[f"picture-of-{views}-ms"].n
         )
     return values
@@ -193,27 +193,29 @@ def beside(summaries: Iterable[Summary], summary: Summary, method: str) -> Summa
     return None
 
 
-def _cold(measurement: Measurement, stage: Stage) -> list[Sample]:
+def _cold(measurement: Measurement, stage: Stage) -> list[TimingSample]:
     return [s for s in measurement.samples if s.round == 0 and s.stage == stage]
 
 
-def _warm(measurement: Measurement, stage: Stage, views: int) -> list[Sample]:
+def _warm(measurement: Measurement, stage: Stage, views: int) -> list[TimingSample]:
     return [s for s in measurement.samples if s.round and (s.stage, s.views) == (stage, views)]
 
 
 def _value(
-    samples: Sequence[Sample],
+    samples: Sequence[TimingSample],
     over: Callable[[Any], Any],
-    field: Callable[[Sample], float],
-) -> Value:
-    return Value(float(over([field(s) for s in samples])) if samples else math.nan, len(samples))
+    field: Callable[[TimingSample], float],
+) -> Statistic:
+    return Statistic(
+        float(over([field(s) for s in samples])) if samples else math.nan, len(samples)
+    )
 
 
 def _p95(values: Sequence[float]) -> float:
     return float(np.percentile(values, 95))
 
 
-def _cost(measurement: Measurement, field: Callable[[Sample], float]) -> Cost | None:
+def _cost(measurement: Measurement, field: Callable[[TimingSample], float]) -> Cost | None:
     batch = measurement.views
     parts: tuple[tuple[Stage, int], ...] = (("prepare", 0), ("draw", 1), ("draw", batch))
     values = [_value(_warm(measurement, *part), np.median, field).value for part in parts]

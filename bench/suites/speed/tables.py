@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 from bench.catalogue.methods import FLOORS, find_method
 from bench.catalogue.suites import SpeedSuite
-from bench.suites.speed.samples import Measurement, Sample
+from bench.suites.speed.samples import Measurement, TimingSample
 from bench.suites.speed.summary import (
     MS,
     BreakEven,
+    Statistic,
     Summary,
-    Value,
     beside,
     break_even,
     speedups,
@@ -47,7 +47,7 @@ class SpeedRow:
 
     summary: Summary
     metric: str
-    found: Value
+    found: Statistic
     paper: float
 
 
@@ -76,11 +76,11 @@ class BreakEvenRow:
         return first, second
 
 
-class TimedSample(NamedTuple):
+class SampleRow(NamedTuple):
     """A timed call with the measurement that it belongs to."""
 
     measurement: Measurement
-    sample: Sample
+    sample: TimingSample
 
 
 def _columns(suite: SpeedSuite, *further: Column) -> tuple[Column, ...]:
@@ -129,19 +129,19 @@ def break_even_rows(summaries: Sequence[Summary], suite: SpeedSuite) -> list[Bre
     return rows
 
 
-def samples_table(measurements: Iterable[Measurement]) -> Table[TimedSample]:
+def samples_table(measurements: Iterable[Measurement]) -> Table[SampleRow]:
     """Return every timed call behind the tables, a row each, for scripts."""
     layout = (
         *columns(*((name, f"measurement.{name}") for name in WHERE)),
         *columns(
             *(
                 (sample_field.name, f"sample.{sample_field.name}")
-                for sample_field in fields(Sample)
+                for sample_field in fields(TimingSample)
             ),
             digits=".6g",
         ),
     )
-    rows = tuple(TimedSample(m, sample) for m in measurements for sample in m.samples)
+    rows = tuple(SampleRow(m, sample) for m in measurements for sample in m.samples)
     return Table("speed_samples", "", layout, rows)
 
 

@@ -20,10 +20,10 @@ from bench.suites.stability.metric_cases import (
     ROUNDING,
     UNIT_CODES,
     Array,
-    Case,
+    MetricCase,
+    MetricExpectation,
     Near,
     Number,
-    OptionSpec,
     Refused,
     U,
     boxes,
@@ -288,13 +288,13 @@ def _move_of_constants(name: str, a: UInt8Images, b: UInt8Images) -> float:
 OfNetwork = float | Callable[[str, Any, Any], float]  # or from its name and both stacks
 
 
-def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, OptionSpec]:
+def _on_networks(words: str, value: OfNetwork, within: OfNetwork) -> dict[str, MetricExpectation]:
     """Return statements for both networks' distances; the judge answers with codes."""
 
     def number(source: OfNetwork, name: str) -> Number:
         return functools.partial(source, name) if callable(source) else source
 
-    stated: dict[str, OptionSpec] = {
+    stated: dict[str, MetricExpectation] = {
         name: Near(words, number(value, name), number(within, name)) for name in FD_VIEWS
     }
     return stated | {JUDGE: UNIT_CODES}
@@ -356,9 +356,11 @@ def _answers(azimuth_deg: list[float], elevation_deg: float = 0.0) -> NDArray[np
     return np.stack([np.sin(radians), np.cos(radians), elevation], axis=1).astype(np.float32)
 
 
-def _angles(case_id: str, answers: Callable[[], Array], asked: list[float], **stated: Near) -> Case:
+def _angles(
+    case_id: str, answers: Callable[[], Array], asked: list[float], **stated: Near
+) -> MetricCase:
     metrics = {f"{name}-error-deg": near for name, near in stated.items()}
-    return Case(case_id, "angles", lambda: (answers(), np.array(asked, np.float64)), metrics)
+    return MetricCase(case_id, "angles", lambda: (answers(), np.array(asked, np.float64)), metrics)
 
 
 ANGLE_CASES = (

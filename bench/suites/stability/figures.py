@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.suites.stability.expectations import KINDS, Kind, Outcome
+from bench.suites.stability.expectations import KINDS, Kind
+from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.tables import subjects as subjects_of
 from bench.tables.figure import drawing, panels
 from bench.tables.table import Table
@@ -32,7 +33,7 @@ MISSING = 225  # grey
 
 
 @drawing()
-def matrix_figure(matrix: Table[Outcome]) -> Figure:
+def matrix_figure(matrix: Table[CaseOutcome]) -> Figure:
     """Return cases down and subjects across, coloured by kind; white for no case."""
     from matplotlib import patches
 

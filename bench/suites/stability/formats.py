@@ -25,7 +25,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bench.suites.stability.expectations import Kind, Outcome
+from bench.suites.stability.expectations import Kind
+from bench.suites.stability.outcomes import CaseOutcome
 from bench.tables.table import Block, Table, columns_of, grid
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ def case_points(case: str) -> Points:
     return points if case == PLAIN else points * np.float32(SCALES[case])
 
 
-def format_outcomes(rows: Iterable[FormatRow]) -> list[Outcome]:
+def format_outcomes(rows: Iterable[FormatRow]) -> list[CaseOutcome]:
     """Return one verdict for each row: the subject is the format with the weights."""
     return [_outcome(row) for row in rows]
 
@@ -175,7 +176,7 @@ def allowed(row: FormatRow) -> tuple[float, float]:
     return CODE_ROUNDOFFS * u * max(row.code_scale, 1.0), grey * u
 
 
-def _outcome(row: FormatRow) -> Outcome:
+def _outcome(row: FormatRow) -> CaseOutcome:
     expected = OVERFLOWS.get((row.weights, row.case, row.format))
     kind: Kind = "unexpected"
     if expected is None:
@@ -187,7 +188,7 @@ def _outcome(row: FormatRow) -> Outcome:
         stated = _overflow(*expected)
         if (row.overflowed, row.refused) == expected:
             kind = "refused" if row.refused else "differs"
-    return Outcome(
+    return CaseOutcome(
         case=row.case,
         group=GROUP,
         subject=f"{row.format} ({row.weights})",

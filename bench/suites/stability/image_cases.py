@@ -23,8 +23,8 @@ from bench.suites.stability.metric_cases import (
     UNIT_CODES,
     WINDOW,
     Given,
+    MetricExpectation,
     Near,
-    OptionSpec,
     Refused,
     U,
     cases,
@@ -43,7 +43,7 @@ from bench.suites.stability.metric_cases import (
 from data_prep.arrays import Floats
 from data_prep.scene import IMAGE_SIZE, UInt8Images
 
-Row = tuple[str, Given, dict[str, OptionSpec]]  # of `cases`
+Row = tuple[str, Given, dict[str, MetricExpectation]]  # of `cases`
 
 PSNR = "psnr"
 SAME_PSNR = near("one level of one channel: the most", decibels(0), PSNR, within=DECIBELS)
@@ -97,7 +97,7 @@ def _weights_of_speck(at: int) -> Floats:
     return weights[:1, :1] if at == 0 else weights
 
 
-def _of_speck(ssim: Floats) -> dict[str, OptionSpec]:
+def _of_speck(ssim: Floats) -> dict[str, MetricExpectation]:
     words = f"mean of the {ssim.size} windows with the pixel"
     return near(words, float(ssim.mean()), "ssim-object", within=ONE_WINDOW)
 
@@ -112,7 +112,7 @@ def _speck_pair(case_id: str, p: int, q: int, at: int) -> Row:
     n_windows = (IMAGE_SIZE - WINDOW + 1) ** 2
     words = f"closed form over the {weights.size} windows with the pixel"
     components = _speck_components(p, q, weights)
-    stated: dict[str, OptionSpec] = {
+    stated: dict[str, MetricExpectation] = {
         name: Near(words, 1.0 + float((values - 1.0).sum()) / n_windows, SUMS)
         for name, values in components.items()
     }
@@ -154,7 +154,7 @@ def _of_one_window(name: str) -> Near:
 
 
 def _small(side: int) -> Row:
-    stated: dict[str, OptionSpec] = {name: _of_one_window(name) for name in SSIM}
+    stated: dict[str, MetricExpectation] = {name: _of_one_window(name) for name in SSIM}
     return (
         f"noise-of-{side}x{side}",
         lambda: (noise(side, side), noise(side + 100, side)),
@@ -170,7 +170,7 @@ def _strip(a: UInt8Images, b: UInt8Images) -> float:
 
 SSIMS = (*SSIM, "ssim-object")
 _IDENTICAL = near("identical", 1.0, *SSIMS)
-_STRIP: dict[str, OptionSpec] = {
+_STRIP: dict[str, MetricExpectation] = {
     "ssim": Near("windows of one pixel: luminance", _strip, SUMS),
     "luminance": Near("mean of (2 p q + C1) / (p^2 + q^2 + C1)", _strip, SUMS),
     **near("windows of one pixel vary in nothing", 1.0, "contrast", "structure"),
@@ -301,7 +301,9 @@ SILHOUETTE_CASES = cases_of(
 _WHOLE = "pictures must be uint8 [N, 128, 128, 3]"
 
 
-def _refused_by_networks(of_grey: str = "pictures must be uint8 [..., 3]") -> dict[str, OptionSpec]:
+def _refused_by_networks(
+    of_grey: str = "pictures must be uint8 [..., 3]",
+) -> dict[str, MetricExpectation]:
     whole = refused(_WHOLE, "fd-views", "fd-views-grey", JUDGE)
     return whole | refused(of_grey, "fd-views-grey")
 

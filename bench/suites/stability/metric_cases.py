@@ -71,7 +71,7 @@ def largest_move(root: Any, features: int, rows: int, by: float) -> float:
     return float(2 * root * move + move**2)
 
 
-Pair = tuple[Array, Array]
+ArrayPair = tuple[Array, Array]
 Number = float | Callable[[Any, Any], Any]  # or how to have it from the two arrays
 
 SSIM = ("ssim", "luminance", "contrast", "structure")
@@ -101,43 +101,51 @@ class Refused:
     says: str
 
 
-OptionSpec = Near | Refused
+MetricExpectation = Near | Refused
 
 
 @dataclass(frozen=True)
-class Case:
+class MetricCase:
     """The two arrays of a case, and what each metric makes of them."""
 
     id: str
     group: str
-    given: Callable[[], Pair]
-    stated: Mapping[str, OptionSpec]
+    given: Callable[[], ArrayPair]
+    stated: Mapping[str, MetricExpectation]
 
 
-Given = Callable[[], Pair]
+Given = Callable[[], ArrayPair]
 
 
-def cases(group: str, *rows: tuple[str, Given, Mapping[str, OptionSpec]]) -> tuple[Case, ...]:
+def cases(
+    group: str, *rows: tuple[str, Given, Mapping[str, MetricExpectation]]
+) -> tuple[MetricCase, ...]:
     """Return the cases of a group, a row each: id, arrays, and by metric what it makes of them."""
-    return tuple(Case(case_id, group, given, stated) for case_id, given, stated in rows)
+    return tuple(MetricCase(case_id, group, given, stated) for case_id, given, stated in rows)
 
 
-def cases_of(metric: str, group: str, *rows: tuple[str, Given, OptionSpec]) -> tuple[Case, ...]:
+def cases_of(
+    metric: str, group: str, *rows: tuple[str, Given, MetricExpectation]
+) -> tuple[MetricCase, ...]:
     """Return cases of a group about one metric, a row each: id, arrays, and its outcome."""
     return cases(group, *((case_id, given, {metric: stated}) for case_id, given, stated in rows))
 
 
-def near(words: str, value: Number, *metrics: str, within: Number = 0.0) -> dict[str, OptionSpec]:
+def near(
+    words: str, value: Number, *metrics: str, within: Number = 0.0
+) -> dict[str, MetricExpectation]:
     """Return the same value for several metrics."""
     return {metric: Near(words, value, within) for metric in metrics}
 
 
-def refused(says: str, *metrics: str, error: type[Exception] = ValueError) -> dict[str, OptionSpec]:
+def refused(
+    says: str, *metrics: str, error: type[Exception] = ValueError
+) -> dict[str, MetricExpectation]:
     """Return the same failure for several metrics."""
     return {metric: Refused(error, says) for metric in metrics}
 
 
-def undefined(*metrics: str) -> dict[str, OptionSpec]:
+def undefined(*metrics: str) -> dict[str, MetricExpectation]:
     """Return no value, for the reason that the metric's row gives."""
     return {metric: Near(UNDEFINED[metric], math.nan) for metric in metrics}
 
@@ -155,7 +163,7 @@ def decibels(squares: float, side: int = IMAGE_SIZE) -> float:
     return 20 * math.log10(255) - 10 * math.log10(max(squares, 1) / (side * side * 3))
 
 
-def twice(values: Array) -> Pair:
+def twice(values: Array) -> ArrayPair:
     """Return the same array two times."""
     return values, values.copy()
 

@@ -23,7 +23,7 @@ from bench.metrics.silhouette import silhouette_iou
 from bench.metrics.structural_similarity import ssim_per_image
 from bench.metrics.thin_parts import thin_scores
 from bench.running.isolation import one_thread
-from bench.suites.stability.expectations import Kind, Outcome
+from bench.suites.stability.expectations import Kind
 from bench.suites.stability.feature_cases import (
     ALEXNET_CASES,
     ANGLE_CASES,
@@ -36,12 +36,13 @@ from bench.suites.stability.metric_cases import (
     FD_VIEWS,
     FRECHET,
     Array,
-    Case,
+    ArrayPair,
+    MetricCase,
+    MetricExpectation,
     Number,
-    OptionSpec,
-    Pair,
     Refused,
 )
+from bench.suites.stability.outcomes import CaseOutcome
 from data_prep.arrays import Floats
 from data_prep.scene import UInt8Images
 
@@ -58,7 +59,7 @@ CASES = (
 DISTANCES = (FRECHET, *FD_VIEWS, "fd-alexnet")
 
 
-def metric_outcomes() -> list[Outcome]:
+def metric_outcomes() -> list[CaseOutcome]:
     """Return the outcomes of all cases on the metrics that they state something about.
 
     It never raises and takes some seconds.
@@ -71,7 +72,7 @@ def metric_outcomes() -> list[Outcome]:
         ]
 
 
-def _outcome(case: Case, metric: str, stated: OptionSpec) -> Outcome:
+def _outcome(case: MetricCase, metric: str, stated: MetricExpectation) -> CaseOutcome:
     expected = "?"
     try:
         with warnings.catch_warnings():
@@ -89,10 +90,10 @@ def _outcome(case: Case, metric: str, stated: OptionSpec) -> Outcome:
                 observed, kind = _value(metric, given, value, within)
     except Exception as error:
         observed, kind = f"{type(error).__name__}: {error}", "unexpected"
-    return Outcome(case.id, case.group, metric, expected, observed, kind)
+    return CaseOutcome(case.id, case.group, metric, expected, observed, kind)
 
 
-def _refusal(metric: str, given: Pair, stated: Refused) -> tuple[str, Kind]:
+def _refusal(metric: str, given: ArrayPair, stated: Refused) -> tuple[str, Kind]:
     try:
         returned = METRICS[metric](*given)
     except Exception as error:
@@ -101,7 +102,7 @@ def _refusal(metric: str, given: Pair, stated: Refused) -> tuple[str, Kind]:
     return _shown(np.asarray(returned)), "unexpected"
 
 
-def _value(metric: str, given: Pair, value: Floats, within: float) -> tuple[str, Kind]:
+def _value(metric: str, given: ArrayPair, value: Floats, within: float) -> tuple[str, Kind]:
     returned = METRICS[metric](*given)
     if metric in DISTANCES and not (isinstance(returned, float) and 0.0 <= returned < math.inf):
         return f"{returned!r}, which is no distance", "unexpected"
@@ -115,7 +116,7 @@ def _value(metric: str, given: Pair, value: Floats, within: float) -> tuple[str,
     return text, "holds" if off <= within else "unexpected"
 
 
-def _number(number: Number, given: Pair) -> Any:
+def _number(number: Number, given: ArrayPair) -> Any:
     return number(*given) if callable(number) else number
 
 

@@ -26,7 +26,7 @@ from bench.running.protocol import Options, digest, manifest_of, method_identity
 from bench.running.run import open_run
 from bench.suites.procedure import SuiteRun, methods_of
 from bench.suites.stability.cases import CASES, TURN_DEG, VIEWS
-from bench.suites.stability.expectations import EXPECTED, Observation, Outcome, observe, outcome
+from bench.suites.stability.expectations import EXPECTED
 from bench.suites.stability.figures import extremes_figure, matrix_figure
 from bench.suites.stability.formats import (
     FormatRow,
@@ -35,6 +35,7 @@ from bench.suites.stability.formats import (
     measure_formats,
 )
 from bench.suites.stability.metrics import metric_outcomes
+from bench.suites.stability.outcomes import CaseOutcome, Observation, observe, outcome
 from bench.suites.stability.tables import counts, matrix, observations_table, unexpected
 from bench.tables import markdown
 from bench.tables.figure import FIGURES, save
@@ -150,7 +151,7 @@ def _matrices(
     methods: Sequence[str],
     observations: Sequence[Observation],
     formats: Sequence[FormatRow],
-) -> tuple[Table[Outcome], ...]:
+) -> tuple[Table[CaseOutcome], ...]:
     return (
         matrix(
             "stability_methods",
@@ -188,7 +189,7 @@ def _remark(methods: Sequence[str]) -> str:
 
 def _draw(
     directory: Path,
-    matrices: Sequence[Table[Outcome]],
+    matrices: Sequence[Table[CaseOutcome]],
     jobs: Sequence[Job],
     outcomes: Mapping[str, JobOutcome],
     methods: Sequence[str],

@@ -17,7 +17,7 @@ from bench.analysis.intervals import (
 )
 from bench.checking import claim_rules as rules
 from bench.checking.claim_rules import (
-    Finding,
+    ClaimFinding,
     MissingEvidence,
     QualityEvidence,
     Requirement,
@@ -150,7 +150,7 @@ def test_everything_that_is_required_has_to_hold():
         ((), "not testable here", ""),
         ((sure, requirement(1, math.nan)), "not testable here", "too few objects for an interval"),
     ):
-        found = Finding("pc2pix", "", required)
+        found = ClaimFinding("pc2pix", "", required)
         assert (found.verdict, found.why) == (verdict, why)
 
 
@@ -158,19 +158,19 @@ def test_p_values_of_what_requires_several_things():
     """All over 0: the least sure one; one below: that one, times the number of requirements."""
     near, far, below = (requirement(v, 0.1) for v in (2.0, 5.0, -3.0))
     p = {of: 2 * t.sf(abs(of.estimate.value), 10) for of in (near, far, below)}
-    assert Finding("x", "", (near, far)).p == pytest.approx(p[near])
-    assert Finding("x", "", (near, below, far)).p == pytest.approx(3 * p[below])
-    assert math.isnan(Finding("x", "").p)
+    assert ClaimFinding("x", "", (near, far)).p == pytest.approx(p[near])
+    assert ClaimFinding("x", "", (near, below, far)).p == pytest.approx(3 * p[below])
+    assert math.isnan(ClaimFinding("x", "").p)
 
 
 def test_verdicts_are_corrected_for_their_number():
     """p = .0295 alone holds, with two others of one size it does not: Holm's first is times 3."""
-    found = [Finding("x", "", (requirement(2.5, 2.0, error=0.99),))] * 3
+    found = [ClaimFinding("x", "", (requirement(2.5, 2.0, error=0.99),))] * 3
     assert found[0].p == pytest.approx(2 * t.sf(2.5 / 0.99, 10))
     assert 0.05 / 3 < found[0].p < 0.05
     assert corrected(found[:1]) == ["supported"]
     assert corrected(found) == ["undecided"] * 3
-    assert corrected([found[0], Finding("x", "")]) == ["supported", "not testable here"]
+    assert corrected([found[0], ClaimFinding("x", "")]) == ["supported", "not testable here"]
 
 
 def test_smaller_distances_are_ahead_and_the_stand_in_is_named():

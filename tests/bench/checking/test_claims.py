@@ -22,7 +22,7 @@ from bench.checking.checklist import (
     spreads,
     to_markdown,
 )
-from bench.checking.claim_rules import Finding, QualityEvidence, Requirement
+from bench.checking.claim_rules import ClaimFinding, QualityEvidence, Requirement
 from bench.checking.claims import claims
 from bench.records.record import GROUND_TRUTH
 from bench.tables import published as published_values
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.usefixtures("few_objects")
 
 CLAIMS = claims()
 SURE = Requirement("", Estimate(0.1, 0.05, 0.15), StandardError(0.02, 20.0), 24)
-FOUND = Finding("pc2pix", "ssim 0.7", (SURE,))
+FOUND = ClaimFinding("pc2pix", "ssim 0.7", (SURE,))
 
 
 def test_the_table_of_claims():
@@ -161,7 +161,7 @@ def test_the_checklist_in_markdown():
         ClaimResult(claim, "run 1", FOUND, "supported"),
         ClaimResult(claim, "run 2", replace(FOUND, requirements=(open_,)), "undecided"),
         ClaimResult(claim, "run 3", FOUND, "undecided"),
-        ClaimResult(other, "", Finding("-", "", (), "give a run of x")),
+        ClaimResult(other, "", ClaimFinding("-", "", (), "give a run of x")),
     ]
     lines = to_markdown(made).splitlines()
     assert "| pc2pix | run 1 | 1 | 0 | 0 | 0 |" in lines

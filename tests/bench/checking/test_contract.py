@@ -13,16 +13,16 @@ import pytest
 
 from bench.catalogue.suites import Limits
 from bench.checking.contract.findings import Finding, is_blocked, summary
-from bench.checking.contract.observation import (
-    Observation,
+from bench.checking.contract.plugin import plugin_findings
+from bench.checking.contract.session import CheckStep, Report, trace_findings
+from bench.checking.contract.targets import check_name
+from bench.checking.contract.traces import (
+    ProcessState,
     await_processes,
     captured_output,
     end_processes,
     traces,
 )
-from bench.checking.contract.plugin import plugin_findings
-from bench.checking.contract.session import Report, Step, trace_findings
-from bench.checking.contract.targets import check_name
 from data_prep.failures import BadInput
 
 REPOSITORY = Path(__file__).parents[3]
@@ -51,7 +51,7 @@ def test_the_summary_tells_what_blocks_a_run(verdicts, line):
 
 def reports(*traced, in_command=False):
     """Reports of steps 0, 1, ... with these traces."""
-    steps = [Step(f"step {i}", lambda name: None, in_command) for i in range(len(traced))]
+    steps = [CheckStep(f"step {i}", lambda name: None, in_command) for i in range(len(traced))]
     return [
         Report(step, Finding(True, step.subject, ""), None, left)
         for step, left in zip(steps, traced, strict=True)
@@ -80,8 +80,8 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     (folder / "old").mkdir(parents=True)
     temporary.mkdir()
     monkeypatch.chdir(folder)
-    before = Observation.take(temporary)
-    assert traces(before, Observation.take(temporary)) == {}
+    before = ProcessState.take(temporary)
+    assert traces(before, ProcessState.take(temporary)) == {}
     (folder / "old" / "new.txt").touch()
     (temporary / "left.ply").touch()
     (folder / ".hidden").touch()
@@ -89,7 +89,7 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     thread = threading.Thread(target=goes_on.wait, name="watcher")
     thread.start()
     process = subprocess.Popen(["sleep", "60"])
-    left = traces(before, Observation.take(temporary))
+    left = traces(before, ProcessState.take(temporary))
     assert left == {
         "files left": f"2 ({temporary / 'left.ply'}, old)",
         "threads left": "1 (watcher)",
@@ -97,7 +97,7 @@ def test_what_code_leaves_behind_is_observed(tmp_path, monkeypatch):
     }
     monkeypatch.chdir(temporary)
     assert (
-        traces(before, Observation.take(temporary))["working folder"] == f"changed to {temporary}"
+        traces(before, ProcessState.take(temporary))["working folder"] == f"changed to {temporary}"
     )
     goes_on.set()
     thread.join()

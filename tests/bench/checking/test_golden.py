@@ -10,7 +10,7 @@ from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.catalogue.suites import SUITES
-from bench.checking.golden import Verdict, bless, check
+from bench.checking.golden import CheckResult, bless, check
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.journal import read_manifest, write_manifest
 from bench.tables.build import write_outputs
@@ -43,9 +43,9 @@ def alter_records(run, column, change, method="splat", condition="512"):
 
 def test_a_run_agrees_with_itself_and_so_does_a_part_of_it(run, command, tmp_path):
     part = write_run(tmp_path / "part", methods=["true-mesh"], conditions=["512"])
-    assert check(part) == Verdict(len(GOLDEN) + OBJECT_VALUES, (), (SAME,))
+    assert check(part) == CheckResult(len(GOLDEN) + OBJECT_VALUES, (), (SAME,))
     count = 3 * 2 * (len(GOLDEN) + OBJECT_VALUES)  # methods x conditions
-    assert check(run) == Verdict(count, (), (SAME,))
+    assert check(run) == CheckResult(count, (), (SAME,))
     said = f"{SAME}\n{count} golden values compared, 0 regressions\n"
     assert command("check", run) == (0, said, "")
 
@@ -284,7 +284,7 @@ def test_a_run_that_was_stopped_has_no_verdict(run, command, arguments):
 def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, results, command):
     for path in results.glob("golden/*-objects.*"):
         path.unlink()
-    assert check(run) == Verdict(6 * len(GOLDEN), (), ())
+    assert check(run) == CheckResult(6 * len(GOLDEN), (), ())
     part = write_run(tmp_path / "part", objects=["chair/a", "chair/b"])
     status, out, err = command("check", part)
     assert (status, out) == (2, "")

@@ -9,7 +9,7 @@ import pytest
 import bench.rendering.shrink
 from bench.catalogue.suites import STABILITY, SUITES
 from bench.records.journal import write_manifest
-from bench.rendering.shrink import fails_alike, find_item, shrink
+from bench.rendering.shrink import fails_alike, find_failed_job, shrink
 from bench.running.isolation import TaskPool
 from bench.running.work import cloud_of
 from bench.suites.stability.cases import CASES
@@ -49,7 +49,7 @@ def shrunk(record, budget_s=600.0, workers=1):
     found = shrink(record, budget_s, workers, None)
     assert found.points.dtype == np.float32
     assert np.array_equal(load_points(found.path), found.points, equal_nan=True)
-    whole = cloud_of(find_item(record).job).points
+    whole = cloud_of(find_failed_job(record).job).points
     assert found.before == len(whole)
     assert {point.tobytes() for point in found.points} <= {point.tobytes() for point in whole}
     return found
@@ -79,7 +79,7 @@ def test_reasons_that_differ_in_numbers_only(one, other, alike):
 
 def test_items_are_planned_again(tmp_path):
     record = failed_item(tmp_path / "run", "splat", "x: y", seed=5, views=3, device="cpu")
-    item = find_item(record)
+    item = find_failed_job(record)
     assert (item.directory, item.reason) == (tmp_path / "run", "x: y")
     assert item.name == "splat/512/chair/test-0001"
     assert item.limits == SUITES[0].limits
@@ -91,7 +91,7 @@ def test_items_are_planned_again(tmp_path):
 
 
 def test_cases_are_planned_again(tmp_path):
-    item = find_item(failed_case(tmp_path / "run", "splat", "x: y", "outlier-1e6"))
+    item = find_failed_job(failed_case(tmp_path / "run", "splat", "x: y", "outlier-1e6"))
     (case,) = (case for case in CASES if case.id == "outlier-1e6")
     job = item.job
     assert (job.perturbation, job.views, job.batch) == (case.perturbation, case.views, case.batch)
@@ -113,7 +113,7 @@ def test_names_with_colons_and_slashes(tmp_path, tiny_weights):
     changes = {"dataset": f"folder:{meshes}", "objects": ["chair/a/c.off", "chair/a:b/c.off"]}
     record = failed_item(tmp_path / "r:1" / "x", method, "x: y", obj="a:b/c.off", **changes)
     write_failures(tmp_path / "r", make_failed("splat"))  # DIR of the first colon: another run
-    item = find_item(record)
+    item = find_failed_job(record)
     assert item.directory == tmp_path / "r:1" / "x"
     assert item.job.method == method
     assert item.job.object.object_id == "a:b/c.off"
@@ -200,7 +200,7 @@ def test_two_points_that_are_needed_are_found_by_any_number_of_workers(
     assert found.path == (
         tmp_path / "run/shrunk/fake-left-and-right-512-chair-test-0001/minimal.ply"
     )
-    first = find_item(record).job.views[0]
+    first = find_failed_job(record).job.views[0]
     assert found.drawing.views == (first,)
     assert found.message.splitlines() == [
         "fake-left-and-right: weigh: 1 points left and 1 right",
@@ -275,7 +275,7 @@ def test_what_is_left_of_a_cloud(plugins, tmp_path, method, case, before, left, 
     assert (found.before, len(found.points), found.minimal) == (before, left, True)
     assert found.reason == found.reproduced == reproduced
     assert left > 0 or found.trials <= 2
-    fails_first = View(-60.0, -10.0) if "left" in method else find_item(record).job.views[0]
+    fails_first = View(-60.0, -10.0) if "left" in method else find_failed_job(record).job.views[0]
     assert found.drawing.views == (fails_first,)
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.suites.latent.figures import Strip, Tile, draw_cloud, strips_figure
+from bench.suites.latent.figures import Strip, StripTile, draw_cloud, strips_figure
 from data_prep.scene import View
 
 FRONT = View(0, 0)
@@ -18,7 +18,7 @@ def tile(seed, truth=False):
     rng = np.random.default_rng(seed)
     image, true = rng.integers(0, 256, (2, 128, 128, 3), dtype=np.uint8)
     cloud = rng.uniform(-0.5, 0.5, (30, 3)).astype(np.float32)
-    return Tile(f"tile {seed}", cloud, image, true if truth else None)
+    return StripTile(f"tile {seed}", cloud, image, true if truth else None)
 
 
 def shown(axis):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.intervals import mean_interval
-from bench.suites.latent.tables import ALL, Value, latent_table, means, values_table
+from bench.suites.latent.tables import ALL, LatentValue, latent_table, means, values_table
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -17,7 +17,7 @@ NAN = float("nan")
 
 def made(numbers, what="code", kind=ALL, metric="step"):
     return [
-        Value("pc2pix", what, kind, f"{kind} {i}", metric, number)
+        LatentValue("pc2pix", what, kind, f"{kind} {i}", metric, number)
         for i, number in enumerate(numbers)
     ]
 

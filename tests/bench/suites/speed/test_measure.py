@@ -31,8 +31,8 @@ from bench.suites.speed.measure import (
 )
 from bench.suites.speed.run import TIMED, speed_units
 from bench.suites.speed.samples import (
-    Failure,
-    Sample,
+    CloudFailure,
+    TimingSample,
     measurement_path,
     read_measurement,
     write_measurement,
@@ -154,7 +154,7 @@ def test_one_call_after_the_other():
     single, batch = CALL_S + VIEW_S + FINISH_S, CALL_S + 3 * VIEW_S + FINISH_S
 
     def sample(cloud, number, stage, views, wall_s):
-        return Sample(cloud, number, stage, views, wall_s, 2 * wall_s)
+        return TimingSample(cloud, number, stage, views, wall_s, 2 * wall_s)
 
     def warm(cloud, number):
         return [
@@ -220,7 +220,7 @@ def test_a_single_view_is_drawn_alone_only():
 )
 def test_a_cloud_that_fails_is_left_out_and_the_others_go_on(bad, stage, warm_ups, reason, kept):
     world, samples, failures = take(replace(SMALL, warm_ups=warm_ups), bad=bad, stage=stage)
-    assert failures == [Failure(f"cloud {bad}", reason)]
+    assert failures == [CloudFailure(f"cloud {bad}", reason)]
     assert [c for c in drawn(world) if c[:2] == ("prepare", bad)] == [("prepare", bad)]
     of = {n: [s for s in samples if s.cloud == f"cloud {n}"] for n in (1, 2)}
     assert [(s.round, s.stage, s.views) for s in of[bad]] == [(1, *call) for call in kept]
@@ -233,7 +233,7 @@ def test_what_draws_nothing_is_not_timed():
     nothing = Fake(world)
     nothing.draw = lambda state, views, rng: np.ones((len(views), *SIZE, 3), np.float32)
     samples, failures = take_samples(FAKE, lambda: nothing, [subject(1)], SMALL, world.clock)
-    assert failures == [Failure("cloud 1", "draw: 3 of 3 pictures are blank")]
+    assert failures == [CloudFailure("cloud 1", "draw: 3 of 3 pictures are blank")]
     assert {s.round for s in samples} == {0}
 
 
@@ -246,7 +246,7 @@ def raising(error):
 
 def test_a_method_that_cannot_be_loaded_fails_everywhere():
     load = raising(AttributeError("no such thing\nat all"))
-    failures = [Failure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)]
+    failures = [CloudFailure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)]
     found = take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
     assert found == ([], failures)
 
@@ -344,7 +344,7 @@ def test_a_measurement_of_a_real_method(monkeypatch):
     found = measure(Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu"))
     assert (found.key, found.method, found.condition) == ("k", "blank", "2048")
     assert (found.threads, found.views, found.clouds, found.device) == (1, 3, 2, "cpu")
-    assert found.failures == (Failure("chair/b", "input: no such shape; draw one"),)
+    assert found.failures == (CloudFailure("chair/b", "input: no such shape; draw one"),)
     warm = [(number, *call) for number in (1, 2) for call in CALLS]
     calls = [(0, "load", 0), (0, "prepare", 0), (0, "draw", 1), *warm]
     assert [(s.round, s.stage, s.views) for s in found.samples] == calls
@@ -386,8 +386,11 @@ def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch):
 
 MEASUREMENT = replace(
     lost(Unit("k", SMALL, "blank", "2048", Unchanged(), (), 1, 20, 0, "cpu"), ""),
-    samples=(Sample("chair/a", 1, "draw", 20, 0.125, 0.25), Sample("", 0, "load", 0, 1.0, 1.0)),
-    failures=(Failure("chair/ä", "draw: no\nfaces"),),
+    samples=(
+        TimingSample("chair/a", 1, "draw", 20, 0.125, 0.25),
+        TimingSample("", 0, "load", 0, 1.0, 1.0),
+    ),
+    failures=(CloudFailure("chair/ä", "draw: no\nfaces"),),
     peak_mib=12.5,
     elsewhere_cores=0.1,
 )

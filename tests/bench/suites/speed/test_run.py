@@ -17,7 +17,7 @@ from bench.running.isolation import WORKER_ENVIRONMENT, run_tasks, thread_counts
 from bench.running.protocol import Options
 from bench.suites.speed.measure import Unit, lost
 from bench.suites.speed.run import run
-from bench.suites.speed.samples import Sample
+from bench.suites.speed.samples import TimingSample
 from bench.tables.build import tables
 from bench.tables.scored import read_scored
 from data_prep.clouds.conditions import Unchanged
@@ -58,7 +58,7 @@ def taken(monkeypatch):
     def measure_alone(unit):
         units.append((unit.method, unit.condition, unit.threads))
         calls = [("prepare", 0), ("draw", 1), ("draw", unit.views)]
-        samples = [Sample("chair/a", 1, stage, views, 1.0, 1.0) for stage, views in calls]
+        samples = [TimingSample("chair/a", 1, stage, views, 1.0, 1.0) for stage, views in calls]
         made = replace(lost(unit, ""), failures=(), samples=tuple(samples))
         return replace(made, elsewhere_cores=0.5 if unit.method == "blank" else 0.0)
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from bench.catalogue.suites import SPEED
 from bench.suites.speed.figure import amortised_figure
-from bench.suites.speed.samples import Failure, Measurement, Sample
-from bench.suites.speed.summary import BreakEven, Cost, Value, speedups, summarise
+from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
+from bench.suites.speed.summary import BreakEven, Cost, Statistic, speedups, summarise
 from bench.suites.speed.tables import (
     amortised_table,
     break_even_rows,
@@ -40,8 +40,8 @@ def measurement(method="slow", prepare=(0.9, 1.0, 5.0), one=(0.1, 0.3, 0.2), bat
         *(("draw", 4, batch) for _ in one),
     ]
     samples = [
-        *(Sample("chair/a", 0, stage, int(stage == "draw"), 8.0, 16.0) for stage in STAGES),
-        *(Sample("chair/a", 1, stage, views, s, 2 * s) for stage, views, s in warm),
+        *(TimingSample("chair/a", 0, stage, int(stage == "draw"), 8.0, 16.0) for stage in STAGES),
+        *(TimingSample("chair/a", 1, stage, views, s, 2 * s) for stage, views, s in warm),
     ]
     made = Measurement(
         *("k", method, "2048"),
@@ -62,7 +62,7 @@ STAGES = ("load", "prepare", "draw")
 SLOW = summarise(measurement())  # 1 + 0.2, and 1 + 0.4 for 4 views
 QUICK = summarise(measurement("quick", prepare=(0.1,) * 3, one=(0.2,) * 3, batch=1.0))
 NOTHING = dict.fromkeys(("idle_mib", "peak_mib", "elsewhere_cores"))
-FAILURES = tuple(Failure(f"chair/{name}", "timeout: too long") for name in "abc")
+FAILURES = tuple(CloudFailure(f"chair/{name}", "timeout: too long") for name in "abc")
 LOST = summarise(measurement("lost", samples=(), failures=FAILURES, **NOTHING))
 ALL = [SLOW, QUICK, LOST]
 PAPER = {
@@ -110,7 +110,7 @@ def test_failures():
     assert all(math.isnan(found.value) and not found.n for found in LOST.values.values())
     assert (LOST.wall, LOST.core, LOST.n_ok) == (None, None, 0)
     assert LOST.reason == "timeout: too long"
-    twice = (Failure("chair/a", "b"), Failure("chair/a", "c"))
+    twice = (CloudFailure("chair/a", "b"), CloudFailure("chair/a", "c"))
     found = summarise(measurement(failures=twice))
     assert (found.n_ok, found.reason) == (2, "b; c")
 
@@ -118,8 +118,8 @@ def test_failures():
 def test_speedups_are_of_the_rival_over_the_method():
     """1.2 s against 0.3 s alone, 0.35 s against 0.275 s among four."""
     assert speedups(QUICK, SLOW) == {
-        "picture-of-1-speedup": Value(pytest.approx(4.0), 3),
-        "picture-of-4-speedup": Value(pytest.approx(0.35 / 0.275), 3),
+        "picture-of-1-speedup": Statistic(pytest.approx(4.0), 3),
+        "picture-of-4-speedup": Statistic(pytest.approx(0.35 / 0.275), 3),
     }
     assert speedups(QUICK, None) == speedups(LOST, SLOW) == speedups(SLOW, LOST) == {}
 

@@ -14,7 +14,7 @@ from bench.suites.stability.metric_cases import (
     ONE_WINDOW,
     ROUNDING,
     SUMS,
-    Case,
+    MetricCase,
     Near,
     Refused,
 )
@@ -35,7 +35,7 @@ def outcome_of(monkeypatch, stated, given=lambda: (np.zeros(1), np.zeros(1)), **
     for name, metric in metrics.items():
         monkeypatch.setitem(METRICS, name, metric)
     (name,) = metrics
-    case = Case("made-up", "tests", given, {name: stated})
+    case = MetricCase("made-up", "tests", given, {name: stated})
     monkeypatch.setattr(stability_metrics, "CASES", (case,))
     (outcome,) = metric_outcomes()
     return outcome

@@ -6,7 +6,7 @@ from harness_objects import Tetrahedron
 
 from bench.records.job import Result, failed
 from bench.suites.stability.cases import VIEWS
-from bench.suites.stability.expectations import observe
+from bench.suites.stability.outcomes import observe
 
 from ...builders import make_job, make_record, write_artifact
 

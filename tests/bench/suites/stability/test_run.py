@@ -12,8 +12,9 @@ from bench.checking.golden import check
 from bench.records.journal import read_manifest
 from bench.running.protocol import Options
 from bench.suites.stability.cases import CASES
-from bench.suites.stability.expectations import KINDS, Outcome
+from bench.suites.stability.expectations import KINDS
 from bench.suites.stability.figures import ACROSS, COLOURS, MISSING, matrix_figure, sheet
+from bench.suites.stability.outcomes import CaseOutcome
 from bench.suites.stability.run import run
 from bench.suites.stability.tables import matrix as matrix_of
 from bench.suites.stability.tables import read_outcomes, subjects, unexpected
@@ -22,7 +23,7 @@ from bench.tables.figure import save
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
-HOLDS = Outcome("identical", "pairs", "ssim", "1", "1", "holds")
+HOLDS = CaseOutcome("identical", "pairs", "ssim", "1", "1", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
 NAMES = ("stability_methods", "stability_metrics", "stability_formats")
 

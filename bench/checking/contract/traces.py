@@ -20,7 +20,7 @@ MOST_SHOWN = 60  # characters of an output, or names of a list
 
 
 @dataclass(frozen=True)
-class Observation:
+class ProcessState:
     """The state of this process outside its variables.
 
     Attributes
@@ -42,7 +42,7 @@ class Observation:
     processes: Mapping[int, str]
 
     @classmethod
-    def take(cls, temporary: Path) -> Observation:
+    def take(cls, temporary: Path) -> ProcessState:
         """Return the current state; `temporary` is the folder for temporary files."""
         folder = os.getcwd()  # noqa: PTH109
         return cls(
@@ -53,7 +53,7 @@ class Observation:
         )
 
 
-def traces(before: Observation, after: Observation) -> dict[str, str]:
+def traces(before: ProcessState, after: ProcessState) -> dict[str, str]:
     """Return what has come between two observations, in words by its kind."""
     found = {}
     files = sorted(path for path, time in after.files.items() if before.files.get(path) != time)
