@@ -48,7 +48,7 @@ def write_deviations(directory: Path, moved: Sequence[GoldenDeviation]) -> Path 
         images = stored.images(one.item)
         method, condition, *obj = one.item
         drawn = "no image" if images is None else images[:1]
-        tiles.append(Tile(f"{'/'.join(obj)}: {one.metric} {number(one.found)}", drawn))
+        tiles.append(Tile(f"{'/'.join(obj)}: {one.metric} {number(one.actual)}", drawn))
         before = f"golden {number(one.golden)}, {method}, {condition}"
         tiles.append(Tile(before, _enlarged(thumbnails[one.line])))
     write_images(draw_sheet(tiles, min(ACROSS, len(tiles)), SCALE), path)

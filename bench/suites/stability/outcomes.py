@@ -127,8 +127,10 @@ def verdict(expected: Expectation, observed: Observation) -> Kind:
             fits = observed.reason and re.match(expected.reason, observed.reason)
             return expected.kind if fits else "unexpected"
         case Either():
-            kinds = (verdict(option, observed) for option in expected.options)
-            return next((kind for kind in kinds if kind != "unexpected"), "unexpected")
+            for option in expected.options:
+                if (kind := verdict(option, observed)) != "unexpected":
+                    return kind
+            return "unexpected"
         case NoExpectation() if observed.reason:
             # A stage is named in kebab-case; Python's exceptions and lost workers are no stages.
             stage = re.match(r"(?!timeout|memory|crash)[a-z][a-z0-9-]*: ", observed.reason)

@@ -16,16 +16,9 @@ from bench.analysis.intervals import (
     mean_interval,
 )
 from bench.checking import claim_rules as rules
-from bench.checking.claim_rules import (
-    ClaimFinding,
-    MissingEvidence,
-    QualityEvidence,
-    Requirement,
-    TimingEvidence,
-    Training,
-    combined,
-    corrected,
-)
+from bench.checking.claim_findings import ClaimFinding, Requirement, corrected
+from bench.checking.claim_rules import weighted_sum
+from bench.checking.evidence import MissingEvidence, QualityEvidence, TimingEvidence, Training
 
 pytestmark = pytest.mark.usefixtures("few_objects")
 
@@ -72,7 +65,7 @@ NOISY = quality("ssim", 0.52, np.array([0.3, -0.3, 0.2, -0.2]))
 def test_means_are_combined_object_by_object():
     a = quality("ssim", 0.5, np.array([0.1, 0.0, -0.1, 0.2]))
     b = quality("ssim", 0.3, np.array([0.0, 0.0, 0.1, 0.1]))
-    found = combined([(1, a), (-0.5, b)])
+    found = weighted_sum("", [(1, a), (-0.5, b)]).estimate
     per_object = np.array([0.6, 0.5, 0.4, 0.7]) - 0.5 * np.array([0.3, 0.3, 0.4, 0.4])
     assert found.value == pytest.approx(per_object.mean(), abs=1e-12)
     assert found[1:] == pytest.approx(mean_interval(per_object), abs=1e-12)
@@ -81,12 +74,12 @@ def test_means_are_combined_object_by_object():
 def test_distances_are_combined_by_the_jackknife():
     a = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0, 10.0, 12.0]))
     b = Quality("fid", Estimate(4.0, 0, 0), np.array([4.0, 3.0, 5.0]))
-    found = combined([(-1, a), (1, b)])
+    found = weighted_sum("", [(-1, a), (1, b)]).estimate
     assert found.value == -6
     expected = jackknife_interval(-6.0, [np.array([-5.0, -7.0, -7.0])])
     assert found[1:] == pytest.approx(expected, abs=1e-12)
     of_one = Quality("fid", Estimate(10.0, 0, 0), np.array([9.0]))
-    assert math.isnan(combined([(1, of_one)]).low)
+    assert math.isnan(weighted_sum("", [(1, of_one)]).estimate.low)
 
 
 @pytest.mark.parametrize(

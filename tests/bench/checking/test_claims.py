@@ -12,18 +12,18 @@ import pytest
 from bench.analysis.comparison import Estimate
 from bench.analysis.intervals import StandardError
 from bench.catalogue.suites import LATENT, SPEED, SUITES
-from bench.checking import checklist as claims_check
 from bench.checking.checklist import (
     ClaimResult,
     Run,
     check_claims,
-    checked,
+    judge,
     read_run,
     spreads,
     to_markdown,
 )
-from bench.checking.claim_rules import ClaimFinding, QualityEvidence, Requirement
+from bench.checking.claim_findings import ClaimFinding, Requirement
 from bench.checking.claims import claims
+from bench.checking.evidence import QualityEvidence
 from bench.records.record import GROUND_TRUTH
 from bench.tables import published as published_values
 from bench.tables.published import published
@@ -81,14 +81,15 @@ def test_no_claims_without_the_published_values(monkeypatch, tmp_path):
 
 def test_claims_without_a_run_or_of_one_that_lacks_something(tmp_path):
     """The run has splat, true-mesh and blank: no side of any claim was measured."""
-    made = checked([])
+    made = judge(CLAIMS, [])
     assert [entry.claim.id for entry in made] == [claim.id for claim in CLAIMS]
     assert {entry.finding.verdict for entry in made} == {"not testable here"}
     reasons = {entry.claim.id: entry.finding.reason for entry in made}
     assert reasons["table-5-car"] == "give a run of thirteen-classes"
     assert reasons["nine-times-faster"] == "give a run of speed"
     assert reasons["better-than-points2pix"].startswith("our points2pix has other inputs")
-    made = [entry for entry in checked([read_run(write_run(tmp_path / "run"))]) if entry.run]
+    run = read_run(write_run(tmp_path / "run"))
+    made = [entry for entry in judge(CLAIMS, [run]) if entry.run]
     assert len(made) == sum(claim.suite == "chair-robustness" for claim in CLAIMS)
     assert {entry.run for entry in made} == {"chair-robustness on procedural"}
     assert {entry.finding.verdict for entry in made} == {"not testable here"}
@@ -104,7 +105,7 @@ def test_claims_of_a_run(tmp_path):
         conditions=["1024", "512"],
         objects=[f"chair/{name}" for name in "abcdef"],
     )
-    made = {entry.claim.id: entry.finding for entry in checked([read_run(run)]) if entry.run}
+    made = {entry.claim.id: entry.finding for entry in judge(CLAIMS, [read_run(run)]) if entry.run}
     rows = pd.read_csv(run / "tables" / "table3_ssim.csv").query("metric == 'ssim'")
     values = rows.set_index(["method", "condition"])["value"]
     found = made["table-3-ssim-1024"]
@@ -189,7 +190,7 @@ def test_floors_are_not_robust(tmp_path):
     names = ["surface-apss", "blank", "constant"]
     run = write_run(tmp_path / "run", methods=names, objects=[f"chair/{i}" for i in "abcdefgh"],
                     conditions=["2048", "1024", "512", "noise-0.05", "noise-0.10"])  # fmt: skip
-    made = checked([read_run(run, subjects=("blank", "constant"))])
+    made = judge(CLAIMS, [read_run(run, subjects=("blank", "constant"))])
     robust = {"operates-on-fewer-points", "robust-to-noise", "structure-is-kept", "fid-is-kept"}
     found = [entry for entry in made if entry.claim.id in robust]
     assert {entry.finding.subject for entry in found} == {"blank", "constant"}
@@ -228,7 +229,7 @@ def test_the_command(command, tmp_path):
     assert "2 folders: golden values are of one run; or give --claims" in err
 
 
-def test_findings_are_those_of_the_rule(monkeypatch):
+def test_findings_are_those_of_the_rule():
     asked = []
 
     def rule(evidence):
@@ -236,10 +237,9 @@ def test_findings_are_those_of_the_rule(monkeypatch):
         return [FOUND, replace(FOUND, subject="pc2pix@acgan")]
 
     claim = replace(CLAIMS[0], rule=rule)
-    monkeypatch.setattr(claims_check, "claims", lambda: (claim,))
     evidence = QualityEvidence({})
     runs = [Run("one", claim.suite, evidence), Run("two", "speed", pd.DataFrame())]
-    made = checked(runs)
+    made = judge([claim], runs)
     assert [(entry.run, entry.finding.subject) for entry in made] == [
         ("one", "pc2pix"),
         ("one", "pc2pix@acgan"),

@@ -5,15 +5,14 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-import bench.checking.golden
 from bench.catalogue.lookup import find
 from bench.catalogue.methods import FLOORS
 from bench.catalogue.reconstruction import BEST_RECONSTRUCTION
 from bench.catalogue.suites import SUITES
-from bench.checking.golden import CheckResult, bless, check
+from bench.checking.golden import CheckResult, bless, check, golden_lines
 from bench.checking.tolerances import JUDGED, OF_CLASSES, RECONSTRUCTION, RENDERING, tolerance
 from bench.records.journal import read_manifest, write_manifest
-from bench.tables.build import write_outputs
+from bench.tables.build import tables, write_outputs
 from bench.tables.published import golden, published
 from bench.tables.scored import read_scored
 
@@ -78,19 +77,16 @@ def has_the_tolerances_of_its_rules(frame):
     assert frame["reason"].tolist() == [rule.reason for rule in rules]
 
 
-def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run, results, monkeypatch):
-    first, *_ = bench.checking.golden.tables(read_scored(run))
-    below = replace(first.rows[0], metric="kd-views", value=-2.0)
-    other = replace(first.rows[0], method=BEST_RECONSTRUCTION)  # the value of another method
-    table = replace(first, rows=(*first.rows, below, other))
-    monkeypatch.setattr(bench.checking.golden, "tables", lambda directory: [table, table])
-    path, *_ = bless(run)
-    frame = pd.read_csv(path)
-    assert len(frame) == len(table.rows) - 1
-    (found,) = frame[frame["metric"] == "kd-views"].to_dict("records")
-    assert found["value"] == -2.0
+def test_a_cell_of_two_tables_is_blessed_once_and_with_room_below_zero(run):
+    rows = tables(read_scored(run))[0].rows
+    below = replace(rows[0], metric="kd-views", value=-2.0)
+    other = replace(rows[0], method=BEST_RECONSTRUCTION)  # the value of another method
+    lines = golden_lines(2 * (*rows, below, other), {"seed": 0})
+    assert len(lines) == len(rows) + 1
+    (line,) = (line for line in lines if line["metric"] == "kd-views")
+    assert (line["value"], line["seed"]) == ("-2.000000", 0)
     rule = OF_CLASSES["kd-views"]
-    assert found["tolerance"] == pytest.approx(rule.absolute + 2.0 * rule.relative, abs=6e-7)
+    assert float(line["tolerance"]) == pytest.approx(rule.absolute + 2 * rule.relative, abs=6e-7)
 
 
 def test_the_golden_values_of_this_project():
