@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.rendering.shrink import ever_smaller
+from bench.rendering.delta_debugging import ever_smaller
 
 
 class Trials:

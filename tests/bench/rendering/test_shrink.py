@@ -9,7 +9,8 @@ import pytest
 import bench.rendering.shrink
 from bench.catalogue.suites import STABILITY, SUITES
 from bench.records.journal import write_manifest
-from bench.rendering.shrink import fails_alike, find_failed_job, shrink
+from bench.rendering.shrink import find_failed_job, shrink
+from bench.rendering.shrink_result import fails_alike
 from bench.running.isolation import TaskPool
 from bench.running.work import cloud_of
 from bench.suites.stability.cases import CASES
@@ -44,9 +45,9 @@ def failed_case(directory, method, reason, case):
     return f"{directory}:{method}/{case}"
 
 
-def shrunk(record, budget_s=600.0, workers=1):
-    """What becomes of it; what holds of all that is found is checked."""
-    found = shrink(record, budget_s, workers, None)
+def shrunk(record, budget_s=600.0, workers=1, **changes):
+    """Return the cloud that is found, after checks of what holds of every one."""
+    found = shrink(record, budget_s, workers, None, **changes)
     assert found.points.dtype == np.float32
     assert np.array_equal(load_points(found.path), found.points, equal_nan=True)
     whole = cloud_of(find_failed_job(record).job).points
@@ -297,10 +298,9 @@ def test_failures_that_are_there_no_more(command, plugins, tmp_path, method, now
 
 
 @pytest.mark.slow
-def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(bench.rendering.shrink, "PLAIN_EVERY_S", 1.0)
+def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys):
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "plain")
-    found = shrunk(record, budget_s=10.0)
+    found = shrunk(record, budget_s=10.0, log_every_s=1.0)
     assert 1 < len(found.points) < 2048
     assert not found.minimal
     assert found.seconds < 40.0
