@@ -41,7 +41,7 @@ from data_prep.progress import progress
 from data_prep.randomness import generator
 from data_prep.scene import View
 
-Subject = TypeVar("Item")
+Subject = TypeVar("Subject")
 
 
 def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:

@@ -1,8 +1,8 @@
 """Medians of samples, and the cost of V images of one cloud.
 
-A cloud is prepared once and drawn as often as one likes. Drawing was timed in calls of one view and
-of a batch of views; in between the cost of a call is taken to grow evenly, and more views than a
-batch are drawn in batches. Thus what is said of one view and of whole batches is as measured:
+A cloud is prepared once and drawn any number of times. Drawing was timed in calls of one view and
+of a batch of views; between them the cost of a call is taken to grow evenly, and more views than a
+batch are drawn in batches. The costs of one view and of whole batches are as measured:
 
     total(V) = prepare + one + (V - 1) (all - one) / (batch - 1)    1 <= V <= batch
     total(V) = prepare + V all / batch                              V >= batch
@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -81,7 +82,7 @@ def break_even(cost: Cost, rival: Cost) -> BreakEven:
         crossings.append(1 + (batch - 1) * at_one / (at_one - at_batch))
     if at_batch * growth < 0:
         crossings.append((rival.prepare - cost.prepare) / growth)
-    # The first difference that is none decides: a tie at the start says nothing of what follows.
+    # The first difference that is not 0 decides: a tie at the start says nothing of the rest.
     cheaper_first = next((d < 0 for d in (at_one, at_batch, growth) if d), False)
     kinds: tuple[Cheaper, ...] = (
         ("always", "up to", "outside") if cheaper_first else ("never", "from", "between")
@@ -94,7 +95,7 @@ MS = 1000.0
 
 @dataclass(frozen=True)
 class Statistic:
-    """A number made of `n` samples; NaN of none."""
+    """A number computed from `n` samples; NaN without any."""
 
     value: float
     n: int
@@ -105,8 +106,8 @@ class Summary:
     """The medians and costs of a measurement.
 
     values  by metric, see `summarise`
-    wall    seconds that go by, medians; None where there is no image to speak of
-    core    seconds of processor time, likewise
+    wall    medians of seconds by the clock; None where no view was timed
+    core    medians of seconds of processor time; None where no view was timed
     """
 
     measurement: Measurement
@@ -128,16 +129,20 @@ class Summary:
 def summarise(measurement: Measurement) -> Summary:
     """Return medians over clouds and rounds, in milliseconds and MiB.
 
-    cold-load, cold-prepare, cold-draw   the first call in its process; cold-image is their sum
+    cold-load, cold-prepare, cold-draw   the first call in its process; cold-picture is their sum
     prepare, draw-1, draw-V              warm: median, 95th percentile (p95) and median of the
                                          processor time (core); of a call, a view's share
     picture-of-1, picture-of-V           an image where 1 or V are drawn of a cloud, prepared
                                          for them: sums of the medians above
-    peak-mib, idle-mib                   most memory of the process, and before the method was there
+    peak-mib, idle-mib                   most memory of the process, and before the method's load
     """
     batch = measurement.views
     values = {
-        f"cold-{stage}-ms": _value(_cold(measurement, stage), np.median, lambda s: MS * s.wall_s)
+        f"cold-{stage}-ms": _statistic(
+            [s for s in measurement.samples if s.round == 0 and s.stage == stage],
+            np.median,
+            lambda sample: MS * sample.wall_s,
+        )
         for stage in ("load", "prepare", "draw")
     }
     together = sum(value.value for value in values.values())
@@ -147,9 +152,11 @@ def summarise(measurement: Measurement) -> Summary:
     for name, samples, views in parts:
         share = MS / views
         values |= {
-            f"{name}-ms": _value(samples, np.median, lambda s, k=share: k * s.wall_s),
-            f"{name}-p95-ms": _value(samples, _p95, lambda s, k=share: k * s.wall_s),
-            f"{name}-core-ms": _value(samples, np.median, lambda s, k=share: k * s.core_s),
+            f"{name}-ms": _statistic(samples, np.median, lambda s, k=share: k * s.wall_s),
+            f"{name}-p95-ms": _statistic(
+                samples, partial(np.percentile, q=95), lambda s, k=share: k * s.wall_s
+            ),
+            f"{name}-core-ms": _statistic(samples, np.median, lambda s, k=share: k * s.core_s),
         }
     wall = _cost(measurement, lambda sample: sample.wall_s)
     core = _cost(measurement, lambda sample: sample.core_s)
@@ -193,15 +200,11 @@ def beside(summaries: Iterable[Summary], summary: Summary, method: str) -> Summa
     return None
 
 
-def _cold(measurement: Measurement, stage: Stage) -> list[TimingSample]:
-    return [s for s in measurement.samples if s.round == 0 and s.stage == stage]
-
-
 def _warm(measurement: Measurement, stage: Stage, views: int) -> list[TimingSample]:
     return [s for s in measurement.samples if s.round and (s.stage, s.views) == (stage, views)]
 
 
-def _value(
+def _statistic(
     samples: Sequence[TimingSample],
     over: Callable[[Any], Any],
     field: Callable[[TimingSample], float],
@@ -211,14 +214,10 @@ def _value(
     )
 
 
-def _p95(values: Sequence[float]) -> float:
-    return float(np.percentile(values, 95))
-
-
 def _cost(measurement: Measurement, field: Callable[[TimingSample], float]) -> Cost | None:
     batch = measurement.views
     parts: tuple[tuple[Stage, int], ...] = (("prepare", 0), ("draw", 1), ("draw", batch))
-    values = [_value(_warm(measurement, *part), np.median, field).value for part in parts]
+    values = [_statistic(_warm(measurement, *part), np.median, field).value for part in parts]
     if not all(map(math.isfinite, values)):
         return None
     prepare, draw_one, all_at_once = values

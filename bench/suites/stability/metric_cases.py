@@ -1,10 +1,10 @@
-"""The parts of a case on metrics, the images that cases use, and how far values may be off.
+"""The parts of a case on metrics, the images of cases, and the tolerances of values.
 
 A metric is a function of two arrays: true images and images, two sets of features, the judge's
-answers and the angles asked for. What a case states is a closed form, an independent computation,
-an invariant or a named refusal; what nobody states is not asked.
+answers and the true angles. A case expects a closed form, an independent computation, an invariant
+or a named refusal; it is measured by the metrics that it has an expectation of, and no others.
 
-How far a metric may be from what a case states, with u = 2^-53:
+Tolerances, with u = 2^-53:
 
 * `SUMS`. The mean over the 118 x 118 windows of three channels is taken tile by tile: sums of at
   most 576 x 3 values of at most 1, and of 25 tiles. Off by 1,753 u at most: 2e-13.
@@ -36,8 +36,8 @@ from data_prep.scene import IMAGE_SIZE, UInt8Images
 
 Array = NDArray[Any]
 
-# By the protocol of the head of `bench.metrics.structural_similarity`, and not its own constants:
-# they are under test.
+# Written out from the protocol, not imported from `bench.metrics.structural_similarity`, whose
+# constants are under test.
 WINDOW, SIGMA = 11, 1.5
 C1, C2, C3 = 2.55**2, 7.65**2, 7.65**2 / 2
 U = 2.0**-53
@@ -63,7 +63,7 @@ def rounding(x: Array, y: Array) -> float:
 
 
 def largest_move(root: Any, features: int, rows: int, by: float) -> float:
-    """Return how far a distance may move where both sets of features are off by `by`.
+    """Return the largest move of a distance where both sets of features are off by `by`.
 
     The derivation is in the module's docstring.
     """
@@ -72,7 +72,7 @@ def largest_move(root: Any, features: int, rows: int, by: float) -> float:
 
 
 ArrayPair = tuple[Array, Array]
-Number = float | Callable[[Any, Any], Any]  # or how to have it from the two arrays
+Number = float | Callable[[Any, Any], Any]  # or its computation from the two arrays
 
 SSIM = ("ssim", "luminance", "contrast", "structure")
 THIN = ("thin-recall", "thin-precision")
@@ -82,9 +82,9 @@ FD_VIEWS = ("fd-views", "fd-views-grey")  # Fréchet distances of networks' feat
 
 @dataclass(frozen=True)
 class Near:
-    """A stated value: a number, an array, or how to compute it; NaN stands for no value.
+    """An expected value: a number, an array, or its computation; NaN stands for no value.
 
-    words   where it comes from
+    words   its origin
     within  largest absolute difference; 0 is exact
     """
 
@@ -95,7 +95,7 @@ class Near:
 
 @dataclass(frozen=True)
 class Refused:
-    """A stated failure: the very type, and a part of the message."""
+    """An expected failure: the exact type, and a part of the message."""
 
     error: type[Exception]
     says: str
@@ -106,7 +106,7 @@ MetricExpectation = Near | Refused
 
 @dataclass(frozen=True)
 class MetricCase:
-    """The two arrays of a case, and what each metric makes of them."""
+    """The two arrays of a case, and the expected result of each metric."""
 
     id: str
     group: str
@@ -120,14 +120,14 @@ Given = Callable[[], ArrayPair]
 def cases(
     group: str, *rows: tuple[str, Given, Mapping[str, MetricExpectation]]
 ) -> tuple[MetricCase, ...]:
-    """Return the cases of a group, a row each: id, arrays, and by metric what it makes of them."""
+    """Return the cases of a group, a row each: id, arrays, and the expectation by metric."""
     return tuple(MetricCase(case_id, group, given, stated) for case_id, given, stated in rows)
 
 
 def cases_of(
     metric: str, group: str, *rows: tuple[str, Given, MetricExpectation]
 ) -> tuple[MetricCase, ...]:
-    """Return cases of a group about one metric, a row each: id, arrays, and its outcome."""
+    """Return cases of a group about one metric, a row each: id, arrays, and expectation."""
     return cases(group, *((case_id, given, {metric: stated}) for case_id, given, stated in rows))
 
 
@@ -183,7 +183,10 @@ def noise(seed: int, side: int = IMAGE_SIZE, count: int = 1) -> UInt8Images:
 
 
 def speck(background: int, level: int, at: int) -> UInt8Images:
-    """Return one pixel of another level: (64, 64) is in 121 windows, the corner (0, 0) in one."""
+    """Return a flat image with one pixel of another level.
+
+    The pixel (64, 64) is in 121 windows of SSIM, the corner (0, 0) in one.
+    """
     return _painted(flat(background), slice(at, at + 1), slice(at, at + 1), level)
 
 

@@ -1,4 +1,4 @@
-"""The matrices of the suite `stability`: cases x subjects."""
+"""The matrices of the suite `stability`, cases by subjects."""
 
 from __future__ import annotations
 
@@ -20,26 +20,23 @@ from data_prep.failures import BadInput
 def matrix(
     name: str, title: str, remark: str, outcomes: Iterable[CaseOutcome]
 ) -> Table[CaseOutcome]:
-    """Return outcomes, a row each; for people counts by kind, then expected and observed.
-
-    `remark` is what people have to know to read it.
-    """
+    """Return outcomes, a row each; for people `remark`, counts by kind, expected and observed."""
     layout = partial(_layout, remark)
     return Table(name, title, columns_of(CaseOutcome), tuple(outcomes), layout)
 
 
-def subjects(made: Table[CaseOutcome]) -> list[str]:
+def subjects(table: Table[CaseOutcome]) -> list[str]:
     """Return the subjects in the order of their first appearance."""
-    return ordered(outcome.subject for outcome in made.rows)
+    return ordered(outcome.subject for outcome in table.rows)
 
 
-def unexpected(made: Table[CaseOutcome]) -> list[CaseOutcome]:
-    """Return the outcomes that nobody has stated."""
-    return [outcome for outcome in made.rows if outcome.kind == "unexpected"]
+def unexpected(table: Table[CaseOutcome]) -> list[CaseOutcome]:
+    """Return the outcomes that are none of the expected ones."""
+    return [outcome for outcome in table.rows if outcome.kind == "unexpected"]
 
 
 def counts(matrices: Iterable[Table[CaseOutcome]]) -> Grid:
-    """Return how many outcomes of each kind every matrix has."""
+    """Return the number of outcomes of each kind in every matrix."""
     kinds = [(table.title, Counter(outcome.kind for outcome in table.rows)) for table in matrices]
     return grid(
         ["matrix", *KINDS], ([t, *(str(counter[kind]) for kind in KINDS)] for t, counter in kinds)
@@ -57,21 +54,20 @@ def _layout(remark: str, outcomes: Sequence[CaseOutcome]) -> Iterator[Block]:
         yield grid(
             ["case", "subject", "expected", "observed", ""],
             (
-                [o.case, o.subject, o.expected, o.observed, _kind(o)]
+                [
+                    *(o.case, o.subject, o.expected, o.observed),
+                    Cell(o.kind, special=BOLD if o.kind == "unexpected" else None),
+                ]
                 for o in outcomes
                 if o.group == group
             ),
         )
 
 
-def _kind(outcome: CaseOutcome) -> Cell:
-    return Cell(outcome.kind, special=BOLD if outcome.kind == "unexpected" else None)
-
-
 def read_outcomes(folder: Path) -> list[CaseOutcome]:
     """Return the outcomes of all matrices that a run has left in its folder of tables.
 
-    Raises BadInput where there are none, or where a file is none of ours.
+    Raises BadInput for a folder without matrices, and for a file that is not one.
     """
     header = [field.name for field in fields(CaseOutcome)]
     outcomes: list[CaseOutcome] = []

@@ -8,12 +8,12 @@ import sys
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
-import bench.suites.speed.run
+import bench
 from bench.catalogue.methods import Method
 from bench.catalogue.suites import SPEED
 from bench.running.environment import code_sha256
@@ -54,13 +54,13 @@ SMALL = replace(
 
 @dataclass
 class World:
-    """A clock that only the renderer moves; two cores work all the time."""
+    """A clock that only the renderer advances; two cores work all the time."""
 
     now: float = 0.0
     log: list[tuple] = field(default_factory=list)
 
     def finish(self):
-        """What the device has been asked for takes until here; nothing is asked for twice."""
+        """Advance to the end of the device's work, which is done once."""
         if self.log and self.log[-1] != "finish":
             self.now += FINISH_S
         self.log.append("finish")
@@ -122,7 +122,7 @@ def take(suite=SMALL, method=FAKE, points=(1, 2), **fake):
 
 
 def drawn(world):
-    """The calls by what they are of: points, and the numbers of the views."""
+    """Return the calls with the number of points, and the numbers of the views."""
     calls = []
     for call in world.calls:
         numbers = [tuple(int(v.azimuth_deg) for v in call[2])] if call[0] == "draw" else []
@@ -262,21 +262,22 @@ def test_what_the_user_has_to_fix_is_raised(error):
         take_samples(FAKE, lambda: fake, [subject(1)], SMALL, world.clock)
 
 
-UNITS = {
-    "suite": SMALL,
-    "methods": ("blank", "splat"),
-    "conditions": ("2048", "512"),
-    "objects": (Tetrahedron("a"), Tetrahedron("b")),
-    "threads": (1, 2),
+MANIFEST = {
+    "methods": ["blank", "splat"],
+    "conditions": ["2048", "512"],
+    "threads": [1, 2],
     "views": 3,
     "seed": 0,
     "device": "cpu",
-    "machine_info": {"versions": {"numpy": "2"}},
+    "environment": {"gl": "some"},
+    "versions": {"numpy": "2"},
+    "machine": {"cpu": "some"},
 }
+OBJECTS = (Tetrahedron("a"), Tetrahedron("b"))
 
 
-def units(**changes):
-    return speed_units(**UNITS | changes)
+def units(suite=SMALL, objects=OBJECTS, code="code", **changes):
+    return speed_units(suite, MANIFEST | changes, objects, code)
 
 
 def test_a_unit_for_each_method_condition_and_number_of_threads():
@@ -298,14 +299,17 @@ def test_a_unit_for_each_method_condition_and_number_of_threads():
         {"views": 4},
         {"seed": 1},
         {"device": "cuda"},
-        {"machine_info": {"versions": {"numpy": "3"}}},
+        {"environment": {"gl": "other"}},
+        {"versions": {"numpy": "3"}},
+        {"machine": {"cpu": "other"}},
+        {"code": "other"},
     ],
 )
 def test_whatever_times_depend_on_is_in_the_key(changes):
     assert {u.key for u in units()}.isdisjoint(u.key for u in units(**changes))
 
 
-def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
+def test_code_that_decides_how_long_calls_take_is_in_its_digest(tmp_path):
     assert code_sha256(TIMED) == code_sha256(TIMED, Path(bench.__file__).parents[1])
     files = [tmp_path / (name if name.endswith(".py") else f"{name}/sub/a.py") for name in TIMED]
     for path in files:
@@ -318,9 +322,6 @@ def test_a_change_of_code_is_in_the_key(monkeypatch, tmp_path):
     assert len(seen) == 1 + len(TIMED)
     (tmp_path / "baselines" / "notes.md").write_text("no code")
     assert code_sha256(TIMED, tmp_path) in seen
-    old = {u.key for u in units()}
-    monkeypatch.setattr(bench.suites.speed.run, "code_sha256", lambda names: "other")
-    assert old.isdisjoint(u.key for u in units())
 
 
 def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path):
@@ -337,11 +338,11 @@ def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path)
         assert found.rng().random() == rng_of(job).random()
 
 
-def test_a_measurement_of_a_real_method(monkeypatch):
+def test_a_measurement_of_a_real_method():
     memory = iter((50.0, 75.0))
-    monkeypatch.setattr("bench.suites.speed.measure.peak_mib", lambda: next(memory))
     objects = (Refusing("b"), Tetrahedron("a"))
-    found = measure(Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu"))
+    unit = Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu")
+    found = measure(unit, peak_mib=lambda: next(memory))
     assert (found.key, found.method, found.condition) == ("k", "blank", "2048")
     assert (found.threads, found.views, found.clouds, found.device) == (1, 3, 2, "cpu")
     assert found.failures == (CloudFailure("chair/b", "input: no such shape; draw one"),)
@@ -375,12 +376,14 @@ def test_peak_memory_is_that_of_the_process():
     assert abs(after - during) < 1.0
 
 
-def test_a_gpu_is_waited_for_only_where_one_is_used(monkeypatch):
+def test_a_gpu_is_waited_for_only_where_one_is_used():
     waited = []
-    monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(True))
+    finish_gpu({})
     for used in (False, True):
-        monkeypatch.setattr(torch.cuda, "is_initialized", lambda used=used: used)
-        finish_gpu()
+        cuda = SimpleNamespace(
+            synchronize=lambda: waited.append(True), is_initialized=lambda used=used: used
+        )
+        finish_gpu({"torch": SimpleNamespace(cuda=cuda)})
         assert waited == [True] * used
 
 

@@ -14,16 +14,15 @@ from hypothesis import strategies as st
 
 from bench.catalogue.suites import SPEED
 from bench.suites.speed.figure import amortised_figure
+from bench.suites.speed.rows import break_even_rows, speed_rows
 from bench.suites.speed.samples import CloudFailure, Measurement, TimingSample
 from bench.suites.speed.summary import BreakEven, Cost, Statistic, speedups, summarise
 from bench.suites.speed.tables import (
     amortised_table,
-    break_even_rows,
     break_even_table,
+    in_whole_views,
     samples_table,
-    speed_rows,
     speed_table,
-    verdict,
 )
 from bench.tables.figure import spread
 from bench.tables.published import published
@@ -187,7 +186,7 @@ def test_break_even():
     table = break_even_table(ALL, SUITE).to_csv().splitlines()
     assert table[1:] == ["speed,quick,slow,2048,1,up to,6,"]
     both = replace(SUITE, rivals=("slow", "quick", "lost"))
-    pairs = [(method_of(r), r.rival, r.found.cheaper) for r in break_even_rows(ALL, both)]
+    pairs = [(method_of(r), r.rival, r.break_even.cheaper) for r in break_even_rows(ALL, both)]
     assert pairs == [("slow", "quick", "from"), ("quick", "slow", "up to")]
 
 
@@ -215,7 +214,7 @@ def test_only_what_was_taken_alike_is_compared():
     ],
 )
 def test_verdicts_in_whole_views(cheaper, views, message):
-    assert verdict(BreakEven(cheaper, views)) == message
+    assert in_whole_views(BreakEven(cheaper, views)) == message
 
 
 def test_markdown_of_times():
