@@ -1,13 +1,13 @@
 """The suite `latent`: paths between codes, and whether A - B + C is D (Figures 5 and 6).
 
-One process, a minute or so, everything from the beginning each time: there is nothing to resume.
-The same seed gives the same bytes on one machine, with whatever number of threads.
+It runs in one process for about a minute, from the beginning each time. The same seed gives the
+same bytes on one machine, with any number of threads.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -44,10 +44,14 @@ from data_prep.scene import View
 Subject = TypeVar("Subject")
 
 
-def run(options: Options, suite: LatentSuite = LATENT) -> SuiteRun:
-    """Carry out the suite.
+def run(
+    options: Options,
+    suite: LatentSuite = LATENT,
+    environment: Callable[[], Mapping[str, str]] = environment,
+) -> SuiteRun:
+    """Carry out the suite; `environment` describes the drivers that images depend on.
 
-    Raises BadInput for anything the user has to fix.
+    Raises BadInput for options that the user has to fix.
     """
     start = time.perf_counter()
     methods = methods_of(
@@ -119,12 +123,12 @@ def _measure(
     """Measure everything; write figures, tables and the single values behind them."""
     classifier = load_views_network(VIEWS_WEIGHTS)
     folder = directory / FIGURES
-    for old in folder.glob("*.png"):  # of a run with other methods, perhaps
+    for old in folder.glob("*.png"):  # perhaps of a run with other methods
         old.unlink()
     on_paths: list[LatentValue] = []
     on_sums: list[LatentValue] = []
     for number, network in enumerate(networks, 1):
-        # one figure a method; the first one's has no number
+        # Each method has a figure; the first has no number.
         suffix = ".png" if number == 1 else f"-{number}.png"
         walks = partial(walk, network, classifier, seed=seed, positions=suite.positions)
         strips = _take(f"paths, {network.method}", pairs, walks, on_paths, suite.shown)
@@ -166,7 +170,7 @@ def _take(
     values: list[LatentValue],
     shown: int,
 ) -> list[Strip]:
-    """Measure pairs or triples: the first `shown` strips; all values are appended to `values`."""
+    """Measure pairs or triples, append all values to `values`, and return `shown` strips."""
     strips = []
     with progress(name, len(items)) as advance:
         for item in items:

@@ -43,11 +43,6 @@ def untrained(tmp_path_factory):
     return path
 
 
-@pytest.fixture(autouse=True)
-def no_probe(monkeypatch):
-    monkeypatch.setattr(bench.suites.latent.run, "environment", lambda: {"gl": "some"})
-
-
 def stated(untrained, out, **changes):
     methods = (f"pc2pix@{untrained}",)
     return Options(suite="latent", methods=methods, device="cpu", out=out, **changes)
@@ -56,10 +51,11 @@ def stated(untrained, out, **changes):
 @pytest.fixture(scope="session")
 def measured(untrained, tmp_path_factory):
     """A run of three paths and three sums."""
-    directory = tmp_path_factory.mktemp("latent") / "run"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.suites.latent.run, "environment", dict)
-        return run(stated(untrained, directory), SMALL)
+    return run_small(stated(untrained, tmp_path_factory.mktemp("latent") / "run"))
+
+
+def run_small(options):
+    return run(options, SMALL, environment=dict)
 
 
 FILES = [
@@ -192,9 +188,9 @@ def test_a_known_path():
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(measured, untrained, tmp_path):
     threads = torch.get_num_threads()
-    again = run(stated(untrained, tmp_path / "again"), SMALL)
+    again = run_small(stated(untrained, tmp_path / "again"))
     assert torch.get_num_threads() == threads
-    other = run(stated(untrained, tmp_path / "other", seed=1, limit=2), SMALL)
+    other = run_small(stated(untrained, tmp_path / "other", seed=1, limit=2))
     for name in FILES:
         one, two, three = (
             (run.directory / "tables" / name).read_bytes() for run in (measured, again, other)
@@ -207,7 +203,7 @@ def test_a_rerun_starts_over(measured, untrained, tmp_path):
     directory = shutil.copytree(measured.directory, tmp_path / "run")
     (directory / "figures" / "interpolation-2.png").touch()
     (directory / "tables" / FILES[0]).write_text("old")
-    run(stated(untrained, directory, limit=1), SMALL)
+    run_small(stated(untrained, directory, limit=1))
     assert (directory / "tables" / FILES[0]).read_text() != "old"
     assert len(list((directory / "figures").iterdir())) == 2
 
@@ -219,7 +215,7 @@ def test_two_methods(untrained, tmp_path):
     shutil.copy(decoder_path(untrained), decoder_path(second))
     options = stated(untrained, tmp_path / "run", limit=1)
     both = replace(options, methods=(*options.methods, f"pc2pix@{second}"))
-    done = run(both, SMALL)
+    done = run_small(both)
     rows = [row for row in done.tables[0].rows if row.metric == "end-cloud"]
     assert [row.method for row in rows] == list(both.methods)
     assert rows[0].value == rows[1].value
@@ -232,12 +228,12 @@ def test_weights_without_their_decoder(untrained, tmp_path):
     bare, out = tmp_path / "bare.safetensors", tmp_path / "run"
     shutil.copy(untrained, bare)
     with pytest.raises(BadInput, match="there is no decoder for these weights"):
-        run(stated(bare, out), SMALL)
+        run_small(stated(bare, out))
     assert not out.exists()
 
 
 def test_from_the_command_line(command, untrained, monkeypatch, tmp_path):
-    monkeypatch.setattr(bench.suites.latent.run.run, "__defaults__", (SMALL,))
+    monkeypatch.setattr(bench.suites.latent.run.run, "__defaults__", (SMALL, dict))
     methods, out = f"pc2pix@{untrained}", tmp_path / "run"
     chosen = ("--suite", "latent", "--methods", methods, "--limit", 1, "--out", out)
     status, printed, err = command("run", *chosen)

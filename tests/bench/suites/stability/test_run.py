@@ -22,9 +22,11 @@ from bench.tables.figure import save
 from bench.tables.scored import read_scored
 from data_prep.failures import BadInput
 
+from .test_formats import ROW
+
 HOLDS = CaseOutcome("identical", "pairs", "ssim", "1", "1", "holds")
 OPTIONS = Options("stability", methods=("blank", "true-mesh"), workers=2)
-FIXED = FixedMatrices(metrics=lambda: [HOLDS], formats=list)
+FIXED = FixedMatrices(metrics=lambda: [HOLDS], formats=lambda: [ROW])
 NAMES = ("stability_methods", "stability_metrics", "stability_formats")
 
 
@@ -65,7 +67,7 @@ def test_a_run_leaves_tables_and_figures_and_goes_on(finished, tmp_path):
     assert files() == before
 
     verdict = check(out)
-    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 1, ())
+    assert (verdict.compared, verdict.regressions) == (2 * len(CASES) + 2, ())
     path = out / "tables" / "stability_methods.csv"
     path.write_text(path.read_text().replace(",holds", ",unexpected", 1))
     (regression,) = check(out).regressions
