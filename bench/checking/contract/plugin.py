@@ -37,12 +37,12 @@ KINDS: Mapping[type, ModuleType] = {
 
 
 def check_identity(name: str) -> Passed:
-    """Look at what a plug-in says of itself; in a worker."""
+    """Check the fields of a plug-in, in a worker."""
     return KINDS[kind_of(find_target(name))].check_identity(name)
 
 
 def use_first(name: str) -> Passed:
-    """Use a plug-in for the first time, in the order opposite to that of the other process."""
+    """Use a plug-in for the first time, in the opposite order of the other process."""
     module = KINDS[kind_of(find_target(name))]
     return Passed("", module.first_evidence(name, backwards=True))
 
@@ -50,7 +50,7 @@ def use_first(name: str) -> Passed:
 IMPORT = CheckStep("import", check_import, in_command=True)
 FIRST_USE = CheckStep("first use", use_first)
 FIRST_STEPS = [IMPORT, CheckStep("identity", check_identity, in_command=True), FIRST_USE]
-# Whatever depends on the process, on threads or on the order of work differs between the two.
+# The two processes differ in threads, hash seed and order of work, which results may not depend on.
 FIRST_ENVIRONMENT = WORKER_ENVIRONMENT | thread_counts(2) | {"PYTHONHASHSEED": "2"}
 SECOND_ENVIRONMENT = WORKER_ENVIRONMENT | {"PYTHONHASHSEED": "1"}
 
