@@ -1,4 +1,4 @@
-"""What `bench test` prints and concludes; plug-ins by name; the time that a test may take."""
+"""The output and the verdicts of `bench test`, plug-ins by name, and the time limit of a test."""
 
 from __future__ import annotations
 
@@ -59,14 +59,16 @@ def reports(*traced, in_command=False):
 
 
 def test_traces_of_all_steps_are_told_once():
-    found = {
+    by_subject = {
         finding.subject: finding
         for finding in trace_findings(reports({}, {"files left": "1 (a)"}, {"files left": "2 (b)"}))
     }
-    assert found["files left"] == Finding(
+    assert by_subject["files left"] == Finding(
         False, "files left", "step 1: 1 (a); 2 steps in all", False
     )
-    assert [found[kind].ok for kind in ("stdout", "threads left", "processes left")] == [True] * 3
+    assert [by_subject[kind].ok for kind in ("stdout", "threads left", "processes left")] == [
+        True
+    ] * 3
 
 
 def test_a_print_blocks_where_a_command_prints_its_results():
@@ -155,7 +157,7 @@ def bench(*arguments, cwd):
 
 
 def test_a_class_of_the_current_folder(tmp_path):
-    """Without an entry point; other files of the folder hide no module."""
+    """A class without an entry point is tested, and other files of the folder hide no module."""
     (tmp_path / "mine.py").write_text(f"from {MODULE} import Prints as Mine\n")
     (tmp_path / "random.py").write_text("raise SystemExit('of the folder')\n")
     done = bench("test", "mine:Mine", cwd=tmp_path)
@@ -177,11 +179,11 @@ def test_what_exits_does_not_pass(tmp_path):
 @pytest.mark.slow
 def test_the_time_of_a_whole_test_is_limited():
     start = time.monotonic()
-    found = {
+    texts = {
         finding.subject: finding.text
         for finding in plugin_findings(f"{MODULE}:HANGS_WITHOUT_POINTS", Limits(60.0, 4.0), 8.0)
     }
     assert time.monotonic() - start < 8.0
-    assert found["clouds"].startswith("8 others between change nothing")
-    assert found["not tested"].startswith("no points, one point, three points, ")
-    assert found["not tested"].endswith("cost: 8 s are over")
+    assert texts["clouds"].startswith("8 others between change nothing")
+    assert texts["not tested"].startswith("no points, one point, three points, ")
+    assert texts["not tested"].endswith("cost: 8 s are over")

@@ -123,8 +123,8 @@ def test_the_golden_values_of_the_classes():
     cells = frame[["method", "class", "metric"]]
     assert not cells.duplicated().any()
     for metric in ("ssim", "silhouette-iou", *by_class):
-        found = cells[cells["metric"] == metric].drop(columns="metric").apply(tuple, axis=1)
-        assert set(found) == {(m, c) for m in suite.methods for c in (*suite.classes, "average")}
+        measured = cells[cells["metric"] == metric].drop(columns="metric").apply(tuple, axis=1)
+        assert set(measured) == {(m, c) for m in suite.methods for c in (*suite.classes, "average")}
     true = frame[frame["method"] == "true-mesh"]
     for metric in plain:
         assert set(true.loc[true["metric"] == metric, "value"]) == {IDEAL.get(metric, 1.0)}

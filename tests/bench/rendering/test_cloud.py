@@ -33,7 +33,7 @@ def cloud(tmp_path):
 
 
 def message(path):
-    """What `plugin_methods.Telling` was given: azimuth, elevation, points, ten times the radius."""
+    """Return azimuth, elevation, points and ten times the radius, as `Telling` was given them."""
     return read(path)[0, :4, 0].tolist()
 
 
@@ -65,7 +65,7 @@ def test_views_and_some_points_as_they_are(command, plugins, cloud, tmp_path):
 
 
 def test_the_image_is_that_of_the_method_and_of_the_clouds_axes(command, tmp_path):
-    """The same cloud in another convention is the same image."""
+    """A cloud in another convention has the same image."""
     points = generator("test").uniform(-0.5, 0.5, (300, 3)).astype(np.float32)
     theirs = np.stack([-points[:, 2], -points[:, 0], points[:, 1]], axis=1)
     np.save(tmp_path / "theirs.npy", theirs)

@@ -47,13 +47,13 @@ def failed_case(directory, method, reason, case):
 
 def shrunk(record, budget_s=600.0, workers=1, **changes):
     """Return the cloud that is found, after checks of what holds of every one."""
-    found = shrink(record, budget_s, workers, None, **changes)
-    assert found.points.dtype == np.float32
-    assert np.array_equal(load_points(found.path), found.points, equal_nan=True)
+    result = shrink(record, budget_s, workers, None, **changes)
+    assert result.points.dtype == np.float32
+    assert np.array_equal(load_points(result.path), result.points, equal_nan=True)
     whole = cloud_of(find_failed_job(record).job).points
-    assert found.before == len(whole)
-    assert {point.tobytes() for point in found.points} <= {point.tobytes() for point in whole}
-    return found
+    assert result.before == len(whole)
+    assert {point.tobytes() for point in result.points} <= {point.tobytes() for point in whole}
+    return result
 
 
 @pytest.mark.parametrize(
@@ -191,27 +191,27 @@ def test_two_points_that_are_needed_are_found_by_any_number_of_workers(
     monkeypatch.setattr(bench.rendering.shrink, "TaskPool", counted)
     reason = "weigh: 7 points left and 8 right"
     record = failed_item(tmp_path / "run", "fake-left-and-right", reason)
-    found = shrunk(record)
+    result = shrunk(record)
     assert len(pools) == 1  # all trials share their workers
-    assert found.before == 512
-    assert sorted(found.points[:, 0] > 0) == [False, True]
-    assert (np.abs(found.points[:, 0]) > 0.2).all()
-    assert found.reason == found.reproduced == "weigh: 1 points left and 1 right"
-    assert found.minimal
-    assert found.path == (
+    assert result.before == 512
+    assert sorted(result.points[:, 0] > 0) == [False, True]
+    assert (np.abs(result.points[:, 0]) > 0.2).all()
+    assert result.reason == result.reproduced == "weigh: 1 points left and 1 right"
+    assert result.minimal
+    assert result.path == (
         tmp_path / "run/shrunk/fake-left-and-right-512-chair-test-0001/minimal.ply"
     )
     first = find_failed_job(record).job.views[0]
-    assert found.drawing.views == (first,)
-    assert found.message.splitlines() == [
+    assert result.drawing.views == (first,)
+    assert result.message.splitlines() == [
         "fake-left-and-right: weigh: 1 points left and 1 right",
-        f"512 points became 2 ({found.trials} trials, {found.seconds:.0f} s); "
+        f"512 points became 2 ({result.trials} trials, {result.seconds:.0f} s); "
         "without any one of them it does not fail so",
-        f"bench render {found.path} --as-is --method fake-left-and-right "
+        f"bench render {result.path} --as-is --method fake-left-and-right "
         f"--azimuth {first.azimuth_deg!r} --elevation {first.elevation_deg!r} -o out.png",
         "reproduced",
     ]
-    assert np.array_equal(shrunk(record, workers=3).points, found.points)
+    assert np.array_equal(shrunk(record, workers=3).points, result.points)
 
 
 @pytest.mark.slow
@@ -244,13 +244,13 @@ def test_the_command_that_is_printed_fails_in_the_same_way(command, plugins, tmp
 def test_failures_of_all_views_or_of_the_runs_random_numbers(
     plugins, tmp_path, method, reason, left
 ):
-    found = shrunk(failed_case(tmp_path / "run", method, reason, "16-points"))
-    assert len(found.points) == left
-    assert (found.reason, found.reproduced) == (reason, "")
-    assert found.message.splitlines()[2:] == [
+    result = shrunk(failed_case(tmp_path / "run", method, reason, "16-points"))
+    assert len(result.points) == left
+    assert (result.reason, result.reproduced) == (reason, "")
+    assert result.message.splitlines()[2:] == [
         "it fails so with the run's random numbers and its 4 views, not with one of them alone; "
         "the command draws the first",
-        f"bench render {found.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
+        f"bench render {result.path} --as-is --method {method} --azimuth 30.0 --elevation 20.0 "
         "-o out.png",
         "not reproduced: the command draws an image",
     ]
@@ -272,12 +272,12 @@ def test_failures_of_all_views_or_of_the_runs_random_numbers(
 )  # fmt: skip
 def test_what_is_left_of_a_cloud(plugins, tmp_path, method, case, before, left, reason, reproduced):
     record = failed_case(tmp_path / "run", method, reason, case)
-    found = shrunk(record)
-    assert (found.before, len(found.points), found.minimal) == (before, left, True)
-    assert found.reason == found.reproduced == reproduced
-    assert left > 0 or found.trials <= 2
+    result = shrunk(record)
+    assert (result.before, len(result.points), result.minimal) == (before, left, True)
+    assert result.reason == result.reproduced == reproduced
+    assert left > 0 or result.trials <= 2
     fails_first = View(-60.0, -10.0) if "left" in method else find_failed_job(record).job.views[0]
-    assert found.drawing.views == (fails_first,)
+    assert result.drawing.views == (fails_first,)
 
 
 @pytest.mark.slow
@@ -300,12 +300,12 @@ def test_failures_that_are_there_no_more(command, plugins, tmp_path, method, now
 @pytest.mark.slow
 def test_when_the_time_is_up_the_best_is_kept(plugins, tmp_path, capsys):
     record = failed_case(tmp_path / "run", "fake-slow", "ValueError: at last", "plain")
-    found = shrunk(record, budget_s=10.0, log_every_s=1.0)
-    assert 1 < len(found.points) < 2048
-    assert not found.minimal
-    assert found.seconds < 40.0
-    assert found.reproduced == "ValueError: at last"
-    assert "; the time is up, fewer may do\n" in found.message
+    result = shrunk(record, budget_s=10.0, log_every_s=1.0)
+    assert 1 < len(result.points) < 2048
+    assert not result.minimal
+    assert result.seconds < 40.0
+    assert result.reproduced == "ValueError: at last"
+    assert "; the time is up, fewer may do\n" in result.message
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) >= 2
     message = r"fake-slow/plain: \d+ of 2048 points left, \d+ trials, \d+ s of 10 s"

@@ -34,9 +34,9 @@ def test_clouds_stand_above_images():
         *("one\ndecoded", "one\ndrawn", "two\ndecoded", "two\ndrawn")
     ]
     for row, strip in zip((0, 2), strips, strict=True):
-        for column, one in enumerate(strip.tiles):
-            assert np.array_equal(shown(cells[row, column])[0], draw_cloud(one.cloud, FRONT))
-            assert np.array_equal(shown(cells[row + 1, column])[0], one.image)
+        for column, shown_tile in enumerate(strip.tiles):
+            assert np.array_equal(shown(cells[row, column])[0], draw_cloud(shown_tile.cloud, FRONT))
+            assert np.array_equal(shown(cells[row + 1, column])[0], shown_tile.image)
 
 
 def test_truths_have_a_row_where_there_are_any():

@@ -203,9 +203,9 @@ def test_only_the_ceiling_sees_the_mesh():
 
 def test_a_single_view_is_drawn_alone_only():
     world = World()
-    one = replace(subject(1), views=VIEWS[1][:1])
+    single = replace(subject(1), views=VIEWS[1][:1])
     suite = replace(SMALL, least_rounds=1, most_rounds=1, warm_ups=0)
-    samples, _ = take_samples(FAKE, lambda: Fake(world), [one], suite, world.clock)
+    samples, _ = take_samples(FAKE, lambda: Fake(world), [single], suite, world.clock)
     calls = [(number, *call) for number in (0, 1) for call in CALLS[:2]]
     assert [(s.round, s.stage, s.views) for s in samples[1:]] == calls
 
@@ -222,10 +222,10 @@ def test_a_cloud_that_fails_is_left_out_and_the_others_go_on(bad, stage, warm_up
     world, samples, failures = take(replace(SMALL, warm_ups=warm_ups), bad=bad, stage=stage)
     assert failures == [CloudFailure(f"cloud {bad}", reason)]
     assert [c for c in drawn(world) if c[:2] == ("prepare", bad)] == [("prepare", bad)]
-    of = {n: [s for s in samples if s.cloud == f"cloud {n}"] for n in (1, 2)}
-    assert [(s.round, s.stage, s.views) for s in of[bad]] == [(1, *call) for call in kept]
+    by_cloud = {n: [s for s in samples if s.cloud == f"cloud {n}"] for n in (1, 2)}
+    assert [(s.round, s.stage, s.views) for s in by_cloud[bad]] == [(1, *call) for call in kept]
     # two rounds of the other; only the first cloud has cold times
-    assert [s.round for s in of[3 - bad]] == [0, 0] * (bad == 2) + [1] * 4 + [2] * 4
+    assert [s.round for s in by_cloud[3 - bad]] == [0, 0] * (bad == 2) + [1] * 4 + [2] * 4
 
 
 def test_what_draws_nothing_is_not_timed():
@@ -247,8 +247,8 @@ def raising(error):
 def test_a_method_that_cannot_be_loaded_fails_everywhere():
     load = raising(AttributeError("no such thing\nat all"))
     failures = [CloudFailure(f"cloud {n}", "AttributeError: no such thing") for n in (1, 2)]
-    found = take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
-    assert found == ([], failures)
+    result = take_samples(FAKE, load, [subject(1), subject(2)], SMALL, World().clock)
+    assert result == ([], failures)
 
 
 @pytest.mark.parametrize("error", [BadInput("no weights"), MissingDependency("no OpenGL")])
@@ -281,12 +281,12 @@ def units(suite=SMALL, objects=OBJECTS, code="code", **changes):
 
 
 def test_a_unit_for_each_method_condition_and_number_of_threads():
-    made = units()
-    found = [(u.method, u.condition, u.threads) for u in made]
-    assert found == [*product(("blank", "splat"), ("2048", "512"), (1, 2))]
-    assert [made[0].perturbation, made[2].perturbation] == [Unchanged(), Stride(4)]
-    assert len({u.key for u in made}) == len(made)
-    assert made == units()
+    chosen = units()
+    settings = [(u.method, u.condition, u.threads) for u in chosen]
+    assert settings == [*product(("blank", "splat"), ("2048", "512"), (1, 2))]
+    assert [chosen[0].perturbation, chosen[2].perturbation] == [Unchanged(), Stride(4)]
+    assert len({u.key for u in chosen}) == len(chosen)
+    assert chosen == units()
 
 
 @pytest.mark.parametrize(
@@ -331,28 +331,33 @@ def test_clouds_views_and_random_numbers_are_those_of_the_other_suites(tmp_path)
     (unit,) = units(threads=(1,), **same)
     subjects, failures = subjects_of(unit)
     assert failures == []
-    for job, found in zip(plan(make_protocol(**same), tmp_path).items, subjects, strict=True):
-        assert found.id == f"chair/{job.object.object_id}"
-        assert np.array_equal(found.cloud.points, cloud_of(job).points)
-        assert found.views == job.views
-        assert found.rng().random() == rng_of(job).random()
+    for job, subject in zip(plan(make_protocol(**same), tmp_path).items, subjects, strict=True):
+        assert subject.id == f"chair/{job.object.object_id}"
+        assert np.array_equal(subject.cloud.points, cloud_of(job).points)
+        assert subject.views == job.views
+        assert subject.rng().random() == rng_of(job).random()
 
 
 def test_a_measurement_of_a_real_method():
     memory = iter((50.0, 75.0))
     objects = (Refusing("b"), Tetrahedron("a"))
     unit = Unit("k", SMALL, "blank", "2048", Unchanged(), objects, 1, 3, 0, "cpu")
-    found = measure(unit, peak_mib=lambda: next(memory))
-    assert (found.key, found.method, found.condition) == ("k", "blank", "2048")
-    assert (found.threads, found.views, found.clouds, found.device) == (1, 3, 2, "cpu")
-    assert found.failures == (CloudFailure("chair/b", "input: no such shape; draw one"),)
+    measurement = measure(unit, peak_mib=lambda: next(memory))
+    assert (measurement.key, measurement.method, measurement.condition) == ("k", "blank", "2048")
+    assert (measurement.threads, measurement.views, measurement.clouds, measurement.device) == (
+        1,
+        3,
+        2,
+        "cpu",
+    )
+    assert measurement.failures == (CloudFailure("chair/b", "input: no such shape; draw one"),)
     warm = [(number, *call) for number in (1, 2) for call in CALLS]
     calls = [(0, "load", 0), (0, "prepare", 0), (0, "draw", 1), *warm]
-    assert [(s.round, s.stage, s.views) for s in found.samples] == calls
-    assert {s.cloud for s in found.samples[1:]} == {"chair/a"}
-    assert all(s.wall_s >= 0 and s.core_s >= 0 for s in found.samples)
-    assert (found.idle_mib, found.peak_mib) == (50.0, 75.0)
-    assert found.elsewhere_cores >= 0
+    assert [(s.round, s.stage, s.views) for s in measurement.samples] == calls
+    assert {s.cloud for s in measurement.samples[1:]} == {"chair/a"}
+    assert all(s.wall_s >= 0 and s.core_s >= 0 for s in measurement.samples)
+    assert (measurement.idle_mib, measurement.peak_mib) == (50.0, 75.0)
+    assert measurement.elsewhere_cores >= 0
 
 
 PEAK = """

@@ -102,10 +102,10 @@ def test_a_run_leaves_times_tables_and_a_figure(tmp_path):
     assert all(float(row["wall_s"]) > 0 for row in samples)
     rows = {(r["method"], r["threads"], r["metric"]): r for r in read(out / "tables" / "speed.csv")}
     assert {key[:2] for key in rows} == {(m, t) for m in ("splat", "blank") for t in "12"}
-    one = rows["splat", "2", "draw-3-ms"]
-    assert (one["n"], one["n_ok"], one["clouds"], one["device"]) == ("4", "2", "2", "cpu")
+    row = rows["splat", "2", "draw-3-ms"]
+    assert (row["n"], row["n_ok"], row["clouds"], row["device"]) == ("4", "2", "2", "cpu")
     machine = manifest["machine"]
-    assert (one["cpu"], one["cores"]) == (machine["cpu"], str(machine["cores"]))
+    assert (row["cpu"], row["cores"]) == (machine["cpu"], str(machine["cores"]))
     assert float(rows["blank", "1", "picture-of-1-speedup"]["value"]) > 1
     assert len(read(out / "tables" / "amortised.csv")) == 4 * len(SMALL.amortised)
     assert [r["cheaper"] for r in read(out / "tables" / "break_even.csv")] == ["always"] * 2
@@ -193,8 +193,8 @@ def test_a_worker_gets_as_many_threads_as_it_is_given():
     names = [*thread_counts(3)]
     assert {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "LP_NUM_THREADS"} <= set(names)
     limits = Limits(60.0, 4.0)
-    found = dict(run_tasks(names, threads_here, 1, limits, thread_counts(3)))
-    assert found == dict.fromkeys(names, ("3", os.environ.get("GLIBC_TUNABLES")))
+    threads = dict(run_tasks(names, threads_here, 1, limits, thread_counts(3)))
+    assert threads == dict.fromkeys(names, ("3", os.environ.get("GLIBC_TUNABLES")))
     usual = dict(run_tasks(names[:1], threads_here, 1, limits))
     assert usual == {names[0]: ("1", WORKER_ENVIRONMENT["GLIBC_TUNABLES"])}
 
@@ -212,6 +212,6 @@ def test_each_measurement_has_the_threads_and_limits_of_its_unit():
 
 def test_a_process_that_dies_is_a_failure_with_a_reason():
     unit = replace(UNIT, objects=(Dying("a"), Tetrahedron("b")))
-    found = measure_alone(unit)
-    assert found == lost(unit, "crash: the worker died (exit code 7)")
-    assert [f.cloud for f in found.failures] == ["chair/a", "chair/b"]
+    measurement = measure_alone(unit)
+    assert measurement == lost(unit, "crash: the worker died (exit code 7)")
+    assert [f.cloud for f in measurement.failures] == ["chair/a", "chair/b"]

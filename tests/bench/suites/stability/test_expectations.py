@@ -101,10 +101,10 @@ def test_verdicts(expected, seen, kind):
 
 
 def test_outcomes_say_what_was_expected_and_what_came():
-    made = outcome(replace(changed(1.25, 7), case="shuffled", method="splat", notes="3 faces"))
-    named = (made.case, made.group, made.subject, made.kind)
+    result = outcome(replace(changed(1.25, 7), case="shuffled", method="splat", notes="3 faces"))
+    named = (result.case, result.group, result.subject, result.kind)
     assert named == ("shuffled", "metamorphic", "splat", "unexpected")
-    assert made.expected == "as plain: mean change up to 0.01 grey levels, at most 1"
-    assert made.observed == "pictures, 25.0 % not white; change 1.25, at most 7; 3 faces"
-    made = outcome(replace(FAILED, case="coplanar", method="surface-apss"))
-    assert (made.observed, made.kind) == ("failed: apss: no faces", "refused")
+    assert result.expected == "as plain: mean change up to 0.01 grey levels, at most 1"
+    assert result.observed == "pictures, 25.0 % not white; change 1.25, at most 7; 3 faces"
+    result = outcome(replace(FAILED, case="coplanar", method="surface-apss"))
+    assert (result.observed, result.kind) == ("failed: apss: no faces", "refused")

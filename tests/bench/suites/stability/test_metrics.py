@@ -25,8 +25,8 @@ def outcomes():
     return metric_outcomes()
 
 
-def unexpected(found):
-    return {(outcome.case, outcome.subject) for outcome in found if outcome.kind == "unexpected"}
+def unexpected(outcomes):
+    return {(outcome.case, outcome.subject) for outcome in outcomes if outcome.kind == "unexpected"}
 
 
 def outcome_of(stated, given=lambda: (np.zeros(1), np.zeros(1)), **metrics):
@@ -61,8 +61,8 @@ def test_values_are_stated(outcomes):
     expected, observed = message["black-against-white", "ssim"]
     assert expected == "9.99900009999e-05 +-2e-13: C1 / (255^2 + C1)"  # 6.5025 / 65031.5025
     assert observed.startswith("9.9990000999")
-    found = message["two-images", "thin-recall"]
-    assert found == ("no value, 1 exactly: each by itself", "no value, 1")
+    outcome = message["two-images", "thin-recall"]
+    assert outcome == ("no value, 1 exactly: each by itself", "no value, 1")
     expected, observed = message["no-rows", FRECHET]
     assert expected == "TooFewSamples: ...[0, 8]..."
     assert observed == "TooFewSamples: a covariance needs at least 2 samples, got float64 [0, 8]"
@@ -153,13 +153,13 @@ def test_a_refusal_has_a_name(metric, kind):
 )
 @pytest.mark.filterwarnings("ignore")  # the filter is its own
 def test_whatever_goes_wrong_is_an_outcome(judge, given, observed):
-    found = outcome_of(
+    outcome = outcome_of(
         Near("1", 1.0),
         given=lambda: (np.ones(1), np.ones(1) * (1 // given)),
         judge=judge,
     )
-    assert found.kind == "unexpected"
-    assert found.observed.startswith(observed)
+    assert outcome.kind == "unexpected"
+    assert outcome.observed.startswith(observed)
 
 
 def test_one_thread_while_it_runs():
