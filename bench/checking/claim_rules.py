@@ -32,11 +32,11 @@ from data_prep.arrays import Floats
 
 Ahead = Literal["surface", "network", "equal", "undecided"]
 CHAIR = "chair"
-EQUAL = 0.01  # what two scores that are printed alike, with two decimals, differ by at most
+EQUAL = 0.01  # largest difference of two scores that two decimals print alike
 SHARE = 0.1  # of reconstruction's loss: the paper's network loses 0.01 SSIM where SR loses 0.40
 CONFIDENCE = "class-confidence"
 RETRIEVAL = "retrieval"
-RECOGNISABLE = ("ssim", "lpips")  # by which an image has to be better than what sees no cloud
+RECOGNISABLE = ("ssim", "lpips")  # metrics by which an image has to beat the reference methods
 PAPER_WIDTH = 1.0  # of the networks, in widths of the paper's
 
 

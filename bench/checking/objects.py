@@ -42,7 +42,7 @@ from data_prep.scene import UInt8Images
 
 KEY = ["method", "condition", "class", "object"]
 IMAGES = "images"
-ANY = "any"  # condition of what sees no cloud
+ANY = "any"  # condition of methods that see no cloud
 WORST = 3  # objects named for each regression
 LIBRARIES = ("torch", "pymeshlab", "pyrender", "PyOpenGL", "trimesh", "numpy", "scipy")
 

@@ -196,7 +196,7 @@ def _points_of(job: Job) -> Points | Failed:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Some rows of a cloud, and what is drawn of them."""
+    """A request for views of some rows of a cloud."""
 
     rows: Rows
     points: Points
@@ -208,7 +208,7 @@ class _OutOfTime(Exception):
 
 
 class _Search:
-    """Trials in warm workers, until `budget_s` after `start`.
+    """A series of trials in warm workers, until `budget_s` after `start`.
 
     reason  the last message of the wanted failure
     last    the reason of the last trial; empty where it was drawn

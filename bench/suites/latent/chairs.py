@@ -83,7 +83,7 @@ class Triple:
 
     @property
     def id(self) -> str:
-        """The name of the triple: change, B and C, as "arms: test-0001, test-0004"."""
+        """Return the name of the triple: change, B and C, as "arms: test-0001, test-0004"."""
         return f"{self.change}: {self.b.id}, {self.c.id}"
 
 
@@ -96,7 +96,7 @@ class ChairPair:
 
     @property
     def id(self) -> str:
-        """The names of both ends, as "test-0001, test-0004"."""
+        """Return the names of both ends, as "test-0001, test-0004"."""
         return f"{self.start.id}, {self.end.id}"
 
 

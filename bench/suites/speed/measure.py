@@ -90,10 +90,8 @@ CLOCK = Clock(time.perf_counter, time.process_time, finish_gpu)
 
 
 def peak_mib() -> float | None:
-    """Return the peak resident memory of this process in MiB; None without Linux's /proc.
-
-    Not `ru_maxrss`, which starts with the memory of the parent process.
-    """
+    """Return the peak resident memory of this process in MiB; None without Linux's /proc."""
+    # Not `ru_maxrss`, which starts with the memory of the parent process.
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -260,12 +258,10 @@ def _round(
 
 
 def _busy_s() -> float:
-    """Return the seconds that all processes have kept the cores of this process busy.
-
-    Not the load average, which for a minute still has the load of the measurement before.
-    """
+    """Return the seconds that all processes have kept the cores of this process busy."""
     import psutil
 
+    # Not the load average, which for a minute still has the load of the measurement before.
     usable = os.sched_getaffinity(0)
     cores: list[Any] = psutil.cpu_times(percpu=True)
     # "user" includes the time of guests.

@@ -35,7 +35,7 @@ class SpeedRow:
 
 @dataclass(frozen=True)
 class AmortisedRow:
-    """Milliseconds an image, by the clock and of cores, where `views` are drawn of a cloud."""
+    """The milliseconds an image, by the clock and of cores, where `views` are drawn of a cloud."""
 
     summary: Summary
     views: int
@@ -53,7 +53,7 @@ class BreakEvenRow:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The numbers of views with equal costs, of which there are up to two; else NaN."""
+        """Return the two numbers of views with equal costs; NaN for fewer."""
         first, second, *_ = (*self.break_even.views, math.nan, math.nan)
         return first, second
 

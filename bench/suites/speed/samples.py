@@ -22,7 +22,7 @@ Stage = Literal["load", "prepare", "draw"]
 
 @dataclass(frozen=True)
 class TimingSample:
-    """One timed call.
+    """A timed call.
 
     cloud   its object, "chair/test-0000"; empty for "load", which needs none
     round   0 for the first call of its kind in its process, cold; from 1 on warm

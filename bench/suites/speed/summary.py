@@ -117,12 +117,12 @@ class Summary:
 
     @property
     def reason(self) -> str:
-        """The reasons why some clouds failed, each once; empty where none did."""
+        """Return the reasons of failed clouds, each once; empty where none failed."""
         return "; ".join(dict.fromkeys(f.reason for f in self.measurement.failures))
 
     @property
     def n_ok(self) -> int:
-        """The number of clouds that were measured to the end."""
+        """Return the number of clouds that were measured to the end."""
         return self.measurement.clouds - len({f.cloud for f in self.measurement.failures})
 
 

@@ -104,7 +104,7 @@ _INSIDE = Either((Draws(), _SOME_BLANK), "a camera may stand inside the surface"
 _MANY = ("100000-points", "1000000-points")
 _CHAOTIC = ("float16", "shuffled", "turned", "millimetres")
 
-_MESH_OF_THE_POINTS: dict[str, Expectation] = {  # ball pivoting, and what is built on it
+_MESH_OF_THE_POINTS: dict[str, Expectation] = {  # ball pivoting, and methods built on it
     **_at_least(5, "normals"),
     **dict.fromkeys(_MANY, _slow("ball pivoting takes minutes")),
     **dict.fromkeys(("collinear", *_FAR), Fails("ball-pivoting: no faces")),

@@ -1,4 +1,4 @@
-"""Outcomes of the suite `stability`: what was observed of each method, and the verdicts."""
+"""Outcomes of the suite `stability`: observations of each method, and their verdicts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Observation:
     """The result of one method on one case, as small values from records and images.
 
     reason         why the method drew no images; empty where it drew them
-    notes          what the method repaired on its way
+    notes          repairs by the method on its way
     shown          share of the pixels that are not white, mean over the views; None without images
     mean_change    mean absolute difference to the images of the case's `like`, in grey levels
                    0..255; None without `like`, or without images of either

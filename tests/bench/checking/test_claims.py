@@ -25,7 +25,6 @@ from bench.checking.claim_findings import ClaimFinding, Requirement
 from bench.checking.claims import claims
 from bench.checking.evidence import QualityEvidence
 from bench.records.record import GROUND_TRUTH
-from bench.tables import published as published_values
 from bench.tables.published import published
 from data_prep.failures import BadInput
 
@@ -73,8 +72,7 @@ def test_claims_made_of_published_values(claim_id, where, quoted, ahead, on):
     assert claim.rule.keywords["ahead"] == ahead
 
 
-def test_no_claims_without_the_published_values(monkeypatch, tmp_path):
-    monkeypatch.setattr(published_values, "RESULTS", tmp_path)
+def test_no_claims_without_the_published_values(results):
     with pytest.raises(BadInput, match=r"chair-robustness.csv: no published values"):
         claims()
 

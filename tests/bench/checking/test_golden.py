@@ -177,17 +177,6 @@ def test_a_value_beyond_its_tolerance_is_a_regression(run, results, command, met
     assert total == f"{compared} golden values compared, 1 regressions"
 
 
-def test_an_altered_record_is_a_regression(run, command):
-    alter_records(run, "ssim", lambda values: values + 0.01)
-    status, out, _ = command("check", run)
-    assert status == 1
-    assert "REGRESSION ssim of splat at 512: " in out
-    write_outputs(read_scored(run))  # the tables did not say what the records say
-    mean, by_object = check(run).regressions
-    assert "+-" in mean
-    assert "3 of 3 objects moved" in by_object
-
-
 @pytest.mark.parametrize(
     ("harm", "metrics"),
     [
@@ -290,7 +279,9 @@ def test_without_golden_values_by_object_the_run_has_to_be_whole(tmp_path, run, 
 def test_bless_says_where_and_replaces_what_was_golden(run, results, command):
     alter_records(run, "ssim", lambda values: values + 0.25)
     write_outputs(read_scored(run))
-    assert len(check(run).regressions) == 2  # the mean, and the objects
+    mean, by_object = check(run).regressions
+    assert "+-" in mean
+    assert "3 of 3 objects moved" in by_object
     names = (f"{SUITE}.csv", *(f"{SUITE}-objects.{end}" for end in ("csv", "png", "json")))
     said = "".join(f"golden values written to {results}/golden/{name}\n" for name in names)
     assert command("check", "--bless", run) == (0, said, "")
