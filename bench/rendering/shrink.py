@@ -71,19 +71,19 @@ def shrink(
     if not budget_s > 0:
         raise BadInput(f"--budget-s {budget_s:g}: must be more than 0")
     start = time.monotonic()
-    item = find_failed_job(record)
-    find_drawer(item.job.method)
-    points = _points(item)
-    folder_name = re.sub(r"[^A-Za-z0-9._@-]+", "-", item.name)[-200:]
-    path = (out or item.directory / SHRUNK / folder_name) / MINIMAL
-    with _Search(item, len(points), workers, start, budget_s, log_every_s) as search:
-        failing = _first_failing_view(search, item.job, points)
+    failed = find_failed_job(record)
+    find_drawer(failed.job.method)
+    points = _points(failed)
+    folder_name = re.sub(r"[^A-Za-z0-9._@-]+", "-", failed.name)[-200:]
+    path = (out or failed.directory / SHRUNK / folder_name) / MINIMAL
+    with _Search(failed, len(points), workers, start, budget_s, log_every_s) as search:
+        failing = _first_failing_view(search, failed.job, points)
         if failing is None:
-            return NotReproduced(item.name, item.reason, search.last)
+            return NotReproduced(failed.name, failed.reason, search.last)
         save_ply(points, path)
         best, minimal = _shrink(search, failing, path)
     file = CloudFile(path, as_is=True)
-    view = Drawing(item.job.method, failing.drawing.views[:1], item.job.device)
+    view = Drawing(failed.job.method, failing.drawing.views[:1], failed.job.device)
     again = draw_file(file, view)
     return Shrunk(
         search.reason,
@@ -173,13 +173,13 @@ def _item(directory: Path, name: str, record: dict[str, Any]) -> FailedJob:
     return FailedJob(directory, name, record["reason"], job, suite.limits)
 
 
-def _points(item: FailedJob) -> Points:
+def _points(failed: FailedJob) -> Points:
     """Return the cloud of a job, loaded in a worker. Raises BadInput where that fails."""
-    ((_, points),) = run_tasks([item.job], _points_of, 1, item.limits)
+    ((_, points),) = run_tasks([failed.job], _points_of, 1, failed.limits)
     if isinstance(points, Failed | WorkerFailure):
         raise BadInput(
-            f"{item.name}: its cloud cannot be made ({points.reason}); it is the object that is at "
-            "fault, not the method"
+            f"{failed.name}: its cloud cannot be made ({points.reason}); it is the object that is "
+            "at fault, not the method"
         )
     return points
 
@@ -217,22 +217,22 @@ class _Search:
 
     def __init__(
         self,
-        item: FailedJob,
+        failed: FailedJob,
         count: int,
         workers: int,
         start: float,
         budget_s: float,
         log_every_s: float,
     ) -> None:
-        self.reason = item.reason
+        self.reason = failed.reason
         self.last = ""
         self.trials = 0
         self.left = count
-        self._name, self._count = item.name, count
+        self._name, self._count = failed.name, count
         self._workers = workers
         self._start, self._budget_s = start, budget_s
         self._log_every_s, self._reported = log_every_s, time.monotonic()
-        self._pool: TaskPool[_Trial, str] = TaskPool(_attempt, workers, item.limits)
+        self._pool: TaskPool[_Trial, str] = TaskPool(_attempt, workers, failed.limits)
 
     def __enter__(self) -> _Search:
         return self

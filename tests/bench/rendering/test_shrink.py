@@ -80,11 +80,11 @@ def test_reasons_that_differ_in_numbers_only(one, other, alike):
 
 def test_items_are_planned_again(tmp_path):
     record = failed_item(tmp_path / "run", "splat", "x: y", seed=5, views=3, device="cpu")
-    item = find_failed_job(record)
-    assert (item.directory, item.reason) == (tmp_path / "run", "x: y")
-    assert item.name == "splat/512/chair/test-0001"
-    assert item.limits == SUITES[0].limits
-    job = item.job
+    failed = find_failed_job(record)
+    assert (failed.directory, failed.reason) == (tmp_path / "run", "x: y")
+    assert failed.name == "splat/512/chair/test-0001"
+    assert failed.limits == SUITES[0].limits
+    job = failed.job
     assert (job.method, job.condition, job.perturbation) == ("splat", "512", Stride(4))
     assert job.object == ProceduralObject("chair", "test", 1)
     assert (job.seed, job.device, len(job.views)) == (5, "cpu", 3)
@@ -92,13 +92,13 @@ def test_items_are_planned_again(tmp_path):
 
 
 def test_cases_are_planned_again(tmp_path):
-    item = find_failed_job(failed_case(tmp_path / "run", "splat", "x: y", "outlier-1e6"))
+    failed = find_failed_job(failed_case(tmp_path / "run", "splat", "x: y", "outlier-1e6"))
     (case,) = (case for case in CASES if case.id == "outlier-1e6")
-    job = item.job
+    job = failed.job
     assert (job.perturbation, job.views, job.batch) == (case.perturbation, case.views, case.batch)
     assert job.object == ProceduralObject(STABILITY.class_name, "test", STABILITY.index)
     assert cloud_of(job).points[0, 0] == np.float32(1e6)
-    assert item.limits == STABILITY.limits
+    assert failed.limits == STABILITY.limits
 
 
 def test_names_with_colons_and_slashes(tmp_path, tiny_weights):
@@ -114,10 +114,10 @@ def test_names_with_colons_and_slashes(tmp_path, tiny_weights):
     changes = {"dataset": f"folder:{meshes}", "objects": ["chair/a/c.off", "chair/a:b/c.off"]}
     record = failed_item(tmp_path / "r:1" / "x", method, "x: y", obj="a:b/c.off", **changes)
     write_failures(tmp_path / "r", make_failed("splat"))  # DIR of the first colon: another run
-    item = find_failed_job(record)
-    assert item.directory == tmp_path / "r:1" / "x"
-    assert item.job.method == method
-    assert item.job.object.object_id == "a:b/c.off"
+    failed = find_failed_job(record)
+    assert failed.directory == tmp_path / "r:1" / "x"
+    assert failed.job.method == method
+    assert failed.job.object.object_id == "a:b/c.off"
 
 
 def test_records_that_are_not_there_list_those_that_are(refused, tmp_path):
