@@ -67,11 +67,14 @@ def steady(run: QualityEvidence, metric: str, conditions: Sequence[str]) -> list
     for network in run.networks:
         texts, required = [], []
         for condition in conditions:
-            own, others = (_loss(run, metric, m, condition) for m in (network, SURFACE))
-            spared = [*((-w, q) for w, q in own), *((SHARE * w, q) for w, q in others)]
+            of_network, of_surface = (_loss(run, metric, m, condition) for m in (network, SURFACE))
+            spared = [*((-w, q) for w, q in of_network), *((SHARE * w, q) for w, q in of_surface)]
             required.append(weighted_sum(f"loss at {condition}", spared))
             required += _shows_something(run, network, condition)
-            lost = [_text(metric, weighted_sum("", terms).estimate) for terms in (own, others)]
+            lost = [
+                _text(metric, weighted_sum("", terms).estimate)
+                for terms in (of_network, of_surface)
+            ]
             texts.append(f"{condition}: loses {lost[0]}, SR {lost[1]}")
         training = run.trainings.get(network)
         shown = ""
@@ -135,11 +138,13 @@ def class_ordering(
     metric = metric or run.distance
     names = run.classes() if class_name == AVERAGE else [class_name]
     network = run.networks[0]
-    own, other = (
+    of_network, of_surface = (
         [run.quality(metric, method, FULL, name) for name in names] for method in (network, SURFACE)
     )
-    lead = _lead(own, other)
-    numbers = _compared(metric, _mean_value(own), "SR", _mean_value(other), "ahead", lead)
+    lead = _lead(of_network, of_surface)
+    numbers = _compared(
+        metric, _mean_value(of_network), "SR", _mean_value(of_surface), "ahead", lead
+    )
     return [_ordered(network, numbers, lead, ahead, _stand_in(metric))]
 
 

@@ -292,8 +292,8 @@ def test_distances_lose_by_growing():
 def test_above_blank():
     fd = {"surface-apss": 20.0, "pc2pix": 5.0, "blank": 50.0}
     for network, verdict in ((0.8, "supported"), (0.6, "contradicted")):
-        of = {"surface-apss": 0.5, "pc2pix": network, "blank": 0.7}
-        (finding,) = rules.above_blank(scored(comparison(ssim=of, fd_views=fd)))
+        values = {"surface-apss": 0.5, "pc2pix": network, "blank": 0.7}
+        (finding,) = rules.above_blank(scored(comparison(ssim=values, fd_views=fd)))
         assert finding.verdict == verdict
     assert finding.why == "not shown: ssim"
 
@@ -345,11 +345,11 @@ def test_no_interval_is_no_verdict():
 
 
 def test_unrecognisable():
-    of = {"true-mesh": 0.9, "surface-apss": quality("class-confidence", 0.3, -JITTER)}
+    values = {"true-mesh": 0.9, "surface-apss": quality("class-confidence", 0.3, -JITTER)}
     run = scored(
-        comparison(class_name="car", class_confidence=of),
-        comparison(class_name="lamp", class_confidence=of),
-        comparison("512", "lamp", class_confidence=of | {"surface-apss": 0.0}),
+        comparison(class_name="car", class_confidence=values),
+        comparison(class_name="lamp", class_confidence=values),
+        comparison("512", "lamp", class_confidence=values | {"surface-apss": 0.0}),
     )
     (finding,) = rules.unrecognisable(run)
     assert (finding.subject, finding.verdict) == ("surface-apss", "supported")
@@ -363,8 +363,8 @@ def test_unrecognisable():
 
 def test_gains_from_others():
     for together, verdict in ((28.8, "supported"), (34.0, "contradicted")):
-        of = {"pc2pix": 31.5, "pc2pix@all": together}
-        (finding,) = rules.gains_from_others(scored(comparison(fid=of)), "pc2pix", "pc2pix@all")
+        values = {"pc2pix": 31.5, "pc2pix@all": together}
+        (finding,) = rules.gains_from_others(scored(comparison(fid=values)), "pc2pix", "pc2pix@all")
         assert (finding.subject, finding.verdict) == ("pc2pix@all", verdict)
     assert finding.numbers.startswith("fid 34.0, alone 31.5; better by -2.5 [")
 
